@@ -5,13 +5,12 @@ from __future__ import annotations
 import base64
 import gc
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partialmethod
 from importlib import resources
 from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
-from types import ModuleType, SimpleNamespace
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import pytest
 from hypothesis import settings
@@ -24,22 +23,21 @@ from edmsim.learning import hyperparameters
 from .worker_stacks import pytest_configure  # noqa: F401, a hook
 
 
-def pytest_collection() -> None:
+def pytest_collection():
     """Collect no garbage while modules are imported and tests are made: they stay."""
     gc.disable()
 
 
 @pytest.hookimpl(tryfirst=True)  # before what is slow is left out
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Call slow what waits for a whole cut."""
     for item in items:
         if "small_cut" in getattr(item, "fixturenames", ()):
             item.add_marker("slow")
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish():
     """Let Python's garbage collector skip modules and tests, and seldom look at old objects: they took a tenth."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(700, 10, 100)
     gc.enable()
@@ -65,10 +63,10 @@ M2
 
 
 @pytest.fixture(scope="session")
-def load_script() -> Callable[[Path], ModuleType]:
+def load_script():
     """Load a Python file that no package holds, as if it were run."""
 
-    def load(file: Path) -> ModuleType:
+    def load(file):
         spec = spec_from_file_location(f"script_{file.stem}", file)
         assert spec is not None
         assert spec.loader is not None
@@ -94,16 +92,16 @@ FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "wi
 """What a cut writes."""
 
 
-def timeless(report: dict[str, Any]) -> dict[str, Any]:
+def timeless(report):
     """Return a report without what the computer's clock says."""
     return {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}
 
 
 @pytest.fixture(name="edmsim")
-def command_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def command_line(monkeypatch, capsys):
     """Run a command in this process, as ``edmsim("cut", file, "--out", folder)``."""
 
-    def run(*words: object) -> Outcome:
+    def run(*words):
         monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
         with pytest.raises(SystemExit) as left:
             cli.main()
@@ -113,19 +111,17 @@ def command_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
     return run
 
 
-DOT = base64.b64decode(
-    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mNgAAAAAgAB5Sfe/AAAAABJRU5ErkJggg=="
-)
+DOT = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mNgAAAAAgAB5Sfe/AAAAABJRU5ErkJggg==")
 """A picture of one point."""
 
 
 @pytest.fixture
-def draws_pictures() -> None:
+def draws_pictures():
     """Let cuts of a test draw their pictures, see `pictures_of_cuts`."""
 
 
 @pytest.fixture(autouse=True)
-def pictures_of_cuts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def pictures_of_cuts(request, monkeypatch):
     """Let cuts write a point in place of their picture, and a page without figures: most of what a short cut takes.
 
     `small_cut`, all of `tests/recording` and the tests with `draws_pictures` draw them.
@@ -137,10 +133,10 @@ def pictures_of_cuts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyP
 
 
 @pytest.fixture
-def own_file(tmp_path: Path) -> Callable[..., str]:
+def own_file(tmp_path):
     """Write a file of `models/` with some of its text changed, and return its path."""
 
-    def write(kind: str, name: str, *changes: tuple[str, str]) -> str:
+    def write(kind, name, *changes):
         text = (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
         for old, new in changes:
             assert text.count(old) == 1, old
@@ -153,7 +149,7 @@ def own_file(tmp_path: Path) -> Callable[..., str]:
 
 
 @pytest.fixture
-def hot_machine(own_file: Callable[..., str]) -> str:
+def hot_machine(own_file):
     """Write the file of a machine whose wire takes much heat and is hardly cooled, and breaks."""
     return own_file(
         "machines", "agiecut-dem15",
@@ -165,7 +161,7 @@ def hot_machine(own_file: Callable[..., str]) -> str:
 
 
 @pytest.fixture(scope="module")
-def short_episodes() -> Iterator[None]:
+def short_episodes():
     """Let controllers cut for four seconds where they are compared."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=4.0))
@@ -173,7 +169,7 @@ def short_episodes() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def small_punch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_punch(tmp_path_factory):
     """Part program of the punch."""
     file = tmp_path_factory.mktemp("program") / "small.ngc"
     file.write_text(PUNCH)
@@ -181,31 +177,29 @@ def small_punch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def cut_small(small_punch: Path) -> Callable[..., edmsim.CutResult]:
+def cut_small(small_punch):
     """Cut the punch from thin stock, coarsely; options of `edmsim.cut` may be given."""
 
-    def cut(**options: Any) -> edmsim.CutResult:
+    def cut(**options):
         return edmsim.cut(small_punch, **{"height_mm": 5.0, "resolution": "fast", "seed": 1, **options})
 
     return cut
 
 
 @pytest.fixture(scope="session")
-def small_cut(
-    cut_small: Callable[..., edmsim.CutResult], tmp_path_factory: pytest.TempPathFactory
-) -> SimpleNamespace:
+def small_cut(cut_small, tmp_path_factory):
     """Give the finished cut of the punch, its folder, and what a watcher saw of it."""
     folder = tmp_path_factory.mktemp("out") / "new" / "punch"
-    progress: list[Any] = []
+    progress = []
     return SimpleNamespace(result=cut_small(out=folder, watch=progress.append), folder=folder, progress=progress)
 
 
 @pytest.fixture
-def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_training(monkeypatch):
     """Let trainings be short: few sub-environments, few windows between updates."""
     load = hyperparameters.load
 
-    def shorter(env_id: str, algo: str, settings: Path | None = None) -> hyperparameters.Hyperparameters:
+    def shorter(env_id, algo, settings=None):
         usual = load(env_id, algo, settings)
         replays = {"learning_starts": 40, "buffer_size": 500}
         change = {"n_steps": 32, "batch_size": 32} if algo not in ("sac", "tqc") else replays

@@ -16,9 +16,7 @@ import pytest
 
 TESTS = Path(__file__).parent
 PAGE = TESTS.parent / "docs" / "controller-1982.md"
-ROWS = [
-    *(f"T-{n}" for n in range(1, 88)), *(f"T-G{n}" for n in range(1, 13)), *(f"T-A{n}" for n in range(1, 18)),
-]  # fmt: skip
+ROWS = [*(f"T-{n}" for n in range(1, 88)), *(f"T-G{n}" for n in range(1, 13)), *(f"T-A{n}" for n in range(1, 18))]
 ROW = re.compile(r"^\| (T-[AG]?\d+) \| ([^|]*) \| ([^|]*) \|$", re.MULTILINE)
 QUOTE = re.compile(r"#\s*T-[AG]?\d")
 HEADING = "## Rows"
@@ -26,9 +24,9 @@ NAME = re.compile(r"`(edmsim(?:\.\w+)+)`")
 
 
 @cache
-def quoting_tests() -> dict[str, list[str]]:
+def quoting_tests():
     """Tests by the row they quote: a comment that begins with a row, within the test or right above it."""
-    found: defaultdict[str, list[str]] = defaultdict(list)
+    found = defaultdict(list)
     for file in sorted(TESTS.rglob("test_*.py")):
         text = file.read_text(encoding="utf-8")
         if not QUOTE.search(text):
@@ -50,7 +48,7 @@ def quoting_tests() -> dict[str, list[str]]:
     return found
 
 
-def _first_line(node: ast.FunctionDef, lines: list[str]) -> int:
+def _first_line(node, lines):
     """Number of the line on which a function begins, its decorators and the comment above them included."""
     first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
     while first > 1 and lines[first - 2].startswith("#"):
@@ -58,16 +56,16 @@ def _first_line(node: ast.FunctionDef, lines: list[str]) -> int:
     return first
 
 
-def table() -> list[tuple[str, str, str]]:
+def table():
     """Lines of the page's table of rows: row, what it asks, tests or reason."""
     return ROW.findall(PAGE.read_text(encoding="utf-8").split(HEADING)[1])
 
 
-def refreshed(text: str) -> str:
+def refreshed(text):
     """Return the page with the tests of every row as they are now; where there are none its reason stays."""
     quoting = quoting_tests()
 
-    def line(match: re.Match[str]) -> str:
+    def line(match):
         row, asks, last = match.groups()
         reason = "" if last.lstrip().startswith("`") else last
         return f"| {row} | {asks} | {'<br>'.join(quoting[row]) if row in quoting else reason} |"
@@ -76,26 +74,26 @@ def refreshed(text: str) -> str:
     return before + HEADING + ROW.sub(line, after)
 
 
-def test_every_row_stands_there_once_and_in_order() -> None:
+def test_every_row_stands_there_once_and_in_order():
     assert [row for row, _, _ in table()] == ROWS
 
 
-def test_no_row_is_without_a_test_or_a_reason() -> None:
+def test_no_row_is_without_a_test_or_a_reason():
     assert [row for row, asks, last in table() if not (asks and last.strip())] == []
 
 
 @pytest.mark.slow
-def test_the_tests_are_those_that_quote_the_row() -> None:
+def test_the_tests_are_those_that_quote_the_row():
     text = PAGE.read_text(encoding="utf-8")
     assert text == refreshed(text), "run python tests/test_controller_1982.py"
 
 
 @pytest.mark.slow
-def test_a_quoted_row_exists() -> None:
+def test_a_quoted_row_exists():
     assert set(quoting_tests()) <= set(ROWS)
 
 
-def test_every_name_of_the_page_is_there() -> None:
+def test_every_name_of_the_page_is_there():
     names = set(NAME.findall(PAGE.read_text(encoding="utf-8")))
     assert len(names) > 40
     for name in names:

@@ -1,12 +1,11 @@
 """The loop: planner, plant and controller stay in step, and every way a cut can end is reported."""
 
-from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from edmsim.controllers import FeedCommand, FeedController, WindowObservation, make
+from edmsim.controllers import FeedCommand, make
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.passes import legs_of
 from edmsim.cosim.simulation import Simulation
@@ -18,33 +17,31 @@ from edmsim.recording.windows import WindowTable
 START = (30_000, 30_000)
 
 
-def contour(points: Sequence[tuple[int, int]], dwells: tuple[tuple[int, float], ...] = ()) -> WireContour:
+def contour(points, dwells=()):
     """Open contour without offset, its points given relative to the middle of the table."""
     points_um = np.array(points, np.int64) + START
     return WireContour(points_um, 0, points_um * 1e-3, False, "left", dwells, (1,) * (len(points) - 1))
 
 
-def path_of(*contours: WireContour, hole_mm: float = 0.5) -> CutPath:
+def path_of(*contours, hole_mm=0.5):
     return CutPath(contours, (25.0, 25.0, 40.0, 40.0), hole_mm, (30.0, 30.0), (), "test")
 
 
-def simulation(
-    *contours: WireContour, controller: FeedController | None = None, hole_mm: float = 0.5, **options: Any
-) -> Simulation:
+def simulation(*contours, controller=None, hole_mm=0.5, **options):
     machine = options.pop("machine", None) or Machine.load(height_mm=5)
     law = controller or make("fixed", feed_um_s=30.0)
     path = path_of(*contours, hole_mm=hole_mm)
     return Simulation(machine, path, law, observers=[WindowTable()], **{"resolution": "fast", "seed": 1, **options})
 
 
-def windows_of(sim: Simulation) -> WindowTable:
+def windows_of(sim):
     """Return the table of windows that looked on."""
     (table,) = sim.observers
     assert isinstance(table, WindowTable)
     return table
 
 
-def run(sim: Simulation, at_most: int = 3000) -> list[Any]:
+def run(sim, at_most=3000):
     """Run to the end, within a bound."""
     observed = []
     while sim.outcome is None:
@@ -58,25 +55,25 @@ class Script:
 
     name: ClassVar[str] = "script"
 
-    def __init__(self, feeds: Sequence[float], alarm_at: int = -1) -> None:
+    def __init__(self, feeds, alarm_at=-1):
         self.feeds, self.alarm_at = feeds, alarm_at
-        self.observed: list[WindowObservation] = []
+        self.observed = []
         self.resets = 0
 
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
+    def reset(self, max_feed_um_s):
         self.resets += 1
         self.max_feed_um_s = max_feed_um_s
         return FeedCommand(self.feeds[0])
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window):
         self.observed.append(window)
         alarm = "the script says stop" if len(self.observed) == self.alarm_at else None
         return FeedCommand(self.feeds[len(self.observed) % len(self.feeds)], alarm)
 
-    def snapshot(self) -> dict[str, float | int | str]:
+    def snapshot(self):
         return {}
 
-    def restore(self, state: dict[str, float | int | str]) -> None: ...
+    def restore(self, state): ...
 
 
 ZIGZAG = [(0, 0), (101, 53), (40, 160), (-77, 160), (-77, 31)]
@@ -88,13 +85,13 @@ ZIGZAG = [(0, 0), (101, 53), (40, 160), (-77, 160), (-77, 31)]
     *(("iso-pulse", planner) for planner in PLANNERS if planner != "poscal"),
     *(("production", planner) for planner in PLANNERS if planner != "poscal"),
 ])  # fmt: skip
-def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str) -> None:  # T-16
+def test_position_is_start_and_2_um_for_every_step(generator, planner):  # T-16
     period_us = 9.4 if generator == "production" else None  # windows shorter than the computer's routine, too
     machine = Machine.load(height_mm=5, generator=generator, t_period_us=period_us)
     sim = simulation(contour(ZIGZAG), planner=planner, machine=machine, controller=Script([30, 12.5, 30, -7]))
     expected, advance = list(START), sim.plant.advance
 
-    def count(steps: Sequence[tuple[int, int, int]] = ()) -> Any:
+    def count(steps=()):
         begin = sim.plant.time_ns
         window = advance(steps)
         assert [s[0] for s in steps] == sorted(s[0] for s in steps)
@@ -114,7 +111,7 @@ def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str)
     assert abs(np.array(expected) - START).max() > min(60.0, 0.2 * requested_um)
 
 
-def test_controller_sees_what_the_windows_record() -> None:
+def test_controller_sees_what_the_windows_record():
     law = Script([20.0, 10.0])
     sim = simulation(contour(ZIGZAG), controller=law)
     for _ in range(60):
@@ -130,7 +127,7 @@ def test_controller_sees_what_the_windows_record() -> None:
 
 
 @pytest.mark.parametrize(("planner", "limit_um_s"), [("poscal", 33.3375), ("exact", 400.0)])
-def test_the_feed_ends_with_the_table_or_the_planner(planner: str, limit_um_s: float) -> None:
+def test_the_feed_ends_with_the_table_or_the_planner(planner, limit_um_s):
     law = Script([30.0])
     simulation(contour(ZIGZAG), machine=Machine.load("production", height_mm=5), planner=planner, controller=law)
     assert law.max_feed_um_s == limit_um_s
@@ -141,12 +138,12 @@ class Late(Script):
 
     latency_s = 0.0
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window):
         return super().update(window)._replace(latency_s=self.latency_s)
 
 
 @pytest.mark.parametrize(("latency_s", "new_share"), [(0.0, 1.0), (0.01, 1 - 0.01 / 0.0255), (0.03, 0.0)])
-def test_a_late_controller_leaves_the_old_feed_in_force(latency_s: float, new_share: float) -> None:  # T-77
+def test_a_late_controller_leaves_the_old_feed_in_force(latency_s, new_share):  # T-77
     law = Late([33.3375, 0.0])
     law.latency_s = latency_s
     sim = simulation(contour([(0, 0), (2000, 0)]), controller=law)
@@ -161,12 +158,12 @@ def test_a_late_controller_leaves_the_old_feed_in_force(latency_s: float, new_sh
         assert way == pytest.approx(33.3375 * 0.0255 * 20, abs=2)
 
 
-def test_feed_stays_within_the_speed_word() -> None:
+def test_feed_stays_within_the_speed_word():
     sim = simulation(contour([(0, 0), (2000, 0)]), controller=Script([1e6, -1e6]))
     assert [sim.step().feed_um_s for _ in range(2)] == [33.3375, -33.3375]
 
 
-def test_legs_end_at_dwells() -> None:
+def test_legs_end_at_dwells():
     dwells = ((2, 1.5), (1, 0.5), (2, 1.0), (3, 4.0), (0, 0.25))
     legs = legs_of(contour([(0, 0), (10, 0), (20, 0), (30, 0)], dwells))
     assert [(leg.points_um[:, 0] - START[0]).tolist() for leg in legs] == [[0, 10], [10, 20], [20, 30]]
@@ -176,7 +173,7 @@ def test_legs_end_at_dwells() -> None:
 
 
 @pytest.mark.parametrize(("point", "x_um"), [(0, 0), (1, 60), (2, 90)])
-def test_wire_rests_for_the_dwell_with_the_pulses_on(point: int, x_um: int) -> None:
+def test_wire_rests_for_the_dwell_with_the_pulses_on(point, x_um):
     sim = simulation(contour([(0, 0), (60, 0), (90, 60)], ((point, 2.0),)))
     run(sim)
     windows = windows_of(sim).to_arrow()
@@ -190,7 +187,7 @@ def test_wire_rests_for_the_dwell_with_the_pulses_on(point: int, x_um: int) -> N
 
 
 @pytest.mark.parametrize("planner", list(PLANNERS))
-def test_dwells_lose_no_place(planner: str) -> None:
+def test_dwells_lose_no_place(planner):
     points = [(7 * i + 2 * (i % 2), 5 * i) for i in range(40)]
     sim = simulation(contour(points, tuple((i, 0.01) for i in range(1, 39))), planner=planner, hole_mm=2.0)
     run(sim)
@@ -198,7 +195,7 @@ def test_dwells_lose_no_place(planner: str) -> None:
     assert sim.plant.commanded_um == pytest.approx(np.add(points[-1], START), abs=1)
 
 
-def test_contours_are_joined_by_a_rapid_and_a_fresh_wire() -> None:
+def test_contours_are_joined_by_a_rapid_and_a_fresh_wire():
     first, second = contour([(0, 0), (60, 0)]), contour([(3000, 4000), (3060, 4000)])
     law = Script([30.0])
     sim = simulation(first, second, controller=law)
@@ -218,13 +215,13 @@ def test_contours_are_joined_by_a_rapid_and_a_fresh_wire() -> None:
     assert sim.plant.commanded_um == pytest.approx((33_060, 34_000), abs=1)
 
 
-def test_alarm_of_the_controller_stops_the_machine() -> None:
+def test_alarm_of_the_controller_stops_the_machine():
     sim = simulation(contour([(0, 0), (2000, 0)]), controller=Script([20.0], alarm_at=7))
     assert len(run(sim)) == 7
     assert (sim.outcome, sim.reason) == ("persistent-short", "the script says stop")
 
 
-def test_short_that_never_clears_ends_with_the_alarm_of_counts(own_file: Callable[..., str]) -> None:
+def test_short_that_never_clears_ends_with_the_alarm_of_counts(own_file):
     """In metal on every side, with nothing removed, every pulse is a short."""
     steel = own_file(
         "materials", "tool-steel",
@@ -240,10 +237,8 @@ def test_short_that_never_clears_ends_with_the_alarm_of_counts(own_file: Callabl
     assert path[-1] < 60
 
 
-def test_end_switch_stops_the_machine(own_file: Callable[..., str]) -> None:
-    small = own_file(
-        "machines", "agiecut-dem15", ("travel_mm = { value = 65.0,", "travel_mm = { value = 30.05,")
-    )
+def test_end_switch_stops_the_machine(own_file):
+    small = own_file("machines", "agiecut-dem15", ("travel_mm = { value = 65.0,", "travel_mm = { value = 30.05,"))
     sim = simulation(contour([(0, 0), (100, 0)]), machine=Machine.load(small, height_mm=5))
     run(sim)
     assert sim.outcome == "limit-switch"
@@ -251,7 +246,7 @@ def test_end_switch_stops_the_machine(own_file: Callable[..., str]) -> None:
     assert sim.plant.commanded_um[0] == 30_052
 
 
-def test_wire_that_grows_too_hot_breaks(hot_machine: str) -> None:
+def test_wire_that_grows_too_hot_breaks(hot_machine):
     machine = Machine.load(hot_machine, height_mm=20, tension=35.0)
     sim = simulation(contour([(0, 0), (3000, 0)]), machine=machine, hole_mm=0.16)
     run(sim)
@@ -268,7 +263,7 @@ def test_wire_that_grows_too_hot_breaks(hot_machine: str) -> None:
 
 
 @pytest.mark.slow
-def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
+def test_snapshot_continues_bit_for_bit_across_threading_and_dwells():
     parts = contour([(0, 0), (41, 0), (41, 33)], ((1, 0.3),)), contour([(900, 0), (951, 27)], ((0, 0.3),))
     machine = Machine.load(height_mm=5, generator="iso-energetic")
     whole = simulation(*parts, machine=machine, controller=make("counts"))
@@ -288,17 +283,17 @@ def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
 class Settings(Script):
     """Commands a generator setting with every feed."""
 
-    def __init__(self, settings: Sequence[tuple[float | None, float | None]]) -> None:
+    def __init__(self, settings):
         super().__init__([20.0])
         self.settings = settings
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window):
         command = super().update(window)
         t_on_us, t_period_us = self.settings[(len(self.observed) - 1) % len(self.settings)]
         return command._replace(t_on_us=t_on_us, t_period_us=t_period_us)
 
 
-def test_a_controller_may_set_the_generator() -> None:
+def test_a_controller_may_set_the_generator():
     sim = simulation(contour([(0, 0), (200, 0)]), controller=Settings([(None, 150.0), (20.0, None), (None, None)]))
     durations = []
     for _ in range(3):
@@ -310,7 +305,7 @@ def test_a_controller_may_set_the_generator() -> None:
     assert sim.refused is None
 
 
-def test_a_refused_setting_changes_nothing_and_is_reported() -> None:
+def test_a_refused_setting_changes_nothing_and_is_reported():
     sim = simulation(contour([(0, 0), (200, 0)]), controller=Settings([(60.0, None)]))
     sim.step()
     sim.step()
@@ -322,7 +317,7 @@ def test_a_refused_setting_changes_nothing_and_is_reported() -> None:
     assert twin.refused == sim.refused
 
 
-def test_every_leg_begins_with_the_setting_of_the_set_up() -> None:
+def test_every_leg_begins_with_the_setting_of_the_set_up():
     sim = simulation(contour([(0, 0), (20, 0), (40, 0)], dwells=((1, 0.05),)), controller=Settings([(None, 150.0)]))
     before, periods = sim.leg, []
     while sim.outcome is None:

@@ -2,7 +2,6 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from .test_house import ROOT, modules, place, tree
@@ -20,10 +19,10 @@ class Documented(NamedTuple):
     lines: int
 
 
-def internals() -> Iterator[Documented]:
+def internals():
     """Docstrings of functions, classes and methods that are not in the reference."""
 
-    def within(body: list[ast.stmt], file: str, owner: str, listed: bool) -> Iterator[Documented]:
+    def within(body, file, owner, listed):
         for node in body:
             if not isinstance(node, ast.FunctionDef | ast.ClassDef):
                 continue
@@ -40,7 +39,7 @@ def internals() -> Iterator[Documented]:
         yield from within(tree(name).body, place(file), "", False)
 
 
-def test_few_internals_have_long_docstrings() -> None:
+def test_few_internals_have_long_docstrings():
     lines = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in modules().values())
     long = sum(doc.lines for doc in internals() if doc.lines > LONGEST)
     assert long < LONG_SHARE * lines, f"{long} of {lines} lines"

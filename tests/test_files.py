@@ -1,13 +1,12 @@
 """Files of outputs: replaced whole, or not at all."""
 
-from pathlib import Path
 
 import pytest
 
 from edmsim.files import replacing
 
 
-def test_a_file_is_replaced_when_all_is_written(tmp_path: Path) -> None:
+def test_a_file_is_replaced_when_all_is_written(tmp_path):
     file = tmp_path / "report.json"
     file.write_text("old")
     with replacing(file) as partial:
@@ -17,11 +16,11 @@ def test_a_file_is_replaced_when_all_is_written(tmp_path: Path) -> None:
     assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [("report.json", "new")]
 
 
-def test_a_file_stays_when_writing_fails_and_nothing_is_left_next_to_it(tmp_path: Path) -> None:
+def test_a_file_stays_when_writing_fails_and_nothing_is_left_next_to_it(tmp_path):
     file = tmp_path / "report.json"
     file.write_text("old")
 
-    def fail() -> None:
+    def fail():
         with replacing(file) as partial:
             partial.write_text("half")
             raise OSError("full")

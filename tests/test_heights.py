@@ -1,7 +1,6 @@
 """Changing heights: regions along the path, what a cut across a step does, what is refused."""
 
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,7 +21,7 @@ Cut = Callable[..., edmsim.CutResult]
 REACH_UM = 125.0 + 1e3 * WIRE_MARGIN_MM
 
 
-def path_of(*lines: list[tuple[int, int]]) -> CutPath:
+def path_of(*lines):
     contours = []
     for line in lines:
         points = np.array(line, np.int64) + 30_000
@@ -30,15 +29,15 @@ def path_of(*lines: list[tuple[int, int]]) -> CutPath:
     return CutPath(tuple(contours), (20.0, 20.0, 45.0, 45.0), 0.5, (30.0, 30.0), (), "test")
 
 
-def relief(heights: Heights, path: CutPath, n_slices: int = 10) -> Relief:
+def relief(heights, path, n_slices=10):
     return Relief(heights.steps(path, 250.0), heights.greatest_mm, n_slices)
 
 
-def height_at(found: Relief, *points: tuple[float, float]) -> list[float]:
+def height_at(found, *points):
     return found.heights_mm(np.array(points) + 30_000.0).round(9).tolist()
 
 
-def test_the_height_changes_square_across_the_path() -> None:
+def test_the_height_changes_square_across_the_path():
     found = relief(Heights.of(10.0, [(2.0, 5.0), (3.0, 7.0)], []), path_of([(0, 0), (6_000, 0)]))
     for across in (0.0, -REACH_UM + 1, REACH_UM - 1):
         assert height_at(found, (1_999, across), (2_001, across), (2_999, across), (3_001, across)) == [10, 5, 5, 7]
@@ -46,13 +45,13 @@ def test_the_height_changes_square_across_the_path() -> None:
     assert height_at(found, (2_500, REACH_UM + 1)) == [10]
 
 
-def test_heights_count_from_the_start_over_all_contours() -> None:
+def test_heights_count_from_the_start_over_all_contours():
     path = path_of([(0, 0), (2_000, 0)], [(0, 5_000), (3_000, 5_000)])
     found = relief(Heights.of(10.0, [(0.0, 5.0), (2.5, 10.0)], []), path)
     assert height_at(found, (100, 0), (1_900, 0), (400, 5_000), (600, 5_000)) == [5, 5, 5, 10]
 
 
-def test_outside_of_a_corner_nothing_is_left_unclaimed() -> None:
+def test_outside_of_a_corner_nothing_is_left_unclaimed():
     """All the metal the wire can see at a corner where the height changes has one of the two heights."""
     for end in ([2_000, 3_000], [2_000, -3_000], [4_000, 1_500]):
         path = path_of([(0, 0), (2_000, 0), (end[0], end[1])])
@@ -65,22 +64,20 @@ def test_outside_of_a_corner_nothing_is_left_unclaimed() -> None:
         assert height_at(found, (2_000 + x, y), (1_700, 0)) == [7, 5]
 
 
-def test_inside_a_corner_the_nearer_stretch_holds() -> None:
+def test_inside_a_corner_the_nearer_stretch_holds():
     found = relief(Heights.of(10.0, [(2.0, 5.0)], []), path_of([(0, 0), (2_000, 0), (2_000, 3_000)]))
     for away in (60.0, 150.0, 350.0):
         near, far = away - 45, away + 45  # from one of the two ways
         assert height_at(found, (2_000 - far, near), (2_000 - near, far)) == [10, 5]
 
 
-def test_where_a_contour_closes_the_nearer_stretch_holds() -> None:
+def test_where_a_contour_closes_the_nearer_stretch_holds():
     path = path_of([(0, 0), (4_000, 0), (4_000, 4_000), (0, 4_000), (0, 0)])
     found = relief(Heights.of(10.0, [(12.5, 5.0)], []), path)
-    assert height_at(found, (0, 3_600), (0, 3_400), (0, 60), (60, 0), (300, 100), (100, 300)) == [
-        10, 5, 5, 10, 10, 5,
-    ]  # fmt: skip
+    assert height_at(found, (0, 3_600), (0, 3_400), (0, 60), (60, 0), (300, 100), (100, 300)) == [10, 5, 5, 10, 10, 5]
 
 
-def test_areas_lie_in_the_programs_coordinates_and_hold_before_lengths() -> None:
+def test_areas_lie_in_the_programs_coordinates_and_hold_before_lengths():
     square = [(1.0, -1.0), (2.0, -1.0), (2.0, 1.0), (1.0, 1.0)]
     heights = Heights.of(10.0, [(1.5, 5.0)], [(square, 20.0), (shapely.box(0.5, -1, 2.5, 1), 15.0)])
     assert (heights.greatest_mm, heights.lowest_mm) == (20.0, 5.0)
@@ -91,37 +88,32 @@ def test_areas_lie_in_the_programs_coordinates_and_hold_before_lengths() -> None
     assert height_at(found, (-5_000, 5_000)) == [10]  # the rest of the blank
 
 
-def test_no_change_of_height_is_no_step() -> None:
+def test_no_change_of_height_is_no_step():
     path = path_of([(0, 0), (6_000, 0)])
     assert Heights.of(10.0, [], []).steps(path, 250.0) == ()
     assert Heights.of(10.0, [(2.0, 10.0)], []).steps(path, 250.0) == ()
 
 
 @pytest.mark.parametrize(("text", "pair"), [("12.5:30", (12.5, 30.0)), ("0:5", (0.0, 5.0)), (" 1 : 2 ", (1.0, 2.0))])
-def test_an_option_is_a_length_and_a_height(text: str, pair: tuple[float, float]) -> None:
+def test_an_option_is_a_length_and_a_height(text, pair):
     assert parse_height(text) == pair
 
 
 @pytest.mark.parametrize("text", ["", "5", "5:", ":5", "5;30", "a:b", "1:2:3"])
-def test_an_option_that_is_none_is_refused(text: str) -> None:
+def test_an_option_that_is_none_is_refused(text):
     with pytest.raises(InputError, match=r"reads MM:MM.*as 12\.5:30"):
         parse_height(text)
 
 
 BAD: list[tuple[dict[str, Any], str]] = [
-    ({"heights": [(1.0, 0.0)]}, "0 mm from 1 mm of path"),
-    ({"heights": [(1.0, -5.0)]}, "-5 mm from 1 mm of path"),
-    ({"heights": [(1.0, 400.5)]}, "400.5 mm from 1 mm of path"),
-    ({"heights": [(1.0, float("nan"))]}, "nan mm"),
+    ({"heights": [(1.0, 0.0)]}, "0 mm from 1 mm of path"), ({"heights": [(1.0, -5.0)]}, "-5 mm from 1 mm of path"),
+    ({"heights": [(1.0, 400.5)]}, "400.5 mm from 1 mm of path"), ({"heights": [(1.0, float("nan"))]}, "nan mm"),
     ({"heights": [(2.0, 6.0), (1.0, 7.0)]}, "1 mm follows 2 mm"),
     ({"heights": [(1.0, 6.0), (1.0, 7.0)]}, "1 mm follows 1 mm"),
-    ({"heights": [(-1.0, 6.0)]}, "-1 mm of path"),
-    ({"heights": [(float("nan"), 6.0)]}, "nan mm of path"),
+    ({"heights": [(-1.0, 6.0)]}, "-1 mm of path"), ({"heights": [(float("nan"), 6.0)]}, "nan mm of path"),
     ({"heights": [(99.0, 6.0)]}, "99 mm: the wire's path is"),
-    ({"heights": [(99.0, 5.0)]}, "99 mm: the wire's path is"),
-    ({"heights": [7.0]}, "not 7.0"),
-    ({"heights": [(1.0, "high")]}, "'high'"),
-    ({"heights": [(1.0, 50.0)]}, "5 mm high is lost"),
+    ({"heights": [(99.0, 5.0)]}, "99 mm: the wire's path is"), ({"heights": [7.0]}, "not 7.0"),
+    ({"heights": [(1.0, "high")]}, "'high'"), ({"heights": [(1.0, 50.0)]}, "5 mm high is lost"),
     ({"height_mm": 401.0, "heights": [(1.0, 5.0)]}, "401 mm is not"),
     ({"height_areas": [([(0, 0), (1, 0), (1, 1)], 0.1)]}, "0.1 mm of area 1"),
     ({"height_areas": [([(0, 0), (1, 0)], 6.0)]}, "area 1"),
@@ -129,13 +121,11 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"height_areas": [([(0, 0), (1, 1), (2, 2)], 6.0)]}, "area 1"),
     ({"height_areas": [("square", 6.0)]}, "area 1"),
     ({"height_areas": [(shapely.box(0, 0, 1, 1), 6.0), (shapely.box(50, 50, 51, 51), 6.0)]}, "area 2"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("options", "named"), BAD)
-def test_bad_heights_are_reported_and_nothing_is_written(
-    cut_small: Cut, tmp_path: Path, options: dict[str, Any], named: str
-) -> None:
+def test_bad_heights_are_reported_and_nothing_is_written(cut_small, tmp_path, options, named):
     with pytest.raises(InputError) as caught:
         cut_small(out=tmp_path / "out", **options)
     assert named in str(caught.value)
@@ -149,7 +139,7 @@ LOW, HIGH, UP_MM, DOWN_MM, LENGTH_MM = 4.0, 10.0, 0.9, 1.7, 2.6
 
 
 @pytest.fixture(scope="module")
-def ridge(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+def ridge(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ridge")
     program = folder / "line.ngc"
     program.write_text(f"G0 X0 Y0\nG1 X{LENGTH_MM}\nM2\n")
@@ -161,7 +151,7 @@ def ridge(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     return SimpleNamespace(result=result, report=result.report, windows=windows, folder=folder / "out")
 
 
-def between(ridge: SimpleNamespace, name: str, start_mm: float, stop_mm: float) -> float:
+def between(ridge, name, start_mm, stop_mm):
     place = ridge.windows["path_um"] / 1000
     return float(ridge.windows[name][(place >= start_mm) & (place < stop_mm)].mean())
 
@@ -171,7 +161,7 @@ STRETCHES = ((0.5, 0.7), (1.0, 1.5), (1.8, 2.5))
 
 
 @pytest.mark.slow
-def test_the_ridge_is_cut(ridge: SimpleNamespace) -> None:
+def test_the_ridge_is_cut(ridge):
     assert ridge.report["outcome"] == "finished"
     assert ridge.report["notices"] == []
     assert ridge.report["settings"]["height_mm"] == LOW
@@ -179,7 +169,7 @@ def test_the_ridge_is_cut(ridge: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-def test_discharges_follow_the_height_where_the_front_meets_the_step(ridge: SimpleNamespace) -> None:
+def test_discharges_follow_the_height_where_the_front_meets_the_step(ridge):
     """At one feed the area cut in a second is as the height, so the sparks that remove it nearly are, too.
 
     Not quite: a larger area ignites sooner, and what is left of the on-time makes a larger spark.
@@ -199,7 +189,7 @@ def test_discharges_follow_the_height_where_the_front_meets_the_step(ridge: Simp
 
 
 @pytest.mark.slow
-def test_shorts_rise_on_the_ridge_and_fall_behind_it(ridge: SimpleNamespace) -> None:
+def test_shorts_rise_on_the_ridge_and_fall_behind_it(ridge):
     before, on, after = (between(ridge, "short", *stretch) for stretch in STRETCHES)
     assert on > 1.5 * before
     assert on > 1.5 * after
@@ -208,7 +198,7 @@ def test_shorts_rise_on_the_ridge_and_fall_behind_it(ridge: SimpleNamespace) -> 
 
 
 @pytest.mark.slow
-def test_upper_slices_are_cut_on_the_ridge_only(ridge: SimpleNamespace) -> None:
+def test_upper_slices_are_cut_on_the_ridge_only(ridge):
     result = ridge.result
     start = result.path.contours[0].points_um[0, 0] / 1000
     areas = []
@@ -227,7 +217,7 @@ def test_upper_slices_are_cut_on_the_ridge_only(ridge: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-def test_rate_counts_the_area_cut(ridge: SimpleNamespace) -> None:
+def test_rate_counts_the_area_cut(ridge):
     report = ridge.report
     length_mm = report["path_length_mm"] - ridge.result.path.start_hole_radius_mm
     area = length_mm * LOW + (DOWN_MM - UP_MM) * (HIGH - LOW)
@@ -236,7 +226,7 @@ def test_rate_counts_the_area_cut(ridge: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-def test_kerf_and_profile_are_measured_where_there_is_metal(ridge: SimpleNamespace) -> None:
+def test_kerf_and_profile_are_measured_where_there_is_metal(ridge):
     from edmsim.metrology.kerf import kerf_width
     from edmsim.metrology.profile import profile_error
 
@@ -257,7 +247,7 @@ def test_kerf_and_profile_are_measured_where_there_is_metal(ridge: SimpleNamespa
 
 
 @pytest.mark.slow
-def test_pictures_show_the_steps(ridge: SimpleNamespace) -> None:
+def test_pictures_show_the_steps(ridge):
     scene = ridge.result.scene
     assert [terrace.height_mm for terrace in scene.terraces] == pytest.approx([LOW, HIGH])
     assert (scene.height_mm, scene.middle_slice()) == (HIGH, 1)
@@ -269,13 +259,13 @@ def test_pictures_show_the_steps(ridge: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-def test_an_interrupted_stepped_cut_goes_on_bit_for_bit(cut_small: Cut, tmp_path: Path) -> None:
-    options: dict[str, Any] = {
+def test_an_interrupted_stepped_cut_goes_on_bit_for_bit(cut_small, tmp_path):
+    options = {
         "heights": [(0.45, 10.0)], "max_time_s": 22.0, "height_areas": [(shapely.box(-2.5, 0, -1.5, 1), 6.0)],
         "controller": "fixed:feed_um_s=30",
     }  # fmt: skip
 
-    def stop(progress: Any) -> None:
+    def stop(progress):
         if progress.time_s > 14.0:
             raise KeyboardInterrupt
 

@@ -18,9 +18,7 @@ LINKS = ("controllers", "envs", "models")
 MOST_LINES = 800
 FEWEST_FILES = 4
 LAYERS: dict[str, set[str]] = {
-    "compiled": {"compiled"},
-    "errors": set(),
-    "numeric": {"errors"},
+    "compiled": {"compiled"}, "errors": set(), "numeric": {"errors"},
     "machine": {"machine", "errors", "numeric", "models", "files"},
     "models": {"models", "errors"},
     "plant": {"plant", "errors", "numeric", "machine", "models", "compiled"},
@@ -28,7 +26,7 @@ LAYERS: dict[str, set[str]] = {
         "controllers", "errors", "numeric", "snapshots", "machine", "models", "geometry", "files", "user_code",
         "compiled",
     },
-}
+}  # fmt: skip
 """Rooms that may import only some others."""
 ORDER = (
     "models", "compiled", "errors", "numeric", "snapshots", "files", "user_code", "screen", "progress", "signals",
@@ -47,7 +45,7 @@ EXCEPTIONS: dict[str, dict[str, str]] = {
 
 
 @cache
-def modules() -> dict[str, Path]:
+def modules():
     """Every Python file of the product by the name it is imported by."""
     found = {}
     for package, folder in FOLDERS.items():
@@ -58,23 +56,23 @@ def modules() -> dict[str, Path]:
     return found
 
 
-def place(file: Path) -> str:
+def place(file):
     return file.relative_to(ROOT).as_posix()
 
 
 @cache
-def parsed(file: Path) -> ast.Module:
+def parsed(file):
     return ast.parse(file.read_text(encoding="utf-8"))
 
 
-def tree(name: str) -> ast.Module:
+def tree(name):
     return parsed(modules()[name])
 
 
 @cache
-def imports(name: str) -> frozenset[str]:
+def imports(name):
     """Modules of the product that a module imports anywhere, also for types only; without the front door."""
-    imported: set[str] = set()
+    imported = set()
     for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
             imported |= {alias.name for alias in node.names}
@@ -86,15 +84,15 @@ def imports(name: str) -> frozenset[str]:
     return frozenset(imported & modules().keys()) - {name, "edmsim"}
 
 
-def room(name: str) -> str:
+def room(name):
     return (name + ".").split(".")[1]
 
 
-def agree(rule: str, broken: set[str]) -> None:
+def agree(rule, broken):
     assert broken == set(EXCEPTIONS[rule]), f"{rule}: {sorted(broken ^ set(EXCEPTIONS[rule]))}"
 
 
-def test_the_packages_are_the_folders() -> None:
+def test_the_packages_are_the_folders():
     setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
     folders = {name for name, file in modules().items() if file.name == "__init__.py"}
     assert set(setuptools["packages"]) == folders
@@ -104,7 +102,7 @@ def test_the_packages_are_the_folders() -> None:
     assert not bare, "a folder with Python files needs an __init__.py"
 
 
-def test_rooms_import_only_what_lies_below_them() -> None:
+def test_rooms_import_only_what_lies_below_them():
     broken = {
         f"{name} imports {other}"
         for name in modules() if room(name) in LAYERS
@@ -113,12 +111,12 @@ def test_rooms_import_only_what_lies_below_them() -> None:
     agree("layers", broken)
 
 
-def test_nobody_imports_the_command_line() -> None:
+def test_nobody_imports_the_command_line():
     users = {name for name in modules() if any(room(other) == "cli" for other in imports(name))}
     assert {name for name in users if room(name) not in ("cli", "__main__")} == set()
 
 
-def test_every_room_stands_on_those_below_it() -> None:
+def test_every_room_stands_on_those_below_it():
     upward = {
         f"{name} imports {other}"
         for name in modules() for other in imports(name) if ORDER.index(room(other)) > ORDER.index(room(name))
@@ -126,7 +124,7 @@ def test_every_room_stands_on_those_below_it() -> None:
     assert upward == {"edmsim.models imports edmsim.errors"}  # errors stand beside, and import nothing
 
 
-def test_recording_makes_no_plant() -> None:
+def test_recording_makes_no_plant():
     simulates = {"Plant", "Fleet", "Simulation", "Cycle", "Traverse", "sample_pulses", "sample_like", "cut"}
     broken = {
         name for name in modules() if room(name) == "recording" for node in ast.walk(tree(name))
@@ -136,9 +134,9 @@ def test_recording_makes_no_plant() -> None:
     agree("recording", broken)
 
 
-def test_no_files_import_each_other_in_a_circle() -> None:
-    def reach(start: str) -> set[str]:
-        visited: set[str] = set()
+def test_no_files_import_each_other_in_a_circle():
+    def reach(start):
+        visited = set()
         new = set(imports(start))
         while new:
             visited |= new
@@ -153,7 +151,7 @@ def test_no_files_import_each_other_in_a_circle() -> None:
     agree("circles", circles)
 
 
-def test_constants_of_a_machine_stand_under_models() -> None:
+def test_constants_of_a_machine_stand_under_models():
     """The travel of the table, 65 mm, and its middle, in any unit."""
     travel = {65_000, 32_500, 65.0, 32.5, 0.065, 0.0325}
     broken = {
@@ -163,7 +161,7 @@ def test_constants_of_a_machine_stand_under_models() -> None:
     agree("constants", broken)
 
 
-def test_a_public_class_has_a_name_of_its_own_in_its_room() -> None:
+def test_a_public_class_has_a_name_of_its_own_in_its_room():
     places = defaultdict(list)
     for name in modules():
         for node in tree(name).body:
@@ -172,14 +170,14 @@ def test_a_public_class_has_a_name_of_its_own_in_its_room() -> None:
     agree("names", {f"{where}: {name}" for (where, name), found in places.items() if len(found) > 1})
 
 
-def test_files_are_not_too_long() -> None:
+def test_files_are_not_too_long():
     agree("lines", {
         place(file) for file in modules().values()
         if len(file.read_text(encoding="utf-8").splitlines()) > MOST_LINES
     })  # fmt: skip
 
 
-def test_a_folder_holds_several_files() -> None:
+def test_a_folder_holds_several_files():
     files = [file for file in modules().values() if file.name != "__init__.py"]
     data = {ROOT / "models"}  # it holds the tables of the machines, not code
     folders = {file.parent for file in modules().values()} - data
@@ -190,7 +188,7 @@ def test_a_folder_holds_several_files() -> None:
 
 
 @pytest.mark.parametrize("package", FOLDERS)
-def test_every_file_says_first_what_it_is(package: str) -> None:
+def test_every_file_says_first_what_it_is(package):
     for name, file in modules().items():
         if file.is_relative_to(FOLDERS[package]):
             said = (ast.get_docstring(tree(name)) or "").split("\n")[0]

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -28,12 +28,12 @@ SHORT = {"max_time_s": 3.0}
 PHASES = ["cutting", "measuring", "figures", "recording"]
 
 
-def names(folder: Path) -> list[str]:
+def names(folder):
     return sorted(file.name for file in folder.iterdir())
 
 
 @pytest.fixture
-def signals() -> Iterator[None]:
+def signals():
     """Signals as Python has them, where the test runner has changed them."""
     usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
     before = {number: signal.signal(number, handler) for number, handler in usual.items()}
@@ -44,14 +44,12 @@ def signals() -> Iterator[None]:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("signals")
-def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, tmp_path: Path) -> None:
+def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small, tmp_path):
     whole = cut_small(**SHORT)
     for phase, number in zip(PHASES, [signal.SIGINT, signal.SIGTERM] * 2, strict=True):
-        entered: list[str] = []
+        entered = []
 
-        def enter(
-            name: str, entered: list[str] = entered, stop: str = phase, number: signal.Signals = number
-        ) -> None:
+        def enter(name, entered=entered, stop=phase, number=number):
             entered.append(name)
             if name == stop:
                 signal.raise_signal(number)
@@ -67,15 +65,15 @@ def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, 
     assert names(tmp_path) == FILES
 
 
-def test_the_progress_tells_the_wall_time_of_the_report(cut_small: Cut) -> None:
-    observed: list[float] = []
+def test_the_progress_tells_the_wall_time_of_the_report(cut_small):
+    observed = []
     report = cut_small(watch=lambda progress: observed.append(progress.wall_time_s), **SHORT).report
     assert 0 < observed[0] < observed[-1] == report["wall_time_s"]
 
 
 @pytest.mark.slow
-def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path: Path) -> None:
-    def stop(_: object) -> None:
+def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small, tmp_path):
+    def stop(_):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -95,7 +93,7 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path
 
 
 @pytest.mark.slow
-def test_one_cut_at_a_time_works_in_a_folder(cut_small: Cut, tmp_path: Path) -> None:
+def test_one_cut_at_a_time_works_in_a_folder(cut_small, tmp_path):
     with locked(tmp_path), pytest.raises(InputError, match="another edmsim is at work in this folder"):
         cut_small(out=tmp_path, **SHORT)
     cut_small(out=tmp_path, max_time_s=0.1)
@@ -105,11 +103,11 @@ def test_one_cut_at_a_time_works_in_a_folder(cut_small: Cut, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path: Path) -> None:
+def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path):
     """The lock's file comes and goes: nobody may hold one that is no longer there."""
     inside, most, refused = 0, 0, 0
 
-    def work() -> None:
+    def work():
         nonlocal inside, most, refused
         for _ in range(300):
             try:
@@ -130,7 +128,7 @@ def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path: Path) -> No
     assert names(tmp_path) == []
 
 
-def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
+def test_files_appear_together_or_not_at_all(tmp_path):
     (tmp_path / "report.json").write_text("old")
     (tmp_path / "notes.txt").write_text("the user's")
     with suppress(RuntimeError), together(tmp_path, "report.json") as folder:
@@ -148,7 +146,7 @@ def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_folder_of_two_cuts_is_refused(cut_small: Cut, tmp_path: Path) -> None:
+def test_a_folder_of_two_cuts_is_refused(cut_small, tmp_path):
     for seed in (1, 2):
         cut_small(out=tmp_path / str(seed), seed=seed, max_time_s=0.1)
     assert cut_folder.read_cut(tmp_path / "1").report["seed"] == 1
@@ -161,14 +159,12 @@ def test_a_folder_of_two_cuts_is_refused(cut_small: Cut, tmp_path: Path) -> None
         assert caught.value.file == str(mixed)
 
 
-def full(*_: object, **__: object) -> None:
+def full(*_, **__):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 @pytest.mark.slow
-def test_a_full_disk_warns_and_the_cut_goes_on(
-    cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_warns_and_the_cut_goes_on(cut_small, tmp_path, monkeypatch):
     monkeypatch.setattr("edmsim.job.cut.CHECKPOINT_EVERY_S", 0.0)
     with monkeypatch.context() as patch:
         patch.setattr(np, "savez", full)
@@ -178,9 +174,7 @@ def test_a_full_disk_warns_and_the_cut_goes_on(
 
 
 @pytest.mark.slow
-def test_a_disk_full_at_the_end_leaves_the_checkpoint(
-    cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_full_at_the_end_leaves_the_checkpoint(cut_small, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(scene.np, "savez_compressed", full)
         with pytest.raises(EdmsimError, match="No space left on device; the checkpoint holds the cut") as caught:
@@ -201,7 +195,7 @@ main()
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names of files are UTF-8")
-def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch: Path, tmp_path: Path) -> None:
+def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch, tmp_path):
     folder = os.path.join(os.fsencode(tmp_path), b"o[/b]\xff\xc3 \xb5m")
     program = os.path.join(os.fsencode(tmp_path), b"pun[red]ch\xff.ngc")
     shutil.copy(small_punch, program)

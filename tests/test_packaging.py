@@ -23,7 +23,7 @@ PUNCH = "G21 G90\nG0 X-2 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2
 BUILD = "from setuptools import build_meta as b; print(b.build_{kind}('dist'))"
 
 
-def product() -> set[str]:
+def product():
     """Files of the product by their place in an installation."""
     found = set()
     for folder in ("edmsim", *LINKS):
@@ -35,7 +35,7 @@ def product() -> set[str]:
     return found
 
 
-def checkout(to: Path, *, links: bool) -> Path:
+def checkout(to, *, links):
     """Copy what a build needs, with the links as links, or as the text files that some systems make of them."""
     to.mkdir()
     for name in ("pyproject.toml", "README.md", "LICENSE"):
@@ -50,7 +50,7 @@ def checkout(to: Path, *, links: bool) -> Path:
     return to
 
 
-def run(*command: object, at: Path, path: Path | None = None, status: int = 0) -> str:
+def run(*command, at, path=None, status=0):
     """Run a command that sees no other Python files than its own and those of `path`; return its output.
 
     Its cache of compiled code is in `at`.
@@ -68,7 +68,7 @@ def run(*command: object, at: Path, path: Path | None = None, status: int = 0) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("links", [True, False])
-def test_a_bare_checkout_is_imported_as_it_is(tmp_path: Path, links: bool) -> None:
+def test_a_bare_checkout_is_imported_as_it_is(tmp_path, links):
     tree = checkout(tmp_path / "tree", links=links)
     code = (
         "import edmsim, edmsim.envs, edmsim.models, edmsim.controllers.mcu.computer\n"
@@ -81,7 +81,7 @@ def test_a_bare_checkout_is_imported_as_it_is(tmp_path: Path, links: bool) -> No
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["links", "no links"])
-def wheel(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(request, tmp_path_factory):
     """The wheel of a checkout."""
     tree = checkout(tmp_path_factory.mktemp("wheel") / "tree", links=request.param)
     name = run(sys.executable, "-c", BUILD.format(kind="wheel"), at=tree).split()[-1]
@@ -90,7 +90,7 @@ def wheel(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-def test_the_wheel_holds_every_file_once(wheel: Path) -> None:
+def test_the_wheel_holds_every_file_once(wheel):
     names = [name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name]
     assert max(Counter(names).values()) == 1
     assert set(names) == product()
@@ -98,7 +98,7 @@ def test_the_wheel_holds_every_file_once(wheel: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-def test_the_source_archive_holds_every_file_once(tmp_path: Path) -> None:
+def test_the_source_archive_holds_every_file_once(tmp_path):
     tree = checkout(tmp_path / "tree", links=True)
     name = run(sys.executable, "-c", BUILD.format(kind="sdist"), at=tree).split()[-1]
     with tarfile.open(tree / "dist" / name) as archive:
@@ -112,7 +112,7 @@ def test_the_source_archive_holds_every_file_once(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("wheel", [True], indirect=True)
-def test_an_installed_wheel_cuts_the_same_bits(wheel: Path, tmp_path: Path) -> None:
+def test_an_installed_wheel_cuts_the_same_bits(wheel, tmp_path):
     """In an environment outside the tree that has the dependencies of this one, but not its edmsim.
 
     Of compiled code it has what this tree keeps, less the pulse loop's machine code, which it makes of the rest: the

@@ -1,7 +1,5 @@
 """Progress: lines in a file, one bar in a notebook, nothing before there is anything to say."""
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 
@@ -14,13 +12,13 @@ from edmsim.progress import ShownProgress, in_notebook
 
 
 @pytest.fixture
-def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def now(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
     return clock
 
 
-def test_in_a_file_it_is_a_line_now_and_then(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+def test_in_a_file_it_is_a_line_now_and_then(now, capsys):
     with ShownProgress() as bar:
         for done in range(1, 41):
             now[0] += 1.0
@@ -28,7 +26,7 @@ def test_in_a_file_it_is_a_line_now_and_then(now: list[float], capsys: pytest.Ca
     assert capsys.readouterr().err.splitlines() == [f"runs {share}.0 % none failed" for share in (25, 50, 75, 100)]
 
 
-def test_what_is_stored_ends_with_its_last_line(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_stored_ends_with_its_last_line(now, capsys):
     for keep in (False, True):
         with ShownProgress(keep=keep) as bar:
             bar.show("runs", 1, 2)
@@ -42,18 +40,18 @@ def test_what_is_stored_ends_with_its_last_line(now: list[float], capsys: pytest
 class FakeDisplay:
     """IPython's display: the first picture, and what is drawn over it."""
 
-    def __init__(self) -> None:
-        self.shown: list[dict[str, str]] = []
+    def __init__(self):
+        self.shown = []
 
-    def __call__(self, data: dict[str, str], *, raw: bool, display_id: bool = True) -> FakeDisplay:
+    def __call__(self, data, *, raw, display_id=True):
         self.shown.append(data)
         return self
 
-    def update(self, data: dict[str, str], *, raw: bool) -> None:
+    def update(self, data, *, raw):
         self.shown.append(data)
 
 
-def test_a_cut_shows_its_progress_in_a_notebook_only(now: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cut_shows_its_progress_in_a_notebook_only(now, monkeypatch):
     display = FakeDisplay()
     shell = SimpleNamespace(kernel=object())
     session = SimpleNamespace(get_ipython=lambda: shell)

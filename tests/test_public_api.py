@@ -4,7 +4,6 @@ import inspect
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ HEAVY = ("rerun", "matplotlib", "torch", "numba", "mujoco", "scipy", "pyarrow", 
 
 
 @pytest.mark.slow
-def test_nothing_heavy_is_imported_before_it_is_needed() -> None:
+def test_nothing_heavy_is_imported_before_it_is_needed():
     steps = ("import edmsim", "edmsim.Machine.load(); edmsim.controllers.make('counts')", "edmsim.cut")
     code = "import sys\n" + "".join(f"{step}\nprint(*sys.modules)\n" for step in steps)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -27,11 +26,11 @@ def test_nothing_heavy_is_imported_before_it_is_needed() -> None:
 
 
 @pytest.mark.parametrize("name", edmsim.__all__)
-def test_public_name_resolves_and_is_documented(name: str) -> None:
+def test_public_name_resolves_and_is_documented(name):
     assert inspect.getdoc(getattr(edmsim, name))
 
 
-def test_a_list_of_names_holds_the_public_ones_and_nothing_else() -> None:
+def test_a_list_of_names_holds_the_public_ones_and_nothing_else():
     assert {name for name in dir(edmsim) if not name.startswith("__")} == set(edmsim.__all__)
 
 
@@ -44,30 +43,30 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else() -> None:
     (lambda: edmsim.Plant(edmsim.Machine.load(), drives=5), r"drives cannot be 5: give Mapping\[str, AxisDrive\]"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), seed=None), "seed is None"),
 ])  # fmt: skip
-def test_an_argument_of_another_type_is_named(call: Callable[[], object], said: str) -> None:
+def test_an_argument_of_another_type_is_named(call, said):
     with pytest.raises(edmsim.InputError, match=said):
         call()
 
 
-def test_errors_that_no_argument_explains_stay_as_they_are() -> None:
+def test_errors_that_no_argument_explains_stay_as_they_are():
     with pytest.raises(AttributeError, match="'random'"):
         edmsim.Machine.load().sample(Path())  # type: ignore[arg-type]
 
 
-def test_unknown_name_is_an_attribute_error() -> None:
+def test_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="'edmsim' has no attribute 'Lathe'"):
         edmsim.Lathe  # noqa: B018
     assert not hasattr(edmsim, "Lathe")
 
 
-def test_errors_have_one_base() -> None:
+def test_errors_have_one_base():
     assert issubclass(edmsim.InputError, edmsim.EdmsimError)
     error = edmsim.InputError("it is wrong", "a.ngc", 3)
     assert str(error) == "a.ngc:3: it is wrong"
     assert (error.reason, error.file, error.line) == ("it is wrong", "a.ngc", 3)
 
 
-def test_the_citation_names_this_version_and_licence() -> None:
+def test_the_citation_names_this_version_and_licence():
     root = Path(__file__).parents[1]
     cited = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]

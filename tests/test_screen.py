@@ -14,14 +14,14 @@ LONG = ["/home/someone/runs/of/last/week/a/policy.json", "/home/someone/runs/of/
 NUMBERS = ["0.953", "1234.5", "10.5 %", "none (at most 3.2)", "-0.00457"]
 
 
-def printed(table: ScreenTable, width: int) -> list[str]:
+def printed(table, width):
     console = Console(width=width, file=io.StringIO(), force_terminal=False)
     console.print(table)
     return console.file.getvalue().splitlines()  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("width", [200, 80, 60, 45])
-def test_numbers_stay_whole_and_names_different(width: int) -> None:
+def test_numbers_stay_whole_and_names_different(width):
     table = ScreenTable("controller", numbers=("score", "mm2/min", "short", "breaks/m", "edge um rms"), box=None)
     for row, name in enumerate(LONG):
         table.add_row(name, *(f"{number}{row}" for number in NUMBERS))
@@ -37,14 +37,14 @@ def test_numbers_stay_whole_and_names_different(width: int) -> None:
     assert (LONG[0] in text) == (width == 200)
 
 
-def test_a_wide_enough_table_is_richs_own() -> None:
+def test_a_wide_enough_table_is_richs_own():
     table = ScreenTable("fact", numbers=("value",), title="facts")
     table.add_row("a sentence of some words", "1.0")
     assert "a sentence of some words" in "\n".join(printed(table, 40))
     assert "facts" in printed(table, 40)[0]
 
 
-def test_sentences_wrap_and_heads_of_numbers_as_well() -> None:
+def test_sentences_wrap_and_heads_of_numbers_as_well():
     table = ScreenTable("place", numbers=["policy:/some/where/far/away/policy.json", "counts"])
     table.add_row("higher: 20 to 40 mm", "12.3 (10.1 to 15.2); 4.5; 0", "10.0 (8.0 to 12.2); 4.1; 1")
     text = "\n".join(printed(table, 60))
@@ -53,7 +53,7 @@ def test_sentences_wrap_and_heads_of_numbers_as_well() -> None:
     assert all(word in text for word in ("higher:", "20", "40", "mm"))
 
 
-def test_the_keys_of_a_row_are_repeated_where_the_table_goes_on() -> None:
+def test_the_keys_of_a_row_are_repeated_where_the_table_goes_on():
     table = ScreenTable("height", "wire", numbers=["a" * 12, "b" * 12, "c" * 12], keys=2)
     table.add_row("5", "brass", "1.000000001", "2.000000002", "3.000000003")
     text = "\n".join(printed(table, 44))
@@ -61,7 +61,7 @@ def test_the_keys_of_a_row_are_repeated_where_the_table_goes_on() -> None:
 
 
 @given(st.lists(st.text("abc/.", min_size=1, max_size=40), min_size=1, max_size=6), st.integers(1, 40))
-def test_shortened_names_fit_and_differ(names: list[str], width: int) -> None:
+def test_shortened_names_fit_and_differ(names, width):
     found = shortened(names, width)
     if found:
         assert set(found) == set(names)
@@ -70,7 +70,7 @@ def test_shortened_names_fit_and_differ(names: list[str], width: int) -> None:
         assert all(short == name for name, short in found.items() if len(name) <= width)
 
 
-def test_what_differs_in_the_end_is_shortened_before_it() -> None:
+def test_what_differs_in_the_end_is_shortened_before_it():
     assert shortened(["/a/long/way/to/one", "/a/long/way/to/two"], 9) == {
         "/a/long/way/to/one": "/a/l…/one", "/a/long/way/to/two": "/a/l…/two"
     }  # fmt: skip

@@ -42,7 +42,7 @@ class Record:
 class Part(Snapshots):
     STATE = ("count",)
 
-    def __init__(self, count: int = 0) -> None:
+    def __init__(self, count=0):
         self.count = count
 
 
@@ -60,19 +60,19 @@ class Law(Snapshots):
     memory: bytearray = field(default_factory=lambda: bytearray(4), init=False)
     array: Any = field(default_factory=lambda: np.zeros((2, 2), [("a", "f4"), ("b", "i8")]), init=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         self.from_set_up = 0.0
 
 
 class Machine(Snapshots):
     STATE = ("cause", "_keys", "scans", "open", "pair", "text", "part")
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.cause, self._keys, self.scans = Cause.NONE, deque[int](), dict[int, int]()
-        self.open: set[str] = set()
-        self.pair: tuple[Wall, Wall] = (Wall(0.0, ()), Wall(0.0, ()))
-        self.text: str | None = None
-        self.part: Part | None = None
+        self.open = set()
+        self.pair = (Wall(0.0, ()), Wall(0.0, ()))
+        self.text = None
+        self.part = None
 
 
 floats = st.floats(allow_nan=False)
@@ -80,9 +80,8 @@ walls = st.builds(Wall, floats, st.lists(floats, max_size=3).map(tuple))
 steps = st.builds(Step, st.integers(), st.integers(0, 3))
 
 
-def through_json(thing: Snapshots) -> dict[str, Any]:
-    state: dict[str, Any] = json.loads(json.dumps(thing.snapshot()))
-    return state
+def through_json(thing):
+    return json.loads(json.dumps(thing.snapshot()))
 
 
 @pytest.mark.slow
@@ -91,7 +90,7 @@ def through_json(thing: Snapshots) -> dict[str, Any]:
     st.dictionaries(st.text(), floats), st.integers(), st.binary(min_size=4, max_size=4),
     st.floats(width=32, allow_nan=False),
 )  # fmt: skip
-def test_the_fields_that_are_no_arguments_go_through_json(records, aim, made, by_name, count, memory, number) -> None:
+def test_the_fields_that_are_no_arguments_go_through_json(records, aim, made, by_name, count, memory, number):
     law, again = Law(gain=2.0), Law(gain=3.0)
     law.records, law.aim, law.steps, law.by_name, law.part.count = records, aim, made, by_name, count
     law.memory[:], law.from_set_up = memory, 1.0
@@ -108,7 +107,7 @@ def test_the_fields_that_are_no_arguments_go_through_json(records, aim, made, by
 
 @given(st.sampled_from(Cause), st.lists(st.integers()), st.dictionaries(st.integers(), st.integers()),
        st.sets(st.sampled_from(["x", "y", "z"])), st.tuples(walls, walls), st.none() | st.text())  # fmt: skip
-def test_what_a_class_names_goes_through_json(cause, keys, scans, opened, pair, text) -> None:
+def test_what_a_class_names_goes_through_json(cause, keys, scans, opened, pair, text):
     machine, again = Machine(), Machine()
     machine.cause, machine._keys, machine.scans, machine.open, machine.pair, machine.text = (
         cause, deque(keys), scans, opened, pair, text
@@ -119,7 +118,7 @@ def test_what_a_class_names_goes_through_json(cause, keys, scans, opened, pair, 
     assert isinstance(again.cause, Cause)
 
 
-def test_a_state_that_lacks_something_is_refused() -> None:
+def test_a_state_that_lacks_something_is_refused():
     state = Part(3).snapshot()
     del state["count"]
     with pytest.raises(KeyError, match="count"):
@@ -129,23 +128,23 @@ def test_a_state_that_lacks_something_is_refused() -> None:
 class Store(ArraySnapshots):
     STATE = ("_observed", "feed_um_s", "lengths", "_last", "rows", "inner")
 
-    def __init__(self, size: int, inner: Store | None = None) -> None:
+    def __init__(self, size, inner=None):
         self._observed, self.feed_um_s, self._used = 0, 0.0, 0
-        self.lengths: list[int] = []
+        self.lengths = []
         self._last, self._room = np.zeros(size), np.zeros(8)
         self.inner = {1: inner} if inner else {}
 
     @property
-    def rows(self) -> np.ndarray[Any, Any]:
+    def rows(self):
         return self._room[: self._used]
 
     @rows.setter
-    def rows(self, rows: np.ndarray[Any, Any]) -> None:
+    def rows(self, rows):
         self._used = len(rows)
         self._room[: self._used] = rows
 
 
-def test_stores_go_through_a_file_of_arrays() -> None:
+def test_stores_go_through_a_file_of_arrays():
     store, again = Store(2, Store(3)), Store(2, Store(3))
     for number, each in enumerate((store, store.inner[1])):
         each._observed, each.feed_um_s, each.lengths, each._used = 5 + number, -0.1, [1, 2][number:], 3
@@ -164,6 +163,6 @@ def test_stores_go_through_a_file_of_arrays() -> None:
     assert type(again._observed) is int
 
 
-def test_an_array_of_another_shape_is_refused() -> None:
+def test_an_array_of_another_shape_is_refused():
     with pytest.raises(ValueError, match=r"a snapshot's last, \(2,\) of type float64, does not fit \(3,\)"):
         Store(3).restore(Store(2).snapshot())

@@ -38,7 +38,7 @@ HANGS = {
 @pytest.mark.parametrize(("where", "workers"), [
     ("in compiled code", 0), ("in Python", 1), ("waiting for a process", 1),
 ])  # fmt: skip
-def test_a_test_that_hangs_ends_with_its_stack(where: str, workers: int, tmp_path: Path) -> None:
+def test_a_test_that_hangs_ends_with_its_stack(where, workers, tmp_path):
     file = tmp_path / "test_hanging.py"
     file.write_text("def test_goes_on():\n    pass\n\n\ndef test_hangs():" + HANGS[where].replace("\n    ", "\n"))
     shutil.copy(ROOT / "tests" / "worker_stacks.py", tmp_path / "conftest.py")
@@ -55,6 +55,6 @@ def test_a_test_that_hangs_ends_with_its_stack(where: str, workers: int, tmp_pat
         assert "1 failed, 1 passed" in said  # the worker is replaced, and what is left is run
 
 
-def test_every_test_has_a_limit() -> None:
+def test_every_test_has_a_limit():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["pytest"]["ini_options"]
     assert (settings["timeout"], settings["timeout_method"]) == (120, "thread")

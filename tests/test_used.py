@@ -2,7 +2,6 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from .test_house import ROOT, modules, place, tree
@@ -12,9 +11,8 @@ OTHERS = ("docs", "examples", "notebooks", "models", "README.md", "pyproject.tom
 REASONS = {
     "EdmsimGap": "the FMU's runtime finds the class by its file",
     "VectorEnv": "the classes of vector environments are registered by the name of their task",
-    "_repr_html_": "notebooks show a result by it",
-    "_repr_png_": "notebooks show a figure by it",
-}
+    "_repr_html_": "notebooks show a result by it", "_repr_png_": "notebooks show a figure by it",
+}  # fmt: skip
 """Names, or ends of names, that nothing mentions, and who calls them."""
 PLAIN = {
     "abstractmethod", "cache", "cached_property", "classmethod", "compiled", "contextmanager", "dataclass",
@@ -34,13 +32,13 @@ class Definition(NamedTuple):
     owner: ast.ClassDef | None
 
 
-def decorators(node: ast.FunctionDef | ast.ClassDef) -> Iterator[str]:
+def decorators(node):
     for found in node.decorator_list:
         called = found.func if isinstance(found, ast.Call) else found
         yield called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
 
 
-def definitions(body: list[ast.stmt], file: str, owner: ast.ClassDef | None) -> Iterator[Definition]:
+def definitions(body, file, owner):
     """Functions, classes, methods and a module's constants; an enumeration in one assignment is one thing."""
     for node in body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
@@ -56,7 +54,7 @@ def definitions(body: list[ast.stmt], file: str, owner: ast.ClassDef | None) -> 
             yield from definitions(node.body, file, owner)
 
 
-def mentions(module: ast.Module) -> Iterator[str]:
+def mentions(module):
     """Every name that is read, imported under another name, or may be looked up by a text."""
     for node in ast.walk(module):
         match node:
@@ -68,8 +66,8 @@ def mentions(module: ast.Module) -> Iterator[str]:
                 yield from WORD.findall(text)
 
 
-def of_others() -> set[str]:
-    found: set[str] = set()
+def of_others():
+    found = set()
     for name in OTHERS:
         folder = ROOT / name
         for file in [folder] if folder.is_file() else folder.rglob("*"):
@@ -78,7 +76,7 @@ def of_others() -> set[str]:
     return found
 
 
-def documented() -> set[str]:
+def documented():
     """Classes whose members are part of the reference, and the bases of these."""
     pages = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "docs" / "api").glob("*.rst"))
     shown = set(re.findall(r"^\.\. autoclass:: (?:\w+\.)*(\w+)\n +:members:", pages, re.MULTILINE))
@@ -94,11 +92,11 @@ def documented() -> set[str]:
     return shown
 
 
-def bases(node: ast.ClassDef | None) -> list[str]:
+def bases(node):
     return [] if node is None else [ast.unparse(base).split("[")[0].split(".")[-1] for base in node.bases]
 
 
-def test_nothing_is_reached_by_tests_alone() -> None:
+def test_nothing_is_reached_by_tests_alone():
     used = {name for module in modules() for name in mentions(tree(module))} | of_others()
     shown = documented()
     own = {node.name for name in modules() for node in ast.walk(tree(name)) if isinstance(node, ast.ClassDef)}
@@ -118,7 +116,7 @@ def test_nothing_is_reached_by_tests_alone() -> None:
     assert not unused, "\n".join(unused)
 
 
-def test_the_reasons_have_a_use() -> None:
+def test_the_reasons_have_a_use():
     found = [each for module in modules() for each in definitions(tree(module).body, "", None)]
     names = {name for each in found for name in each.names}
     assert [end for end in REASONS if not any(name.endswith(end) for name in names)] == []

@@ -2,7 +2,6 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -10,27 +9,15 @@ from .test_house import ROOT, parsed
 
 CODE = ("edmsim", "controllers", "envs", "models", "docs", "examples", "tests")
 NAMES = {
-    "afresh": "isolated, again",
-    "asked": "requested, query",
-    "astray": "error, deviation",
-    "begun": "start, partial",
-    "beside": "lateral, margin, comparison",
-    "earned": "reward, return",
-    "given": "options, overrides",
-    "kept": "stored, cached, chosen",
-    "seen": "observation, measured",
-    "strayed": "following_error",
-    "strung": "string",
-    "swing": "oscillation",
-    "told": "message, document, status",
-    "wanted": "target, expected, requested",
-    "whoever": "user, caller",
-    "worth": "score, result",
-}
+    "afresh": "isolated, again", "asked": "requested, query", "astray": "error, deviation", "begun": "start, partial",
+    "beside": "lateral, margin, comparison", "earned": "reward, return", "given": "options, overrides",
+    "kept": "stored, cached, chosen", "seen": "observation, measured", "strayed": "following_error",
+    "strung": "string", "swing": "oscillation", "told": "message, document, status",
+    "wanted": "target, expected, requested", "whoever": "user, caller", "worth": "score, result",
+}  # fmt: skip
 """Words that no name may have among its parts, and what to call such a thing instead."""
 PROSE = {
-    r"\b[Aa]fresh\b": "again",
-    r"\bastray\b": "out of range, away from the path",
+    r"\b[Aa]fresh\b": "again", r"\bastray\b": "out of range, away from the path",
     r"\b(?:is|are|was|were|be|been|being|if|as) told\b": "is reported, is recorded, is set",
     r"\b[Tt]old (?:of|apart|by|what)\b": "called with, distinguished, found by",
     r"\b[Ww]hoever\b": "the user, the caller, the controller",
@@ -49,7 +36,7 @@ BLANKS = re.compile(r"\s+")
 
 
 @cache
-def files(ending: str) -> list[Path]:
+def files(ending):
     """Files of the product, its pages and examples, and tests; links within `edmsim` lead to these folders."""
     found = [file for folder in CODE for file in sorted((ROOT / folder).rglob(f"*{ending}"))]
     left_out = [ROOT / name for name in ("edmsim/controllers", "edmsim/envs", "edmsim/models", "docs/notebooks")]
@@ -57,7 +44,7 @@ def files(ending: str) -> list[Path]:
     return [file for file in found if not any(map(file.is_relative_to, left_out))]
 
 
-def names(tree: ast.Module) -> Iterator[tuple[str, int]]:
+def names(tree):
     """Every name that a file gives to something."""
     for node in ast.walk(tree):
         match node:
@@ -67,7 +54,7 @@ def names(tree: ast.Module) -> Iterator[tuple[str, int]]:
                 yield name, node.lineno
 
 
-def texts(file: Path) -> Iterator[tuple[str, int]]:
+def texts(file):
     """Docstrings, messages and comments of a file, or the paragraphs of a page."""
     source = file.read_text(encoding="utf-8")
     if file.suffix == ".py":
@@ -81,7 +68,7 @@ def texts(file: Path) -> Iterator[tuple[str, int]]:
             yield paragraph[0], source.count("\n", 0, paragraph.start()) + 1
 
 
-def test_names_are_terms_of_the_field() -> None:
+def test_names_are_terms_of_the_field():
     found = []
     for file in files(".py"):
         for name, line in names(parsed(file)):
@@ -93,7 +80,7 @@ def test_names_are_terms_of_the_field() -> None:
     assert not found, "\n".join(found)
 
 
-def test_texts_have_no_private_phrases() -> None:
+def test_texts_have_no_private_phrases():
     phrases = [(re.compile(phrase), instead) for phrase, instead in PROSE.items()]
     found = []
     for file in [*files(".py"), *files(".md"), ROOT / "README.md"]:

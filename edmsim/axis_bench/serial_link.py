@@ -81,8 +81,8 @@ class Sender:
             return
         if abs(self.input_baud / self.baud - 1) < 1e-6:
             bit_ns = 1e9 / self.baud
-            ends = (start_ns + round((k * BITS + BITS) * bit_ns) for k in range(len(data)))
-            self._coming.extend(Byte(value, at_ns, True) for value, at_ns in zip(data, ends, strict=True))
+            for k, value in enumerate(data, 1):
+                self._coming.append(Byte(value, start_ns + round(k * BITS * bit_ns), True))
         else:
             self._coming.extend(read_levels(levels_of(data), self.baud, start_ns, self.input_baud))
 

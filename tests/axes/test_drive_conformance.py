@@ -1,6 +1,5 @@
 """Every drive by name passes `check_drive`, which refuses what a plant could not work with."""
 
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,22 +11,22 @@ from edmsim.errors import InputError
 
 
 @sample
-def _too_much(drive_at: Any, axis_at: Any) -> None:
+def _too_much(drive_at, axis_at):
     carray(drive_at, 1)[0].command = 1.5
 
 
 @sample
-def _moves_its_axis(drive_at: Any, axis_at: Any) -> None:
+def _moves_its_axis(drive_at, axis_at):
     carray(axis_at, 1)[0].place_um = 0.5
 
 
 @sample
-def _skips_time(drive_at: Any, axis_at: Any) -> None:
+def _skips_time(drive_at, axis_at):
     carray(drive_at, 1)[0].due_ns += 1
 
 
 @sample
-def _no_number(drive_at: Any, axis_at: Any) -> None:
+def _no_number(drive_at, axis_at):
     carray(drive_at, 1)[0].command = np.nan
 
 
@@ -37,15 +36,11 @@ def test_drives_conform(name):
     axes.check_drive(lambda: axes.make(name))
 
 
-@pytest.mark.parametrize(
-    ("function", "reason"),
-    [
-        (_too_much, "commands 1.5 of its supply"),
-        (_moves_its_axis, "writes into its axis' row"),
-        (_skips_time, "writes what is the plant's"),
-        (_no_number, "commands nan"),
-    ],
-)
+@pytest.mark.parametrize(("function", "reason"), [
+    (_too_much, "commands 1.5 of its supply"),
+    (_moves_its_axis, "writes into its axis' row"),
+    (_skips_time, "writes what is the plant's"), (_no_number, "commands nan"),
+])  # fmt: skip
 def test_a_sample_that_oversteps_is_refused(function, reason):
     kind = type("Own", (PositionServo,), {"sample": function})
     globals()["Own"] = kind

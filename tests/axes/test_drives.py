@@ -4,7 +4,6 @@ import copy
 import pickle
 import subprocess
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.servo import KP, PositionServo
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError
-from edmsim.plant.axes.drives import Drives
 from edmsim.plant.axes.rapid import straight_moves
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.workpiece.kerf_field import Stock
@@ -29,18 +27,18 @@ WINDOW_NS = 25_500_000
 
 
 @sample
-def _nan(drive_at: Any, axis_at: Any) -> None:
+def _nan(drive_at, axis_at):
     drive = carray(drive_at, 1)[0]
     drive.command = np.nan if drive.index > 150 else 0.0
 
 
 @sample
-def _full_speed(drive_at: Any, axis_at: Any) -> None:
+def _full_speed(drive_at, axis_at):
     carray(drive_at, 1)[0].command = 1.0
 
 
 @sample
-def _count_samples(drive_at: Any, axis_at: Any) -> None:
+def _count_samples(drive_at, axis_at):
     drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
     drive.reg[0] += 1
     drive.reg[1] = axis.time_ns
@@ -308,7 +306,7 @@ def test_a_plant_with_another_drive_compiles_nothing(machine):
 MECHANICS = ("modal", "mujoco")
 
 
-def drives_of(plant) -> Drives:
+def drives_of(plant):
     return plant._drives
 
 

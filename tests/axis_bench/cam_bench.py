@@ -1,7 +1,5 @@
 """A control with ELCAM on its bench, and tables for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A velocity amplifier, index marks, a home cam and a shared output on the bench: each alone, and what it changes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -28,16 +26,13 @@ def speed_at(volts, **changes):
     return float(bench.axis()["speed_rad_s"])
 
 
-@pytest.mark.parametrize(
-    ("volts", "changes", "found"),
-    [
-        (-10.0, {}, -10.0), (-3.0, {}, -3.0), (0.5, {}, 0.5), (10.0, {}, 10.0),
-        (5.0, {"gain_error": 0.03}, 5.15), (-5.0, {"gain_error": 0.03}, -5.15),  # what a screwdriver has left
-        (5.0, {"asymmetry": 0.02}, 5.05), (-5.0, {"asymmetry": 0.02}, -4.95),
-        (5.0, {"offset_V": 0.1}, 5.1), (-5.0, {"offset_V": 0.1}, -4.9),
-        (9.0, {"offset_V": 0.5}, 9.5), (10.0, {"offset_V": 0.5}, 10.0),  # the input saturates
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("volts", "changes", "found"), [
+    (-10.0, {}, -10.0), (-3.0, {}, -3.0), (0.5, {}, 0.5), (10.0, {}, 10.0),
+    (5.0, {"gain_error": 0.03}, 5.15), (-5.0, {"gain_error": 0.03}, -5.15),  # what a screwdriver has left
+    (5.0, {"asymmetry": 0.02}, 5.05), (-5.0, {"asymmetry": 0.02}, -4.95),
+    (5.0, {"offset_V": 0.1}, 5.1), (-5.0, {"offset_V": 0.1}, -4.9),
+    (9.0, {"offset_V": 0.5}, 9.5), (10.0, {"offset_V": 0.5}, 10.0),  # the input saturates
+])  # fmt: skip
 def test_speed_follows_the_reference(volts, changes, found):
     assert speed_at(volts, **changes) == pytest.approx(found * VOLT, rel=2e-3)
 

@@ -1,7 +1,5 @@
 """What the bench's boards do: step pulses, fault net, time to compute, watchdog, reset, serial line; and how fast."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

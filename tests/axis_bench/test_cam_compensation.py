@@ -1,7 +1,5 @@
 """Axes of a table with errors of screws and ways, and the tables that compensate them, in the control's loops."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Axes on the bench follow cam tables: interpolation, repetition, gain, master sources, rows; curves and ramps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

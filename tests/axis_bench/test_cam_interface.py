@@ -1,7 +1,5 @@
 """The object interface of the cam tables: addresses, rights, registers; the bench's axes show the effect."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the bench's axes do: motor, supply, bridge, friction, backlash, encoder, and spikes on its wires."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The bench refuses what is not a number at once, by either mechanics; an axis that runs away ends the run."""
 
-from __future__ import annotations
-
 import faulthandler
 import math
 import runpy
@@ -16,29 +14,23 @@ from edmsim.errors import EdmsimError, InputError
 
 CASE = Path(__file__).parents[2].parent / "shared/data/cases/42-force-that-is-no-number.py"
 INPUTS = {
-    "force": lambda bench, x: bench.force("x", x),
-    "torque": lambda bench, x: bench.torque("x", x),
-    "supply": lambda bench, x: bench.supply("x", x),
-    "rail": lambda bench, x: bench.rail("x", x),
-    "run": lambda bench, x: bench.run(x),
-    "run_to": lambda bench, x: bench.run_to(x),
-    "stall": lambda bench, x: bench.stall("x", x),
-    "power_cycle": lambda bench, x: bench.power_cycle("x", x),
+    "force": lambda bench, x: bench.force("x", x), "torque": lambda bench, x: bench.torque("x", x),
+    "supply": lambda bench, x: bench.supply("x", x), "rail": lambda bench, x: bench.rail("x", x),
+    "run": lambda bench, x: bench.run(x), "run_to": lambda bench, x: bench.run_to(x),
+    "stall": lambda bench, x: bench.stall("x", x), "power_cycle": lambda bench, x: bench.power_cycle("x", x),
     "host_baud": lambda bench, x: bench.host_baud(x),
     "pulse_encoder": lambda bench, x: bench.pulse_encoder("x", "A", x),
-    "slip_encoder": lambda bench, x: bench.slip_encoder("x", x),
-    "steps": lambda bench, x: bench.steps("x", x),
+    "slip_encoder": lambda bench, x: bench.slip_encoder("x", x), "steps": lambda bench, x: bench.steps("x", x),
     "rate_Hz": lambda bench, x: bench.steps("x", 5, rate_Hz=x),
     "accel_Hz_s": lambda bench, x: bench.steps("x", 5, 100.0, x),
     "step_times": lambda bench, x: bench.step_times("x", [100, x], 1),
     "direction": lambda bench, x: bench.step_times("x", [100], x),
-    "low_um": lambda bench, x: bench.home_cam("x", x, 5.0),
-    "high_um": lambda bench, x: bench.home_cam("x", 0.0, x),
+    "low_um": lambda bench, x: bench.home_cam("x", x, 5.0), "high_um": lambda bench, x: bench.home_cam("x", 0.0, x),
     "hysteresis_um": lambda bench, x: bench.home_cam("x", 0.0, 5.0, hysteresis_um=x),
     "bounce_s": lambda bench, x: bench.home_cam("x", 0.0, 5.0, bounce_s=x),
     "filter_s": lambda bench, x: bench.home_cam("x", 0.0, 5.0, filter_s=x),
     "flip_bits": lambda bench, x: bench.flip_bits("x", [x]),
-}
+}  # fmt: skip
 BY_HAND = {
     "hand_N": lambda bench, x: bench.axis("x").__setitem__("hand_N", x),
     "hand_Nm": lambda bench, x: bench.axis("x").__setitem__("hand_Nm", x),

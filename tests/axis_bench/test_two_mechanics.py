@@ -1,7 +1,5 @@
 """The bench under MuJoCo: the machine's table moves as under edmsim's own integrator, and its ends stop it."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The benchmark's figures are there, positive and of the same run."""
 
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import gymnasium
 import pytest
@@ -12,7 +10,7 @@ from edmsim.errors import InputError
 
 
 @pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
+def short(monkeypatch):
     """A few windows only, and no new process."""
     for name, value in (
         ("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 4), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
@@ -31,7 +29,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 @pytest.mark.usefixtures("short")
-def test_figures() -> None:
+def test_figures():
     measured = figures.measure()
     assert {"pulses_per_s", "realtime_factor", "cold_start_s"} <= set(measured)
     assert {"vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"} <= set(measured)
@@ -45,17 +43,15 @@ def test_figures() -> None:
 
 
 @pytest.mark.usefixtures("short")
-def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads(
-    load_script: Callable[[Path], ModuleType],
-) -> None:
+def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads(load_script):
     script = load_script(Path(__file__).parents[2] / "docs" / "make" / "vector_envs.py")
     rows = script.table(counts=(1, 3), threads=(1, 2))
     assert [(row.environments, row.threads) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
     assert all(row.windows_per_s > 0 and row.processor_us > 0 for row in rows)
 
 
-def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(*_: object, **__: object) -> None:
+def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch):
+    def missing(*_, **__):
         raise gymnasium.error.DependencyNotInstalled("imageio")
 
     monkeypatch.setattr(gymnasium, "make_vec", missing)
@@ -63,7 +59,7 @@ def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch: 
         figures._half_cheetahs(2)
 
 
-def test_cold_start_includes_a_window_of_pulses() -> None:
+def test_cold_start_includes_a_window_of_pulses():
     scope: dict[str, object] = {}
     exec(plant._COLD, scope)
     assert scope["plant"].pulses == 255  # type: ignore[attr-defined]

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ print(json.dumps({"steps_per_s": edmsim.SPEED}))
 
 
 @pytest.fixture
-def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def checkout(tmp_path, monkeypatch):
     """A checkout of another package of this name: at its one commit half as fast as it stands there now."""
     if shutil.which("git") is None:
         pytest.skip("needs git")
@@ -47,12 +46,12 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return root
 
 
-def left() -> list[Path]:
+def left():
     return [file for file in (user_folder() / "revisions").rglob("*") if file.is_file()]
 
 
 @pytest.mark.slow
-def test_both_take_turns_after_each_has_compiled(checkout: Path, tmp_path: Path) -> None:
+def test_both_take_turns_after_each_has_compiled(checkout, tmp_path):
     found = pairs.compare("HEAD", 3)
     runs = [json.loads(line) for line in (tmp_path / "runs").read_text().splitlines()]
     assert [speed for _, speed, _ in runs] == [4.0, 2.0, 4.0, 2.0, 2.0, 4.0, 4.0, 2.0]
@@ -67,8 +66,8 @@ def test_both_take_turns_after_each_has_compiled(checkout: Path, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_an_interrupt_leaves_no_files(checkout: Path) -> None:
-    def interrupt(name: str) -> None:
+def test_an_interrupt_leaves_no_files(checkout):
+    def interrupt(name):
         if name.startswith("pair 1"):
             assert left()
             raise KeyboardInterrupt
@@ -79,7 +78,7 @@ def test_an_interrupt_leaves_no_files(checkout: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_revision_that_does_not_run_is_named_with_its_last_line(checkout: Path) -> None:
+def test_a_revision_that_does_not_run_is_named_with_its_last_line(checkout):
     pairs.PROGRAM.write_text("raise TypeError('no such argument')")
     with pytest.raises(EdmsimError, match=r"this checkout cannot be timed: TypeError: no such argument$"):
         pairs.compare("HEAD", 1)
@@ -87,7 +86,7 @@ def test_a_revision_that_does_not_run_is_named_with_its_last_line(checkout: Path
 
 
 @pytest.mark.slow
-def test_only_one_comparison_with_a_revision_is_under_way(checkout: Path) -> None:
+def test_only_one_comparison_with_a_revision_is_under_way(checkout):
     commit = pairs.commit_of("HEAD")
     with (
         pairs.checkout(commit),
@@ -96,15 +95,13 @@ def test_only_one_comparison_with_a_revision_is_under_way(checkout: Path) -> Non
         pass
 
 
-def test_an_unknown_revision_is_refused(checkout: Path) -> None:
+def test_an_unknown_revision_is_refused(checkout):
     for name in ("nosuch", "--all", ""):
         with pytest.raises(InputError, match=f"has no revision '{name}': name a commit, a tag or a branch"):
             pairs.commit_of(name)
 
 
-def test_without_a_checkout_there_is_nothing_to_compare_with(
-    checkout: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_checkout_there_is_nothing_to_compare_with(checkout, monkeypatch):
     elsewhere = checkout.parent / "site-packages"
     elsewhere.mkdir()
     for place in (elsewhere, checkout / "edmsim"):  # the latter: installed within the checkout of something else
@@ -113,13 +110,13 @@ def test_without_a_checkout_there_is_nothing_to_compare_with(
             pairs.commit_of("HEAD")
 
 
-def test_without_git_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_git_it_says_so(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match="install git"):
         pairs.commit_of("HEAD")
 
 
-def test_a_comparison_is_a_table_and_numbers() -> None:
+def test_a_comparison_is_a_table_and_numbers():
     found = pairs.Pairs("0123456789abcdef", {"steps_per_s": np.array([11.0, 12.0, 39.0])},
                         {"steps_per_s": np.array([10.0, 10.0, 10.0])})  # fmt: skip
     numbers = json.loads(json.dumps(pairs.as_numbers(found)))
@@ -135,7 +132,7 @@ def test_a_comparison_is_a_table_and_numbers() -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)  # where nothing is compiled yet
-def test_the_program_measures_this_checkout(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+def test_the_program_measures_this_checkout(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["subject.py", str(pairs.ROOT), *pairs.COMPILING])
     subject.main()
     rates = json.loads(capsys.readouterr().out)

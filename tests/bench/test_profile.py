@@ -4,7 +4,6 @@ import inspect
 import itertools
 import json
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -22,22 +21,22 @@ FOUND = {
 class Turning:
     """A part that is another one at every look."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._parts = itertools.cycle(range(len(profile.PARTS) + 1))
 
-    def __call__(self) -> int:
+    def __call__(self):
         return next(self._parts)
 
 
 @pytest.mark.slow
-def test_shares_add_up_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    def unmarked(_: object, *shape: int, parts: tuple[tuple[str, ...], ...]) -> tuple[object, Turning]:
+def test_shares_add_up_to_one(monkeypatch):
+    def unmarked(_, *shape, parts):
         assert parts[0] == ("edmsim.plant.gap.pulse_outcome.sum_rays",)
         return window_function(*shape, False), Turning()
 
     for name, value in (("marked", unmarked), ("LOOKS", 1000), ("ROUNDS", 5), ("SETTLE_WINDOWS", profile.BATCH)):
         monkeypatch.setattr(profile, name, value)
-    started: list[str] = []
+    started = []
     found = profile.profile(started.append)
     assert list(found) == ["fast", "default"]
     assert len(started) == 4
@@ -51,7 +50,7 @@ def test_shares_add_up_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found["fast"].ns_per_pulse < found["default"].ns_per_pulse
 
 
-def test_every_function_of_a_part_is_there_and_of_one_part_only() -> None:
+def test_every_function_of_a_part_is_there_and_of_one_part_only():
     names = [name for names in profile.PARTS.values() for name in names]
     assert len(set(names)) == len(names)
     for name in names:
@@ -60,14 +59,14 @@ def test_every_function_of_a_part_is_there_and_of_one_part_only() -> None:
         assert inspect.unwrap(getattr(found, "py_func", found)).__module__ == f"edmsim.plant.{module}"
 
 
-def test_a_system_without_such_clocks_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_without_such_clocks_says_so(monkeypatch):
     monkeypatch.delattr(profile.time, "pthread_getcpuclockid")
     with pytest.raises(EdmsimError, match="profile on Linux"):
         profile._clock_of(0)
 
 
 @pytest.mark.slow
-def test_a_profile_is_a_table_numbers_and_a_picture(tmp_path: Path) -> None:
+def test_a_profile_is_a_table_numbers_and_a_picture(tmp_path):
     with (console := Console(width=100)).capture() as shown:
         console.print(profile.render(FOUND))
     assert {"220", "55.0", "495", "400", "909", "100.0"} <= set(shown.get().replace("│", " ").split())

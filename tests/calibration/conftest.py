@@ -1,8 +1,5 @@
 """A simulated log of a machine whose constants are known, at two feeds."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,16 +8,14 @@ import pytest
 
 import edmsim
 from edmsim.calibration.log import COLUMNS
-from edmsim.controllers import FeedController, make
+from edmsim.controllers import make
 from edmsim.cosim.straight import Traverse, begin
 from edmsim.machine.ranges import with_values
 
 TRUTH = {"gap.particle_share": 0.07, "material.removal_mm3_J": 7.5e-3}
 
 
-def simulated_log(
-    machine: edmsim.Machine, feeds: Sequence[float | FeedController], seed: int, windows: int = 990
-) -> pa.Table:
+def simulated_log(machine, feeds, seed, windows=990):
     """Cut straight at one feed after the other, or a controller's, and keep what a machine shows of it."""
     rows = []
     for number, feed in enumerate(feeds):
@@ -34,7 +29,7 @@ def simulated_log(
 
 
 @pytest.fixture(scope="session")
-def known() -> SimpleNamespace:
+def known():
     """Give the set-up as its files have it, the constants of the machine that was logged, and its log."""
     machine = edmsim.Machine.load(height_mm=10.0)
     table = simulated_log(with_values(machine, TRUTH), (22, 34), 900)
@@ -42,7 +37,7 @@ def known() -> SimpleNamespace:
 
 
 @pytest.fixture(scope="session")
-def steered() -> SimpleNamespace:
+def steered():
     """Give the same of a machine that removes little and was logged under the count law, near its greatest feed.
 
     With the files' constants a cut at the feed of that log stands mostly open; with a little less removal it jams.

@@ -6,10 +6,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -29,16 +26,15 @@ from edmsim.cli.console import INTERRUPTED
 from edmsim.cosim.straight import Traverse
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.ranges import share_of, value_at, with_values
-from edmsim.plant.window import PulseWindow
 from edmsim.runs import RunTable
 
 
-def log_of(table: pa.Table) -> Log:
+def log_of(table):
     return Log("known", {name: table[name].to_numpy() for name in COLUMNS})
 
 
 @pytest.fixture(scope="module", autouse=True)
-def short() -> Iterator[None]:
+def short():
     """Compare two stretches, which settle over a third of a millimetre: a tenth of the time, with the same bars."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("edmsim.calibration.fit.MOST_STRETCHES", 2)
@@ -48,28 +44,24 @@ def short() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(tmp_path_factory):
     """File of the cuts that `recovered` simulates."""
     return tmp_path_factory.mktemp("fit") / "runs.jsonl"
 
 
 @pytest.fixture(scope="module")
-def recovered(known: SimpleNamespace, runs: Path) -> Fit:
+def recovered(known, runs):
     """Give what is found of two known constants and one that no log of a short time can tell."""
     constants = [*known.truth, "wire.strength_MPa"]
     return calibrate(log_of(known.table), known.machine, constants, seed=3, table=RunTable(runs))
 
 
 @pytest.mark.slow
-def test_a_resumed_fit_equals_the_uninterrupted_one(
-    known: SimpleNamespace, recovered: Fit, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_resumed_fit_equals_the_uninterrupted_one(known, recovered, runs, tmp_path, monkeypatch):
     made, part = list[int](), tmp_path / "part.jsonl"
     lines = runs.read_bytes().splitlines(keepends=True)
     part.write_bytes(b"".join(lines[:-2]) + lines[-2][:40])  # killed while it wrote the last but one
-    monkeypatch.setattr(
-        "edmsim.calibration.comparison.simulate", lambda *args: made.append(1) or simulate(*args)
-    )
+    monkeypatch.setattr("edmsim.calibration.comparison.simulate", lambda *args: made.append(1) or simulate(*args))
     resumed = calibrate(
         log_of(known.table), known.machine, [*known.truth, "wire.strength_MPa"], seed=3, table=RunTable(part)
     )
@@ -78,7 +70,7 @@ def test_a_resumed_fit_equals_the_uninterrupted_one(
 
 
 @pytest.mark.slow
-def test_known_constants_come_back_within_their_intervals(known: SimpleNamespace, recovered: Fit) -> None:
+def test_known_constants_come_back_within_their_intervals(known, recovered):
     assert [constant.name for constant in recovered.constants] == list(known.truth)
     for constant in recovered.constants:
         low, high = constant.interval
@@ -89,7 +81,7 @@ def test_known_constants_come_back_within_their_intervals(known: SimpleNamespace
 
 
 @pytest.mark.slow
-def test_a_log_made_under_a_gap_controller_is_fitted(steered: SimpleNamespace) -> None:
+def test_a_log_made_under_a_gap_controller_is_fitted(steered):
     """The statistics are judged where the log was made: where the search begins other shares of pulses are open.
 
     The controller has a few shorts less than the fixed feed of the comparison, which bends both constants a little.
@@ -105,13 +97,13 @@ def test_a_log_made_under_a_gap_controller_is_fitted(steered: SimpleNamespace) -
 
 
 @pytest.mark.slow
-def test_what_the_log_cannot_tell_keeps_its_value(known: SimpleNamespace, recovered: Fit) -> None:
+def test_what_the_log_cannot_tell_keeps_its_value(known, recovered):
     assert recovered.undetermined == {"wire.strength_MPa": "the statistics do not depend on it"}
     assert recovered.machine.wire == known.machine.wire
 
 
 @pytest.mark.slow
-def test_the_fitted_set_up_can_be_cut_with(known: SimpleNamespace, recovered: Fit, tmp_path: Path) -> None:
+def test_the_fitted_set_up_can_be_cut_with(known, recovered, tmp_path):
     files = write(recovered, "known.parquet", tmp_path / "fitted.toml")
     assert {part: file.name for part, file in files.items()} == {
         "machine": "fitted.toml", "material": "fitted-material.toml"
@@ -127,7 +119,7 @@ def test_the_fitted_set_up_can_be_cut_with(known: SimpleNamespace, recovered: Fi
 
 
 @pytest.mark.slow
-def test_a_log_that_tells_nothing_is_refused(known: SimpleNamespace) -> None:
+def test_a_log_that_tells_nothing_is_refused(known):
     one = log_of(known.table.slice(0, 990))
     with pytest.raises(edmsim.InputError, match=r"none of the constants \(wire.strength_MPa: the statistics do"):
         calibrate(one, known.machine, ["wire.strength_MPa"])
@@ -136,13 +128,10 @@ def test_a_log_that_tells_nothing_is_refused(known: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_prints_and_writes_what_was_fitted(
-    known: SimpleNamespace, recovered: Fit, log_file: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+def test_the_command_prints_and_writes_what_was_fitted(known, recovered, log_file, monkeypatch, capsys):  # fmt: skip
     """It fits with the settings of the command line, and prints what that gave; here the fit above."""
 
-    def fitted(log: Log, machine: edmsim.Machine, only: list[str], **options: Any) -> Fit:
+    def fitted(log, machine, only, **options):
         assert (list(only), options["seed"], len(log)) == (["material.removal_mm3_J"], 5, 990)
         assert machine == known.machine
         return recovered
@@ -160,7 +149,7 @@ def test_the_command_prints_and_writes_what_was_fitted(
     edmsim.Machine.load(str(out), material=document["files"]["material"])
 
 
-def test_the_logged_machine_has_the_logs_statistics(known: SimpleNamespace) -> None:
+def test_the_logged_machine_has_the_logs_statistics(known):
     stretch = stretches(log_of(known.table), 325.0)[0]
     right, wrong = (
         Stretch(0, 22.0, 30.0, 100.0, simulate(machine, stretch, STRETCH_WINDOWS, 1, "fast")).mean - stretch.mean
@@ -171,13 +160,11 @@ def test_the_logged_machine_has_the_logs_statistics(known: SimpleNamespace) -> N
     assert np.abs(wrong / noise).max() > 15
 
 
-def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(
-    known: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(known, monkeypatch):
     settled_um, run = [], Traverse.run
     monkeypatch.setattr("edmsim.calibration.comparison.WHOLLY_SETTLED_DIAMETERS", 5.0)
 
-    def briefly(traverse: Traverse, seconds: float) -> list[PulseWindow]:
+    def briefly(traverse, seconds):
         settled_um.append(22.0 * seconds)
         return run(traverse, 0.1)
 
@@ -187,7 +174,7 @@ def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(
     assert settled_um == pytest.approx([325.0, 700.0, 1250.0])
 
 
-def test_a_wire_driven_into_the_metal_counts_as_shorted(known: SimpleNamespace) -> None:
+def test_a_wire_driven_into_the_metal_counts_as_shorted(known):
     stretch = stretches(log_of(known.table), 325.0)[0]
     jammed = Stretch(0, 350.0, stretch.t_on_us, stretch.t_period_us, stretch.batches)
     batches = simulate(known.machine, jammed, 80, 0, "fast")
@@ -195,11 +182,11 @@ def test_a_wire_driven_into_the_metal_counts_as_shorted(known: SimpleNamespace) 
 
 
 @given(st.floats(0.0, 1.0), st.sampled_from([(1.0, 2.0), (0.0, 20.0), (1e-7, 7e-7), (5.0, 20.0), (5e3, 2e5)]))
-def test_a_share_of_a_range_and_its_value_are_one(share: float, bounds: tuple[float, float]) -> None:
+def test_a_share_of_a_range_and_its_value_are_one(share, bounds):
     assert share_of(bounds, value_at(bounds, share)) == pytest.approx(share, abs=1e-9)
 
 
-def test_correlated_errors_are_reported() -> None:
+def test_correlated_errors_are_reported():
     constants = tuple(FittedConstant(name, 1.0, 1.0, (0.9, 1.1), (0.0, 2.0), "") for name in ("gap.a", "gap.b"))
     none = np.zeros((0, 5))
     fit = Fit(edmsim.Machine.load(), constants, {}, np.array([[1.0, -0.97], [-0.97, 1.0]]), 1.0, [], none, none)
@@ -211,7 +198,7 @@ def test_correlated_errors_are_reported() -> None:
 # --- refusals ---
 
 
-def test_constants_that_cannot_be_fitted_are_refused(known: SimpleNamespace) -> None:
+def test_constants_that_cannot_be_fitted_are_refused(known):
     log = log_of(known.table)
     for only, said in ((["gap.nonsense"], "'gap.nonsense' is not a section or constant"),
                        (["gap.contact_um"], "'gap.contact_um' is not a section or constant with")):  # fmt: skip
@@ -221,18 +208,18 @@ def test_constants_that_cannot_be_fitted_are_refused(known: SimpleNamespace) -> 
         calibrate(log, known.machine, ["gap", "discharge", "dielectric", "guides"])
 
 
-def test_a_log_without_a_steady_stretch_is_refused(known: SimpleNamespace) -> None:
+def test_a_log_without_a_steady_stretch_is_refused(known):
     with pytest.raises(edmsim.InputError, match="known: no steady stretch of 400 windows"):
         calibrate(log_of(known.table.slice(0, 300)), known.machine)
 
 
-def test_a_setting_the_generator_refuses_is_refused(known: SimpleNamespace) -> None:
+def test_a_setting_the_generator_refuses_is_refused(known):
     strong = log_of(known.table.set_column(6, "t_on_us", pa.array(np.full(len(known.table), 90.0))))
     with pytest.raises(edmsim.InputError, match="above the generator's 2 A"):
         calibrate(strong, known.machine)
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+def run(monkeypatch, *arguments):
     monkeypatch.setattr(sys, "argv", ["edmsim", "calibrate", *map(str, arguments)])
     with pytest.raises(SystemExit) as left:
         cli.main()
@@ -240,25 +227,22 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 
 
 @pytest.fixture
-def log_file(known: SimpleNamespace, tmp_path: Path) -> Path:
+def log_file(known, tmp_path):
     pa.parquet.write_table(known.table.slice(0, 990), tmp_path / "log.parquet")
     return tmp_path / "log.parquet"
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--out", "fitted.json"), "the fitted machine is written as .toml"),
-        (("--out", "missing/fitted.toml"), "cannot be written: No such file"),
-        (("--out", "fitted.toml", "--fit", "gap.nonsense"), "'gap.nonsense' is not a section"),
-        (("--out", "fitted.toml", "--resolution", "finest"), "finest"),
-        (("--out", "fitted.toml", "--material", "butter"), "unknown material 'butter'"),
-    ],
-)
+@pytest.mark.parametrize(("options", "said"), [
+    (("--out", "fitted.json"), "the fitted machine is written as .toml"),
+    (("--out", "missing/fitted.toml"), "cannot be written: No such file"),
+    (("--out", "fitted.toml", "--fit", "gap.nonsense"), "'gap.nonsense' is not a section"),
+    (("--out", "fitted.toml", "--resolution", "finest"), "finest"),
+    (("--out", "fitted.toml", "--material", "butter"), "unknown material 'butter'"),
+])  # fmt: skip
 def test_bad_usage_is_one_line_and_2_and_nothing_is_written(
-    log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], options: tuple[str, ...],
-    said: str,
-) -> None:  # fmt: skip
+    log_file, monkeypatch, capsys, options,
+    said,
+):  # fmt: skip
     monkeypatch.chdir(log_file.parent)
     assert run(monkeypatch, log_file, *options) == 2
     document = capsys.readouterr()
@@ -276,17 +260,15 @@ class Compared(NamedTuple):
 
 
 @pytest.fixture
-def compared(
-    known: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., Compared]:
+def compared(known, tmp_path, monkeypatch, capsys):
     """Calibrate with the log of a cut of these settings, up to the first simulated cut."""
-    comparisons: list[tuple[edmsim.Machine, str]] = []
+    comparisons = []
 
-    def stop(machine: edmsim.Machine, stretch: Stretch, windows: int, seed: int, resolution: str) -> None:
+    def stop(machine, stretch, windows, seed, resolution):
         comparisons.append((machine, resolution))
         raise KeyboardInterrupt
 
-    def run_with(settings: CutSettings | None, *options: object) -> Compared:
+    def run_with(settings, *options):
         metadata = None if settings is None else {METADATA_KEY: settings.model_dump_json()}
         log = tmp_path / "log.parquet"
         pa.parquet.write_table(known.table.slice(0, 990).replace_schema_metadata(metadata), log)
@@ -297,7 +279,7 @@ def compared(
     return run_with
 
 
-def test_a_log_is_compared_at_the_settings_it_was_cut_with(compared: Callable[..., Compared]) -> None:
+def test_a_log_is_compared_at_the_settings_it_was_cut_with(compared):
     settings = CutSettings(
         height_mm=10, material="copper", wire="brass-200", tension=9, generator="ignition-pulse", t_on_us=15,
         t_period_us=120, resolution="default", seed=4,
@@ -307,7 +289,7 @@ def test_a_log_is_compared_at_the_settings_it_was_cut_with(compared: Callable[..
     assert said == "edmsim: interrupted; run the same command to resume\n"
 
 
-def test_options_hold_against_the_log_and_are_reported(compared: Callable[..., Compared]) -> None:
+def test_options_hold_against_the_log_and_are_reported(compared):
     settings = CutSettings(height_mm=10, material="copper", resolution="default")
     machine, resolution, said = compared(settings, "--height", 20, "--material", "copper", "--resolution", "fast")
     assert (machine.height_mm, machine.material_name, resolution) == (20.0, "copper", "fast")
@@ -317,7 +299,7 @@ def test_options_hold_against_the_log_and_are_reported(compared: Callable[..., C
     ]
 
 
-def test_of_a_log_whose_workpiece_changed_its_height_the_greatest_is_taken(compared: Callable[..., Compared]) -> None:
+def test_of_a_log_whose_workpiece_changed_its_height_the_greatest_is_taken(compared):
     machine, _, said = compared(CutSettings(height_mm=10, heights=[(1, 12)]))
     assert machine.height_mm == 12.0
     assert "the height changed in the cut of this log: 12 mm is taken for all of it" in said
@@ -326,7 +308,7 @@ def test_of_a_log_whose_workpiece_changed_its_height_the_greatest_is_taken(compa
 OVERRIDES = {"gap.critical_um": 9.5, "material.burning_voltage_V": 23.0, "gap.contact_um": 1.5}
 
 
-def test_constants_of_the_cut_are_where_a_search_starts_or_are_held(compared: Callable[..., Compared]) -> None:
+def test_constants_of_the_cut_are_where_a_search_starts_or_are_held(compared):
     settings = CutSettings(height_mm=10, constants=OVERRIDES)
     machine, _, said = compared(settings, "--fit", "gap.critical_um,material.removal_mm3_J")
     assert machine.base.gap.contact_um.value == 1.5
@@ -340,16 +322,14 @@ def test_constants_of_the_cut_are_where_a_search_starts_or_are_held(compared: Ca
     ]
 
 
-def test_of_another_material_the_files_constants_are_used(compared: Callable[..., Compared]) -> None:
+def test_of_another_material_the_files_constants_are_used(compared):
     machine, _, said = compared(CutSettings(height_mm=10, constants=OVERRIDES), "--material", "copper")
     assert machine.material.burning_voltage_V == edmsim.Machine.load(material="copper").material.burning_voltage_V
     assert "the log was cut with another value of material.burning_voltage_V: that of the file given is used" in said
     assert "gap.contact_um is held at 1.5" in said
 
 
-def test_a_constant_of_the_cut_beyond_its_range_is_reported_and_can_be_written(
-    compared: Callable[..., Compared], tmp_path: Path
-) -> None:
+def test_a_constant_of_the_cut_beyond_its_range_is_reported_and_can_be_written(compared, tmp_path):
     settings = CutSettings(height_mm=10, constants={"gap.critical_um": 14.0, "material.removal_mm3_J": 5e-2})
     _, _, said = compared(settings, "--fit", "gap.critical_um")
     assert "gap.critical_um was 14 in the cut of the log, outside its range 8..10: what is fitted lies within" in said
@@ -368,16 +348,14 @@ def test_a_constant_of_the_cut_beyond_its_range_is_reported_and_can_be_written(
     (0.4, 0.7, "interval cut off at the range's lower and upper end"),
     (1.0, 0.2, "at the end of its range; interval cut off at the range's upper end"),
 ])  # fmt: skip
-def test_what_ends_at_a_bound_says_so(share: float, half: float, said: str) -> None:
+def test_what_ends_at_a_bound_says_so(share, half, said):
     assert remark(share, half) == said
 
 
-def test_an_interrupted_fit_has_shown_its_progress_and_resumes(
-    log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeypatch, capsys):
     cuts = iter(range(3))
 
-    def briefly(*_: object) -> np.ndarray:
+    def briefly(*_):
         number = next(cuts, None)
         if number != 0:
             time.sleep(0.5)  # those before are reported
@@ -398,7 +376,7 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(
     assert "calibrate 4 cuts simulated" in capsys.readouterr().err
 
 
-def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared: Callable[..., Compared]) -> None:
+def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared):
     machine, resolution, said = compared(None, "--height", 10)
     assert (machine, resolution) == (edmsim.Machine.load(height_mm=10.0), "fast")
     assert said == "edmsim: interrupted; run the same command to resume\n"

@@ -1,8 +1,5 @@
 """Logs of counts and of ratios: what is read of them, what is refused, and which stretches of it are steady."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,18 +24,18 @@ SETTLE = 100
 SETTLE_UM = 50.99
 
 
-def rows(count: int, **values: float | np.ndarray) -> dict[str, np.ndarray]:
+def rows(count, **values):
     """Return columns of a number of windows, of plausible values unless others are given."""
     usual = {"feed_um_s": 20.0, "short": 10.0, "open": 100.0, "mean_voltage_V": 21.0, "mean_current_A": 0.7,
              "mean_delay_us": 11.0, "t_on_us": 30.0, "t_period_us": 100.0}  # fmt: skip
     return {name: np.broadcast_to(np.asarray((usual | values)[name], float), count).copy() for name in COLUMNS}
 
 
-def log_of(*parts: dict[str, np.ndarray]) -> Log:
+def log_of(*parts):
     return Log("made up", {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS})
 
 
-def test_parquet_and_csv_are_read_alike(tmp_path: Path) -> None:
+def test_parquet_and_csv_are_read_alike(tmp_path):
     table = pa.table(rows(5, mean_delay_us=np.array([1.0, np.nan, 3.0, 4.0, 5.0]), short=np.arange(5.0)))
     table = table.append_column("z_um", pa.array(range(5)))  # what is not needed is not looked at
     pa.parquet.write_table(table, tmp_path / "log.parquet")
@@ -52,7 +49,7 @@ def test_parquet_and_csv_are_read_alike(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_log_of_a_cut_has_its_columns_and_its_settings(cut_small, tmp_path: Path) -> None:
+def test_a_log_of_a_cut_has_its_columns_and_its_settings(cut_small, tmp_path):
     result = cut_small(out=tmp_path, max_time_s=0.5)
     log = read_log(tmp_path / "windows.parquet")
     assert len(log) == result.windows.num_rows
@@ -62,7 +59,7 @@ def test_a_log_of_a_cut_has_its_columns_and_its_settings(cut_small, tmp_path: Pa
     assert read_log(tmp_path / "log.csv").settings is None
 
 
-def test_settings_that_are_none_of_a_cut_are_refused_in_one_line(tmp_path: Path) -> None:
+def test_settings_that_are_none_of_a_cut_are_refused_in_one_line(tmp_path):
     table = pa.table(rows(5)).replace_schema_metadata({"edmsim": '{"colour": "red"}'})
     pa.parquet.write_table(table, tmp_path / "log.parquet")
     with pytest.raises(InputError, match="metadata cannot be read: a cut has no option 'colour'") as refused:
@@ -92,7 +89,7 @@ feed_um_s;short;open;mean_voltage_V;mean_current_A;mean_delay_us;t_on_us;t_perio
     .encode(),
     POINTS.replace("short", " short ").replace(",,", ",NaN,").encode(),
 ], ids=lambda content: ascii(content[:12]) + str(len(content)))  # fmt: skip
-def test_csv_of_spreadsheets_is_read(tmp_path: Path, content: bytes) -> None:
+def test_csv_of_spreadsheets_is_read(tmp_path, content):
     (tmp_path / "log.csv").write_bytes(content)
     columns = read_log(tmp_path / "log.csv").columns
     assert columns["feed_um_s"].tolist() == [20.5, 21.0]
@@ -102,7 +99,7 @@ def test_csv_of_spreadsheets_is_read(tmp_path: Path, content: bytes) -> None:
     np.testing.assert_array_equal(columns["mean_delay_us"], [11.5, np.nan])
 
 
-def test_parquet_is_known_by_what_it_holds(tmp_path: Path) -> None:
+def test_parquet_is_known_by_what_it_holds(tmp_path):
     pa.parquet.write_table(pa.table(rows(3)), tmp_path / "log.dat")
     assert len(read_log(tmp_path / "log.dat")) == 3
 
@@ -110,38 +107,33 @@ def test_parquet_is_known_by_what_it_holds(tmp_path: Path) -> None:
 HEADING = ",".join(COLUMNS) + "\n"
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("log.csv", None, "no such file"),
-        ("log.csv", b"", "is empty"),
-        ("log.csv", b" \n\n", "is empty"),
-        ("log.csv", b"\xff\xfe", "is empty"),
-        ("log.parquet", b"feed_um_s\n1\n", "is not a Parquet file; a log as CSV has a name that ends in .csv"),
-        ("log.parquet", b"PAR1 and nothing", "is a damaged Parquet file"),
-        ("log.csv", b"PK\x03\x04\x14\x00\x06\x00\x08\x00\x00\x00!\x00", "save a spreadsheet as CSV"),
-        ("log.csv", b"\x1f\x8b\x08\xff\xfe", "is not text"),
-        ("log.csv", b"\xff\xfea\x00b", "its encoding is not that of its byte order mark"),
-        ("log.csv", b"feed_um_s,short\n1,2\n", "column open is missing; a log needs feed_um_s short open"),
-        ("log.csv", b"20,1,2,20,1,9,30,100\n", "column feed_um_s is missing; .* its first line has: 20, 1, 2"),
-        ("log.csv", HEADING.encode(), "no windows in it: it has a heading only"),
-        ("log.csv", HEADING.replace(",", ";").encode("utf-16"), "no windows in it: it has a heading only"),
-        ("log.csv", f"{HEADING}20,1,2,20,1,x,30,100\n".encode(), "log.csv:2: mean_delay_us is 'x': give a number"),
-        ("log.csv", f"um/s{HEADING[9:]}20,1\n".encode(), "column feed_um_s is missing"),
-        ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n\n20,1,2,1_0,1,9,30,100\n".encode(),
-         "log.csv:4: mean_voltage_V is '1_0'"),
-        ("log.csv", f"{HEADING}20,5,1,2,20,1,9,30,100\n".encode(), "csv:2: it has 9 fields where the heading has 8"),
-        ("log.csv", f"{HEADING}20,1,2\n".encode(), "log.csv:2: it has 3 fields"),
-        ("log.csv", f"{HEADING.replace(',', ';')}1.020,5;1;2;20;1;9;30;100\n".encode(), "feed_um_s is '1.020,5'"),
-        ("log.csv", f"{HEADING[:-1]},short\n20,1,2,20,1,9,30,100,1\n".encode(), "column short is there 2 times"),
-        ("log.csv", f"{HEADING}20,200,100,20,1,9,30,100\n".encode(), "window 1: short 200 cannot be"),
-        ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n".encode(), "window 2: t_period_us 30"),
-        ("log.csv", f"{HEADING}20,1,2,,1,9,30,100\n".encode(), "window 1: mean_voltage_V nan"),
-        ("log.csv", f"{HEADING}20,1,2,inf,1,9,30,100\n".encode(), "window 1: mean_voltage_V inf"),
-        ("log.csv", f"{HEADING}20,1,2,20,1,-9,30,100\n".encode(), "window 1: mean_delay_us -9"),
-    ],
-)  # fmt: skip
-def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, name: str, content: bytes | None, said: str) -> None:
+@pytest.mark.parametrize(("name", "content", "said"), [
+    ("log.csv", None, "no such file"), ("log.csv", b"", "is empty"), ("log.csv", b" \n\n", "is empty"),
+    ("log.csv", b"\xff\xfe", "is empty"),
+    ("log.parquet", b"feed_um_s\n1\n", "is not a Parquet file; a log as CSV has a name that ends in .csv"),
+    ("log.parquet", b"PAR1 and nothing", "is a damaged Parquet file"),
+    ("log.csv", b"PK\x03\x04\x14\x00\x06\x00\x08\x00\x00\x00!\x00", "save a spreadsheet as CSV"),
+    ("log.csv", b"\x1f\x8b\x08\xff\xfe", "is not text"),
+    ("log.csv", b"\xff\xfea\x00b", "its encoding is not that of its byte order mark"),
+    ("log.csv", b"feed_um_s,short\n1,2\n", "column open is missing; a log needs feed_um_s short open"),
+    ("log.csv", b"20,1,2,20,1,9,30,100\n", "column feed_um_s is missing; .* its first line has: 20, 1, 2"),
+    ("log.csv", HEADING.encode(), "no windows in it: it has a heading only"),
+    ("log.csv", HEADING.replace(",", ";").encode("utf-16"), "no windows in it: it has a heading only"),
+    ("log.csv", f"{HEADING}20,1,2,20,1,x,30,100\n".encode(), "log.csv:2: mean_delay_us is 'x': give a number"),
+    ("log.csv", f"um/s{HEADING[9:]}20,1\n".encode(), "column feed_um_s is missing"),
+    ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n\n20,1,2,1_0,1,9,30,100\n".encode(),
+     "log.csv:4: mean_voltage_V is '1_0'"),
+    ("log.csv", f"{HEADING}20,5,1,2,20,1,9,30,100\n".encode(), "csv:2: it has 9 fields where the heading has 8"),
+    ("log.csv", f"{HEADING}20,1,2\n".encode(), "log.csv:2: it has 3 fields"),
+    ("log.csv", f"{HEADING.replace(',', ';')}1.020,5;1;2;20;1;9;30;100\n".encode(), "feed_um_s is '1.020,5'"),
+    ("log.csv", f"{HEADING[:-1]},short\n20,1,2,20,1,9,30,100,1\n".encode(), "column short is there 2 times"),
+    ("log.csv", f"{HEADING}20,200,100,20,1,9,30,100\n".encode(), "window 1: short 200 cannot be"),
+    ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n".encode(), "window 2: t_period_us 30"),
+    ("log.csv", f"{HEADING}20,1,2,,1,9,30,100\n".encode(), "window 1: mean_voltage_V nan"),
+    ("log.csv", f"{HEADING}20,1,2,inf,1,9,30,100\n".encode(), "window 1: mean_voltage_V inf"),
+    ("log.csv", f"{HEADING}20,1,2,20,1,-9,30,100\n".encode(), "window 1: mean_delay_us -9"),
+])  # fmt: skip
+def test_what_is_no_log_is_refused_in_one_line(tmp_path, name, content, said):
     file = tmp_path / name
     if content is not None:
         file.write_bytes(content)
@@ -151,7 +143,7 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, name: str, conten
     assert "\n" not in str(refused.value)
 
 
-def test_a_folder_and_text_in_parquet_are_refused(tmp_path: Path) -> None:
+def test_a_folder_and_text_in_parquet_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read: Is a directory"):
         read_log(tmp_path)
     table = pa.table({**rows(2), "short": ["a", "b"]})
@@ -160,7 +152,7 @@ def test_a_folder_and_text_in_parquet_are_refused(tmp_path: Path) -> None:
         read_log(tmp_path / "log.parquet")
 
 
-def test_delays_are_weighted_by_what_ignited() -> None:
+def test_delays_are_weighted_by_what_ignited():
     short, open_ = np.zeros(BATCH_WINDOWS), np.full(BATCH_WINDOWS, 155.0)
     delay = np.full(BATCH_WINDOWS, 10.0)
     open_[0], delay[0] = 255.0, np.nan  # nothing ignited here
@@ -171,7 +163,7 @@ def test_delays_are_weighted_by_what_ignited() -> None:
     assert np.isnan(statistics(short, np.full(40, 255.0), short, short, np.full(40, np.nan))[0, 4])
 
 
-def test_stretches_begin_after_each_change_has_settled() -> None:
+def test_stretches_begin_after_each_change_has_settled():
     count = SETTLE + STRETCH_WINDOWS + 20
     log = log_of(rows(count), rows(count, feed_um_s=30.0), rows(count, feed_um_s=30.0, t_on_us=20.0))
     found = stretches(log, SETTLE_UM)
@@ -184,7 +176,7 @@ def test_stretches_begin_after_each_change_has_settled() -> None:
     assert second.travelled_um == pytest.approx(SETTLE_UM + STRETCH_WINDOWS * 20.0 * 25.5e-3, abs=1.0)
 
 
-def test_air_rest_and_unsteady_feeds_are_left_out() -> None:
+def test_air_rest_and_unsteady_feeds_are_left_out():
     count = SETTLE + STRETCH_WINDOWS
     restless = 20.0 + 15.0 * (-1.0) ** np.arange(count)
     log = log_of(
@@ -194,7 +186,7 @@ def test_air_rest_and_unsteady_feeds_are_left_out() -> None:
     assert [s.t_on_us for s in stretches(log, SETTLE_UM)] == [28.0]
 
 
-def test_of_many_stretches_those_that_differ_are_compared() -> None:
+def test_of_many_stretches_those_that_differ_are_compared():
     steady = [Stretch(n, feed, 30.0, 100.0, np.zeros((10, 5))) for n, feed in enumerate([20.0] * 6 + [30.0, 10.0])]
     assert [s.feed_um_s for s in spread(steady, 3)] == [20.0, 30.0, 10.0]
     assert spread(steady, 99) == steady
@@ -204,7 +196,7 @@ def test_of_many_stretches_those_that_differ_are_compared() -> None:
     ("turn_deg", "radius_um", "expected"),
     [(0, 1, [0, 1, 2]), (90, 1, [0, 2]), (30, 1, [0, 1, 2]), (90, 100, [0, 2]), (30, 20_000, [0, 1, 2])],
 )
-def test_stretches_in_which_the_path_turns_are_left_out(turn_deg: int, radius_um: float, expected: list[int]) -> None:
+def test_stretches_in_which_the_path_turns_are_left_out(turn_deg, radius_um, expected):
     """The turn begins in window 600; a wire settles over 50 um, so the stretch after a corner counts again."""
     count = SETTLE + 3 * STRETCH_WINDOWS
     log = log_of(rows(count))
@@ -221,9 +213,7 @@ def test_stretches_in_which_the_path_turns_are_left_out(turn_deg: int, radius_um
 @pytest.mark.parametrize(
     ("misfit", "resolution", "named"), [(9.0, "fast", "default or --resolution fine"), (2.0, "fast", "")]
 )
-def test_a_large_misfit_names_its_likely_causes_another_resolution_first(
-    misfit: float, resolution: str, named: str
-) -> None:
+def test_a_large_misfit_names_its_likely_causes_another_resolution_first(misfit, resolution, named):
     found = causes(SimpleNamespace(misfit=misfit), resolution)
     assert bool(found) == bool(named)
     assert not found or (named in found[1] and "--fit" in found[3])
@@ -233,13 +223,13 @@ RATIOS_HEADING = ",".join(NEEDED)
 LATER = "1,0,0,0,0,30,100"
 
 
-def written(folder: Path, rows: list[str], heading: str = RATIOS_HEADING) -> Path:
+def written(folder, rows, heading=RATIOS_HEADING):
     file = folder / "ratios.csv"
     file.write_text("\n".join([heading, *rows]) + "\n")
     return file
 
 
-def steady(short: float, open_: float, rate_Hz: float, seconds: float, feed_um_s: float = 5.0) -> list[str]:
+def steady(short, open_, rate_Hz, seconds, feed_um_s=5.0):
     times = np.arange(0.0, seconds, 1.0 / rate_Hz)
     return [f"{t:.6f},{2 * (feed_um_s * t // 2):g},0,{short},{open_},30,100" for t in times]
 
@@ -294,17 +284,14 @@ def test_a_bench_s_log_has_the_statistics_of_its_own_counts(tmp_path):
     assert np.mean([s.mean[1] for s in late]) == pytest.approx(counts[1] / counts[2], abs=0.03)
 
 
-@pytest.mark.parametrize(
-    ("rows", "said"),
-    [
-        (["0,0,0,0.1,0.1,30,100"], "fewer than two rows"), (["0,0,0,1.1,0,30,100", LATER], "row 1: short_ratio 1.1"),
-        (["0,0,0,0.5,0.6,30,100", LATER], "row 1: open_ratio 0.6"), (["0,0,0,0,0,30,100"] * 2, "row 2: t_s 0"),
-        (["0,0,0,0,0,30,20", "1,0,0,0,0,30,20"], "row 1: t_period_us 20"),
-        (["0,nan,0,0,0,30,100", LATER], "row 1: x_um nan"),
-        (["0,0,0,0,0,30,100", LATER], "1 rows per second; a log of ratios has 2 to 100"),
-        (["0,0,0,0,0,30,100", "0.01,0,0,0,0,30,100"], "is too short"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("rows", "said"), [
+    (["0,0,0,0.1,0.1,30,100"], "fewer than two rows"), (["0,0,0,1.1,0,30,100", LATER], "row 1: short_ratio 1.1"),
+    (["0,0,0,0.5,0.6,30,100", LATER], "row 1: open_ratio 0.6"), (["0,0,0,0,0,30,100"] * 2, "row 2: t_s 0"),
+    (["0,0,0,0,0,30,20", "1,0,0,0,0,30,20"], "row 1: t_period_us 20"),
+    (["0,nan,0,0,0,30,100", LATER], "row 1: x_um nan"),
+    (["0,0,0,0,0,30,100", LATER], "1 rows per second; a log of ratios has 2 to 100"),
+    (["0,0,0,0,0,30,100", "0.01,0,0,0,0,30,100"], "is too short"),
+])  # fmt: skip
 def test_what_cannot_have_been_logged_is_refused(tmp_path, rows, said):
     with pytest.raises(InputError, match=said):
         read_log(written(tmp_path, rows))

@@ -28,7 +28,7 @@ INPUTS = 20
 @pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.filterwarnings("ignore")
-def test_good_inputs_are_taken(name: str, tmp_path: Path) -> None:
+def test_good_inputs_are_taken(name, tmp_path):
     """Else every reader that refuses whatever comes would pass."""
     for data in READERS[name].corpus:
         assert judged(READERS[name].read, data, tmp_path)[0] == "taken", data[:200]
@@ -36,7 +36,7 @@ def test_good_inputs_are_taken(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.filterwarnings("ignore")
-def test_bad_inputs_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
+def test_bad_inputs_are_refused_in_one_line(name, tmp_path):
     reader, refused = READERS[name], 0
     for n in range(SLOW.get(name, INPUTS)):
         data = nth(reader, 0, n)
@@ -49,56 +49,56 @@ def test_bad_inputs_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["gcode", "qcl", "tape", "options", "elcam"])
 @pytest.mark.filterwarnings("ignore")
-def test_hypothesis_finds_nothing_either(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_hypothesis_finds_nothing_either(name, tmp_path_factory):
     reader, folder = READERS[name], tmp_path_factory.mktemp(name)
     changed = st.randoms(use_true_random=False).map(lambda draw: mutated(draw, reader.corpus, reader.words))
     words = st.lists(st.sampled_from([*reader.words, b"\n", b"1", b"9"]), max_size=40).map(b"".join)
 
     @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow], database=None)
     @given(st.one_of(st.binary(max_size=200), words, changed))
-    def read(data: bytes) -> None:
+    def read(data):
         wrong = judged(reader.read, data, folder)[1]
         assert not [kind for kind in wrong if not kind.startswith("slow")]
 
     read()
 
 
-def test_the_nth_input_is_always_the_same() -> None:
+def test_the_nth_input_is_always_the_same():
     for name in ("gcode", "cut-part", "elcam"):
         first = [nth(READERS[name], 3, n) for n in range(20)]
         assert first == [nth(READERS[name], 3, n) for n in range(20)]
         assert len(set(first)) > 15
 
 
-def test_an_operator_who_waits_for_hours_is_interrupted(tmp_path: Path) -> None:
+def test_an_operator_who_waits_for_hours_is_interrupted(tmp_path):
     """So that scripts may cut, jog and wait as long as they like, and no letter of them need be left out."""
     cuts = b"NEW 60000 32510\nTI 30 TP 100\nSTART\nWAIT 9999\n"
     assert devices.terminal(cuts, tmp_path) == STOPPED
     assert devices.terminal(b"NEW 32520 32510\nWAIT 1\n", tmp_path) == FINE
 
 
-def unpickles(_data: bytes, _folder: Path) -> None:
+def unpickles(_data, _folder):
     pickle.loads(pickle.dumps(Path("a")))
 
 
-def writes_elsewhere(_data: bytes, folder: Path) -> None:
+def writes_elsewhere(_data, folder):
     (folder.parent / "elsewhere").write_text("")
 
 
-def begins_a_program(_data: bytes, _folder: Path) -> None:
+def begins_a_program(_data, _folder):
     subprocess.run([sys.executable, "--version"], check=True, capture_output=True)
 
 
-def listens_to_all(_data: bytes, _folder: Path) -> None:
+def listens_to_all(_data, _folder):
     with socket.socket() as opened:
         opened.bind(("", 0))
 
 
-def raises(_data: bytes, _folder: Path) -> None:
+def raises(_data, _folder):
     raise KeyError("a")
 
 
-def takes_long(_data: bytes, _folder: Path) -> None:
+def takes_long(_data, _folder):
     import time
 
     until = time.process_time() + 1.2 * guard.MOST_CPU_S
@@ -111,26 +111,26 @@ def takes_long(_data: bytes, _folder: Path) -> None:
     (unpickles, "unpickled"), (writes_elsewhere, "outside its folder"), (begins_a_program, "began a program"),
     (listens_to_all, "socket.bind"), (raises, "KeyError"), (takes_long, "slow"),
 ])  # fmt: skip
-def test_the_guard_notices(read: object, named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_guard_notices(read, named, tmp_path, monkeypatch):
     monkeypatch.setattr(guard, "MOST_CPU_S", 0.2)
     folder = tmp_path / "own"
     folder.mkdir()
     assert named in " ".join(judged(read, b"", folder)[1])
 
 
-def test_the_guard_lets_the_compiler_begin_its_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_guard_lets_the_compiler_begin_its_process(monkeypatch, tmp_path):
     """On an empty cache an input may be the first that needs the pulse loop."""
     monkeypatch.setattr(specialised, "_PROGRAM", "print('code')")
 
-    def compiles(_data: bytes, _folder: Path) -> None:
+    def compiles(_data, _folder):
         assert specialised._compile_elsewhere(unpickles, (), ()) == b"code\n"
 
     assert judged(compiles, b"", tmp_path) == ("taken", [])
 
 
 @pytest.mark.slow
-def test_an_end_of_the_interpreter_is_noted_and_the_campaign_goes_on(tmp_path: Path) -> None:
-    def ends_at_times(data: bytes, _folder: Path) -> None:
+def test_an_end_of_the_interpreter_is_noted_and_the_campaign_goes_on(tmp_path):
+    def ends_at_times(data, _folder):
         if len(data) > 3:
             faulthandler.disable()  # pytest's, in this process alone: an end that is meant prints no traceback
             os.abort()

@@ -28,14 +28,14 @@ from edmsim.sweep.table import Store, read, read_part
 CONFIGURATION = read_configuration("GLOBAL\nspeed L\n")
 
 
-def one_line(error: pytest.ExceptionInfo[InputError]) -> None:
+def one_line(error):
     assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize("expression", [
     "(" * 21 + "speed" + ")" * 21, "speed" + " + speed" * 5000, "(" * 5000, "9" * 5000, "speed * \u00b2",
 ])  # fmt: skip
-def test_expressions_without_end_are_refused(expression: str) -> None:
+def test_expressions_without_end_are_refused(expression):
     """They ended in a RecursionError, in minutes of multiplying, or in Python's limit of digits."""
     with pytest.raises(InputError) as caught:
         read_program(f"speed = {expression}\nEND\n", CONFIGURATION)
@@ -46,7 +46,7 @@ def test_expressions_without_end_are_refused(expression: str) -> None:
 @pytest.mark.parametrize("moves", [
     "Y.2\nX.2\n" * 2000, "Y.1\nG41 D1 G1 X.05\n" * 2000, "Y.2\nX.2\nY-.2\nX.2\n" * 900,
 ])  # fmt: skip
-def test_a_job_of_many_tables_is_refused_as_drawn(moves: str, tmp_path: Path) -> None:
+def test_a_job_of_many_tables_is_refused_as_drawn(moves, tmp_path):
     """The path beside it was looked for first, and its lead-ins: 5 s for 46 kB."""
     (tmp_path / "own.ngc").write_text(f"G20 G91\nG0 X.1 Y.1\nG41 D1 G1 X.05\n{moves}G40\nM2\n")
     for _ in range(2):  # the first run imports what is needed
@@ -56,7 +56,7 @@ def test_a_job_of_many_tables_is_refused_as_drawn(moves: str, tmp_path: Path) ->
     assert time.process_time() - began < 1.0
 
 
-def test_a_line_of_thousands_of_words_is_read_at_once(tmp_path: Path) -> None:
+def test_a_line_of_thousands_of_words_is_read_at_once(tmp_path):
     """Each word looked through all before it for the program's end: 1.6 s for 8000 of them."""
     (tmp_path / "own.ngc").write_text(f"G21 G90\nG0 X0 Y0\n{'G4' * 25_000}\n")
     began = time.process_time()
@@ -66,7 +66,7 @@ def test_a_line_of_thousands_of_words_is_read_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("filled", ["N7" + " " * 100_000 + "M2", "X1" + "*" * 20_000 + "1"])
-def test_a_line_of_thousands_of_blanks_or_marks_is_read_at_once(filled: str, tmp_path: Path) -> None:
+def test_a_line_of_thousands_of_blanks_or_marks_is_read_at_once(filled, tmp_path):
     """A pattern for marks of comments went over the blanks from every one of them: 4,000 took three minutes."""
     file = tmp_path / "part.ngc"
     file.write_text(f"G21 G90\nG1 X1 Y0\n{filled}\n")
@@ -76,7 +76,7 @@ def test_a_line_of_thousands_of_blanks_or_marks_is_read_at_once(filled: str, tmp
     assert time.process_time() - began < 5.0
 
 
-def test_expressions_of_a_page_are_computed() -> None:
+def test_expressions_of_a_page_are_computed():
     """The limits leave room: 20 brackets within each other, a hundred terms."""
     deep = "(" * 20 + "3" + ")" * 20
     control = Control(CONFIGURATION, read_program(f"speed = {deep}" + " + 1" * 70 + "\nEND\n", CONFIGURATION), {})
@@ -85,12 +85,12 @@ def test_expressions_of_a_page_are_computed() -> None:
 
 
 @pytest.mark.parametrize("line", ["CONST\nn " + "9" * 5000, "BUS\n\u00b2 CARD 01", "CONST\nn \u0663"])
-def test_numbers_of_a_configuration_are_digits(line: str) -> None:
+def test_numbers_of_a_configuration_are_digits(line):
     with pytest.raises(InputError, match="QCL:2"):
         read_configuration(line)
 
 
-def test_a_table_of_denormal_width_holds_its_ends() -> None:
+def test_a_table_of_denormal_width_holds_its_ends():
     """The number of its repetitions overflowed."""
     table = CamTable()
     table.put(np.array([[0.0, 1.0], [5e-324, 3.0]]))
@@ -100,7 +100,7 @@ def test_a_table_of_denormal_width_holds_its_ends() -> None:
 @pytest.mark.parametrize("changed", [
     "points = [[0, 0], [1, DIGITS]]", "points = [[0, 0], [1, 1]]\nreversal_um = DIGITS",
 ])  # fmt: skip
-def test_compensation_of_hundreds_of_digits_is_refused(changed: str, tmp_path: Path) -> None:
+def test_compensation_of_hundreds_of_digits_is_refused(changed, tmp_path):
     file = tmp_path / "own.toml"
     file.write_text(f'[[table]]\naxis = "x"\nmaster = "x"\n{changed}\n'.replace("DIGITS", "9" * 400))
     with pytest.raises(InputError, match="table 1") as caught:
@@ -118,7 +118,7 @@ def test_compensation_of_hundreds_of_digits_is_refused(changed: str, tmp_path: P
     ('environment = "a/b-v1"\n[sobol]\nsamples = 4\n[sobol.ranges]\na = [1, ' + "9" * 400 + "]", "Sobol sample is"),
     ('environment = "a/b-v1"\n[sobol]\nsamples = 1152921504606846976\n[sobol.ranges]\na = [1, 2]', "samples"),
 ])  # fmt: skip
-def test_specifications_beyond_all_reason_are_refused(text: str, named: str, tmp_path: Path) -> None:
+def test_specifications_beyond_all_reason_are_refused(text, named, tmp_path):
     file = tmp_path / "own.toml"
     file.write_text(text)
     with pytest.raises(InputError, match=named):
@@ -126,7 +126,7 @@ def test_specifications_beyond_all_reason_are_refused(text: str, named: str, tmp
 
 
 @pytest.mark.parametrize("line", ["{", "[]", '{"id": 1, "task": "a"}', '{"task": "a"}', "\xff", "[" * 50_000])
-def test_a_damaged_journal_is_refused_by_its_line(line: str, tmp_path: Path) -> None:
+def test_a_damaged_journal_is_refused_by_its_line(line, tmp_path):
     good = json.dumps({"id": "a", "task": "a.ngc", "error": None})
     (tmp_path / "journal.jsonl").write_bytes(f"{good}\n".encode() + line.encode("latin-1") + b"\n")
     for look in (read, Store):
@@ -137,13 +137,13 @@ def test_a_damaged_journal_is_refused_by_its_line(line: str, tmp_path: Path) -> 
     assert read(tmp_path).num_rows == 1
 
 
-def test_rows_of_a_journal_that_no_table_holds_are_refused(tmp_path: Path) -> None:
+def test_rows_of_a_journal_that_no_table_holds_are_refused(tmp_path):
     (tmp_path / "journal.jsonl").write_text('{"id": "a", "task": "a", "seed": 1e99}\n')
     with pytest.raises(InputError, match="damaged, or not of one sweep"):
         read(tmp_path)
 
 
-def test_a_damaged_part_of_a_dataset_is_refused(tmp_path: Path) -> None:
+def test_a_damaged_part_of_a_dataset_is_refused(tmp_path):
     folder = tmp_path / "results" / "task=a"
     folder.mkdir(parents=True)
     (folder / "part-000000.parquet").write_bytes(b"PAR1 nothing")
@@ -156,7 +156,7 @@ def test_a_damaged_part_of_a_dataset_is_refused(tmp_path: Path) -> None:
         read_part(folder / "part-000000.parquet")
 
 
-def packed(name: str, header: bytes, body: bytes) -> bytes:
+def packed(name, header, body):
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as archive:
         archive.writestr(name, b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + body)
@@ -169,14 +169,14 @@ def packed(name: str, header: bytes, body: bytes) -> bytes:
     ("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", "is not an array of numbers"),
     ("nothing", "header|Header|EOF|malformed"), ("{" * 500, "."),
 ])  # fmt: skip
-def test_arrays_that_are_none_take_no_memory(header: str, named: str) -> None:
+def test_arrays_that_are_none_take_no_memory(header, named):
     """A header that spoke of 800 GB was believed: MemoryError."""
     with pytest.raises(ValueError, match=named) as caught:
         read_arrays(packed("a.npy", header.encode(), bytes(8)))
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_an_archive_with_something_else_is_none_of_arrays() -> None:
+def test_an_archive_with_something_else_is_none_of_arrays():
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as archive:
         archive.writestr("weight_0", b"text")
@@ -190,7 +190,7 @@ def test_an_archive_with_something_else_is_none_of_arrays() -> None:
     np.testing.assert_equal(read_arrays(out.getvalue()), arrays)
 
 
-def test_a_message_is_one_line_that_ends() -> None:
+def test_a_message_is_one_line_that_ends():
     """What was given stood in it as it came: other lines, bells, thousands of characters."""
     message = str(InputError("there is no 'a\nb\x07\u2028c': choose one", "own.toml", 3))
     assert message == "own.toml:3: there is no 'a b  c': choose one"
@@ -201,7 +201,7 @@ def test_a_message_is_one_line_that_ends() -> None:
     assert InputError(long.reason).reason == long.reason
 
 
-def test_names_of_a_mjcf_that_are_no_text_are_refused(tmp_path: Path) -> None:
+def test_names_of_a_mjcf_that_are_no_text_are_refused(tmp_path):
     text = models.path("agiecut_dem15.xml").read_bytes()
     text = text.replace(b'<body name="x_carriage"', b'<body name="x_carriag\xff"')
     assert b"\xff" in text
@@ -211,7 +211,7 @@ def test_names_of_a_mjcf_that_are_no_text_are_refused(tmp_path: Path) -> None:
     one_line(caught)
 
 
-def test_columns_whose_names_are_no_text_are_refused(tmp_path: Path) -> None:
+def test_columns_whose_names_are_no_text_are_refused(tmp_path):
     data = (Path(__file__).parent / "corpus/cut/windows.parquet").read_bytes()
     assert data.count(b"mean_delay_us") > 1
     (tmp_path / "windows.parquet").write_bytes(data.replace(b"mean_delay_us", b"mean_dela\xff_us"))
@@ -221,7 +221,7 @@ def test_columns_whose_names_are_no_text_are_refused(tmp_path: Path) -> None:
         one_line(caught)
 
 
-def test_a_report_of_thousands_of_brackets_is_refused(tmp_path: Path) -> None:
+def test_a_report_of_thousands_of_brackets_is_refused(tmp_path):
     for file in (Path(__file__).parent / "corpus/cut").iterdir():
         shutil.copy(file, tmp_path)
     (tmp_path / "report.json").write_text('{"settings": ' + "[" * 50_000, encoding="utf-8")
@@ -231,18 +231,18 @@ def test_a_report_of_thousands_of_brackets_is_refused(tmp_path: Path) -> None:
     one_line(caught)
 
 
-def test_a_users_file_with_a_zero_byte_in_its_name_is_refused() -> None:
+def test_a_users_file_with_a_zero_byte_in_its_name_is_refused():
     with pytest.raises(InputError, match="cannot be read") as caught:
         controllers.from_text("a\0b.py")
     one_line(caught)
 
 
-def test_a_file_name_of_thousands_of_characters_is_shortened() -> None:
+def test_a_file_name_of_thousands_of_characters_is_shortened():
     assert len(str(InputError("there is no such program", "a" * 9000))) < 400
 
 
 @pytest.mark.parametrize("text", ["9" * 3000 + ":" + "9" * 3000, "1:" + "9" * 3000 + ":x"])
-def test_a_range_of_thousands_of_digits_does_not_hang(text: str) -> None:
+def test_a_range_of_thousands_of_digits_does_not_hang(text):
     """The pattern of a number tried every way to part its digits: minutes."""
     began = time.process_time()
     assert values_of(text, "height") == [text]

@@ -1,10 +1,7 @@
 """Commands run in this process, with a script in a pipe as their standard input."""
 
-from __future__ import annotations
-
 import os
 import sys
-from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
@@ -13,10 +10,10 @@ from edmsim.cli import app as cli
 
 
 @pytest.fixture
-def piped(monkeypatch, capfdbinary) -> Callable[..., SimpleNamespace]:
+def piped(monkeypatch, capfdbinary):
     """Run ``edmsim`` with a script: its exit status, and its output and errors as bytes and as text."""
 
-    def run(script: bytes, *words: object) -> SimpleNamespace:
+    def run(script, *words):
         monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
         before, (reading, writing) = os.dup(0), os.pipe()
         os.write(writing, script)

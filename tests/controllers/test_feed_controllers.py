@@ -155,18 +155,15 @@ def test_counts_forgets_old_shorts_once_it_has_moved_on():
         command = controller.update(gap.window(command.feed_um_s))
 
 
-@pytest.mark.parametrize(
-    ("name", "parameters", "words"),
-    [
-        ("pid", {}, "no feed controller 'pid'; choose one of counts, fixed"),
-        ("fixed", {"feed": 3.0}, "no parameter 'feed'; it has feed_um_s"),
-        ("fixed", {"feed_um_s": -1.0}, "feed_um_s of the fixed controller must be a number of 0 or more, not -1.0"),
-        ("fixed", {"feed_um_s": math.nan}, "must be a number of 0 or more, not nan"),
-        ("counts", {"_state": 1.0}, "no parameter '_state'"),
-        ("counts", {"air_share": 1.5}, "air_share of the counts controller must be a number from 0 to 1, not 1.5"),
-        ("counts", {"dwell_s": "1"}, "dwell_s of the counts controller must be a number of 0 or more, not '1'"),
-    ],
-)
+@pytest.mark.parametrize(("name", "parameters", "words"), [
+    ("pid", {}, "no feed controller 'pid'; choose one of counts, fixed"),
+    ("fixed", {"feed": 3.0}, "no parameter 'feed'; it has feed_um_s"),
+    ("fixed", {"feed_um_s": -1.0}, "feed_um_s of the fixed controller must be a number of 0 or more, not -1.0"),
+    ("fixed", {"feed_um_s": math.nan}, "must be a number of 0 or more, not nan"),
+    ("counts", {"_state": 1.0}, "no parameter '_state'"),
+    ("counts", {"air_share": 1.5}, "air_share of the counts controller must be a number from 0 to 1, not 1.5"),
+    ("counts", {"dwell_s": "1"}, "dwell_s of the counts controller must be a number of 0 or more, not '1'"),
+])  # fmt: skip
 def test_what_cannot_be_made_is_refused(name, parameters, words):
     with pytest.raises(InputError) as refused:
         controllers.make(name, **parameters)

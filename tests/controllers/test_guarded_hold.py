@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from edmsim import controllers
-from edmsim.controllers import FeedCommand
 from edmsim.controllers.feed.guarded_hold import GuardedHold, stream_share
 from edmsim.controllers.feed.law import ServoLaw
 from edmsim.controllers.feed.periods import heat_per_ignition_s
@@ -20,12 +19,12 @@ EVEN = (45,) * 5
 BURST = (40, 40, 100, 25, 20)
 
 
-def production_machine(**choices: float) -> Machine:
+def production_machine(**choices):
     options = {"height_mm": 60.0, "tension": 22.0, **choices}
     return Machine.load("production", generator="production", wire="brass-300", **options)
 
 
-def law_on_production_machine(name: str, **parameters: float) -> ServoLaw:
+def law_on_production_machine(name, **parameters):
     law = controllers.make(name, **parameters)
     assert isinstance(law, ServoLaw)
     tell(law, production_machine(), np.zeros((2, 2)), 0.0)
@@ -36,16 +35,16 @@ def law_on_production_machine(name: str, **parameters: float) -> ServoLaw:
 class Cut:
     """A cut whose windows last as long as the law's periods make them."""
 
-    def __init__(self, name: str = "guarded-hold", **parameters: float) -> None:
+    def __init__(self, name="guarded-hold", **parameters):
         self.law = law_on_production_machine(name, **parameters)
         self.period_us, self.time_s = 90.0, 0.0
 
     @property
-    def rule(self) -> GuardedHold:
+    def rule(self):
         assert isinstance(self.law.period, GuardedHold)
         return self.law.period
 
-    def windows(self, count: int, fifths: tuple[int, ...] = EVEN, short: int = 5) -> list[FeedCommand]:
+    def windows(self, count, fifths=EVEN, short=5):
         commands = []
         for _ in range(count):
             duration_s = WINDOW_PULSES * self.period_us * 1e-6
@@ -56,7 +55,7 @@ class Cut:
             self.period_us = commands[-1].t_period_us or 0.0
         return commands
 
-    def periods_us(self, count: int, fifths: tuple[int, ...] = EVEN, short: int = 20) -> list[float]:
+    def periods_us(self, count, fifths=EVEN, short=20):
         return [command.t_period_us or 0.0 for command in self.windows(count, fifths, short)]
 
 

@@ -35,10 +35,8 @@ def off_circle_um(positions, radius):
 @settings(max_examples=150)
 @given(
     radius=st.one_of(st.integers(2, 400), st.integers(2, 32_000)),
-    start=st.floats(0, 360),
-    sweep=st.floats(1, 359),
-    clockwise=st.booleans(),
-)
+    start=st.floats(0, 360), sweep=st.floats(1, 359), clockwise=st.booleans(),
+)  # fmt: skip
 @example(radius=32_000, start=0.0, sweep=359.0, clockwise=False)
 @example(radius=2, start=45.0, sweep=180.0, clockwise=True)
 def test_chords_lie_within_1_um_of_the_circle_and_sweep_the_angle(radius, start, sweep, clockwise):  # T-18, T-60
@@ -101,16 +99,13 @@ def test_few_points_do_for_a_large_circle():
     assert 1000 < len(points) < 2000
 
 
-@pytest.mark.parametrize(
-    ("start", "centre", "end", "words"),
-    [
-        ((5, 5), (5, 5), (9, 5), "starts on its centre"),
-        ((0, 0), (1000, 0), (2003, 0), r"1000\.0 um from its centre and its end 1003\.0 um"),
-        ((0, 0), (1000, -1), (2000, 0), r"centre lies at \(1000, -1\) um"),
-        ((65_536, 0), (1000, 0), (2000, 0), r"start lies at \(65536, 0\) um, outside the table's 0\.\.65535 um"),
-        ((0, 0), (1000, 0), (2000, 70_000), "end lies at"),
-    ],
-)
+@pytest.mark.parametrize(("start", "centre", "end", "words"), [
+    ((5, 5), (5, 5), (9, 5), "starts on its centre"),
+    ((0, 0), (1000, 0), (2003, 0), r"1000\.0 um from its centre and its end 1003\.0 um"),
+    ((0, 0), (1000, -1), (2000, 0), r"centre lies at \(1000, -1\) um"),
+    ((65_536, 0), (1000, 0), (2000, 0), r"start lies at \(65536, 0\) um, outside the table's 0\.\.65535 um"),
+    ((0, 0), (1000, 0), (2000, 70_000), "end lies at"),
+])  # fmt: skip
 def test_an_arc_that_cannot_be_is_refused(start, centre, end, words):  # T-60, T-61
     with pytest.raises(InputError, match=words):
         arc_points(start, centre, end, False)

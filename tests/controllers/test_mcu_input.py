@@ -17,7 +17,7 @@ from edmsim.controllers.mcu.firmware.memory_map import LINE_LENGTH
 from edmsim.errors import InputError
 
 
-def type_in(keys: bytes) -> tuple[list[bytes], bytes]:
+def type_in(keys):
     """Lines given away while some characters were typed, and everything echoed."""
     buffer, echoed, lines = InputBuffer(), bytearray(), []
     line = Line(buffer, echoed.extend)
@@ -81,14 +81,11 @@ def test_numbers_of_16_bits_are_read_and_the_pointer_ends_after_them(value, afte
         assert buffer.rest == after
 
 
-@pytest.mark.parametrize(
-    ("routine", "text", "reason"),
-    [
-        (getnum, b"65536,1", "a number has 16 bits, 0..65535, not 65536"),
-        (getnum, b"99999999999999999999,1", "a number has 16 bits"),
-        (gnumhx, b"10000,1", "a number has 16 bits, 0..FFFF, not 10000"),
-    ],
-)
+@pytest.mark.parametrize(("routine", "text", "reason"), [
+    (getnum, b"65536,1", "a number has 16 bits, 0..65535, not 65536"),
+    (getnum, b"99999999999999999999,1", "a number has 16 bits"),
+    (gnumhx, b"10000,1", "a number has 16 bits, 0..FFFF, not 10000"),
+])  # fmt: skip
 def test_numbers_past_16_bits_are_refused_and_passed(routine, text, reason):
     buffer = InputBuffer(text)
     with pytest.raises(InputError, match=reason):
@@ -132,7 +129,7 @@ def test_a_line_of_numbers_is_read_back_by_skip_and_getnum(numbers):
 @example([*b"A"] * LINE_LENGTH + [*b"BC\x08D"])
 @given(st.lists(st.one_of(st.sampled_from([0x08, 0x7F, 0x18, 0x12]), st.integers(0x20, 0x7E)), max_size=150))
 def test_corrections_are_those_of_a_list_of_64(keys):
-    held: list[int] = []
+    held = []
     too_long = False
     for key in keys:
         if key == 0x18:

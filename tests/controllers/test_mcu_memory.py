@@ -18,7 +18,7 @@ from edmsim.errors import InputError
 WORDS, BYTES = st.integers(0, 0xFFFF), st.integers(0, 0xFF)
 
 
-def started() -> Computer:
+def started():
     computer = Computer()
     computer.init()
     computer.set_position(30_000, 20_000)
@@ -146,29 +146,26 @@ def test_a_tape_that_was_punched_is_read_back(data, first):  # T-78
     assert all(sum(bytes.fromhex(line[1:])) & 0xFF == 0 for line in tape.splitlines())
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        (b":0121000055AA\n:00000001FF", "line 1 of the tape: its checksum is AAH where 89H were right"),
-        (b"\0\0\n:012100005589\n:02210000558F\n", "line 3 of the tape: the record says 2 bytes and has 1"),
-        (b":012100005589\n", "the tape ends without its last record, :00000001FF"),
-        (b"hello\n", "line 1 of the tape: a record is a colon and at least 10 hexadecimal figures"),
-        (b":020000040000FA\n", "line 1 of the tape: a record of kind 04 is not for sixteen bits of address"),
-    ],
-)
+@pytest.mark.parametrize(("text", "reason"), [
+    (b":0121000055AA\n:00000001FF", "line 1 of the tape: its checksum is AAH where 89H were right"),
+    (b"\0\0\n:012100005589\n:02210000558F\n", "line 3 of the tape: the record says 2 bytes and has 1"),
+    (b":012100005589\n", "the tape ends without its last record, :00000001FF"),
+    (b"hello\n", "line 1 of the tape: a record is a colon and at least 10 hexadecimal figures"),
+    (b":020000040000FA\n", "line 1 of the tape: a record of kind 04 is not for sixteen bits of address"),
+])  # fmt: skip
 def test_a_bad_tape_is_one_line(text, reason):
     with pytest.raises(InputError) as refused:
         read_tape(text)
     assert refused.value.reason.startswith(reason)
 
 
-def run(code: bytes, **registers: int) -> tuple[Cpu8085, int]:
+def run(code, **registers):
     """Run code at 3400H up to its HLT; returns the processor and its T-states."""
     memory = bus.Bus()
     for k, byte in enumerate(code + b"\x76"):
         memory.write(0x3400 + k, byte)
 
-    def no_routine(address: int) -> int:
+    def no_routine(address):
         raise NoCodeError(f"{address:04X}H")
 
     cpu, cost = Cpu8085(memory, no_routine), 0
@@ -212,22 +209,19 @@ def test_a_product_by_shifts_takes_the_manuals_time(d, e):
     assert (cpu.registers[B], cpu.registers[D], cpu.registers[E]) == (0, 0, e)
 
 
-@pytest.mark.parametrize(
-    ("code", "expected", "cost"),
-    [
-        ("3E 80 07 4F", {"c": 0x01}, 7 + 4 + 4),  # RLC
-        ("3E 01 0F 4F", {"c": 0x80}, 15),  # RRC
-        ("37 3E 01 1F 4F", {"c": 0x80}, 19),  # STC, RAR
-        ("3E 0F 2F 4F", {"c": 0xF0}, 15),  # CMA
-        ("21 00 36 36 5A 34 4E", {"c": 0x5B}, 10 + 10 + 10 + 7),  # MVI M, INR M
-        ("3E 5A 32 01 36 2A 00 36 4C", {"c": 0x5A}, 7 + 13 + 16 + 4),  # STA, LHLD
-        ("01 34 12 C5 E1 4C", {"c": 0x12}, 10 + 12 + 10 + 4),  # PUSH B, POP H
-        ("21 34 12 11 78 56 EB 4D", {"c": 0x78}, 10 + 10 + 4 + 4),  # XCHG
-        ("3E 05 FE 05 CA 0A 34 0E 01 76 0E 02", {"c": 2}, 7 + 7 + 10 + 7),  # CPI, JZ
-        ("CD 06 34 0E 07 76 3E 01 C9", {"c": 7, "a": 1}, 18 + 7 + 10 + 7),  # CALL, RET
-        ("3E 00 B7 C0 C8", {}, 7 + 4 + 6 + 12),  # RNZ not taken, RZ taken: into a stack of zeros
-    ],
-)
+@pytest.mark.parametrize(("code", "expected", "cost"), [
+    ("3E 80 07 4F", {"c": 0x01}, 7 + 4 + 4),  # RLC
+    ("3E 01 0F 4F", {"c": 0x80}, 15),  # RRC
+    ("37 3E 01 1F 4F", {"c": 0x80}, 19),  # STC, RAR
+    ("3E 0F 2F 4F", {"c": 0xF0}, 15),  # CMA
+    ("21 00 36 36 5A 34 4E", {"c": 0x5B}, 10 + 10 + 10 + 7),  # MVI M, INR M
+    ("3E 5A 32 01 36 2A 00 36 4C", {"c": 0x5A}, 7 + 13 + 16 + 4),  # STA, LHLD
+    ("01 34 12 C5 E1 4C", {"c": 0x12}, 10 + 12 + 10 + 4),  # PUSH B, POP H
+    ("21 34 12 11 78 56 EB 4D", {"c": 0x78}, 10 + 10 + 4 + 4),  # XCHG
+    ("3E 05 FE 05 CA 0A 34 0E 01 76 0E 02", {"c": 2}, 7 + 7 + 10 + 7),  # CPI, JZ
+    ("CD 06 34 0E 07 76 3E 01 C9", {"c": 7, "a": 1}, 18 + 7 + 10 + 7),  # CALL, RET
+    ("3E 00 B7 C0 C8", {}, 7 + 4 + 6 + 12),  # RNZ not taken, RZ taken: into a stack of zeros
+])  # fmt: skip
 def test_instructions_do_what_the_manual_says(code, expected, cost):
     if not expected:
         with pytest.raises(NoCodeError, match="0000H"):

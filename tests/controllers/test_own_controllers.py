@@ -2,22 +2,19 @@
 
 import json
 import math
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 import edmsim
 from edmsim import controllers
-from edmsim.controllers import FeedCommand, WindowObservation, check_controller, from_text
+from edmsim.controllers import FeedCommand, check_controller, from_text
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
 from edmsim.job import checkpoint
 from edmsim.job.cut import make_controller
-from tests.conftest import Run
 
 LAW = '''\
 from dataclasses import dataclass
@@ -60,24 +57,24 @@ class Law:
 
     name: ClassVar[str] = "law"
 
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
+    def reset(self, max_feed_um_s):
         self.most = max_feed_um_s
         return FeedCommand(0.5 * self.most)
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window):
         return FeedCommand(0.5 * self.most)
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self):
         return {"most": self.most}
 
-    def restore(self, state: Any) -> None:
+    def restore(self, state):
         self.most = state["most"]
 
 
 class Counting(Law):
     windows = 0
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window):
         self.windows += 1
         return FeedCommand(0.1 * (self.windows % 7))
 
@@ -85,14 +82,14 @@ class Counting(Law):
 class Restless(Law):
     made = 0
 
-    def __init__(self) -> None:
+    def __init__(self):
         type(self).made += 1
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window):
         return FeedCommand(0.1 * self.made)
 
 
-def wrong(**methods: Any) -> type[Law]:
+def wrong(**methods):
     """Return the law with one of its methods changed."""
     return type("Wrong", (Law,), methods)
 
@@ -109,17 +106,17 @@ Unwritable = wrong(snapshot=lambda self: {"most": {1.0}})
 
 
 class Forgetful(Counting):
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
+    def reset(self, max_feed_um_s):
         self.windows = 0
         return super().reset(max_feed_um_s)
 
 
-def assert_same(one: edmsim.CutResult, other: edmsim.CutResult) -> None:
+def assert_same(one, other):
     np.testing.assert_equal(one.windows.to_pydict(), other.windows.to_pydict())  # NaN equals NaN there
 
 
 @pytest.fixture
-def law(tmp_path: Path) -> Path:
+def law(tmp_path):
     file = tmp_path / "law.py"
     file.write_text(LAW, encoding="utf-8")
     return file
@@ -127,12 +124,12 @@ def law(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", controllers.names())
-def test_every_controller_of_ours_conforms(name: str) -> None:
+def test_every_controller_of_ours_conforms(name):
     check_controller(lambda: controllers.make(name))
 
 
 @pytest.mark.slow
-def test_a_policy_conforms_and_so_may_an_own_one() -> None:
+def test_a_policy_conforms_and_so_may_an_own_one():
     check_controller(lambda: from_text("policy:GapFeed-ppo"))
     check_controller(Law)
 
@@ -145,13 +142,13 @@ def test_a_policy_conforms_and_so_may_an_own_one() -> None:
     (Coded, "the alarm 5: give the reason in words"),
     (object, "is not a feed controller: it has no name, reset, update, snapshot, restore"),
 ])  # fmt: skip
-def test_what_does_not_conform_is_refused(kind: Callable[[], Any], message: str) -> None:
+def test_what_does_not_conform_is_refused(kind, message):
     with pytest.raises(InputError, match=message):
         check_controller(kind)
 
 
 @pytest.mark.slow
-def test_an_own_class_is_named_by_its_file(law: Path, small_punch: Path, tmp_path: Path) -> None:
+def test_an_own_class_is_named_by_its_file(law, small_punch, tmp_path):
     check_controller(lambda: from_text(f"{law}:Half"))
     made = [f"{law}:Half:share=0.25", from_text(f"{law}:Half:share=0.25")]
     results = [edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=1, controller=c) for c in made]
@@ -161,8 +158,8 @@ def test_an_own_class_is_named_by_its_file(law: Path, small_punch: Path, tmp_pat
     assert "controller_sha256" in settings[0]
 
 
-def test_an_object_of_ours_cuts_as_its_name_does(small_punch: Path) -> None:
-    def cut(controller: Any) -> edmsim.CutResult:
+def test_an_object_of_ours_cuts_as_its_name_does(small_punch):
+    def cut(controller):
         return edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=1, controller=controller)
 
     named, as_object = cut("fixed:feed_um_s=11.0,offset_um=0.0"), cut(controllers.make("fixed", feed_um_s=11.0))
@@ -176,7 +173,7 @@ def test_an_object_of_ours_cuts_as_its_name_does(small_punch: Path) -> None:
     (":Bare", "Bare is not a feed controller: it has no update, snapshot, restore"),
     (":Half:gain=2", "Half has no parameter 'gain'; it has share"), (":Half:share", "must read name=number"),
 ])  # fmt: skip
-def test_what_a_file_does_not_have_is_refused(law: Path, rest: str, message: str) -> None:
+def test_what_a_file_does_not_have_is_refused(law, rest, message):
     with pytest.raises(InputError, match=message):
         from_text(f"{law}{rest}")
 
@@ -185,7 +182,7 @@ def test_what_a_file_does_not_have_is_refused(law: Path, rest: str, message: str
     ("def law(:", r"law.py:1: is not Python: invalid syntax"), ("x = 1\ny = x / 0\n", r"law.py:2: .*ZeroDivision"),
     ("import lathe_of_nobody", r"law.py:1: fails when it is run: ModuleNotFoundError"), ("", "the file has no class"),
 ])  # fmt: skip
-def test_a_file_that_cannot_be_run_is_one_line(law: Path, text: str, message: str) -> None:
+def test_a_file_that_cannot_be_run_is_one_line(law, text, message):
     law.write_text(text)
     with pytest.raises(InputError, match=message) as error:
         from_text(f"{law}:Half")
@@ -195,14 +192,12 @@ def test_a_file_that_cannot_be_run_is_one_line(law: Path, text: str, message: st
 
 
 @pytest.mark.slow
-def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(
-    law: Path, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(law, small_punch, tmp_path, monkeypatch):
     step, out = Simulation.step, tmp_path / "out"
-    options: dict[str, Any] = {"height_mm": 5, "resolution": "fast", "max_time_s": 1, "out": out,
+    options = {"height_mm": 5, "resolution": "fast", "max_time_s": 1, "out": out,
                                "controller": f"{law}:Half"}  # fmt: skip
 
-    def interrupted(self: Simulation) -> Any:
+    def interrupted(self):
         if self.plant.time_ns > 2e8:
             raise KeyboardInterrupt
         return step(self)
@@ -222,7 +217,7 @@ def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(
     assert_same(resumed, whole)
 
 
-def test_something_else_in_place_of_a_controller_is_refused() -> None:
+def test_something_else_in_place_of_a_controller_is_refused():
     with pytest.raises(InputError, match=r"Law is a class: give an object of it, Law\(\)"):
         make_controller(Law)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="3 is not a feed controller"):
@@ -230,7 +225,7 @@ def test_something_else_in_place_of_a_controller_is_refused() -> None:
 
 
 @pytest.mark.slow
-def test_a_wrong_command_ends_cut_and_episode_in_one_line(small_punch: Path) -> None:
+def test_a_wrong_command_ends_cut_and_episode_in_one_line(small_punch):
     with pytest.raises(InputError, match="feed of nan"):
         edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=5, controller=Lost())
     with pytest.raises(InputError, match="must return a FeedCommand"):
@@ -239,7 +234,7 @@ def test_a_wrong_command_ends_cut_and_episode_in_one_line(small_punch: Path) -> 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("short_episodes")
-def test_the_command_line_takes_an_own_controller(law: Path, small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
+def test_the_command_line_takes_an_own_controller(law, small_punch, tmp_path, edmsim):
     cut = ("cut", small_punch, "--height", 5, "--resolution", "fast", "--max-time", 0.5, "--quiet", "--out", tmp_path)
     assert edmsim(*cut, "--controller", f"{law}:Half:share=0.3") == (3, "", "")
     status, out, err = edmsim(*cut, "--controller", f"{law}:Whole")

@@ -19,7 +19,7 @@ DIGESTS = {
 }  # fmt: skip
 
 
-def case(number: int) -> tuple[np.ndarray, str, float, list[tuple[int, int]], int]:
+def case(number):
     """Return a path, with corners near each other or anywhere, its units, windows (speed, duration), the start."""
     rng = np.random.default_rng(number)
     unit = ("um", "step")[number % 2]
@@ -37,7 +37,7 @@ def case(number: int) -> tuple[np.ndarray, str, float, list[tuple[int, int]], in
     return points * (2 if unit == "step" else 1), unit, (262.5, 252.6)[number // 16 % 2], windows, start_ns
 
 
-def digest(name: str) -> str:
+def digest(name):
     """Digest of every step, place and length of way in all cases."""
     found = hashlib.sha256()
     for number in range(CASES):
@@ -52,7 +52,7 @@ def digest(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", DIGESTS)
-def test_steps_and_places_are_those_of_plain_python(name: str) -> None:  # T-69, T-70, T-74
+def test_steps_and_places_are_those_of_plain_python(name):  # T-69, T-70, T-74
     assert digest(name) == DIGESTS[name]
 
 

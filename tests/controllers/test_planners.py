@@ -279,17 +279,12 @@ def test_default_planner_takes_a_new_speed_at_once():  # T-A13
     assert planner.advance(SECOND, 2 * SECOND, 127)[0].time_ns < 1.1 * SECOND
 
 
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
-        ([(0, 0)], "two different points"),
-        ([(5, 5), (5, 5)], "two different points"),
-        ([(0, 0), (70_000, 0)], "point 1 of the path lies at (70000, 0) um"),
-        ([(-1, 0), (7, 0)], "point 0 of the path lies at (-1, 0) um"),
-        ([(0, 0, 0), (1, 2, 3)], "shape (n, 2)"),
-        ([(0.5, 0.0), (9.0, 0.0)], "whole um"),
-    ],
-)
+@pytest.mark.parametrize(("points", "words"), [
+    ([(0, 0)], "two different points"), ([(5, 5), (5, 5)], "two different points"),
+    ([(0, 0), (70_000, 0)], "point 1 of the path lies at (70000, 0) um"),
+    ([(-1, 0), (7, 0)], "point 0 of the path lies at (-1, 0) um"),
+    ([(0, 0, 0), (1, 2, 3)], "shape (n, 2)"), ([(0.5, 0.0), (9.0, 0.0)], "whole um"),
+])  # fmt: skip
 def test_a_path_that_cannot_be_used_is_refused(points, words):  # T-61, T-A11
     for name in COUNTING:
         with pytest.raises(InputError) as refused:
@@ -354,16 +349,13 @@ def test_steps_of_a_fraction_of_a_um_too(name):
     assert len(steps) == (400 + 150) / 2.5
 
 
-@pytest.mark.parametrize(
-    ("name", "step_um", "words"),
-    [
-        ("poscal", 2.5, "table.step_um is 2.5: give the machine steps of 1 to 16 whole um, or choose"),
-        ("poscal-literal", 17, "table.step_um is 17"),
-        ("sine-table", 0, "table.step_um is 0"),
-        ("dda", 2.0005, "whole nm, and table.step_um is 2.0005"),
-        ("exact", math.inf, "table.step_um is inf"),
-    ],
-)
+@pytest.mark.parametrize(("name", "step_um", "words"), [
+    ("poscal", 2.5, "table.step_um is 2.5: give the machine steps of 1 to 16 whole um, or choose"),
+    ("poscal-literal", 17, "table.step_um is 17"),
+    ("sine-table", 0, "table.step_um is 0"),
+    ("dda", 2.0005, "whole nm, and table.step_um is 2.0005"),
+    ("exact", math.inf, "table.step_um is inf"),
+])  # fmt: skip
 def test_steps_a_planner_cannot_count_are_refused_by_name(name, step_um, words):
     with pytest.raises(InputError) as refused:
         make_planner(name, np.array([(0, 0), (9, 9)]), step_um=step_um)

@@ -12,8 +12,6 @@ from edmsim.controllers.mcu.firmware.poscal import SINE, look_up, poscal, positi
 from edmsim.controllers.planner.kinds import lengthened
 from edmsim.errors import InputError
 
-SPEEDS = st.integers(0, 127)
-
 
 def ends(dx, dy):
     """A position and a target on the table that differ by a displacement."""
@@ -21,25 +19,19 @@ def ends(dx, dy):
     return position, (position[0] + dx, position[1] + dy)
 
 
-@pytest.mark.parametrize(
-    ("dx", "dy", "v", "halvings", "reduced", "length", "vx", "vy"),
-    [
-        (3, 4, 127, 0, (3, 4), 5, 76, 101),
-        (3000, 4000, 127, 5, (93, 125), 156, 75, 101),
-        (1, 1, 127, 0, (1, 1), 2, 63, 63),
-        (255, 0, 127, 0, (255, 0), 255, 127, 0),
-        (181, 181, 127, 0, (181, 181), 256, 89, 89),
-        (182, 182, 127, 1, (91, 91), 129, 89, 89),
-        (255, 255, 127, 1, (127, 127), 180, 89, 89),
-        (10_000, 100, 127, 6, (156, 1), 156, 127, 1),
-        (60_000, 200, 127, 8, (234, 0), 234, 127, 0),
-        (-20_000, 12_345, 64, 7, (156, 96), 183, -54, 33),
-        (255, 1, 1, 0, (255, 1), 255, 1, 1),
-        (0, 0, 50, 0, (0, 0), 0, 0, 0),
-        (65_535, 65_535, 127, 9, (127, 127), 180, 89, 89),
-        (300, -400, 10, 1, (150, 200), 250, 6, -8),
-    ],
-)
+@pytest.mark.parametrize(("dx", "dy", "v", "halvings", "reduced", "length", "vx", "vy"), [
+    (3, 4, 127, 0, (3, 4), 5, 76, 101),
+    (3000, 4000, 127, 5, (93, 125), 156, 75, 101),
+    (1, 1, 127, 0, (1, 1), 2, 63, 63), (255, 0, 127, 0, (255, 0), 255, 127, 0),
+    (181, 181, 127, 0, (181, 181), 256, 89, 89), (182, 182, 127, 1, (91, 91), 129, 89, 89),
+    (255, 255, 127, 1, (127, 127), 180, 89, 89),
+    (10_000, 100, 127, 6, (156, 1), 156, 127, 1),
+    (60_000, 200, 127, 8, (234, 0), 234, 127, 0),
+    (-20_000, 12_345, 64, 7, (156, 96), 183, -54, 33),
+    (255, 1, 1, 0, (255, 1), 255, 1, 1), (0, 0, 50, 0, (0, 0), 0, 0, 0),
+    (65_535, 65_535, 127, 9, (127, 127), 180, 89, 89),
+    (300, -400, 10, 1, (150, 200), 250, 6, -8),
+])  # fmt: skip
 def test_worked_vectors(dx, dy, v, halvings, reduced, length, vx, vy):  # T-68, T-69, T-G7, T-G8
     found = resolve(abs(dx), abs(dy), 1, 1)
     assert (found.halvings, (found.x, found.y), found.length) == (halvings, reduced, length)
@@ -54,9 +46,7 @@ def test_literal_wrap_makes_nonsense_of_the_length(side, speed):  # T-G6
     assert poscal((0, 0), (32, 254), 127, literal_wrap=True)[1] == 16_003 + 126  # of all vectors the furthest off
 
 
-@given(
-    st.integers(-65_535, 65_535), st.integers(-65_535, 65_535), st.sampled_from([1, 2, 4, 8, 16, 32, 64, 127])
-)
+@given(st.integers(-65_535, 65_535), st.integers(-65_535, 65_535), st.sampled_from([1, 2, 4, 8, 16, 32, 64, 127]))
 def test_component_errors_stay_within_their_bounds(dx, dy, v):  # T-68, T-G9, T-A4
     low = {1: -0.008, 2: -0.996, 4: -1.014, 8: -1.055, 16: -1.110, 32: -1.242, 64: -1.483, 127: -1.991}[v]
     high = {1: 0.996, 2: 0.992, 4: 0.984, 8: 0.969, 16: 0.938, 32: 0.875, 64: 0.750, 127: 0.749}[v]

@@ -21,11 +21,11 @@ START_UM = 50.0
 
 
 @pytest.fixture(scope="module")
-def machine() -> Machine:
+def machine():
     return Machine.load(height_mm=40.0, tension=8.0)
 
 
-def window(path_um: float) -> WindowObservation:
+def window(path_um):
     return WindowObservation(1.0, 0.0255, 10, 40, 40.0, 2.0, 9.0, 10.0, path_um)
 
 
@@ -119,19 +119,19 @@ def test_pauses_at_corners_grow_with_the_root_of_what_the_wire_bends(machine):
 WINDOW_S = 0.02
 
 
-def observed(time_s: float, fifths: tuple[int, ...] = (30,) * 5) -> WindowObservation:
+def observed(time_s, fifths=(30,) * 5):
     ignited = sum(fifths)
     return WindowObservation(time_s, WINDOW_S, 20, 235 - ignited, 30.0, 5.0, 5.0, 10.0, 0.0, fifths)
 
 
-def periods(name: str, fifths: tuple[int, ...], seconds: float = 3.0, **parameters: float) -> list[float]:
+def periods(name, fifths, seconds=3.0, **parameters):
     controller = law_on_production_machine(name, **parameters)
     count = round(seconds / WINDOW_S)
     answers = [controller.update(observed((k + 1) * WINDOW_S, fifths)) for k in range(count)]
     return [answer.t_period_us or 0.0 for answer in answers]
 
 
-def test_heat_of_an_ignition_is_that_of_its_spark_and_of_its_current() -> None:
+def test_heat_of_an_ignition_is_that_of_its_spark_and_of_its_current():
     """Closed form: all that a middle spark gives the wire beside the workpiece; half its current flows either way."""
     m = production_machine()
     cooling, wire = m.base.cooling, m.wire
@@ -144,19 +144,19 @@ def test_heat_of_an_ignition_is_that_of_its_spark_and_of_its_current() -> None:
     assert heat_per_ignition_s(production_machine(height_mm=30.0))[0, 0] > 1.4 * heat_per_ignition_s(m)[0, 0]
 
 
-def test_sparks_in_one_place_ask_for_a_longer_period_than_as_many_all_over() -> None:
+def test_sparks_in_one_place_ask_for_a_longer_period_than_as_many_all_over():
     spread, crowded = (periods("heat-flux", fifths, hold_share=0.25)[-1] for fifths in ((30,) * 5, (75, 75, 0, 0, 0)))
     assert crowded > 1.2 * spread
 
 
-def test_more_hold_is_a_shorter_period_within_the_limits() -> None:
+def test_more_hold_is_a_shorter_period_within_the_limits():
     long_us, short_us = (periods("heat-flux", (30,) * 5, 12.0, hold_share=hold)[-1] for hold in (0.02, 0.9))
     assert long_us >= 150.0
     assert short_us == pytest.approx(25.0)
 
 
 @pytest.mark.parametrize("name", ["fixed-period", "heat-flux"])
-def test_a_fresh_wire_comes_to_its_period_slowly(name: str) -> None:
+def test_a_fresh_wire_comes_to_its_period_slowly(name):
     controller = controllers.make(name)
     controller.reset(400.0)
     first = [controller.update(observed((k + 1) * WINDOW_S)).t_period_us for k in range(100)]
@@ -170,7 +170,7 @@ def test_a_fresh_wire_comes_to_its_period_slowly(name: str) -> None:
     assert threaded > 1.5 * first[-1]
 
 
-def test_what_broke_a_wire_is_held_no_more() -> None:
+def test_what_broke_a_wire_is_held_no_more():
     sparks = (30,) * 5
     found = []
     for share in (1.0, 0.5):
@@ -181,7 +181,7 @@ def test_what_broke_a_wire_is_held_no_more() -> None:
 
 
 @pytest.mark.parametrize("name", ["heat-flux", "climbing-hold", "adaptive-hold"])
-def test_sparks_that_clear_a_short_find_no_shorter_period_than_those_before_it(name: str) -> None:
+def test_sparks_that_clear_a_short_find_no_shorter_period_than_those_before_it(name):
     """A short heats no wire, so that a hold would shorten the period; wires broke as such shorts cleared."""
     cut = Cut(name, shortest_us=18.0, recovery_s=0.5)
     before_us = cut.periods_us(300)[-1]
@@ -195,7 +195,7 @@ def test_sparks_that_clear_a_short_find_no_shorter_period_than_those_before_it(n
 
 
 @pytest.mark.parametrize("name", ["climbing-hold", "adaptive-hold", "guarded-hold"])
-def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name: str) -> None:
+def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name):
     """Wires broke as such a gap closed again, at the shortest period."""
     found = []
     for refill_s in (0.0, 60.0):
@@ -208,7 +208,7 @@ def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name
     assert closed_us == pytest.approx(usual_us, rel=0.1)
 
 
-def test_sato_begins_every_wire_above_the_operators_period() -> None:
+def test_sato_begins_every_wire_above_the_operators_period():
     controller = controllers.make("sato")
     controller.reset(400.0)
     operator_us = WINDOW_S / 255 * 1e6

@@ -1,9 +1,6 @@
 """The machine looks after its axes itself: every drive, own ones too, follows its path or stops the cut by name."""
 
-from __future__ import annotations
-
 import re
-from typing import Any
 
 import pytest
 
@@ -24,7 +21,7 @@ NO_LIMIT = 10**9
 
 
 @sample
-def _away(drive_at: Any, axis_at: Any) -> None:
+def _away(drive_at, axis_at):
     drive = carray(drive_at, 1)[0]
     drive.command = 1.0 if drive.index > 300 else 0.0
 
@@ -38,23 +35,23 @@ class Away(PositionServo):
 class Fibs(PositionServo):
     """Says that it takes ten counts a step, and takes five."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.record["reg"][0, COUNTS_PER_EDGE], self.record["reg"][0, LARGEST_ERROR] = 5, NO_LIMIT
 
     @property
-    def counts_per_step(self) -> float:
+    def counts_per_step(self):
         return 10.0
 
 
-def servo(**registers: int) -> PositionServo:
+def servo(**registers):
     drive = PositionServo()
     for name, value in registers.items():
         drive.record["reg"][0, {"kp": KP, "kd": KD, "counts": COUNTS_PER_EDGE, "limit": LARGEST_ERROR}[name]] = value
     return drive
 
 
-def cut(x: Any, y: Any | None = None, *contours: Any, **options: Any) -> Any:
+def cut(x, y=None, *contours, **options):
     sim = simulation(*(contours or (LINE,)), drives={"x": x, "y": x if y is None else y}, **options)
     run(sim)
     return sim
@@ -95,15 +92,12 @@ def test_a_short_part_of_half_the_size_is_not_finished():
     assert "not coming nearer" in sim.reason
 
 
-@pytest.mark.parametrize(
-    ("drive", "own_um"),
-    [
-        (servo(counts=5), "1"), (servo(counts=-10), "-2"), (axes.from_text("uhu:M=4"), "1"),
-        (axes.from_text("servo-module:X=19"), "4"), (axes.from_text("eanpos:measure=800"), "1"),
-        (axes.from_text("eanpos:pulse=1000"), "1"), (Eanpos.tuned(changes={"measure": 200}), "4"),
-        (Uhu(stored={"step_multiplier": 9}, law={"step_sense": -1}), "-2"), (axes.make("eanpos"), "0"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("drive", "own_um"), [
+    (servo(counts=5), "1"), (servo(counts=-10), "-2"), (axes.from_text("uhu:M=4"), "1"),
+    (axes.from_text("servo-module:X=19"), "4"), (axes.from_text("eanpos:measure=800"), "1"),
+    (axes.from_text("eanpos:pulse=1000"), "1"), (Eanpos.tuned(changes={"measure": 200}), "4"),
+    (Uhu(stored={"step_multiplier": 9}, law={"step_sense": -1}), "-2"), (axes.make("eanpos"), "0"),
+])  # fmt: skip
 def test_a_wrong_scale_is_refused_under_every_drive(drive, own_um):
     message = rf"drive of y \(.*\) moves {own_um} um at a step; this machine's steps are 2$"
     with pytest.raises(InputError, match=message):
@@ -162,15 +156,12 @@ def test_of_two_drives_on_the_fault_line_the_second_is_stopped_by_the_first():
     assert second == "the drive of y was stopped by its fault line, pulled low by x"
 
 
-@pytest.mark.parametrize(
-    ("fault", "reason"),
-    [
-        ("stuck", "error reached the limit E of 500"), ("swapped", "error reached the limit E of 500"),
-        ("unplugged", "x is 12"), ("supply-off", "its supply gives 0 V in place of 24 V"),
-        ("logic-off", "its drive is held in reset"), ("fault-line", "pulled low from outside"),
-        ("stalled", "its watchdog saw no recalculation for 125 ms"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("fault", "reason"), [
+    ("stuck", "error reached the limit E of 500"), ("swapped", "error reached the limit E of 500"),
+    ("unplugged", "x is 12"), ("supply-off", "its supply gives 0 V in place of 24 V"),
+    ("logic-off", "its drive is held in reset"), ("fault-line", "pulled low from outside"),
+    ("stalled", "its watchdog saw no recalculation for 125 ms"),
+])  # fmt: skip
 def test_every_fault_of_an_axis_stops_the_cut_with_its_cause(fault, reason):
     feed_um_s = 2.0 if fault == "stalled" else 30.0  # a duty that is held at speed leads the axis off before 125 ms
     faults, law = [AxisFault("x", fault, 0.3)], make("fixed", feed_um_s=feed_um_s)
@@ -198,14 +189,11 @@ def test_a_fault_outlasts_a_checkpoint():
     assert "its supply gives 0 V" in sim.reason
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("z:stuck@1", "names no axis x or y"), ("x:loose@1", f"names no fault; choose one of {', '.join(FAULTS)}"),
-        ("x:stuck", "has no time"), ("x:stuck@-1", "has no time"), ("x:stuck@nan", "has no time"),
-        ("stuck@1", "names no axis"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "reason"), [
+    ("z:stuck@1", "names no axis x or y"), ("x:loose@1", f"names no fault; choose one of {', '.join(FAULTS)}"),
+    ("x:stuck", "has no time"), ("x:stuck@-1", "has no time"), ("x:stuck@nan", "has no time"),
+    ("stuck@1", "names no axis"),
+])  # fmt: skip
 def test_a_fault_that_is_none_is_refused(text, reason):
     with pytest.raises(InputError, match=reason):
         parse_fault(text)

@@ -1,11 +1,8 @@
 """Passes in a cut: one kerf field under several settings, resumed to the bit; pieces that come loose."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,15 +21,13 @@ from edmsim.metrology.roughness import face_roughness_um, roughness_um
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
 
-def setups(height_mm: float = 25.4) -> list[PassSetup]:
+def setups(height_mm=25.4):
     found = technology_for("tool-steel").table(height_mm, 2).settings
     machines = [machine_of(one, "production", "tool-steel", "brass-254", height_mm) for one in found]
     return [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, found, strict=True)]
 
 
-def started(
-    length_mm: float = 0.5, resolution: str = "fast", height_mm: float = 25.4, seed: int = 0
-) -> Simulation:
+def started(length_mm=0.5, resolution="fast", height_mm=25.4, seed=0):
     both = setups(height_mm)
     offsets_mm = technology_for("tool-steel").table(height_mm, 2).offsets_mm
     path = straight_path(offsets_mm, length_mm, both[0].machine)
@@ -41,13 +36,13 @@ def started(
     )
 
 
-def state_of(simulation: Simulation) -> tuple[dict[str, bytes], str]:
+def state_of(simulation):
     arrays, values = simulation.snapshot()
     return {name: array.tobytes() for name, array in arrays.items()}, json.dumps(values)
 
 
 @cache
-def cut_with_a_snapshot_in_each_pass() -> tuple[Simulation, list[tuple[Any, Any]]]:
+def cut_with_a_snapshot_in_each_pass():
     simulation, states, windows = started(), [], 0
     while simulation.outcome is None:
         simulation.step()
@@ -58,7 +53,7 @@ def cut_with_a_snapshot_in_each_pass() -> tuple[Simulation, list[tuple[Any, Any]
     return simulation, states
 
 
-def test_a_cut_resumed_in_any_pass_is_equal_to_the_bit() -> None:
+def test_a_cut_resumed_in_any_pass_is_equal_to_the_bit():
     simulation, states = cut_with_a_snapshot_in_each_pass()
     assert {values["at"]["leg"] for _, values in states} >= {1, 2}  # in the rough pass, and in its trim
     for arrays, values in states[:: max(len(states) - 1, 1)]:
@@ -68,7 +63,7 @@ def test_a_cut_resumed_in_any_pass_is_equal_to_the_bit() -> None:
         assert state_of(again) == state_of(simulation)
 
 
-def test_a_trim_takes_from_one_side_what_the_rough_pass_left() -> None:
+def test_a_trim_takes_from_one_side_what_the_rough_pass_left():
     simulation, _ = cut_with_a_snapshot_in_each_pass()
     rough, trim = simulation.passes.records
     assert (rough.number, trim.number, trim.reversed) == (1, 2, True)
@@ -77,7 +72,7 @@ def test_a_trim_takes_from_one_side_what_the_rough_pass_left() -> None:
     assert trim.begin_s >= rough.end_s
 
 
-def test_a_trim_that_begins_in_a_short_runs_back_along_the_rough_pass() -> None:
+def test_a_trim_that_begins_in_a_short_runs_back_along_the_rough_pass():
     """The wire hung behind; straightened for the trim, it touches the metal ahead of the rough pass."""
     simulation, trim_s, behind = started(0.1, height_mm=76.2), [], []
     while simulation.outcome is None:
@@ -95,7 +90,7 @@ def test_a_trim_that_begins_in_a_short_runs_back_along_the_rough_pass() -> None:
     assert state_of(again) == state_of(simulation)
 
 
-def test_craters_leave_no_waves_on_a_trimmed_wall() -> None:
+def test_craters_leave_no_waves_on_a_trimmed_wall():
     """At `default`, craters that take evenly from their width leave waves of 3.5 to 4 um (theory/workpiece.md)."""
     simulation = started(1.4, "default")
     simulation.run()
@@ -104,7 +99,7 @@ def test_craters_leave_no_waves_on_a_trimmed_wall() -> None:
         assert record.wall.waves_um < 1.2
 
 
-def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it() -> None:
+def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it():
     simulation, waits_s = started(0.3), 2.0
     contour = simulation.path.contours[0]
     rough, trim = contour.passes
@@ -123,7 +118,7 @@ def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it() -> None:
     assert waiting[1][1] - plain[1][1] == pytest.approx(waits_s, abs=0.5)
 
 
-def test_a_plant_goes_on_under_another_setting() -> None:
+def test_a_plant_goes_on_under_another_setting():
     rough, trim = setups()
     plant = edmsim.Plant(rough.machine, 3, resolution="fast")
     for _ in range(20):
@@ -140,14 +135,14 @@ def test_a_plant_goes_on_under_another_setting() -> None:
         plant.change_setup(trim.machine.with_(height_mm=30.0))
 
 
-def ring_of_holes(gap: int = 0) -> Stock:
+def ring_of_holes(gap=0):
     """Return a block with a circle of holes that meet, but for the last `gap` of them."""
     angles = np.linspace(0, 2 * np.pi, 80, endpoint=False)[: 80 - gap]
     holes = tuple((1000 + 500 * np.cos(a), 1000 + 500 * np.sin(a), 60.0) for a in angles)
     return Stock((0.0, 0.0, 2000.0, 2000.0), holes)
 
 
-def test_a_piece_that_nothing_holds_is_found_and_taken_out() -> None:
+def test_a_piece_that_nothing_holds_is_found_and_taken_out():
     field = KerfField(3, ring_of_holes(), 4.0, 4000.0)
     field.allocate(1000.0, 1000.0, 200.0)  # only its middle
     (piece,) = loose_pieces(field, 0.02)
@@ -165,13 +160,13 @@ def test_a_piece_that_nothing_holds_is_found_and_taken_out() -> None:
     assert shapely.equals_exact(again.gone[0], field.gone[0])
 
 
-def test_a_piece_on_its_tab_is_held() -> None:
+def test_a_piece_on_its_tab_is_held():
     field = KerfField(3, ring_of_holes(gap=6), 4.0, 4000.0)
     field.allocate(1000.0, 1000.0, 700.0)
     assert loose_pieces(field, 0.02) == []
 
 
-def test_a_fine_pass_needs_stock_to_make_the_face_its_own() -> None:
+def test_a_fine_pass_needs_stock_to_make_the_face_its_own():
     coarse, fine = 5000.0, 60.0
     alone = face_roughness_um([fine], [0.0])[0]
     enough, little, nothing = (face_roughness_um([coarse, fine], [0.0, um])[1] for um in (8.0, 1.0, 0.0))

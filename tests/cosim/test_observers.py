@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from edmsim.controllers import FeedCommand, WindowObservation
+from edmsim.controllers import FeedCommand
 from edmsim.controllers.feed.fixed import FixedController
-from edmsim.cosim.observers import Observer, PlantView, Turn
+from edmsim.cosim.observers import Observer
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.machine.machine import Machine
@@ -24,38 +22,38 @@ class Periods(Observer):
 
     name: ClassVar[str] = "periods"
 
-    def __init__(self) -> None:
-        self.periods_us: list[float] = []
-        self.starts_um: list[float] = []
+    def __init__(self):
+        self.periods_us = []
+        self.starts_um = []
 
-    def leg(self, points_um: NDArray[np.int64], start_um: float) -> None:
+    def leg(self, points_um, start_um):
         self.starts_um.append(start_um)
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
+    def window(self, turn, plant):
         self.periods_us.append(plant.machine.t_period_us)
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
+    def snapshot(self):
         return {"periods_us": np.array(self.periods_us)}
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state):
         self.periods_us = state["periods_us"].tolist()
 
 
 class Slower(FixedController):
     """Asks for a longer period after every window."""
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window):
         return FeedCommand(self.feed_um_s, t_period_us=round(window.duration_s / 255e-6) + 10.0)
 
 
-def simulation(*observers: Observer) -> Simulation:
+def simulation(*observers):
     points = np.array([(30_000, 30_000), (30_020, 30_000), (30_060, 30_000)])
     contour = WireContour(points, 0, points * 1e-3, False, "left", ((1, 0.05),), (1, 1))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.5, (30.0, 30.0), (), "test")
     return Simulation(Machine.load(height_mm=5), path, Slower(), seed=1, resolution="fast", observers=observers)
 
 
-def test_a_window_is_observed_with_the_setting_it_was_fired_with() -> None:
+def test_a_window_is_observed_with_the_setting_it_was_fired_with():
     periods = Periods()
     cut = simulation(periods)
     for _ in range(4):
@@ -64,20 +62,20 @@ def test_a_window_is_observed_with_the_setting_it_was_fired_with() -> None:
     assert cut.plant.machine.t_period_us == 140.0
 
 
-def test_legs_begin_where_the_ones_before_ended() -> None:
+def test_legs_begin_where_the_ones_before_ended():
     periods = Periods()
     simulation(periods).run()
     assert periods.starts_um == [0.0, pytest.approx(20.0, abs=2)]
 
 
-def test_a_cut_is_the_same_with_and_without_them() -> None:
+def test_a_cut_is_the_same_with_and_without_them():
     watched, alone = simulation(Periods()), simulation()
     watched.run()
     alone.run()
     assert (watched.plant.time_ns, watched.sums) == (alone.plant.time_ns, alone.sums)
 
 
-def test_a_snapshot_holds_them_under_their_names() -> None:
+def test_a_snapshot_holds_them_under_their_names():
     whole, first, second = Periods(), Periods(), Periods()
     simulation(whole).run()
     cut = simulation(first)
@@ -97,7 +95,7 @@ ORDER = (
 )  # fmt: skip
 
 
-def test_of_several_causes_the_first_in_order_counts() -> None:
+def test_of_several_causes_the_first_in_order_counts():
     for flags in itertools.product([False, True], repeat=7):
         causes = [cause for cause, flag in zip(ORDER, flags, strict=True) if flag]
         assert judge(*flags) == (causes[0] if causes else StopCause.RUNNING)
@@ -106,11 +104,11 @@ def test_of_several_causes_the_first_in_order_counts() -> None:
 @pytest.mark.parametrize(
     ("place_um", "open_"), [(-2.1, -1), (-2.0, 0), (0.0, 0), (30_000.0, 0), (65_002.0, 0), (65_002.1, 1)]
 )
-def test_a_switch_opens_one_step_beyond_its_end(place_um: float, open_: int) -> None:
+def test_a_switch_opens_one_step_beyond_its_end(place_um, open_):
     assert switches_open(place_um, 65_000.0, 2.0) == open_
 
 
-def test_every_cause_has_its_words() -> None:
+def test_every_cause_has_its_words():
     assert set(WORDS) == set(StopCause)
     reports = [words.report for words in WORDS.values()]
     assert len(set(reports)) == len(reports)

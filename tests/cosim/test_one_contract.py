@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from edmsim.controllers import FeedCommand, WindowObservation
+from edmsim.controllers import FeedCommand
 from edmsim.cosim.simulation import Simulation
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
@@ -28,22 +27,22 @@ class Law:
 
     name: ClassVar[str] = "law"
 
-    def __init__(self, sets: bool = True) -> None:
+    def __init__(self, sets=True):
         self.sets = sets  # whether it also asks for other settings
-        self.shown: list[WindowObservation] = []
-        self.commands: list[FeedCommand] = []
-        self.legs: list[tuple[list[list[float]], float, tuple[float, float], int]] = []
-        self.limits: list[float] = []
+        self.shown = []
+        self.commands = []
+        self.legs = []
+        self.limits = []
 
-    def set_up(self, machine: Machine, points_um: Any, start_um: float) -> None:
+    def set_up(self, machine, points_um, start_um):
         self.legs.append((points_um.tolist(), start_um, (machine.t_on_us, machine.t_period_us), len(self.shown)))
 
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
+    def reset(self, max_feed_um_s):
         self.limits.append(max_feed_um_s)
         self._window = 0
         return self._ask(FeedCommand(20.0, t_period_us=120.0 if self.sets else None))
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window):
         self.shown.append(window)
         self._window += 1
         if self._window == 60 and self.sets:
@@ -51,29 +50,29 @@ class Law:
         back = 40 <= self._window < 45
         return self._ask(FeedCommand(-12.5 if back else 30.0 - window.short / 8))
 
-    def _ask(self, command: FeedCommand) -> FeedCommand:
+    def _ask(self, command):
         self.commands.append(command)
         return command
 
-    def snapshot(self) -> dict[str, float | int | str]:
+    def snapshot(self):
         return {}
 
-    def restore(self, state: dict[str, float | int | str]) -> None: ...
+    def restore(self, state): ...
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def program(tmp_path_factory):
     file = tmp_path_factory.mktemp("contract") / "two.ngc"
     file.write_text("G21 G90\nG0 X0 Y0\nG1 X0.2\nY0.05\nG0 X3 Y0.1\nG1 X3.2\nY0.05\nM2\n")
     return file
 
 
-def options(program: Path, planner: str) -> dict[str, Any]:
+def options(program, planner):
     return {"program": program, "machine": MACHINE, "planner": planner, "resolution": "fast",
             "max_feed_um_s": MAX_FEED_UM_S, "randomise": None, "height_mm": None, "tension": None}
 
 
-def cut(program: Path, planner: str, law: Law) -> Law:
+def cut(program, planner, law):
     """Cut it with the plant's seed that an episode draws."""
     task = Task("Contour", **options(program, planner))
     task.reset(SEED)
@@ -86,20 +85,20 @@ def cut(program: Path, planner: str, law: Law) -> Law:
     return law
 
 
-def evaluated(program: Path, planner: str, law: Law) -> Law:
+def evaluated(program, planner, law):
     task = Task("Contour", **options(program, planner))
     assert Episode(task, law, SEED, law.name).run().outcome == "finished"
     return law
 
 
-def bits(window: WindowObservation) -> list[str]:
+def bits(window):
     """Every field, to the bit; NaN equals NaN."""
     return [repr(value) if isinstance(value, tuple) else float(value).hex() for value in window]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("planner", ["exact", "poscal"])
-def test_a_cut_and_an_evaluation_show_a_controller_the_same(program: Path, planner: str) -> None:
+def test_a_cut_and_an_evaluation_show_a_controller_the_same(program, planner):
     in_cut, in_evaluation = cut(program, planner, Law()), evaluated(program, planner, Law())
     assert in_cut.limits == in_evaluation.limits == [MAX_FEED_UM_S] * 2
     assert in_cut.legs == in_evaluation.legs
@@ -108,7 +107,7 @@ def test_a_cut_and_an_evaluation_show_a_controller_the_same(program: Path, plann
     exercised(in_cut)
 
 
-def exercised(law: Law) -> None:
+def exercised(law):
     """The program led through metal, backwards, and through three settings in each leg."""
     (points, start_um, *_), (_, second_um, *_) = law.legs
     assert (start_um, second_um) == (0.0, pytest.approx(np.hypot(*np.diff(points, axis=0).T).sum(), abs=3))
@@ -123,7 +122,7 @@ def exercised(law: Law) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("planner", ["exact", "poscal"])
-def test_an_environment_driven_by_the_same_feeds_shows_the_same(program: Path, planner: str) -> None:
+def test_an_environment_driven_by_the_same_feeds_shows_the_same(program, planner):
     law = cut(program, planner, Law(sets=False))
     feeds = [command.feed_um_s for command in law.commands]
     later = law.legs[1][-1]

@@ -1,7 +1,5 @@
 """Guides beside the path: by whole steps, to the left of where it leads, and nothing forgotten."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -65,7 +63,7 @@ class Lateral:
 
     name = "lateral"
 
-    def __init__(self, offset_um: float) -> None:
+    def __init__(self, offset_um):
         self.offset_um = offset_um
 
     def reset(self, max_feed_um_s):
@@ -81,7 +79,7 @@ class Lateral:
         pass
 
 
-def simulation(offset_um: float) -> Simulation:
+def simulation(offset_um):
     machine = Machine.load(height_mm=5.0)
     path = plan_path(PUNCH, auto_offset_mm=machine.auto_offset_mm)
     return Simulation(machine, path, Lateral(offset_um), seed=1, resolution="fast")

@@ -1,9 +1,6 @@
 """A stuck wire sensor: what a machine does that does not notice that its wire broke."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +18,7 @@ LENGTH_UM = 1_500
 UNNOTICED = "its stuck sensor did not see that, and the machine went on without a wire"
 
 
-def straight_cut(machine: Machine, contours: int = 1, **options: Any) -> Simulation:
+def straight_cut(machine, contours=1, **options):
     """Return a cut along +x at a constant feed from a hole that the wire nearly fills, perhaps made again."""
     points_um = np.array([(START_UM, START_UM), (START_UM + LENGTH_UM, START_UM)], np.int64)
     line = WireContour(points_um, 0, points_um * 1e-3, False, "left", (), (1,))
@@ -31,12 +28,12 @@ def straight_cut(machine: Machine, contours: int = 1, **options: Any) -> Simulat
 
 
 @pytest.fixture
-def hot(hot_machine: str) -> Machine:
+def hot(hot_machine):
     return Machine.load(hot_machine, height_mm=20, tension=35.0)
 
 
 @pytest.mark.slow
-def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot: Machine) -> None:
+def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot):
     noticed, unnoticed = straight_cut(hot), straight_cut(hot, stuck_wire_sensor=True)
     noticed.run()
     unnoticed.run()
@@ -58,7 +55,7 @@ def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot: Machine)
 
 
 @pytest.mark.slow
-def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot: Machine) -> None:
+def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot):
     first = straight_cut(hot, stuck_wire_sensor=True)
     while first.reason is None:
         first.step()
@@ -73,7 +70,7 @@ def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot: Machine) -> None:
 
 
 @pytest.mark.slow
-def test_the_wire_threaded_for_the_next_contour_cuts_again(hot: Machine) -> None:
+def test_the_wire_threaded_for_the_next_contour_cuts_again(hot):
     cut = straight_cut(hot, contours=2, stuck_wire_sensor=True)
     while cut.leg == 0:
         cut.step()
@@ -84,7 +81,7 @@ def test_the_wire_threaded_for_the_next_contour_cuts_again(hot: Machine) -> None
 
 
 @pytest.mark.slow
-def test_the_time_limit_of_a_cut_without_a_wire_is_reported_as_well(hot: Machine) -> None:
+def test_the_time_limit_of_a_cut_without_a_wire_is_reported_as_well(hot):
     cut = straight_cut(hot, stuck_wire_sensor=True, max_time_s=40.0)
     assert cut.run() == "time-limit"
     assert cut.reason is not None
@@ -92,7 +89,7 @@ def test_the_time_limit_of_a_cut_without_a_wire_is_reported_as_well(hot: Machine
     assert cut.reason.endswith("the time limit of 40 s of machine time was reached")
 
 
-def test_servo_drives_follow_their_steps_without_a_wire() -> None:
+def test_servo_drives_follow_their_steps_without_a_wire():
     drives = {name: axis.from_text("uhu") for name in "xy"}
     plant = straight_cut(Machine.load(height_mm=5), drives=drives).plant
     plant.advance()
@@ -114,7 +111,7 @@ def test_servo_drives_follow_their_steps_without_a_wire() -> None:
 
 
 @pytest.mark.parametrize("generator", ["iso-pulse", "iso-energetic", "ignition-pulse"])
-def test_pulses_without_a_wire_take_as_long_as_open_ones(generator: str) -> None:
+def test_pulses_without_a_wire_take_as_long_as_open_ones(generator):
     machine = Machine.load(generator=generator, height_mm=5)
     far = straight_cut(machine).plant
     far.reset(1, stock=far.field.stock, position_um=(10_000.0, 10_000.0))  # 15 mm off the metal: all pulses are open
@@ -126,7 +123,7 @@ def test_pulses_without_a_wire_take_as_long_as_open_ones(generator: str) -> None
     assert bare.mean_voltage_V == pytest.approx(open_.mean_voltage_V, rel=0.02)  # a wire leaks a little
 
 
-def test_steps_without_a_wire_are_checked(hot: Machine) -> None:
+def test_steps_without_a_wire_are_checked(hot):
     plant = straight_cut(hot).plant
     plant.go_bare()
     with pytest.raises(InputError, match="a step needs axis 0 to 3"):

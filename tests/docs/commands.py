@@ -28,28 +28,14 @@ CUT_S, LOG_S, EPISODE_S = 2.5, 40.0, 2.0
 in which controllers are compared."""
 FEW_ENVS = 2  # sub-environments of a training
 SHORT: dict[str, tuple[str, ...]] = {
-    "cut": ("--resolution", "fast", "--quiet"),
-    "check": (),
-    "view": (),
-    "report": (),
-    "train": ("--steps", "64", "--score", "2"),
-    "dataset": ("--steps", "20"),
-    "evaluate": ("--seeds", "2", "--resolution", "fast"),
-    "calibrate": ("--json",),
-    "validate": (),
-    "bench": (),
-    "console 1982": ("--resolution", "fast"),
-    "console servo": (),
-    "console positioner": (),
-    "measure table": ("--runs", "2"),
-    "measure guides": ("--height", "3", "--quiet"),
-    "sweep run": ("--processes", "1"),
-    "sweep show": (),
-    "tune controller": ("--trials", "1", "--seeds", "1"),
-    "tune technology": (),
-    "tune drive": (),
-    "gap": ("--seconds", "0.2"),
-}
+    "cut": ("--resolution", "fast", "--quiet"), "check": (), "view": (), "report": (),
+    "train": ("--steps", "64", "--score", "2"), "dataset": ("--steps", "20"),
+    "evaluate": ("--seeds", "2", "--resolution", "fast"), "calibrate": ("--json",), "validate": (), "bench": (),
+    "console 1982": ("--resolution", "fast"), "console servo": (), "console positioner": (),
+    "measure table": ("--runs", "2"), "measure guides": ("--height", "3", "--quiet"),
+    "sweep run": ("--processes", "1"), "sweep show": (), "tune controller": ("--trials", "1", "--seeds", "1"),
+    "tune technology": (), "tune drive": (), "gap": ("--seconds", "0.2"),
+}  # fmt: skip
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 
 
@@ -149,10 +135,11 @@ def _standard_input(file: str) -> Iterator[None]:
 
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
-    from edmsim import envs, runs, validation
+    from edmsim import envs, measure, runs, validation
     from edmsim.bench import figures as bench
     from edmsim.bench import pairs, profile, serial
     from edmsim.calibration import comparison, fit
+    from edmsim.consoles import autotune
     from edmsim.envs.episode import Task
     from edmsim.hil import delays
     from edmsim.recording.rerun import viewer
@@ -173,6 +160,13 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(serial, "measure", lambda watch: {"powercore_realtime_factor": 60.0})
     patch.setattr(delays, "delay_table", partial(delays.delay_table, draws=1))
     patch.setattr(validation, "run", partial(validation.run, modules=("strings",)))
+    # tests/measure cuts a leaning block, tests/consoles/servo finds gains
+    guides = measure.GuidesFound(0.1, 0.0, (0.01, 0.01), np.array([0.5, 1.5]), np.array([-3.0, -1.0]))
+    patch.setattr(measure, "measure_guides", lambda *_, **__: guides)
+    answer = autotune.AxisTrace(np.array([0.0, 0.01, 0.02]), np.array([autotune.STEP_COUNTS, 5, 0]))
+    oscillation, response = autotune.Oscillation(1.0, 0.01, 10.0), autotune.AxisResponse(*[answer] * 3)
+    found = autotune.Tuning(("P1",), {"P": 1}, oscillation, response, response)
+    patch.setattr(autotune, "autotune", lambda *_: found)
     # tests/calibration finds constants again
     patch.setattr(comparison, "NOISE_CUTS", 8)
     patch.setattr(fit, "MOST_STRETCHES", 2)

@@ -9,12 +9,11 @@ import re
 import shutil
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
 
 import pytest
 
 from . import commands
-from .pages import BIN, ROOT, Block, blocks, is_command, pages, quoted, read
+from .pages import BIN, ROOT, blocks, is_command, pages, quoted, read
 
 NOT_RUN = {
     "make test": "it runs this test",
@@ -22,8 +21,7 @@ NOT_RUN = {
     ". .venv/bin/activate": "a test has its environment already",
     "python3 -m venv .venv": "the Makefile makes the environment the test runs in",
     ".venv/bin/pip install -c constraints.txt .[rl]": "the Makefile installs it",
-    "pip install edmsim[cluster]": "the Makefile installs it",
-    "pip install edmsim[tune]": "the Makefile installs it",
+    "pip install edmsim[cluster]": "the Makefile installs it", "pip install edmsim[tune]": "the Makefile installs it",
     "edmsim report out/die --face out/die.stl": "tests/recording/test_cut_face.py: a cut of 5 s has no face yet",
     "edmsim report out/die --face out/die.glb": "tests/recording/test_cut_face.py: a cut of 5 s has no face yet",
     "pip install edmsim[fmu]": "the Makefile installs it",
@@ -49,7 +47,7 @@ NOT_RUN = {
     "edmsim evaluate edmsim/Corner-v2 --controllers policy:out/lag/policy.json":
         "it takes what the command before it leaves",
     "edmsim report out/punch --screenshots shots": "tests/recording/test_playback.py, where there is Vulkan",
-}
+}  # fmt: skip
 """Commands of blocks that are checked but not run, and why."""
 ELSEWHERE = {
     "session": "tests/consoles/computer_1982/test_terminal_docs.py",
@@ -67,17 +65,14 @@ BEFORE: dict[str, tuple[str, ...]] = {
 TEXT_FILES = {"docs/terminal.md": {"program.txt": "TI 30 TP 100\nNEW 1300 1000\nEND\n", "job.txt": "HELP\nBYE\n"}}
 """Files that the commands of a page read and a reader writes."""
 NEEDS = {
-    "README.md": ("stable_baselines3",),
-    "docs/environments.md": ("stable_baselines3",),
+    "README.md": ("stable_baselines3",), "docs/environments.md": ("stable_baselines3",),
     "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
-    "docs/how-to/firmware.md": ("optuna",),
-    "docs/how-to/fmu.md": ("fmpy", "pythonfmu3"),
+    "docs/how-to/firmware.md": ("optuna",), "docs/how-to/fmu.md": ("fmpy", "pythonfmu3"),
     "docs/playback.md": ("imageio_ffmpeg",),
     "docs/training.md": ("minari", "sb3_contrib", "stable_baselines3", "tensorboard"),
-}
+}  # fmt: skip
 """Modules of extras that a page uses; `make test` installs them all."""
 FINISHED, BAD_INPUT, TIME_LIMIT = 0, 2, 3
-Captured = pytest.CaptureFixture[str]
 PAGES = [page for page in pages() if blocks(page)]
 
 
@@ -85,9 +80,7 @@ PAGES = [page for page in pages() if blocks(page)]
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("page", [page for page in PAGES if {block.kind for block in blocks(page)} - set(ELSEWHERE)])
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")  # of stable-baselines3 and torch
-def test_a_page_runs_from_top_to_bottom(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Captured, short_training: None
-) -> None:
+def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capfd, short_training):
     for module in NEEDS.get(page, ()):
         pytest.importorskip(module)
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
@@ -98,7 +91,7 @@ def test_a_page_runs_from_top_to_bottom(
         Path(name).write_text(text, encoding="utf-8")
     for line in BEFORE.get(page, ()):
         _run(line.split(), f"{page}:0", {FINISHED, TIME_LIMIT}, capfd)
-    namespace: dict[str, Any] = {"__name__": "__main__"}
+    namespace = {"__name__": "__main__"}
     shown = [block for block in blocks(page) if block.kind not in ELSEWHERE]
     for block, following in zip(shown, [*shown[1:], None], strict=True):
         expected = following.text if following is not None and following.kind == "output" else None
@@ -107,7 +100,7 @@ def test_a_page_runs_from_top_to_bottom(
             assert printed.split() == expected.split(), f"{block.place} prints\n{printed}"
 
 
-def _do(block: Block, namespace: dict[str, Any], expected: str | None, capfd: Captured) -> str:
+def _do(block, namespace, expected, capfd):
     """Do what a block shows; returns what it prints."""
     if block.kind == "output":
         return block.text
@@ -128,7 +121,7 @@ def _do(block: Block, namespace: dict[str, Any], expected: str | None, capfd: Ca
     return printed
 
 
-def _run(words: list[str], place: str, allowed: set[int], capfd: Captured) -> str:
+def _run(words, place, allowed, capfd):
     capfd.readouterr()
     status = commands.run(words, read(place.split(":")[0]))
     out, err = capfd.readouterr()
@@ -136,7 +129,7 @@ def _run(words: list[str], place: str, allowed: set[int], capfd: Captured) -> st
     return out + err
 
 
-def test_every_block_is_of_a_kind_that_is_run_and_can_be_compiled() -> None:
+def test_every_block_is_of_a_kind_that_is_run_and_can_be_compiled():
     for page in PAGES:
         for block in blocks(page):
             assert block.kind in {"python", "sh", "output", *ELSEWHERE} or block.file is not None, block.place
@@ -144,7 +137,7 @@ def test_every_block_is_of_a_kind_that_is_run_and_can_be_compiled() -> None:
                 compile(block.text, block.place, "exec")
 
 
-def test_every_command_is_run_or_left_out_for_a_reason() -> None:
+def test_every_command_is_run_or_left_out_for_a_reason():
     shown = {" ".join(words): block for page in PAGES for block in blocks(page) if block.kind == "sh"
              for words in block.commands}  # fmt: skip
     for line, block in shown.items():
@@ -155,13 +148,13 @@ def test_every_command_is_run_or_left_out_for_a_reason() -> None:
     assert set(shown) >= set(NOT_RUN), "NOT_RUN names commands that no page shows any more"
 
 
-def test_the_tables_above_name_pages_and_blocks_that_are_there() -> None:
+def test_the_tables_above_name_pages_and_blocks_that_are_there():
     assert set(PAGES) >= {*BEFORE, *TEXT_FILES, *NEEDS}
     assert {block.kind for page in PAGES for block in blocks(page)} >= set(ELSEWHERE)
 
 
 @pytest.mark.parametrize("page", pages())
-def test_every_command_names_what_there_is(page: str) -> None:
+def test_every_command_names_what_there_is(page):
     for block in blocks(page):
         for words in block.commands if block.kind == "sh" else []:
             commands.check(words)
@@ -170,7 +163,7 @@ def test_every_command_names_what_there_is(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", pages())
-def test_every_name_between_backticks_is_there(page: str) -> None:
+def test_every_name_between_backticks_is_there(page):
     for code in quoted(page):
         if re.fullmatch(r"edmsim(\.\w+)+(\(.*\))?", code):
             resolve_name(code.split("(")[0])
@@ -178,7 +171,7 @@ def test_every_name_between_backticks_is_there(page: str) -> None:
             assert re.search("NAME|FILE", code) or (ROOT / code).exists(), code
 
 
-def test_pictures_shown_are_pictures() -> None:
+def test_pictures_shown_are_pictures():
     shown = [(page, place) for page in pages() for place in re.findall(r"!\[.*?\]\((.*?)\)", read(page))]
     assert len(shown) > 7
     for page, place in shown:

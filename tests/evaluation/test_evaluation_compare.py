@@ -1,7 +1,5 @@
 """Comparisons: the same cuts for everyone, honest figures, and a command line that says them."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess
@@ -13,7 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from edmsim.controllers import FeedCommand, FeedController, from_text, make
+from edmsim.controllers import FeedCommand, from_text, make
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import Task
@@ -29,24 +27,22 @@ from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
 from edmsim.runs import processors
 
-from ..conftest import Run
-
 GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v2", "edmsim/Contour-v2"
 
 
 @pytest.fixture(scope="module")
-def compared(short_episodes: None) -> compare.Comparison:
+def compared(short_episodes):
     return compare.evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")
 
 
-def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, reward=100.0, time_s=60.0) -> Result:
+def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, reward=100.0, time_s=60.0):
     lost = int(outcome == "wire break")
     return Result(
         0, "any", outcome, time_s, length, 10.0, rate, reward, lost, float(lost), 0.1, 0.2, error, math.nan, 320.0
     )
 
 
-def test_policies_are_trained_on_what_controllers_are_compared_on() -> None:
+def test_policies_are_trained_on_what_controllers_are_compared_on():
     """An id says it all; a training only keeps a machine for some episodes, where the task lets it."""
     for env_id in compare.env_ids():
         keeps = {"machine_episodes"} & {argument.name for argument in fields(arguments_with(env_id))}
@@ -54,7 +50,7 @@ def test_policies_are_trained_on_what_controllers_are_compared_on() -> None:
             assert set(hyperparameters.load(env_id, algo).environment) == keeps
 
 
-def test_an_environment_may_have_laws_and_a_scale_of_its_own() -> None:
+def test_an_environment_may_have_laws_and_a_scale_of_its_own():
     assert compare.usual("edmsim/MaxRate-v1")[:4] == ["fixed-period", "sato", "heat-flux", "heat-oracle"]
     lines = lines_of("edmsim/MaxRate-v1")
     assert (lines.blind, lines.reference) == ("fixed-period", "heat-oracle")
@@ -63,7 +59,7 @@ def test_an_environment_may_have_laws_and_a_scale_of_its_own() -> None:
 
 
 @pytest.mark.slow
-def test_the_same_comparison_again_is_the_same(compared: compare.Comparison) -> None:
+def test_the_same_comparison_again_is_the_same(compared):
     assert as_json([compare.evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")]) == as_json([compared])
 
 
@@ -76,7 +72,7 @@ for runs.LONG_S in (1e9, 0.0):
 
 
 @pytest.mark.slow
-def test_a_long_comparison_in_processes_finds_the_same() -> None:
+def test_a_long_comparison_in_processes_finds_the_same():
     command = [sys.executable, "-c", IN_BOTH]  # an own process, as other tests here have shorter episodes
     in_threads, in_processes = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
     assert in_threads.startswith("True {")
@@ -84,20 +80,20 @@ def test_a_long_comparison_in_processes_finds_the_same() -> None:
     assert in_threads.partition(" ")[2] == in_processes.partition(" ")[2]
 
 
-def test_environments_that_other_processes_do_not_know_are_compared_here() -> None:
+def test_environments_that_other_processes_do_not_know_are_compared_here():
     register("here/Only-v0", GapFeed, height_mm=(8.0, 8.0))
     assert engine_of("here/Only-v0", 10**6) is None
     assert (engine_of(GAP_FEED, 10**6) is None) == (processors() == 1)
 
 
-def test_every_controller_meets_the_held_back_machines(compared: compare.Comparison) -> None:
+def test_every_controller_meets_the_held_back_machines(compared):
     assert compared.seeds == tuple(HELD_BACK + k for k in range(3))
     assert list(compared.results) == ["fixed", "voltage", "oracle"]
     for results in compared.results.values():
         assert tuple(r.seed for r in results) == compared.seeds
 
 
-def test_every_controller_of_a_task_s_lines_can_be_made() -> None:
+def test_every_controller_of_a_task_s_lines_can_be_made():
     for env_id in compare.env_ids():
         lines = lines_of(env_id)
         named = (lines.blind, *lines.rehearsed, *lines.compared)
@@ -107,18 +103,18 @@ def test_every_controller_of_a_task_s_lines_can_be_made() -> None:
             assert [from_text(name).name for name in named] == [name.partition(":")[0] for name in named]
 
 
-def test_the_oracle_is_the_bound_of_its_own_gaps(compared: compare.Comparison) -> None:
+def test_the_oracle_is_the_bound_of_its_own_gaps(compared):
     seed = compared.seeds[0]
     laws = [make("oracle", gap_target_um=gap) for gap in ORACLE_GAPS_UM[::3]]
     own = [started(GAP_FEED, law, seed).run().total_return for law in laws]
     assert compared.results["oracle"][0].total_return >= max(own)
 
 
-def started(env_id: str, controller: FeedController, seed: int, **options: float) -> Episode:
+def started(env_id, controller, seed, **options):
     return Episode(Task(env_id, **options), controller, seed, "any")
 
 
-def test_an_episode_is_the_environments_own() -> None:
+def test_an_episode_is_the_environments_own():
     """The return is what an agent that commands the same feeds collects."""
     made = started(CORNER, make("fixed", feed_um_s=12.0), 3, leg_mm=0.04, episode_s=60.0).run()
     env = gymnasium.make(CORNER, action="speed", max_feed_um_s=12.0, leg_mm=0.04)
@@ -133,7 +129,7 @@ def test_an_episode_is_the_environments_own() -> None:
     assert made.time_s == info["time_s"]
 
 
-def test_an_episode_can_be_watched_window_by_window() -> None:
+def test_an_episode_can_be_watched_window_by_window():
     watched = started(GAP_FEED, make("fixed", feed_um_s=12.0), 3)
     windows = [window.observation for window in islice(watched.windows(), 5)]
     assert watched.outcome is None
@@ -141,7 +137,7 @@ def test_an_episode_can_be_watched_window_by_window() -> None:
     assert windows[-1].time_s == pytest.approx(5 * 255e-4)
 
 
-def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: compare.Comparison) -> None:
+def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared):
     assert math.isnan(compared.results["voltage"][0].error_um)
     assert math.isnan(compared.figures["voltage"]["error_um"].value)
     corner = started(CORNER, make("fixed", feed_um_s=12.0), 3, leg_mm=0.04).run()
@@ -150,21 +146,21 @@ def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: co
 
 
 @pytest.mark.slow
-def test_the_edge_of_a_contour_is_measured() -> None:
+def test_the_edge_of_a_contour_is_measured():
     made = Episode(Task(CONTOUR, height_mm=(4.0, 6.0), episode_s=300.0), make("voltage"), 2, "any").run()
     assert 0.0 < made.error_um < 20.0
     assert 0.0 < made.edge_error_um < 60.0
 
 
 @pytest.mark.slow
-def test_a_policy_is_compared_like_any_other() -> None:
+def test_a_policy_is_compared_like_any_other():
     compared = compare.evaluate(GAP_FEED, ["policy:GapFeed-ppo", "counts"], 2)
     assert list(compared.results) == ["policy:GapFeed-ppo", "counts", "fixed", "oracle"]
     assert "policy:GapFeed-ppo" in compare.usual(GAP_FEED)
     assert "policy:GapFeed-ppo" not in compare.usual(CORNER)
 
 
-def test_a_jammed_wire_ends_the_cut_and_costs_threading() -> None:
+def test_a_jammed_wire_ends_the_cut_and_costs_threading():
     task = Task(GAP_FEED, planner="exact", episode_s=25.0, randomise=None, height_mm=None, tension=None)
     jammed = Episode(task, make("fixed", feed_um_s=100.0), 5, "fixed").run()
     assert jammed.outcome == "jammed"
@@ -173,7 +169,7 @@ def test_a_jammed_wire_ends_the_cut_and_costs_threading() -> None:
     assert jammed.rate_mm2_min == pytest.approx(60 * jammed.area_mm2 / (jammed.time_s + 60.0))
 
 
-def test_giving_up_costs_as_much_as_the_limit_it_avoids() -> None:
+def test_giving_up_costs_as_much_as_the_limit_it_avoids():
     class Quitter(FixedController):
         def update(self, window):
             return FeedCommand(0.0, "no more")
@@ -188,13 +184,13 @@ def test_giving_up_costs_as_much_as_the_limit_it_avoids() -> None:
     assert reward[0] - reward[1] == pytest.approx(2.0 * 60 / 0.0255)
 
 
-def test_a_rate_of_few_cuts_of_which_some_have_no_length_has_no_interval() -> None:
+def test_a_rate_of_few_cuts_of_which_some_have_no_length_has_no_interval():
     some, many = np.array([1.0, 0.0]), np.append(np.ones(11), 0.0)
     assert np.isnan([compare.ratio(some, some).low, compare.ratio(some, some).high]).all()
     assert (compare.ratio(many, many).value, compare.ratio(many, many).low) == (1.0, 1.0)
 
 
-def test_losses_are_per_metre_of_all_cuts() -> None:
+def test_losses_are_per_metre_of_all_cuts():
     results = [result(length=1.0), result(outcome="wire break", length=0.5), result(outcome="jammed", length=0.5)]
     figures = compare.figures_of(results, [result(20.0)] * 3, [result(5.0)] * 3)
     assert figures["breaks_per_m"].value == pytest.approx(1 / 0.002)
@@ -203,12 +199,12 @@ def test_losses_are_per_metre_of_all_cuts() -> None:
     assert set(figures) == set(compare.FIGURES)
 
 
-def test_no_loss_in_a_short_length_excludes_little() -> None:
+def test_no_loss_in_a_short_length_excludes_little():
     figures = compare.figures_of([result(length=0.5)] * 2, [result()] * 2, [result()] * 2)
     assert figures["breaks_per_m"] == compare.Figure(0.0, 0.0, pytest.approx(-math.log(0.05) / 0.001))
 
 
-def test_bootstrap_intervals_have_the_width_of_theory() -> None:
+def test_bootstrap_intervals_have_the_width_of_theory():
     values = np.random.default_rng(1).normal(10.0, 2.0, 400)
     figure = compare.ratio(values, np.ones(400))
     assert figure.value == pytest.approx(values.mean())
@@ -217,7 +213,7 @@ def test_bootstrap_intervals_have_the_width_of_theory() -> None:
     assert math.isnan(compare.ratio(np.array([]), np.array([])).value)
 
 
-def test_a_score_is_what_was_rewarded_between_the_blind_and_the_reference_machine_by_machine() -> None:
+def test_a_score_is_what_was_rewarded_between_the_blind_and_the_reference_machine_by_machine():
     blind, oracle = ([result(reward=value) for value in values] for values in ((0, 0, 100, 50), (100, 200, 300, 40)))
     made = [result(reward=value) for value in (50, 200, 0, 45)]
     assert compare.scores(made, oracle, blind).tolist() == [0.5, 1.0, -0.5]  # the fourth machine tells nothing
@@ -225,7 +221,7 @@ def test_a_score_is_what_was_rewarded_between_the_blind_and_the_reference_machin
     assert compare.figures_of(made, oracle, blind)["score"].value == pytest.approx(1 / 3)
 
 
-def test_figures_are_shown_with_their_intervals() -> None:
+def test_figures_are_shown_with_their_intervals():
     assert shown("rate_mm2_min", compare.Figure(12.34, 10.0, 123.4)) == "12.3 (10.0 to 123)"
     assert shown("short_share", compare.Figure(0.125, 0.1, 0.2)) == "12.5 % (10.0 to 20.0)"
     assert shown("error_um", compare.Figure(math.nan, math.nan, math.nan)) == ""
@@ -233,7 +229,7 @@ def test_figures_are_shown_with_their_intervals() -> None:
     assert shown("breaks_per_m", compare.Figure(153.0, 0.0, 536.0)) == "153 (0.0 to 536)"
 
 
-def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means() -> None:
+def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means():
     from rich.console import Console
 
     made = {
@@ -260,24 +256,21 @@ def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means() ->
         assert said in wide
 
 
-@pytest.mark.parametrize(
-    ("env_id", "controllers", "seeds", "resolution", "words"),
-    [
-        ("edmsim/Gap-v1", ["fixed"], 3, "fast", "no environment 'edmsim/Gap-v1'; choose one of edmsim/GapFeed-v2"),
-        (GAP_FEED, ["pid"], 3, "fast", "no feed controller 'pid'"),
-        (GAP_FEED, [], 3, "fast", "no controller is named"),
-        (GAP_FEED, ["fixed"], 1, "fast", "seeds = 1 gives no interval"),
-        (GAP_FEED, ["fixed"], 3, "best", "best"),
-    ],
-)
-def test_what_cannot_be_compared_is_refused(env_id, controllers, seeds, resolution, words) -> None:
+@pytest.mark.parametrize(("env_id", "controllers", "seeds", "resolution", "words"), [
+    ("edmsim/Gap-v1", ["fixed"], 3, "fast", "no environment 'edmsim/Gap-v1'; choose one of edmsim/GapFeed-v2"),
+    (GAP_FEED, ["pid"], 3, "fast", "no feed controller 'pid'"),
+    (GAP_FEED, [], 3, "fast", "no controller is named"),
+    (GAP_FEED, ["fixed"], 1, "fast", "seeds = 1 gives no interval"),
+    (GAP_FEED, ["fixed"], 3, "best", "best"),
+])  # fmt: skip
+def test_what_cannot_be_compared_is_refused(env_id, controllers, seeds, resolution, words):
     with pytest.raises(InputError) as refused:
         compare.evaluate(env_id, controllers, seeds, resolution=resolution)
     assert words in str(refused.value)
 
 
 @pytest.mark.slow
-def test_the_command_prints_json(edmsim: Run) -> None:
+def test_the_command_prints_json(edmsim):
     slow = "fixed:feed_um_s=20,offset_um=0"  # its own comma parts no controllers
     words = ("--controllers", f"{slow},counts", "--seeds", 2, "--resolution", "fast", "--json")
     shown = edmsim("evaluate", GAP_FEED, *words)
@@ -289,7 +282,7 @@ def test_the_command_prints_json(edmsim: Run) -> None:
     assert len(found["cuts"]) == 8
 
 
-def test_the_command_refuses_before_it_begins(edmsim: Run) -> None:
+def test_the_command_refuses_before_it_begins(edmsim):
     shown = edmsim("evaluate", GAP_FEED, "--controllers", "pid")
     assert shown.status == 2
     assert shown.err.startswith("edmsim: there is no feed controller 'pid'")

@@ -1,7 +1,5 @@
 """``edmsim evaluate --page``: a table and a figure of any number of controllers on one set of machines."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from edmsim.errors import InputError

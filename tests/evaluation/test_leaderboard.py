@@ -1,7 +1,5 @@
 """The leaderboard gives comparisons back to the digit, and its cuts are those that are made today."""
 
-from __future__ import annotations
-
 import math
 import time
 from pathlib import Path
@@ -16,8 +14,6 @@ from edmsim.evaluation.episode import Result, cut
 from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.table import as_json
 from edmsim.runs import RunTable
-
-from ..conftest import Run
 
 DOCS = Path(__file__).parents[2] / "docs"
 GAP_FEED = "edmsim/GapFeed-v2"
@@ -38,7 +34,7 @@ def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(sh
     assert "counts" not in leaderboard(file)[GAP_FEED].results  # of other seeds
 
 
-def test_an_interrupted_evaluation_resumes_to_the_same_leaderboard(tmp_path, edmsim: Run, monkeypatch):
+def test_an_interrupted_evaluation_resumes_to_the_same_leaderboard(tmp_path, edmsim, monkeypatch):
     cuts = []
 
     def quickly(env_id, seed, controller, *_):

@@ -1,10 +1,6 @@
 """The search of a technology: what it does with what cuts answer. The cuts themselves are replaced by a formula."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -14,14 +10,14 @@ from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology
 from edmsim.evaluation.technology import TARGETS, Cut, Job, Search, technology_text
-from edmsim.machine.technology import AtHeight, PassSetting, read_technology
+from edmsim.machine.technology import read_technology
 from edmsim.metrology.passes import WallError
 
 BREAKS_BELOW_US = 40.0
 GAPS_UM = {1: 36.0, 2: 22.0, 3: 20.0}
 
 
-def answer(job: Job, one: PassSetting, number: int, offset_mm: float, metal: Any) -> Cut:
+def answer(job, one, number, offset_mm, metal):
     """Answer as a plant might: the wire breaks below a period, each pass leaves its gap, trims keep their feed."""
     breaks = number == 1 and one.t_period_us < BREAKS_BELOW_US
     feed_um_s = 1500.0 / one.t_period_us if number == 1 else one.feed_mm_min / 0.06
@@ -33,7 +29,7 @@ def answer(job: Job, one: PassSetting, number: int, offset_mm: float, metal: Any
     return Cut(record, metal, TARGETS[number - 1].ra_um, "wire-break" if breaks else "finished")
 
 
-def answer_through(job: Job, at: AtHeight) -> list[Cut]:
+def answer_through(job, at):
     """Answer a cut through all passes; the walls of further seeds are 1, 2 and 3 um off."""
     cuts = []
     table = job.technology([at]).table(at.height_mm, len(at.passes))
@@ -46,24 +42,24 @@ def answer_through(job: Job, at: AtHeight) -> list[Cut]:
 
 
 @pytest.fixture(autouse=True)
-def no_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_cuts(monkeypatch):
     monkeypatch.setattr(technology, "cut_pass", lambda job, one, number, mm, _: answer(job, one, number, mm, number))
     monkeypatch.setattr(technology, "cut_through", answer_through)
 
 
-def forbidden(*_: Any) -> Cut:
+def forbidden(*_):
     raise AssertionError("a pass was cut by itself")
 
 
-def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire() -> None:
-    messages: list[str] = []
+def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire():
+    messages = []
     found = Search(Job("tool-steel", passes=1), messages.append).run()
     assert found.passes[0].t_period_us >= BREAKS_BELOW_US
     assert found.passes[0].t_period_us <= 1.3 * BREAKS_BELOW_US
     assert "wire-break" in "".join(messages)
 
 
-def test_offsets_let_every_pass_take_its_stock() -> None:
+def test_offsets_let_every_pass_take_its_stock():
     rough, trim, last = Search(Job("tool-steel", passes=3), lambda text: None).run().passes
     # gaps of 36, 22 and 20 um; the four cuts through all passes leave walls 0, 1, 2 and 3 um off
     assert [one.last_offset_um for one in (rough, trim, last)] == [164.5, 150.5, 148.5]
@@ -74,13 +70,11 @@ def test_offsets_let_every_pass_take_its_stock() -> None:
     assert trim.feed == last.feed == "constant"
 
 
-def test_passes_that_are_known_keep_their_settings_and_get_their_offsets_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_passes_that_are_known_keep_their_settings_and_get_their_offsets_again(monkeypatch):
     found = Search(Job("tool-steel", passes=3), lambda text: None).run()
-    resolutions: list[str] = []
+    resolutions = []
 
-    def noted(job: Job, at: AtHeight) -> list[Cut]:
+    def noted(job, at):
         resolutions.append(job.resolution)
         return answer_through(job, at)
 
@@ -94,17 +88,17 @@ def test_passes_that_are_known_keep_their_settings_and_get_their_offsets_again(
     assert resolutions == 4 * ["default"] + 4 * ["fine"]
 
 
-def test_passes_are_added_to_known_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_passes_are_added_to_known_ones(monkeypatch):
     two, three = (Search(Job("tool-steel", passes=n), lambda text: None).run() for n in (2, 3))
     added = Search(Job("tool-steel", passes=3), lambda text: None, known=two).run()
     assert [one.t_period_us for one in added.passes] == [one.t_period_us for one in three.passes]
     assert added.passes[2].last_offset_um == three.passes[2].last_offset_um
 
 
-def test_offsets_are_of_the_cuts_that_came_to_the_end_of_a_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_offsets_are_of_the_cuts_that_came_to_the_end_of_a_pass(monkeypatch):
     ends = {0: 2, 1: 2, 2: 1, 3: 1}  # the passes that a cut finishes, by its number
 
-    def stopped(job: Job, at: AtHeight) -> list[Cut]:
+    def stopped(job, at):
         cuts = answer_through(job, at)
         last = ends[job.seed // technology.NEXT_SEED]
         records = [cut.record if k < last else replace(cut.record, wall=None) for k, cut in enumerate(cuts)]
@@ -117,13 +111,11 @@ def test_offsets_are_of_the_cuts_that_came_to_the_end_of_a_pass(monkeypatch: pyt
         Search(Job("tool-steel", passes=3), lambda text: None).run()
 
 
-def test_an_interrupted_measurement_of_offsets_goes_on_behind_its_cuts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_measurement_of_offsets_goes_on_behind_its_cuts(tmp_path, monkeypatch):
     whole = Search(Job("tool-steel", passes=2), lambda text: None).run()
-    seeds: list[int] = []
+    seeds = []
 
-    def interrupted(job: Job, at: AtHeight) -> list[Cut]:
+    def interrupted(job, at):
         seeds.append(job.seed)
         if len(seeds) == 3:
             raise KeyboardInterrupt
@@ -138,12 +130,10 @@ def test_an_interrupted_measurement_of_offsets_goes_on_behind_its_cuts(
     assert [seed // technology.NEXT_SEED for seed in seeds] == [0, 1, 2, 2, 3]
 
 
-def test_an_interrupted_search_goes_on_behind_the_passes_it_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cuts: list[tuple[int, PassSetting, float]] = []
+def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path, monkeypatch):
+    cuts = []
 
-    def noted(job: Job, one: PassSetting, number: int, offset_mm: float, _: Any) -> Cut:
+    def noted(job, one, number, offset_mm, _):
         cuts.append((number, one, offset_mm))
         return answer(job, one, number, offset_mm, number)
 
@@ -164,7 +154,7 @@ def test_an_interrupted_search_goes_on_behind_the_passes_it_found(
         Search(Job("tool-steel", passes=3), messages.append, journal).run()
 
 
-def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> None:
+def test_the_command_writes_a_technology_and_adds_heights(tmp_path):
     file, runner = tmp_path / "steel.toml", CliRunner()
     for height in ("30", "20"):
         done = runner.invoke(
@@ -187,7 +177,7 @@ def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> Non
     assert "holds a technology for material tool-steel, not copper" in str(other.exception)
 
 
-def test_a_technology_is_valid_toml_whatever_its_files_are_called(tmp_path: Path) -> None:
+def test_a_technology_is_valid_toml_whatever_its_files_are_called(tmp_path):
     known = read_technology("tool-steel-brass-254")
     job = Job('own\\"steel".toml', wire=r"C:\wires\thin.toml")
     file = tmp_path / "made.toml"
@@ -197,7 +187,7 @@ def test_a_technology_is_valid_toml_whatever_its_files_are_called(tmp_path: Path
     assert made.heights == known.heights
 
 
-def test_what_cannot_be_searched_is_refused() -> None:
+def test_what_cannot_be_searched_is_refused():
     with pytest.raises(InputError, match="a technology has 1 to 7 passes, not 8"):
         Search(Job("tool-steel", passes=8), lambda text: None)
     with pytest.raises(InputError, match="unknown material 'steel'"):

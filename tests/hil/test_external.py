@@ -1,7 +1,5 @@
 """Cuts whose motion another program makes; the HAL component with a stand-in of LinuxCNC's module, and LinuxCNC."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil
@@ -12,7 +10,6 @@ import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -30,34 +27,34 @@ LINE = "G21 G90\nG0 X0 Y0\nM64 P0\nM66 P0 L3 Q60\nM52 P1\nF60\nG1 X0.8\nM52 P0\n
 class Other:
     """A program that runs along x at a feed, and back a little on the way, as the clock of the cut goes."""
 
-    def __init__(self, feed_um_s: float, way_um: float) -> None:
+    def __init__(self, feed_um_s, way_um):
         self.feed_um_s, self.way_um = feed_um_s, way_um
-        self.windows: list[Any] = []
+        self.windows = []
 
-    def place_um(self) -> tuple[float, float]:
+    def place_um(self):
         time_s = self.windows[-1].time_s if self.windows else 0.0
         place = self.feed_um_s * time_s - 20.0 * (time_s > 2.0)
         return 1000.0 + min(place, self.way_um), -500.0
 
-    def finished(self) -> bool:
+    def finished(self):
         return self.place_um()[0] >= 1000.0 + self.way_um
 
-    def show(self, windows: Any) -> None:
+    def show(self, windows):
         self.windows.append(windows)
 
 
-def program(folder: Path, text: str = LINE) -> Path:
+def program(folder, text=LINE):
     file = folder / "line.ngc"
     file.write_text(text)
     return file
 
 
 @pytest.fixture(scope="module")
-def gap(load_script) -> Any:
+def gap(load_script):
     return load_script(EXAMPLE / "gap.py")
 
 
-def cut(file: Path, controller: ExternalMotion, **options: Any) -> Any:
+def cut(file, controller, **options):
     return edmsim.cut(file, controller=controller, resolution="fast", height_mm=10.0, **options)
 
 
@@ -114,11 +111,11 @@ def test_a_second_contour_a_bad_scale_and_a_resumed_cut_are_refused(tmp_path):
 class Component(dict):
     """A HAL component of the stand-in."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name):
         super().__init__()
         self.name, self.made = name, {}
 
-    def newpin(self, name: str, kind: str, direction: str) -> None:
+    def newpin(self, name, kind, direction):
         self.made[name] = (kind, direction)
         self[name] = False if kind == "bit" else 0.0
 

@@ -1,14 +1,9 @@
 """``edmsim gap --fmu``: run in FMPy, to the bit like the same cut in Python; states taken and set; refusals."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import zipfile
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -24,7 +19,7 @@ FEEDS = (4.0, 6.0, -10.0, 3.0, 8.0, 8.0, 0.0, 5.0)
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(tmp_path_factory):
     file = tmp_path_factory.mktemp("fmu") / "gap.fmu"
     assert export_fmu(file, material="tool-steel") == pytest.approx(STEP_S)
     return file
@@ -33,20 +28,20 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class Instance:
     """An FMU under way, its variables by name."""
 
-    def __init__(self, fmu: Any, description: Any) -> None:
+    def __init__(self, fmu, description):
         self.fmu = fmu
         self._variables = {variable.name: variable for variable in description.modelVariables}
         self.time = 0.0
 
-    def set(self, name: str, value: float) -> None:
+    def set(self, name, value):
         variable = self._variables[name]
         getattr(self.fmu, f"set{variable.type}")([variable.valueReference], [value])
 
-    def get(self, name: str) -> float:
+    def get(self, name):
         variable = self._variables[name]
         return getattr(self.fmu, f"get{variable.type}")([variable.valueReference])[0]
 
-    def step(self, feed_um_s: float) -> tuple[float, ...]:
+    def step(self, feed_um_s):
         self.set("feed_x_um_s", feed_um_s)
         self.fmu.doStep(self.time, STEP_S)
         self.time += STEP_S
@@ -55,7 +50,7 @@ class Instance:
 
 
 @contextmanager
-def instance(file: Path, **parameters: float) -> Iterator[Instance]:
+def instance(file, **parameters):
     description = fmpy.read_model_description(str(file), validate=True)
     folder = fmpy.extract(str(file))
     try:

@@ -1,7 +1,5 @@
 """The boards without a clock: their lines, registers, ratios and quirks; the axes; what nobody may upset."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -18,7 +16,7 @@ POWERCORE = edmsim.Machine.load(generator="powercore-v3")
 TEXT = st.text(st.characters(max_codepoint=255), max_size=60)
 
 
-def frame_of(rig: Rig, kinds: list[int], mean_A: float) -> Frame:
+def frame_of(rig, kinds, mean_A):
     """A frame of pulses of these kinds, whatever the gap would make of them."""
     output = rig.board.output()
     rows = np.zeros(len(kinds), PULSE)
@@ -32,20 +30,20 @@ def frame_of(rig: Rig, kinds: list[int], mean_A: float) -> Frame:
 
 
 @pytest.fixture(scope="module")
-def rig() -> Rig:
+def rig():
     fired = Rig("powercore", seed=1)
     fired.frame()
     return fired
 
 
 @pytest.fixture
-def board(rig: Rig) -> PowercoreV3:
+def board(rig):
     rig.board = PowercoreV3()
     rig.board.unasked()
     return rig.board
 
 
-def feed(rig: Rig, kinds: list[int], mean_A: float, frames: int = 1) -> str:
+def feed(rig, kinds, mean_A, frames=1):
     said = ""
     for _ in range(frames):
         rig.board.see(frame_of(rig, kinds, mean_A))
@@ -67,23 +65,20 @@ def test_telemetry_has_the_keys_of_the_board_in_its_order(rig, board):
     assert "Machining Duty Cycle:0.100\r\nMachining Frequency:10000 Hz\r\nInitiation Voltage:80 V\r\n" in said
 
 
-@pytest.mark.parametrize(
-    ("line", "answer"),
-    [
-        ("SET_ALL_PARAMETERS 0 0.10 5000 100", "OK: Parameters set"),
-        ("  SET_ALL_PARAMETERS 0 0.05 10000 64 ", "OK: Parameters set"),
-        ("SET_ALL_PARAMETERS 0 0.5 5000 100", "ERROR: Invalid duty cycle (must be between 0.01 and 0.12)"),
-        ("SET_ALL_PARAMETERS 0 nan 5000 100", "ERROR: Invalid duty cycle (must be between 0.01 and 0.12)"),
-        ("SET_ALL_PARAMETERS 0 0.1 500 100", "ERROR: Invalid frequency (must be between 5000.00 and 10000.00 Hz)"),
-        ("SET_ALL_PARAMETERS 0 0.1 5000 9", "ERROR: Invalid initiation voltage (must be between 64.00 and 100.00 V)"),
-        ("SET_ALL_PARAMETERS -1 0.1 5000 80", "ERROR: Invalid discharges value"),
-        ("SET_ALL_PARAMETERS 0 0.12 10000 80", "OK: Parameters set"),
-        ("SET_ALL_PARAMETERS 0 0.1 5000", "ERROR: Invalid number of parameters"),
-        ("EDM_ISOFREQUENCY_MODE", "EDM_ISOFREQUENCY_MODE entered"),
-        ("RESET_DEVICE", "Rebooting device"),
-        ("set_all_parameters", "ERROR: Unknown command"),
-    ],
-)
+@pytest.mark.parametrize(("line", "answer"), [
+    ("SET_ALL_PARAMETERS 0 0.10 5000 100", "OK: Parameters set"),
+    ("  SET_ALL_PARAMETERS 0 0.05 10000 64 ", "OK: Parameters set"),
+    ("SET_ALL_PARAMETERS 0 0.5 5000 100", "ERROR: Invalid duty cycle (must be between 0.01 and 0.12)"),
+    ("SET_ALL_PARAMETERS 0 nan 5000 100", "ERROR: Invalid duty cycle (must be between 0.01 and 0.12)"),
+    ("SET_ALL_PARAMETERS 0 0.1 500 100", "ERROR: Invalid frequency (must be between 5000.00 and 10000.00 Hz)"),
+    ("SET_ALL_PARAMETERS 0 0.1 5000 9", "ERROR: Invalid initiation voltage (must be between 64.00 and 100.00 V)"),
+    ("SET_ALL_PARAMETERS -1 0.1 5000 80", "ERROR: Invalid discharges value"),
+    ("SET_ALL_PARAMETERS 0 0.12 10000 80", "OK: Parameters set"),
+    ("SET_ALL_PARAMETERS 0 0.1 5000", "ERROR: Invalid number of parameters"),
+    ("EDM_ISOFREQUENCY_MODE", "EDM_ISOFREQUENCY_MODE entered"),
+    ("RESET_DEVICE", "Rebooting device"),
+    ("set_all_parameters", "ERROR: Unknown command"),
+])  # fmt: skip
 def test_the_powercore_answers_its_lines(rig, board, line, answer):
     before = board.output()
     assert rig.send(line).splitlines()[0] == answer
@@ -180,7 +175,7 @@ def test_alrt_counts_the_sparks_of_the_last_512_pulses(rig):
 
 
 @pytest.fixture
-def pulser(rig: Rig) -> Pulser:
+def pulser(rig):
     rig.board = Pulser()
     return rig.board
 
@@ -301,7 +296,7 @@ def test_a_wire_driven_into_the_metal_is_lost_and_threaded_again():
 
 
 def test_the_same_lines_at_the_same_times_give_the_same_bits():
-    def status() -> str:
+    def status():
         own = Rig("powercore", seed=5)
         own.move("VEL 5 1")
         own.run(0.2)

@@ -1,7 +1,5 @@
 """Samples of gap voltage and current: against their pulses, filters, noise, files, a firmware in C; the command."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import shutil
@@ -46,7 +44,7 @@ int run(read_t read, int64_t count, int32_t *fast, int32_t *slow) {
 """
 
 
-def made(kinds: list[int], on_us: float = 20.0, period_us: float = 100.0, delay_us: float = 5.0) -> Frame:
+def made(kinds, on_us=20.0, period_us=100.0, delay_us=5.0):
     """A frame of pulses whose every corner is known, at 80 V, 22 V, 10 A and shorts of 12 A."""
     rig = Rig("powercore", seed=1)
     real = rig.frame()
@@ -204,7 +202,7 @@ def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
         delay_table(edmsim.Machine.load(), voltages_V=(20.0,))
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+def run(monkeypatch, *words):
     monkeypatch.setattr("sys.argv", ["edmsim", *words])
     with pytest.raises(SystemExit) as left:
         cli.main()

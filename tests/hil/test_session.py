@@ -1,13 +1,10 @@
 """``edmsim gap --serial``: the boards' dialogues by pyserial, and what the other side may do wrong."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -25,7 +22,7 @@ WAIT_S = 20.0
 
 
 @contextmanager
-def running(board: str, speed: float = 1.0) -> Iterator[tuple[Session, serial.Serial, serial.Serial]]:
+def running(board, speed=1.0):
     """A bench under way, with both of its ports open."""
     session = Session(Rig(board, seed=1), speed)
     ended = threading.Event()
@@ -44,7 +41,7 @@ def running(board: str, speed: float = 1.0) -> Iterator[tuple[Session, serial.Se
     assert not thread.is_alive()
 
 
-def ask(port: serial.Serial, line: bytes, end: bytes = b"\n") -> bytes:
+def ask(port, line, end=b"\n"):
     port.write(line + end)
     return port.readline()
 

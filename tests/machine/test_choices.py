@@ -1,10 +1,6 @@
 """What an operator chooses in place of a file's constant: it holds, it can be taken back, and it has limits."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 
@@ -26,10 +22,8 @@ from edmsim.machine.setting import (
     wire_speed_m_s,
 )
 
-OwnFile = Callable[..., str]
 
-
-def refusal(**choices: Any) -> str:
+def refusal(**choices):
     with pytest.raises(InputError) as caught:
         Machine.load(**choices)
     text = str(caught.value)
@@ -37,7 +31,7 @@ def refusal(**choices: Any) -> str:
     return text
 
 
-def test_without_a_choice_the_files_hold() -> None:
+def test_without_a_choice_the_files_hold():
     machine = Machine.load(generator="iso-energetic")
     generator, base = machine.generator, machine.base
     assert open_V(machine) == generator.open_voltage_V.value
@@ -49,7 +43,7 @@ def test_without_a_choice_the_files_hold() -> None:
     assert standoffs_mm(machine) == (0.0, 0.0)
 
 
-def test_a_choice_holds_in_place_of_the_constant_and_none_takes_it_back() -> None:
+def test_a_choice_holds_in_place_of_the_constant_and_none_takes_it_back():
     usual = Machine.load(generator="iso-energetic")
     machine = Machine.load(
         generator="iso-energetic", open_voltage_V=110.0, ignition_wait_us=33.0, wire_speed_m_s=0.25,
@@ -66,7 +60,7 @@ def test_a_choice_holds_in_place_of_the_constant_and_none_takes_it_back() -> Non
     assert back == usual
 
 
-def test_the_peak_current_is_chosen_by_resistance_and_shorts_follow() -> None:
+def test_the_peak_current_is_chosen_by_resistance_and_shorts_follow():
     machine = Machine.load(peak_current_A=3.0)
     assert discharge_current_A(machine) == pytest.approx(3.0)
     assert resistance_ohm(machine) == pytest.approx(78.0 / 3.0)
@@ -74,7 +68,7 @@ def test_the_peak_current_is_chosen_by_resistance_and_shorts_follow() -> None:
     assert discharge_current_A(Machine.load(resistance_ohm=78.0 / 3.0)) == pytest.approx(3.0)
 
 
-def test_a_generator_may_cut_the_current_of_shorts(own_file: OwnFile) -> None:
+def test_a_generator_may_cut_the_current_of_shorts(own_file):
     machine = Machine.load("production", generator="production")
     assert short_current_A(machine) == pytest.approx(0.2 * 300.0 / 0.397 / 2)
     file = own_file("generators", "production", ("share = { value = 0.2,", "share = { value = 1.0,"))
@@ -86,19 +80,19 @@ def test_a_generator_may_cut_the_current_of_shorts(own_file: OwnFile) -> None:
 @pytest.mark.parametrize(
     ("share", "said"), [("1.1", "value 1.1 lies outside its range (0.05, 1.0)"), ("0.0", "greater than 0")]
 )
-def test_a_share_of_the_short_current_outside_its_range_is_refused(own_file: OwnFile, share: str, said: str) -> None:
+def test_a_share_of_the_short_current_outside_its_range_is_refused(own_file, share, said):
     file = own_file("generators", "production", ("share = { value = 0.2,", f"share = {{ value = {share},"))
     text = refusal(name="production", generator=file)
     assert "short_current_share" in text
     assert said in text
 
 
-def test_the_resistor_lets_more_through_at_a_higher_open_voltage() -> None:
+def test_the_resistor_lets_more_through_at_a_higher_open_voltage():
     assert Machine.load(open_voltage_V=120.0, peak_current_A=8.0, t_period_us=150.0).peak_current_A == 8.0
     assert "8 A is above the 6.61 A that 100 V drive" in refusal(peak_current_A=8.0, t_period_us=150.0)
 
 
-def test_a_triangle_has_half_the_mean_current_and_so_half_the_shortest_period() -> None:
+def test_a_triangle_has_half_the_mean_current_and_so_half_the_shortest_period():
     rectangle, triangle = (
         Machine.load(generator="iso-energetic", pulse_shape=shape) for shape in ("rectangle", "triangle")
     )
@@ -107,47 +101,44 @@ def test_a_triangle_has_half_the_mean_current_and_so_half_the_shortest_period() 
     assert triangle.with_(t_period_us=0.6 * least_period_us(rectangle, 20.0)).pulse_shape == "triangle"
 
 
-def test_a_choice_of_the_other_kind_takes_the_place_of_the_first() -> None:
+def test_a_choice_of_the_other_kind_takes_the_place_of_the_first():
     machine = Machine.load(peak_current_A=3.0)
     assert discharge_current_A(machine.with_(peak_current_A=None, resistance_ohm=39.0)) == pytest.approx(2.0)
     with pytest.raises(InputError, match="both given"):
         machine.with_(resistance_ohm=39.0)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"peak_current_A": 6.7}, "peak current 6.7 A is above the 6.61 A that 100 V drive through the generator's "
-                                  "11.8 ohm against 22 V; choose less, or a lower resistance"),
-        ({"peak_current_A": 3.0, "resistance_ohm": 20.0}, "peak current and resistance are both given"),
-        ({"resistance_ohm": 5.0}, "above the generator's 2 A"),
-        ({"open_voltage_V": 59.0}, "open voltage 59 V is not within 60..120 V"),
-        ({"open_voltage_V": 20.0, "generator": "ignition-pulse"}, "open voltage 20 V is not above the burning volt"),
-        ({"open_voltage_V": 501.0, "generator": "ignition-pulse"}, "open voltage 501 V is not within 10..500 V"),
-        ({"ignition_wait_us": 20.0}, "an iso-pulse generator has no ignition wait"),
-        ({"ignition_wait_us": 80.0, "generator": "ignition-pulse"}, "t_period 100 us leaves no pause after 100 us"),
-        ({"pulse_shape": "triangle"}, "an iso-pulse generator makes no triangles"),
-        ({"pulse_shape": "triangle", "generator": "iso-energetic", "t_on_us": 90.0},
-         "t_period 90 us leaves no pause after 90 us"),
-        ({"pulse_shape": "sine", "generator": "iso-energetic"}, "unknown pulse shape 'sine'; there are: rectangle"),
-        ({"flushing_lower_Pa": -1.0}, "pressure of the lower nozzle -1 Pa is not within 0..3e+06 Pa"),
-        ({"standoff_lower_mm": -0.1}, "stand-off of the lower nozzle -0.1 mm is not within 0..100 mm"),
-        ({"standoff_upper_mm": 101.0}, "stand-off of the upper nozzle 101 mm is not within 0..100 mm"),
-    ],
-)  # fmt: skip
-def test_a_choice_that_cannot_run_is_refused_in_one_line(options: dict[str, Any], said: str) -> None:
+@pytest.mark.parametrize(("options", "said"), [
+    ({"peak_current_A": 6.7}, "peak current 6.7 A is above the 6.61 A that 100 V drive through the generator's "
+                              "11.8 ohm against 22 V; choose less, or a lower resistance"),
+    ({"peak_current_A": 3.0, "resistance_ohm": 20.0}, "peak current and resistance are both given"),
+    ({"resistance_ohm": 5.0}, "above the generator's 2 A"),
+    ({"open_voltage_V": 59.0}, "open voltage 59 V is not within 60..120 V"),
+    ({"open_voltage_V": 20.0, "generator": "ignition-pulse"}, "open voltage 20 V is not above the burning volt"),
+    ({"open_voltage_V": 501.0, "generator": "ignition-pulse"}, "open voltage 501 V is not within 10..500 V"),
+    ({"ignition_wait_us": 20.0}, "an iso-pulse generator has no ignition wait"),
+    ({"ignition_wait_us": 80.0, "generator": "ignition-pulse"}, "t_period 100 us leaves no pause after 100 us"),
+    ({"pulse_shape": "triangle"}, "an iso-pulse generator makes no triangles"),
+    ({"pulse_shape": "triangle", "generator": "iso-energetic", "t_on_us": 90.0},
+     "t_period 90 us leaves no pause after 90 us"),
+    ({"pulse_shape": "sine", "generator": "iso-energetic"}, "unknown pulse shape 'sine'; there are: rectangle"),
+    ({"flushing_lower_Pa": -1.0}, "pressure of the lower nozzle -1 Pa is not within 0..3e+06 Pa"),
+    ({"standoff_lower_mm": -0.1}, "stand-off of the lower nozzle -0.1 mm is not within 0..100 mm"),
+    ({"standoff_upper_mm": 101.0}, "stand-off of the upper nozzle 101 mm is not within 0..100 mm"),
+])  # fmt: skip
+def test_a_choice_that_cannot_run_is_refused_in_one_line(options, said):
     assert said in refusal(**options)
 
 
 @pytest.mark.parametrize("name", LIMITS)
-def test_choices_have_limits(name: str) -> None:
+def test_choices_have_limits(name):
     limit = LIMITS[name]
     for value in (limit.low - 1.0, 1.01 * limit.high, math.nan, math.inf, -math.inf):
         text = refusal(**{name: value, "generator": "iso-energetic"})
         assert f"{limit.what or bare_name(name).replace('_', ' ')} {value:g} {unit_of(name)} is not within" in text
 
 
-def test_a_generator_s_own_ranges_hold_in_place_of_the_field_s(own_file: OwnFile) -> None:
+def test_a_generator_s_own_ranges_hold_in_place_of_the_field_s(own_file):
     file = own_file(
         "generators", "iso-energetic", ("value = 20.0, range = [1.0, 1000.0]", "value = 20.0, range = [0.2, 25.0]"),
         ("{ value = 60.0, source", "{ value = 60.0, range = [10.0, 80.0], source"),
@@ -157,12 +148,12 @@ def test_a_generator_s_own_ranges_hold_in_place_of_the_field_s(own_file: OwnFile
     assert "ignition wait 81 us is not within 10..80 us" in refusal(generator=file, ignition_wait_us=81.0)
 
 
-def test_a_triangle_is_no_shape_of_an_own_iso_pulse_generator(own_file: OwnFile) -> None:
+def test_a_triangle_is_no_shape_of_an_own_iso_pulse_generator(own_file):
     file = own_file("generators", "iso-pulse", ('mode = "iso-pulse"', 'mode = "iso-pulse"\npulse_shape = "triangle"'))
     assert "makes no triangles" in refusal(generator=file)
 
 
-def test_an_overridden_constant_is_in_force_and_not_drawn() -> None:
+def test_an_overridden_constant_is_in_force_and_not_drawn():
     settings = CutSettings(constants={"gap.critical_um": 5.5, "wire.strength_MPa": 1000})
     machine = settings.load_machine()
     assert machine.base.gap.critical_um.value == 5.5
@@ -178,7 +169,7 @@ def test_an_overridden_constant_is_in_force_and_not_drawn() -> None:
     ({"gap.critical_um": float("nan")}, "gap.critical_um"), ({"wire.default_diameter_um": 200}, "brass-200"),
     ({"geometry.x_periodic_um": 2}, "lead_mm"), (3, "{'gap.critical_um': 5.0}"),
 ])  # fmt: skip
-def test_a_constant_that_cannot_be_is_refused_in_one_line(constants: Any, named: str) -> None:
+def test_a_constant_that_cannot_be_is_refused_in_one_line(constants, named):
     with pytest.raises(InputError) as refused:
         CutSettings(constants=constants).load_machine()
     assert named in str(refused.value)

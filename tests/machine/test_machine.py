@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any, cast
@@ -28,10 +27,7 @@ from tests.machine.test_choices import refusal
 LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
 OF_TODAY = ("stainless-steel", "titanium-alloy", "nickel-alloy", "graphite", "polycrystalline-diamond")
 COATED = ("zinc-coated-brass", "diffusion-annealed")
-OwnFile = Callable[..., str]
-PARAMETER: dict[Kind, str] = {
-    "machines": "name", "wires": "wire", "materials": "material", "generators": "generator",
-}  # fmt: skip
+PARAMETER: dict[Kind, str] = {"machines": "name", "wires": "wire", "materials": "material", "generators": "generator"}
 KINDS = tuple(PARAMETER)
 FILES = [(kind, name) for kind in KINDS for name in available(kind)]
 TITLE = {
@@ -40,11 +36,11 @@ TITLE = {
 }  # fmt: skip
 
 
-def text_of(kind: str, name: str) -> str:
+def text_of(kind, name):
     return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def constants(table: dict[str, Any], place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+def constants(table, place=""):
     for key, value in table.items():
         if isinstance(value, dict):
             if "value" in value:
@@ -53,14 +49,14 @@ def constants(table: dict[str, Any], place: str = "") -> Iterator[tuple[str, dic
                 yield from constants(value, f"{place}{key}.")
 
 
-def test_the_wires_and_materials_of_the_requirements_are_there() -> None:  # T-13
+def test_the_wires_and_materials_of_the_requirements_are_there():  # T-13
     assert {"copper", "brass", "molybdenum", "zinc-coated-brass", "diffusion-annealed"} == set(available("wires"))
     assert {"tool-steel", "cemented-carbide", "copper", "aluminium", *OF_TODAY} == set(available("materials"))
     assert {*LABORATORY, "equalising", "production"} <= set(available("generators"))
 
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
-def test_every_file_loads_and_every_constant_has_a_source_and_lies_in_its_range(kind: str, name: str) -> None:
+def test_every_file_loads_and_every_constant_has_a_source_and_lies_in_its_range(kind, name):
     machine, table = Machine.load(**cast(Any, {PARAMETER[kind]: name})), tomllib.loads(text_of(kind, name))
     assert TITLE[kind](machine) == table["title"]
     found = list(constants(table))
@@ -74,14 +70,14 @@ def test_every_file_loads_and_every_constant_has_a_source_and_lies_in_its_range(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_unknown_name_says_which_exist(kind: Any) -> None:
+def test_unknown_name_says_which_exist(kind):
     text = refusal(**{PARAMETER[kind]: "unobtainium"})
     assert kind[:-1] in text
     assert "'unobtainium'" in text
     assert text.endswith(", ".join(available(kind)))
 
 
-def test_own_file_is_read_by_its_path(own_file: OwnFile) -> None:
+def test_own_file_is_read_by_its_path(own_file):
     file = own_file("materials", "tool-steel", ("value = 9.3e-3", "value = 6.0e-3"))
     machine = Machine.load(material=file)
     assert machine.material.removal_mm3_J.value == 6.0e-3
@@ -89,7 +85,7 @@ def test_own_file_is_read_by_its_path(own_file: OwnFile) -> None:
     assert Machine.load(material=cast(Any, Path(file))) == machine
 
 
-def test_own_wire_may_carry_a_diameter(own_file: OwnFile) -> None:
+def test_own_wire_may_carry_a_diameter(own_file):
     file = own_file("wires", "brass")
     assert Machine.load(wire=file).wire_diameter_um == 250
     assert Machine.load(wire=f"{file}-100").wire_diameter_um == 100
@@ -98,27 +94,24 @@ def test_own_wire_may_carry_a_diameter(own_file: OwnFile) -> None:
 BRASS_STRENGTH = "strength_MPa = { value = 950.0, range = [900.0, 1000.0],"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "named"),
-    [
-        ("strength_MPa", "strenght_MPa", "strength_MPa"),
-        ("title =", "titel =", "title"),
-        ("title =", "colour = 3\ntitle =", "colour"),
-        (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0"), "strength_MPa"),
-        (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", '"strong"'), "strength_MPa.value"),
-        (BRASS_STRENGTH, "strength_MPa = { value = -950.0,", "strength_MPa.value"),
-        (BRASS_STRENGTH, "strength_MPa = { value = nan,", "strength_MPa.value"),
-        (BRASS_STRENGTH, "strength_MPa = { value = 950.0, unit = 1,", "strength_MPa.unit"),
-        ('source = "brass loses half its strength near 600 K"', "range = [1.0, 999.0]", "half_strength_K.source"),
-    ],
-)
-def test_bad_key_is_named_with_its_file(tmp_path: Path, own_file: OwnFile, old: str, new: str, named: str) -> None:
+@pytest.mark.parametrize(("old", "new", "named"), [
+    ("strength_MPa", "strenght_MPa", "strength_MPa"),
+    ("title =", "titel =", "title"),
+    ("title =", "colour = 3\ntitle =", "colour"),
+    (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0"), "strength_MPa"),
+    (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", '"strong"'), "strength_MPa.value"),
+    (BRASS_STRENGTH, "strength_MPa = { value = -950.0,", "strength_MPa.value"),
+    (BRASS_STRENGTH, "strength_MPa = { value = nan,", "strength_MPa.value"),
+    (BRASS_STRENGTH, "strength_MPa = { value = 950.0, unit = 1,", "strength_MPa.unit"),
+    ('source = "brass loses half its strength near 600 K"', "range = [1.0, 999.0]", "half_strength_K.source"),
+])  # fmt: skip
+def test_bad_key_is_named_with_its_file(tmp_path, own_file, old, new, named):
     text = refusal(wire=own_file("wires", "brass", (old, new)))
     assert text.startswith(str(tmp_path / "own.toml"))
     assert f"'{named}'" in text
 
 
-def test_a_value_outside_its_range_is_refused_with_both(own_file: OwnFile) -> None:
+def test_a_value_outside_its_range_is_refused_with_both(own_file):
     file = own_file("wires", "brass", (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0")))
     text = refusal(wire=file)
     assert "95 " in text
@@ -126,7 +119,7 @@ def test_a_value_outside_its_range_is_refused_with_both(own_file: OwnFile) -> No
     assert "1000" in text
 
 
-def test_generator_mode_decides_on_the_ignition_wait(own_file: OwnFile) -> None:
+def test_generator_mode_decides_on_the_ignition_wait(own_file):
     for name, old, new in (
         ("iso-pulse", 'mode = "iso-pulse"', 'mode = "iso-energetic"'),
         ("iso-energetic", 'mode = "iso-energetic"', 'mode = "iso-pulse"'),
@@ -135,19 +128,19 @@ def test_generator_mode_decides_on_the_ignition_wait(own_file: OwnFile) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"title = \n", b"\x89PNG\r\n\x1a\n\x00\xff", b"[table"])
-def test_file_that_is_no_toml_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
+def test_file_that_is_no_toml_is_refused_by_name(tmp_path, content):
     file = tmp_path / "own.toml"
     file.write_bytes(content)
     assert refusal(name=str(file)).startswith(str(file))
 
 
-def test_missing_file_and_folder_are_refused_by_name(tmp_path: Path) -> None:
+def test_missing_file_and_folder_are_refused_by_name(tmp_path):
     (tmp_path / "folder.toml").mkdir()
     for name in ("none.toml", "folder.toml"):
         assert refusal(material=str(tmp_path / name)).startswith(str(tmp_path / name))
 
 
-def test_wire_diameter() -> None:  # T-13
+def test_wire_diameter():  # T-13
     assert Machine.load(wire="brass").wire_diameter_um == 250
     assert Machine.load(wire="copper-100").wire_diameter_um == 100
     assert Machine.load(wire="copper-20").wire_diameter_um == 20  # 2.7.1
@@ -158,14 +151,14 @@ def test_wire_diameter() -> None:  # T-13
         assert "20..400" in text
 
 
-def test_default_tension_is_the_stress_times_the_section() -> None:
+def test_default_tension_is_the_stress_times_the_section():
     for name in available("wires"):
         machine = Machine.load(wire=name)
         section_mm2 = math.pi / 4 * (machine.wire_diameter_um * 1e-3) ** 2
         assert machine.tension == pytest.approx(machine.wire.stress_MPa.value * section_mm2, rel=1e-12)
 
 
-def test_tension_that_breaks_the_wire_at_rest() -> None:
+def test_tension_that_breaks_the_wire_at_rest():
     holds = Machine.load(wire="copper-100").breaking_force
     assert holds == pytest.approx(400 * math.pi / 4 * 0.1**2)
     assert Machine.load(wire="copper-100", tension=0.999 * holds).tension == 0.999 * holds
@@ -175,37 +168,34 @@ def test_tension_that_breaks_the_wire_at_rest() -> None:
 
 
 @pytest.mark.parametrize("tension", [0.0, -1.0, 1e-9, math.nan])
-def test_tension_is_what_a_wire_is_run_at(tension: float) -> None:
+def test_tension_is_what_a_wire_is_run_at(tension):
     assert "N is not within 0.01..300 N" in refusal(tension=tension)
 
 
 @pytest.mark.parametrize("height", [-5.0, 0.0, 0.49, 400.1, math.nan, math.inf])
-def test_height_is_refused_with_its_value_and_range(height: float) -> None:
+def test_height_is_refused_with_its_value_and_range(height):
     text = refusal(height_mm=height)
     assert f"{height:g} mm" in text
     assert "0.5..400" in text
 
 
-def test_geometry_of_the_set_up() -> None:
+def test_geometry_of_the_set_up():
     machine = Machine.load(height_mm=30, wire="brass-200")
     assert machine.guide_distance_mm == 50
     gap = machine.base.dielectric.side_gap_um.value
     assert machine.auto_offset_mm == pytest.approx((100 + gap) * 1e-3)
 
 
-@pytest.mark.parametrize(
-    ("t_on", "t_period", "named"),
-    [
-        (0.5, 100, "t_on 0.5 us"), (1001, 10_000, "t_on 1001 us"), (1, 1.9, "t_period 1.9 us"),
-        (30, 10_001, "t_period 10001 us"), (30, 30, "no pause"), (math.nan, 100, "t_on nan"),
-    ],
-)  # fmt: skip
-def test_pulse_times_of_the_field(t_on: float, t_period: float, named: str) -> None:  # T-1, T-2, T-36, T-A8
+@pytest.mark.parametrize(("t_on", "t_period", "named"), [
+    (0.5, 100, "t_on 0.5 us"), (1001, 10_000, "t_on 1001 us"), (1, 1.9, "t_period 1.9 us"),
+    (30, 10_001, "t_period 10001 us"), (30, 30, "no pause"), (math.nan, 100, "t_on nan"),
+])  # fmt: skip
+def test_pulse_times_of_the_field(t_on, t_period, named):  # T-1, T-2, T-36, T-A8
     assert named in refusal(t_on_us=t_on, t_period_us=t_period)
 
 
 @pytest.mark.parametrize("generator", LABORATORY)
-def test_mean_current_stays_within_2_A(generator: str) -> None:  # T-34, T-35
+def test_mean_current_stays_within_2_A(generator):  # T-34, T-35
     machine = Machine.load(generator=generator, t_on_us=30, t_period_us=1000)
     assert discharge_current_A(machine) == pytest.approx((100 - 22) / 11.8)
     least = discharge_current_A(machine) * 30 / 2.0
@@ -214,11 +204,8 @@ def test_mean_current_stays_within_2_A(generator: str) -> None:  # T-34, T-35
         machine.with_(t_period_us=0.99 * least)
 
 
-def test_open_voltage_must_exceed_the_burning_voltage(own_file: OwnFile) -> None:
-    file = own_file(
-        "generators", "iso-pulse",
-        ("{ value = 100.0, range = [60.0, 120.0],", "{ value = 21.0,"),
-    )  # fmt: skip
+def test_open_voltage_must_exceed_the_burning_voltage(own_file):
+    file = own_file("generators", "iso-pulse", ("{ value = 100.0, range = [60.0, 120.0],", "{ value = 21.0,"))
     assert "21 V is not above the burning voltage" in refusal(generator=file)
 
 
@@ -226,7 +213,7 @@ def test_open_voltage_must_exceed_the_burning_voltage(own_file: OwnFile) -> None
     ("b", "c", "loads"),
     [("-3.69", "14.05", True), ("-3.69", "7.0", False), ("3.69", "7.0", True), ("0.0", "0.01", True)],
 )
-def test_the_median_delay_must_be_above_zero_at_every_gap(own_file: OwnFile, b: str, c: str, loads: bool) -> None:
+def test_the_median_delay_must_be_above_zero_at_every_gap(own_file, b, c, loads):
     """With a of 0.48 and b below zero, c must be above b^2 / 4 a, 7.09; with another b every gap has one anyway."""
     changes = ("b_us_um = { value = -3.69,", f"b_us_um = {{ value = {b},"), ("14.05, source", f"{c}, source")
     file = own_file("machines", "agiecut-dem15", *changes)
@@ -236,7 +223,7 @@ def test_the_median_delay_must_be_above_zero_at_every_gap(own_file: OwnFile, b: 
         assert "must be above zero at every gap g: raise median_c_us" in refusal(name=file)
 
 
-def test_with_changes_one_thing_and_checks_it() -> None:
+def test_with_changes_one_thing_and_checks_it():
     machine = Machine.load()
     thicker = machine.with_(height_mm=40)
     assert (thicker.height_mm, machine.height_mm) == (40, 20)
@@ -246,7 +233,7 @@ def test_with_changes_one_thing_and_checks_it() -> None:
             machine.with_(**change)
 
 
-def test_with_refuses_what_it_does_not_know() -> None:
+def test_with_refuses_what_it_does_not_know():
     with pytest.raises(InputError, match="heigth_mm"):
         Machine.load().with_(heigth_mm=40)
     with pytest.raises(ValueError, match="frozen"):
@@ -256,7 +243,7 @@ def test_with_refuses_what_it_does_not_know() -> None:
 # --- files that are like another, and the production preset ---
 
 
-def test_a_file_like_another_has_its_constants_where_it_gives_none(own_file: OwnFile, tmp_path: Path) -> None:
+def test_a_file_like_another_has_its_constants_where_it_gives_none(own_file, tmp_path):
     file = tmp_path / "like.toml"
     file.write_text(
         'title = "Like"\nlike = "agiecut-dem15"\n[guides]\nclearance_mm = { value = 3.0, source = "measured" }\n'
@@ -267,16 +254,13 @@ def test_a_file_like_another_has_its_constants_where_it_gives_none(own_file: Own
     assert (own.table, own.gap, own.model) == (usual.table, usual.gap, usual.model)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('like = "lathe"', "unknown machine 'lathe'; there are: agiecut-dem15"),
-        ('like = "agiecut-dem15"\n[guides]\nclearence_mm = { value = 3.0, source = "own" }', "'guides.clearence_mm'"),
-        ('like = "agiecut-dem15"\n[guides]\nclearance_mm = { value = 3.0 }', "'guides.clearance_mm.source'"),
-        ('like = "agiecut-dem15"\nguides = 3', "'guides'"),
-    ],
-)  # fmt: skip
-def test_a_file_like_another_is_checked_as_any(tmp_path: Path, text: str, said: str) -> None:
+@pytest.mark.parametrize(("text", "said"), [
+    ('like = "lathe"', "unknown machine 'lathe'; there are: agiecut-dem15"),
+    ('like = "agiecut-dem15"\n[guides]\nclearence_mm = { value = 3.0, source = "own" }', "'guides.clearence_mm'"),
+    ('like = "agiecut-dem15"\n[guides]\nclearance_mm = { value = 3.0 }', "'guides.clearance_mm.source'"),
+    ('like = "agiecut-dem15"\nguides = 3', "'guides'"),
+])  # fmt: skip
+def test_a_file_like_another_is_checked_as_any(tmp_path, text, said):
     file = tmp_path / "like.toml"
     file.write_text(text + "\n")
     message = refusal(name=str(file))
@@ -284,7 +268,7 @@ def test_a_file_like_another_is_checked_as_any(tmp_path: Path, text: str, said: 
     assert said in message
 
 
-def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut() -> None:
+def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut():
     """Sato et al.: triangles of up to 1.4 us and 600..940 A, 0.49 mC, 9.8 mJ at 20 V; 60 kHz with 8 us of pause."""
     machine = Machine.load("production", generator="production", t_period_us=9.4)
     charge = discharge_current_A(machine) * machine.t_on_us * 1e-6
@@ -296,7 +280,7 @@ def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut() -> None:
     assert discharge_current_A(finishing) == pytest.approx(40.0)
 
 
-def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path: Path) -> None:
+def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path):
     file = tmp_path / "far.ngc"
     file.write_text("G21 G90\nG0 X0.0 Y0.0\nG1 X300.0\nM2\n")
     machine = Machine.load("production-400", generator="production", height_mm=5.0)
@@ -314,9 +298,7 @@ def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("kind", "name"), [*(("materials", n) for n in OF_TODAY), *(("wires", n) for n in COATED)])
-def test_an_assumption_has_a_range_and_a_copy_of_the_file_is_the_same(
-    kind: str, name: str, own_file: OwnFile
-) -> None:
+def test_an_assumption_has_a_range_and_a_copy_of_the_file_is_the_same(kind, name, own_file):
     choices = ("stress_MPa", "default_diameter_um")  # not properties of the metal
     for key, constant in constants(tomllib.loads(text_of(kind, name))):
         if "ours" in constant["source"] and key not in choices:
@@ -327,18 +309,13 @@ def test_an_assumption_has_a_range_and_a_copy_of_the_file_is_the_same(
     assert (own.material, own.wire) == (ours.material, ours.wire)
 
 
-@pytest.mark.parametrize(
-    ("name", "metals", "density_g_cm3", "share"),
-    [
-        ("stainless-steel", [(0.72, 2, 55.85), (0.19, 3, 52.0), (0.09, 2, 58.69)], 8.0, 1.0),
-        ("titanium-alloy", [(0.90, 4, 47.87), (0.06, 3, 26.98), (0.04, 5, 50.94)], 4.43, 1.0),
-        ("graphite", [(1.0, 4, 12.01)], 1.8, 1.0),
-        ("polycrystalline-diamond", [(1.0, 2, 58.93)], 8.9, 0.10),
-    ],
-)
-def test_what_a_charge_dissolves_follows_from_faraday(
-    name: str, metals: list[tuple[float, int, float]], density_g_cm3: float, share: float
-) -> None:
+@pytest.mark.parametrize(("name", "metals", "density_g_cm3", "share"), [
+    ("stainless-steel", [(0.72, 2, 55.85), (0.19, 3, 52.0), (0.09, 2, 58.69)], 8.0, 1.0),
+    ("titanium-alloy", [(0.90, 4, 47.87), (0.06, 3, 26.98), (0.04, 5, 50.94)], 4.43, 1.0),
+    ("graphite", [(1.0, 4, 12.01)], 1.8, 1.0),
+    ("polycrystalline-diamond", [(1.0, 2, 58.93)], 8.9, 0.10),
+])  # fmt: skip
+def test_what_a_charge_dissolves_follows_from_faraday(name, metals, density_g_cm3, share):
     surface = Machine.load(material=name).material.surface
     assert surface is not None
     mol_of_charge_per_g = sum(weight * valence / molar for weight, valence, molar in metals)
@@ -346,7 +323,7 @@ def test_what_a_charge_dissolves_follows_from_faraday(
     assert surface.dissolved_mm3_C.value == pytest.approx(per_C, rel=0.01)
 
 
-def test_a_copper_core_conducts_and_hard_brass_holds() -> None:
+def test_a_copper_core_conducts_and_hard_brass_holds():
     copper, brass, coated, annealed = (Machine.load(wire=n).wire for n in ("copper", "brass", *COATED))
     assert copper.resistivity_Ohm_m.value < annealed.resistivity_Ohm_m.value < brass.resistivity_Ohm_m.value
     assert copper.strength_MPa.value < annealed.strength_MPa.value < coated.strength_MPa.value
@@ -354,19 +331,16 @@ def test_a_copper_core_conducts_and_hard_brass_holds() -> None:
     assert lorenz == pytest.approx([2.44e-8] * 2, rel=0.12)  # Wiedemann and Franz
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"t_on_us": 3.1}, "t_on 3.1 us is not within 0.2..3 us"),
-        ({"t_on_us": 0.1}, "t_on 0.1 us is not within 0.2..3 us"),
-        ({"t_on_us": 3.0, "t_period_us": 9.4}, "above the generator's 60 A; t_period must be at least"),
-        ({"t_period_us": 1.5}, "t_period 1.5 us is not within 2..1000 us"),
-        ({"t_on_us": 3.0, "t_period_us": 2.5}, "t_period 2.5 us leaves no pause after 3 us"),
-        ({"peak_current_A": 701.0}, "peak current 701 A is above the 700.3 A"),
-        ({"ignition_wait_us": 200.0}, "ignition wait 200 us is not within 1..100 us"),
-    ],
-)  # fmt: skip
-def test_the_production_generator_has_limits_of_its_own(options: dict[str, Any], said: str) -> None:
+@pytest.mark.parametrize(("options", "said"), [
+    ({"t_on_us": 3.1}, "t_on 3.1 us is not within 0.2..3 us"),
+    ({"t_on_us": 0.1}, "t_on 0.1 us is not within 0.2..3 us"),
+    ({"t_on_us": 3.0, "t_period_us": 9.4}, "above the generator's 60 A; t_period must be at least"),
+    ({"t_period_us": 1.5}, "t_period 1.5 us is not within 2..1000 us"),
+    ({"t_on_us": 3.0, "t_period_us": 2.5}, "t_period 2.5 us leaves no pause after 3 us"),
+    ({"peak_current_A": 701.0}, "peak current 701 A is above the 700.3 A"),
+    ({"ignition_wait_us": 200.0}, "ignition wait 200 us is not within 1..100 us"),
+])  # fmt: skip
+def test_the_production_generator_has_limits_of_its_own(options, said):
     assert said in refusal(name="production", generator="production", **options)
 
 
@@ -376,11 +350,11 @@ MACHINE = Machine.load()
 UNCERTAIN = MACHINE.uncertain()
 
 
-def values(machine: Machine) -> dict[str, float]:
+def values(machine):
     return {name: constant.value for name, constant in machine.uncertain().items()}
 
 
-def test_uncertain_are_the_constants_with_a_range_by_section_and_name() -> None:
+def test_uncertain_are_the_constants_with_a_range_by_section_and_name():
     assert {"gap.critical_um", "wire.strength_MPa", "material.removal_mm3_J"} <= set(UNCERTAIN)
     assert UNCERTAIN["gap.critical_um"] is MACHINE.base.gap.critical_um
     assert all(constant.range is not None for constant in UNCERTAIN.values())
@@ -394,7 +368,7 @@ def test_uncertain_are_the_constants_with_a_range_by_section_and_name() -> None:
     st.integers(0, 2**32), st.sampled_from(available("wires")), st.sampled_from(available("materials")),
     st.sampled_from(available("generators")),
 )  # fmt: skip
-def test_every_draw_is_a_valid_machine_within_its_ranges(seed: int, wire: str, material: str, generator: str) -> None:
+def test_every_draw_is_a_valid_machine_within_its_ranges(seed, wire, material, generator):
     machine = Machine.load(wire=wire, material=material, generator=generator)
     drawn = machine.sample(np.random.default_rng(seed))
     drawn.check()
@@ -411,9 +385,7 @@ def test_every_draw_is_a_valid_machine_within_its_ranges(seed: int, wire: str, m
 @pytest.mark.slow
 @settings(max_examples=200)
 @given(st.floats(-10, 1e3), st.floats(1e-6, 1e3), st.floats(0, 1), st.floats(0, 1))
-def test_a_larger_share_is_a_larger_value_and_the_ends_are_the_range(
-    low: float, span: float, a: float, b: float
-) -> None:
+def test_a_larger_share_is_a_larger_value_and_the_ends_are_the_range(low, span, a, b):
     bounds = (low, low + span)
     assert value_at(bounds, 0.0) == low
     assert value_at(bounds, 1.0) == pytest.approx(bounds[1], rel=1e-12)
@@ -421,7 +393,7 @@ def test_a_larger_share_is_a_larger_value_and_the_ends_are_the_range(
     assert low <= less <= more <= bounds[1]
 
 
-def test_a_range_of_an_order_is_drawn_by_its_logarithm() -> None:
+def test_a_range_of_an_order_is_drawn_by_its_logarithm():
     assert value_at((1.0, 100.0), 0.5) == pytest.approx(10.0)
     assert value_at((1.0, LOG_FROM_RATIO), 0.5) == pytest.approx(math.sqrt(LOG_FROM_RATIO))
     assert value_at((1.0, 0.999 * LOG_FROM_RATIO), 0.5) == pytest.approx((1 + 0.999 * LOG_FROM_RATIO) / 2)
@@ -430,7 +402,7 @@ def test_a_range_of_an_order_is_drawn_by_its_logarithm() -> None:
 
 
 @pytest.mark.slow
-def test_draws_fill_the_ranges_as_documented() -> None:
+def test_draws_fill_the_ranges_as_documented():
     from scipy.stats import kstest
 
     rng = np.random.default_rng(7)
@@ -445,7 +417,7 @@ def test_draws_fill_the_ranges_as_documented() -> None:
         assert kstest(shares, "uniform").pvalue > 1e-4, name
 
 
-def test_same_generator_state_same_machine() -> None:
+def test_same_generator_state_same_machine():
     first, second = (MACHINE.sample(np.random.default_rng(3)) for _ in range(2))
     assert first == second
     rng = np.random.default_rng(3)
@@ -453,7 +425,7 @@ def test_same_generator_state_same_machine() -> None:
     assert MACHINE.sample(rng) != first
 
 
-def test_only_draws_what_it_names_and_draws_it_alike() -> None:
+def test_only_draws_what_it_names_and_draws_it_alike():
     drawn = MACHINE.sample(np.random.default_rng(5), only=["gap", "wire.strength_MPa"])
     everything = values(MACHINE.sample(np.random.default_rng(5)))
     changed = {name for name, value in values(drawn).items() if value != UNCERTAIN[name].value}
@@ -463,19 +435,19 @@ def test_only_draws_what_it_names_and_draws_it_alike() -> None:
 
 
 @pytest.mark.parametrize("name", ["gravity", "generator", "gap.contact_um", "critical_um", "gap."])
-def test_a_name_without_a_range_is_refused_with_those_that_have_one(name: str) -> None:
+def test_a_name_without_a_range_is_refused_with_those_that_have_one(name):
     with pytest.raises(InputError, match=f"'{name}' is not a section or constant with a range") as caught:
         MACHINE.sample(np.random.default_rng(1), only=["wire", name])
     assert "gap.critical_um" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_single_text_is_refused() -> None:
+def test_a_single_text_is_refused():
     with pytest.raises(InputError, match=r"\['gap'\]"):
         MACHINE.sample(np.random.default_rng(1), only="gap")
 
 
-def test_a_set_up_that_cannot_run_is_drawn_again() -> None:
+def test_a_set_up_that_cannot_run_is_drawn_again():
     """At 30 us in 100 us the generator's 2 A refuse burning voltages below 21.3 V, 13 % of the range."""
     rng = np.random.default_rng(2)
     burning = [MACHINE.sample(rng, only=["material"]).material.burning_voltage_V.value for _ in range(300)]
@@ -487,7 +459,7 @@ def test_a_set_up_that_cannot_run_is_drawn_again() -> None:
     assert 902.5 < min(strengths) < 910
 
 
-def test_a_setting_no_draw_can_run_is_refused(own_file: Callable[..., str]) -> None:
+def test_a_setting_no_draw_can_run_is_refused(own_file):
     wide = "value = 1000.0, range = [1.0, 1000.0]"
     wire = own_file("wires", "brass", ("value = 950.0, range = [900.0, 1000.0]", wide))
     machine = Machine.load(wire=wire)
@@ -498,7 +470,7 @@ def test_a_setting_no_draw_can_run_is_refused(own_file: Callable[..., str]) -> N
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_plant_runs_on_drawn_machines(seed: int) -> None:
+def test_a_plant_runs_on_drawn_machines(seed):
     machine = MACHINE.sample(np.random.default_rng(seed))
     plant = edmsim.Plant(machine, seed, resolution="fast")
     interval = 80_000_000  # 25 um/s in steps of 2 um
@@ -511,9 +483,9 @@ def test_a_plant_runs_on_drawn_machines(seed: int) -> None:
     assert plant.removed_mm3 == pytest.approx(plant.craters_mm3, rel=1e-9)
 
 
-def test_drawn_machines_keep_the_operator_s_choices() -> None:
+def test_drawn_machines_keep_the_operator_s_choices():
     """The constants are drawn, the choices made in their place hold all the same."""
-    chosen: dict[str, Any] = {"wire_speed_m_s": 0.2, "flushing_lower_Pa": 0.0, "standoff_upper_mm": 0.5,
+    chosen = {"wire_speed_m_s": 0.2, "flushing_lower_Pa": 0.0, "standoff_upper_mm": 0.5,
                               "peak_current_A": 4.0, "open_voltage_V": 90.0}  # fmt: skip
     drawn = MACHINE.with_(**chosen).sample(np.random.default_rng(4))
     assert {name: getattr(drawn, name) for name in chosen} == chosen
@@ -524,16 +496,15 @@ def test_drawn_machines_keep_the_operator_s_choices() -> None:
 
 
 BOUNDED = {
-    "table.backlash_um": "a nut has no less than none",
-    "gas.shielding": "gas shields all of the pull at most",
+    "table.backlash_um": "a nut has no less than none", "gas.shielding": "gas shields all of the pull at most",
     "cooling.dry_share": "the front is half of the girth",
     "wire.density_kg_m3": "its range is 1 % wide, and its source has that end",
-}
+}  # fmt: skip
 """Constants whose value stands at an end of its range, and why it may."""
 
 
 @pytest.mark.parametrize("name", sorted(set(UNCERTAIN) - set(BOUNDED)))
-def test_the_standard_machine_is_within_what_is_drawn_and_not_at_its_edge(name: str) -> None:
+def test_the_standard_machine_is_within_what_is_drawn_and_not_at_its_edge(name):
     constant = UNCERTAIN[name]
     assert constant.range is not None
     assert 0.15 <= share_of(constant.range, constant.value) <= 0.86

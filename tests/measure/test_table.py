@@ -1,7 +1,5 @@
 """ISO 230-2 and ISO 230-4 on numbers worked by hand, and on tables and guides whose errors are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Shares of the profile error, and errors within reach of a round wire, against closed forms."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 
@@ -28,13 +26,13 @@ CONTOUR = WireContour(np.round(PATH_UM).astype(np.int64), 0, SQUARE_MM, True, "l
 move = st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
 
 
-def measured(error_um: np.ndarray) -> ProfileError:
+def measured(error_um):
     points = np.concatenate([a + ALONG[:, None] * (b - a) for a, b in pairwise(SQUARE_MM)])
     s = np.arange(len(points), dtype=float)
     return ProfileError(points, s, np.atleast_2d(error_um), np.zeros(len(points), bool))
 
 
-def way(moved: np.ndarray) -> np.ndarray:
+def way(moved):
     """A dense way round the square, a window every 0.8 um or so, moved by some um."""
     share = np.linspace(0.0, 4.0, 22_000)
     return np.column_stack([np.interp(share, range(5), PATH_UM[:, k]) for k in (0, 1)]) + moved
@@ -43,7 +41,7 @@ def way(moved: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 @settings(max_examples=5, deadline=None)
 @given(move, move, move, st.floats(-20.0, 20.0))
-def test_a_way_that_is_moved_leaves_what_it_is_further_off_each_side(planner, drive, wire, gap) -> None:
+def test_a_way_that_is_moved_leaves_what_it_is_further_off_each_side(planner, drive, wire, gap):
     moves = np.cumsum([planner, drive, wire], axis=0)
     off = NORMALS @ np.array([planner, drive, wire]).T
     error = off.sum(axis=1) + gap
@@ -60,7 +58,7 @@ def test_a_way_that_is_moved_leaves_what_it_is_further_off_each_side(planner, dr
         assert sum(share["of_mean_square"] for share in stats.values()) == pytest.approx(1.0)
 
 
-def test_an_inner_corner_the_wire_cannot_reach_belongs_to_the_path() -> None:
+def test_an_inner_corner_the_wire_cannot_reach_belongs_to_the_path():
     inner = WireContour(np.round(_inside()).astype(np.int64), 0, SQUARE_MM, True, "right", offset_um=OFFSET_UM)
     corner = ProfileError(SQUARE_MM[:1], np.zeros(1), np.array([[64.2]]), np.zeros(1, bool))
     dense = np.concatenate([np.linspace(a, b, 5000) for a, b in pairwise(_inside())])
@@ -69,12 +67,12 @@ def test_an_inner_corner_the_wire_cannot_reach_belongs_to_the_path() -> None:
     assert shares[1:4, 0] == pytest.approx(np.zeros(3), abs=0.1)
 
 
-def _inside() -> np.ndarray:
+def _inside():
     return 1000 * (4.0 + (SQUARE_MM - 4.0) * (2.0 - OFFSET_UM / 1000) / 2.0)
 
 
 @pytest.mark.slow
-def test_what_was_not_measured_has_no_shares() -> None:
+def test_what_was_not_measured_has_no_shares():
     error = np.zeros(len(NORMALS))
     error[3] = np.nan
     shares = error_shares(measured(error), CONTOUR, [way(np.zeros(2))] * 3)
@@ -91,25 +89,25 @@ INNER_MM = np.array([2.0, 2.0])
 LEFT_UM = ELL_OFFSET_UM * (math.sqrt(2) - 1)
 
 
-def contour() -> WireContour:
+def contour():
     ring = shapely.Polygon(ELL_MM).buffer(ELL_OFFSET_UM / 1e3, quad_segs=64).exterior
     path = np.round(shapely.get_coordinates(ring.reverse() if not ring.is_ccw else ring) * 1e3).astype(np.int64)
     elements = tuple((k + 1, 10 + k) for k in range(6))
     return WireContour(path, 0, ELL_MM, True, "left", elements=elements, offset_um=ELL_OFFSET_UM)
 
 
-def profile(error_um: np.ndarray | float = 0.0) -> ProfileError:
+def profile(error_um=0.0):
     line = Polyline(ELL_MM, closed=True)
     s = line.stations(0.02, line.corners(15.0))
     error = np.broadcast_to(error_um, (3, len(s))).astype(float)
     return ProfileError(line.at(s), s, error, line.distance_along(s, np.array([1.0])) <= 0.25)
 
 
-def place_of(found: ProfileError, x: float, y: float) -> int:
+def place_of(found, x, y):
     return int(np.hypot(*(found.points_mm - (x, y)).T).argmin())
 
 
-def test_only_the_inner_corner_is_out_of_reach() -> None:
+def test_only_the_inner_corner_is_out_of_reach():
     found = profile()
     left = unreachable_um(found, contour())
     assert left[place_of(found, *INNER_MM)] == pytest.approx(LEFT_UM, abs=1.0)
@@ -119,7 +117,7 @@ def test_only_the_inner_corner_is_out_of_reach() -> None:
     assert (left >= 0).all()
 
 
-def test_a_wire_on_its_path_has_no_error_within_reach_and_says_why_there_is_one_against_the_drawing() -> None:
+def test_a_wire_on_its_path_has_no_error_within_reach_and_says_why_there_is_one_against_the_drawing():
     bare = profile()
     left = unreachable_um(bare, contour())
     found = profile(left)
@@ -137,7 +135,7 @@ def test_a_wire_on_its_path_has_no_error_within_reach_and_says_why_there_is_one_
     ("place_mm", "why"),
     [((4.0, 2.0), "outer corner"), ((2.0, 2.0), "inner corner"), ((1.0, 0.0), "start mark"), ((0.0, 2.0), "edge")],
 )
-def test_the_largest_error_says_what_lies_there(place_mm: tuple[float, float], why: str) -> None:
+def test_the_largest_error_says_what_lies_there(place_mm, why):
     found = profile()
     error = np.zeros_like(found.error_um)
     error[1, place_of(found, *place_mm)] = -30.0
@@ -149,7 +147,7 @@ def test_the_largest_error_says_what_lies_there(place_mm: tuple[float, float], w
     assert (worst.error_um, worst.why, worst.made_by) == (-30.0, why, "wire")
 
 
-def test_the_mean_error_is_that_of_the_walls_between_corners() -> None:
+def test_the_mean_error_is_that_of_the_walls_between_corners():
     bare = profile()
     left = unreachable_um(bare, contour())
     line = Polyline(ELL_MM, closed=True)
@@ -159,7 +157,7 @@ def test_the_mean_error_is_that_of_the_walls_between_corners() -> None:
     assert math.isnan(mean_error_um([contour()], [profile(math.nan)], [left]))
 
 
-def test_elements_are_the_lines_of_the_program() -> None:
+def test_elements_are_the_lines_of_the_program():
     bare = profile()
     left = unreachable_um(bare, contour())
     found = profile(left + 2.0)
@@ -173,7 +171,7 @@ def test_elements_are_the_lines_of_the_program() -> None:
 
 
 @pytest.mark.parametrize("turn", [math.tau, 2.0])
-def test_an_arc_has_its_radius(turn: float) -> None:
+def test_an_arc_has_its_radius(turn):
     angle = np.linspace(0, turn, 60)
     points = 1.5 * np.column_stack([np.cos(angle), np.sin(angle)]) + 20.0
     arc = WireContour(np.round(points * 1e3).astype(np.int64), 0, points, False, "left", elements=((1, 4),) * 59)

@@ -1,7 +1,5 @@
 """Layers of the cut face: what heat changed, what the water dissolved, and what equalising pulses leave of that."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Metrology against exact geometry: kerfs carved as swept discs, whose walls are known in closed form."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

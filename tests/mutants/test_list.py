@@ -1,11 +1,9 @@
 """The list of mutants fits the code: `make mutants` runs them."""
 
-from __future__ import annotations
-
 from .listed import ROOT, load
 
 
-def test_every_mutant_can_be_put_in_and_has_tests() -> None:
+def test_every_mutant_can_be_put_in_and_has_tests():
     for mutant in load():
         assert (ROOT / mutant.file).read_text(encoding="utf-8").count(mutant.old) == 1, mutant
         assert mutant.old != mutant.new
@@ -13,7 +11,7 @@ def test_every_mutant_can_be_put_in_and_has_tests() -> None:
         assert all((ROOT / place).exists() for place in mutant.tests), mutant
 
 
-def test_there_are_sixty_over_all_rooms() -> None:
+def test_there_are_sixty_over_all_rooms():
     mutants = load()
     assert len({(mutant.file, mutant.old, mutant.new) for mutant in mutants}) == 60
     rooms = {file.parent.name for file in (ROOT / "edmsim").glob("*/__init__.py")}

@@ -1,17 +1,12 @@
 """The notebooks run, and what a reader sees of them is what they are."""
 
-from __future__ import annotations
-
 import ast
 import base64
 import io
 import json
 import re
 import warnings
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,48 +21,54 @@ from functools import partialmethod
 from edmsim.envs.episode import Task
 Task.__init__ = partialmethod(Task.__init__, episode_s=4.0)
 """
+THIN_STOCK = """
+from edmsim.sweep import specification as module
+from edmsim import runs
+runs.Processes = lambda _=None: runs.Threads()
+usual = module.Specification
+module.Specification = lambda settings, **more: usual(settings={**settings, "height_mm": 5.0}, **more)
+"""
 SHORTER = {
-    "04-gap-controllers": SHORT_EPISODES,
-    "05-train-a-policy": SHORT_EPISODES,
-    "13-offline": SHORT_EPISODES,
+    "04-gap-controllers": SHORT_EPISODES, "05-train-a-policy": SHORT_EPISODES, "13-offline": SHORT_EPISODES,
+    "12-sweep": THIN_STOCK,
     "09-calibrate": "from edmsim.calibration import comparison, fit\ncomparison.NOISE_CUTS, fit.MOST_ROUNDS = 8, 2",
-}
+}  # fmt: skip
 """What is run before a notebook whose work its small settings cannot shorten."""
 
 
 @pytest.fixture(scope="module")
-def execute(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+def execute(load_script):
     """The script that makes the notebooks."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # jupyter's packages, not ours
         return load_script(FOLDER / "execute.py")
 
 
-def shown(file: Path) -> Any:
+def shown(file):
     """A notebook as it is written, by its JSON alone."""
     return json.loads(file.read_text(encoding="utf-8"))
 
 
-def text(source: str | list[str]) -> str:
+def text(source):
     return source if isinstance(source, str) else "".join(source)
 
 
-def code(notebook: Any) -> list[Any]:
+def code(notebook):
     return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
 
 
-def speaking(notebook: Any) -> list[str]:
+def speaking(notebook):
     """Source of the code cells that show something."""
     return [text(cell["source"]) for cell in code(notebook) if cell["outputs"]]
 
 
-def test_there_are_notebooks() -> None:
+def test_there_are_notebooks():
     assert NAMES, "no notebook found"
     assert {file.stem for file in FOLDER.glob("*.ipynb")} == set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_text_and_notebook_hold_the_same_cells(name: str, execute: ModuleType) -> None:
+def test_text_and_notebook_hold_the_same_cells(name, execute):
     written = shown(FOLDER / f"{name}.ipynb")
     read = execute.read(FOLDER / f"{name}.py")
     assert [(c["cell_type"], text(c["source"]), c["metadata"]) for c in written["cells"]] == [
@@ -77,7 +78,7 @@ def test_text_and_notebook_hold_the_same_cells(name: str, execute: ModuleType) -
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_outputs_are_there_and_fit_for_readers(name: str) -> None:
+def test_outputs_are_there_and_fit_for_readers(name):
     file = FOLDER / f"{name}.ipynb"
     assert file.stat().st_size < LARGEST_BYTES
     cells = code(shown(file))
@@ -94,7 +95,7 @@ def test_outputs_are_there_and_fit_for_readers(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_small_settings_are_parameters(name: str, execute: ModuleType) -> None:
+def test_small_settings_are_parameters(name, execute):
     notebook = execute.read(FOLDER / f"{name}.py")
     (cell,) = [c for c in notebook.cells if execute.PARAMETERS in execute.tags(c)]
     assigned = {target.id for node in ast.parse(cell.source).body for target in node.targets}  # type: ignore[attr-defined]
@@ -103,13 +104,13 @@ def test_small_settings_are_parameters(name: str, execute: ModuleType) -> None:
     assert small <= assigned
 
 
-def test_the_table_names_every_notebook() -> None:
+def test_the_table_names_every_notebook():
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert re.findall(r"^\| \[([\w-]+)\]\(\1\.ipynb\) \|", page, re.MULTILINE) == NAMES
 
 
 @pytest.fixture(scope="module")
-def kernel(execute: ModuleType) -> Iterator[Any]:
+def kernel(execute):
     """A process that executes them: it imports and loads compiled code once."""
     with execute.Kernel() as kernel:
         yield kernel
@@ -118,7 +119,7 @@ def kernel(execute: ModuleType) -> Iterator[Any]:
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", NAMES)
-def test_executes_with_the_small_settings(name: str, execute: ModuleType, kernel: Any) -> None:
+def test_executes_with_the_small_settings(name, execute, kernel):
     notebook = execute.read(FOLDER / f"{name}.py")
     execute.make_small(notebook)
     if name in SHORTER:
@@ -128,7 +129,7 @@ def test_executes_with_the_small_settings(name: str, execute: ModuleType, kernel
 
 
 @pytest.mark.slow
-def test_a_notebook_finds_nothing_of_the_one_before(execute: ModuleType, kernel: Any) -> None:
+def test_a_notebook_finds_nothing_of_the_one_before(execute, kernel):
     first, second = (execute.nbformat.v4.new_notebook() for _ in range(2))
     cell = execute.nbformat.v4.new_code_cell
     first.cells = [cell("left = 1"), cell("open('file', 'w').close()"), cell("import matplotlib.pyplot as plt"),
@@ -145,14 +146,14 @@ def test_a_notebook_finds_nothing_of_the_one_before(execute: ModuleType, kernel:
 @pytest.mark.parametrize(("source", "said"), [
     ("1 / 0", "ZeroDivisionError"), ("import warnings; warnings.warn('mind')", "wrote to stderr: .*mind"),
 ])  # fmt: skip
-def test_a_cell_that_fails_or_warns_is_noticed(execute: ModuleType, kernel: Any, source: str, said: str) -> None:
+def test_a_cell_that_fails_or_warns_is_noticed(execute, kernel, source, said):
     notebook = execute.nbformat.v4.new_notebook(cells=[execute.nbformat.v4.new_code_cell(source)])
     with pytest.raises((execute.CellExecutionError, RuntimeError), match=said):
         execute.run(notebook, kernel)
 
 
 @pytest.mark.slow
-def test_a_smaller_picture_has_no_other_colours(execute: ModuleType) -> None:
+def test_a_smaller_picture_has_no_other_colours(execute):
     ramp = np.linspace(0, 255, 256, dtype=np.uint8)
     picture = np.stack(np.broadcast_arrays(ramp, ramp[:, None], ramp[::-1, None]), axis=-1)  # far more than 256
     picture[100, 100:103] = (0, 114, 178)  # a curve of few pixels
@@ -161,18 +162,18 @@ def test_a_smaller_picture_has_no_other_colours(execute: ModuleType) -> None:
     assert np.abs(again - picture).max() <= execute.SAME_SHADE
 
 
-def png(picture: np.ndarray) -> bytes:
+def png(picture):
     file = io.BytesIO()
     Image.fromarray(picture).save(file, "PNG")
     return file.getvalue()
 
 
-def test_small_outputs_do_not_replace_the_committed_ones(execute: ModuleType) -> None:
+def test_small_outputs_do_not_replace_the_committed_ones(execute):
     with pytest.raises(SystemExit, match="2"):
         execute.main([NAMES[0], "--small"])
 
 
-def test_a_notebook_that_is_not_there_is_reported(execute: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_notebook_that_is_not_there_is_reported(execute, capsys):
     with pytest.raises(SystemExit, match="2"):
         execute.main(["99-nothing"])
     assert f"there is no notebook '99-nothing'; there are {NAMES[0]}" in capsys.readouterr().err

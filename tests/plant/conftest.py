@@ -46,16 +46,11 @@ def altered():
 def in_a_hole(altered):
     """A plant whose wire hangs in the middle of a round hole, where discharges do (nearly) nothing."""
     quiet = {
-        "material.removal_mm3_J": 1e-15,
-        "base.discharge.impulse_10mJ_Ns": 0.0,
-        "base.discharge.bubble_share": 1e-12,
-        "base.gas.steam_share": 0.0,
-        "base.gas.permanent_share": 0.0,
-        "material.magnetic_share": 0.0,
-        "base.cooling.wire_heat_share": 0.0,
-        "base.dielectric.conductivity_uS_cm": 1e-9,
+        "material.removal_mm3_J": 1e-15, "base.discharge.impulse_10mJ_Ns": 0.0, "base.discharge.bubble_share": 1e-12,
+        "base.gas.steam_share": 0.0, "base.gas.permanent_share": 0.0, "material.magnetic_share": 0.0,
+        "base.cooling.wire_heat_share": 0.0, "base.dielectric.conductivity_uS_cm": 1e-9,
         "base.dielectric.permittivity": 1e-6,
-    }
+    }  # fmt: skip
 
     def make(machine, gap_um, *, seed=1, resolution="fast", still=True, **constants):
         machine = altered(machine, quiet | constants) if still else altered(machine, constants)

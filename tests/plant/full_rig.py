@@ -2,9 +2,9 @@
 
 from types import SimpleNamespace
 
-import numba
 import numpy as np
 
+from edmsim.compiled.jit import compiled
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing
 from edmsim.plant.mechanics.modal import project
@@ -26,7 +26,7 @@ def slice_heights(wire, height_m=0.020, n=9):
     return (wire.guide_distance_m - height_m) / 2 + height_m * (np.arange(n) + 0.5) / n
 
 
-@numba.njit
+@compiled
 def _pulses(
     state, a, c, axes, link, p, t, load, films, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps,
     wire, table,
@@ -82,12 +82,10 @@ class Rig:
         wire, table = np.zeros((n, 2, N_NODES)), np.zeros((n, 2, 3))
         done = _pulses(
             self.state, a, DRY, self.axes, self.full.link, self.propagators, self.timing, load,
-            np.zeros((len(a.shape), 6)), scales, ignite_us, period_ns,
-            np.zeros((n, 2)) if kicks is None else kicks,
-            np.zeros(n, np.int64) if at is None else at,
-            np.full(n, period_ns * 1e-3) if end_us is None else end_us,
+            np.zeros((len(a.shape), 6)), scales, ignite_us, period_ns, np.zeros((n, 2)) if kicks is None else kicks,
+            np.zeros(n, np.int64) if at is None else at, np.full(n, period_ns * 1e-3) if end_us is None else end_us,
             np.array(due, np.int64).reshape(-1, 3), wire, table,
-        )
+        )  # fmt: skip
         place, rotor, commanded = np.moveaxis(table, 2, 0)
         return SimpleNamespace(done=done, nodes=wire, place=place, rotor=rotor, commanded=commanded)
 

@@ -190,9 +190,7 @@ def test_the_flow_puts_off_delays_as_the_integral_of_its_rate_says(carried):
 )
 def test_share_of_open_pulses_follows_rate_time_and_flow(gap, height, voltage, pressure_Pa, in_a_hole, machine):
     setting = {"generator.open_voltage_V": float(voltage)}
-    set_up = machine.with_(
-        **LONG, height_mm=height, flushing_lower_Pa=pressure_Pa, flushing_upper_Pa=pressure_Pa,
-    )
+    set_up = machine.with_(**LONG, height_mm=height, flushing_lower_Pa=pressure_Pa, flushing_upper_Pa=pressure_Pa)
     plant = in_a_hole(set_up, gap, **setting)
     windows = [plant.advance() for _ in range(40)]
     pulses = 40 * 255
@@ -220,9 +218,7 @@ def test_a_narrow_gap_ignites_within_microseconds(in_a_hole, machine):
 
 # --- particles of debris ---
 
-SPARSE = {
-    "base.gap.median_c_us": 1e15, "base.gap.critical_width_um": 0.1, "base.gap.chaining": 0.0,
-}  # fmt: skip
+SPARSE = {"base.gap.median_c_us": 1e15, "base.gap.critical_width_um": 0.1, "base.gap.chaining": 0.0}
 """Only particles ignite a gap above the critical one, and none bridges it."""
 
 

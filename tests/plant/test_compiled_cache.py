@@ -5,9 +5,7 @@ import os
 import runpy
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,13 +27,13 @@ print(result, hits, folder, oct(folder.stat().st_mode & 0o777))
 
 
 @pytest.fixture
-def script(tmp_path: Path) -> Path:
+def script(tmp_path):
     file = tmp_path / "script.py"
     file.write_text(SCRIPT)
     return file
 
 
-def run(script: Path, before: str = "", **environment: str) -> list[str]:
+def run(script, before="", **environment):
     """Compile a function in another process: its result, whether it was in the cache, the cache's folder and mode."""
     code = f"import runpy\n{before}\nrunpy.run_path({str(script)!r})"
     done = subprocess.run(
@@ -45,20 +43,20 @@ def run(script: Path, before: str = "", **environment: str) -> list[str]:
     return done.stdout.split()
 
 
-def truncated(content: bytes) -> bytes:
+def truncated(content):
     return content[: len(content) * 2 // 3]
 
 
-def flipped(content: bytes) -> bytes:
+def flipped(content):
     at = len(content) // 2
     return content[:at] + bytes(255 - byte for byte in content[at : at + 64]) + content[at + 64 :]
 
 
-def test_damaged_files_are_compiled_anew(script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damaged_files_are_compiled_anew(script, tmp_path, monkeypatch):
     """A truncated one aborted the interpreter."""
     monkeypatch.setattr(cache, "folder", tmp_path)
 
-    def again() -> tuple[float, int]:
+    def again():
         names = runpy.run_path(str(script))
         return names["result"], names["hits"]
 
@@ -73,7 +71,7 @@ def test_damaged_files_are_compiled_anew(script: Path, tmp_path: Path, monkeypat
 
 
 @pytest.mark.slow
-def test_without_a_home_the_cache_is_a_folder_of_this_run(script: Path, tmp_path: Path) -> None:
+def test_without_a_home_the_cache_is_a_folder_of_this_run(script, tmp_path):
     """Not one under a name that another user of the machine could foresee and fill."""
     homeless = (
         "import os, pathlib\n"
@@ -94,7 +92,7 @@ def test_without_a_home_the_cache_is_a_folder_of_this_run(script: Path, tmp_path
 
 
 @pytest.mark.slow
-def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(script: Path, tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(script, tmp_path):
     full = (
         "import os\n"
         "def replace(*_, **__): raise OSError(28, 'No space left on device')\n"
@@ -103,7 +101,7 @@ def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(script: Path, 
     assert run(script, full, XDG_CACHE_HOME=str(tmp_path / "cache"))[0] == "42.0"
 
 
-def test_two_kinds_stored_at_once_are_not_mixed_up(tmp_path: Path) -> None:
+def test_two_kinds_stored_at_once_are_not_mixed_up(tmp_path):
     """Two processes that know of no code take names for theirs: never the same one, for different code."""
     from edmsim.compiled.numba_internals import _SignedFiles
 
@@ -130,7 +128,7 @@ def add(place, factor, twice):
 
 
 @pytest.fixture
-def adders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def adders(tmp_path, monkeypatch):
     """A module with a program that is compiled for two constants; the cache is the folder it stands in."""
     (tmp_path / "adders.py").write_text(ADDERS)
     monkeypatch.syspath_prepend(tmp_path)
@@ -139,7 +137,7 @@ def adders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     del sys.modules["adders"]
 
 
-def use(adders: Any, *constants: tuple[int, int]) -> int:
+def use(adders, *constants):
     """Add some products to 1, each by machine code loaded or made anew."""
     total = np.array([[1]])
     for pair in constants:
@@ -147,15 +145,13 @@ def use(adders: Any, *constants: tuple[int, int]) -> int:
     return int(total[0, 0])
 
 
-def cached(folder: Path, suffix: str) -> dict[str, bytes]:
+def cached(folder, suffix):
     """Content of the cache's files with a suffix."""
     return {file.name: file.read_bytes() for file in folder.rglob(f"add-*{suffix}")}
 
 
 @pytest.mark.slow
-def test_constants_put_in_later_give_the_same_code_in_any_order(
-    adders: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_constants_put_in_later_give_the_same_code_in_any_order(adders, tmp_path, monkeypatch):
     """Nor does it matter what the process itself had compiled before."""
     assert use(adders, (3, 1), (5, 0)) == 1 + 3 * 2 + 5
     adders.times(2, 2)
@@ -169,7 +165,7 @@ def test_constants_put_in_later_give_the_same_code_in_any_order(
 
 
 @pytest.mark.slow
-def test_a_program_is_translated_once_and_damaged_code_is_made_again(adders: Any, tmp_path: Path) -> None:
+def test_a_program_is_translated_once_and_damaged_code_is_made_again(adders, tmp_path):
     use(adders, (3, 1))
     program = cached(tmp_path, ".bc")
     (code,) = tmp_path.rglob("add-*.o")
@@ -185,25 +181,21 @@ def test_a_program_is_translated_once_and_damaged_code_is_made_again(adders: Any
     assert file.stat().st_mtime_ns == written
 
 
-def test_a_compiler_that_cannot_be_started_is_named(adders: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_compiler_that_cannot_be_started_is_named(adders, monkeypatch):
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     with pytest.raises(RuntimeError, match="no process can be started to compile the pulse loop"):
         use(adders, (3, 1))
 
 
 @pytest.mark.slow
-def test_where_nothing_can_be_stored_the_code_comes_by_the_compilers_output(
-    adders: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_nothing_can_be_stored_the_code_comes_by_the_compilers_output(adders, tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "folder", Path("/proc/nowhere"))
     assert use(adders, (3, 1)) == 7
     assert cached(tmp_path, ".o") == {}
 
 
 @pytest.mark.slow
-def test_a_notebook_says_that_code_is_compiled_unless_it_is_to_show_no_progress(
-    adders: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_notebook_says_that_code_is_compiled_unless_it_is_to_show_no_progress(adders, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ipykernel", sys)
     monkeypatch.setenv("EDMSIM_PROGRESS", "0")
     use(adders, (3, 1))

@@ -2,11 +2,11 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
 
 import edmsim
+from edmsim.compiled.jit import compiled
 from edmsim.controllers import WindowObservation
 from edmsim.plant.constants import constants, gap_law, gas_law
 from edmsim.plant.gap.coverage import (
@@ -171,7 +171,7 @@ def test_steam_and_permanent_gas_lie_anywhere_on_the_front():
     assert mean_of_slices(a.covered, 2) == pytest.approx(0.85)
 
 
-@numba.njit
+@compiled
 def _mean_share(a, c, law, fires):
     sum_ = 0.0
     for fire in fires:

@@ -251,13 +251,10 @@ def test_a_stand_off_weakens_the_flow_in_the_gap(production):
 # --- water by temperature ---
 
 
-@pytest.mark.parametrize(
-    ("celsius", "permittivity", "viscosity_mPa_s", "tension_mN_m"),
-    [
-        (20.0, 80.1, 1.0016, 72.75), (50.0, 69.9, 0.5465, 67.94),
-        (80.0, 60.9, 0.3544, 62.67), (100.0, 55.6, 0.2816, 58.91),
-    ],
-)
+@pytest.mark.parametrize(("celsius", "permittivity", "viscosity_mPa_s", "tension_mN_m"), [
+    (20.0, 80.1, 1.0016, 72.75), (50.0, 69.9, 0.5465, 67.94),
+    (80.0, 60.9, 0.3544, 62.67), (100.0, 55.6, 0.2816, 58.91),
+])  # fmt: skip
 def test_water_has_the_handbook_s_properties(celsius, permittivity, viscosity_mPa_s, tension_mN_m):
     kelvin = celsius + 273.15
     assert permittivity_ratio(kelvin) == pytest.approx(permittivity / 80.1, rel=5e-3)

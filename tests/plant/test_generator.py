@@ -56,18 +56,15 @@ def test_a_refused_setting_leaves_the_old_one(machine):  # T-34
     assert [plant.advance() for _ in range(5)] == [reference.advance() for _ in range(5)]
 
 
-@pytest.mark.parametrize(
-    ("mode", "setting", "message"),
-    [
-        ("iso-pulse", {"t_on_us": 0.5}, r"t_on 0\.5 us is not within 1\.\.1000 us"),  # T-1
-        ("iso-pulse", {"t_on_us": 1001.0, "t_period_us": 9000.0}, r"t_on 1001 us is not within 1\.\.1000 us"),  # T-1
-        ("iso-pulse", {"t_on_us": 1.0, "t_period_us": 1.9}, r"t_period 1\.9 us is not within 2\.\.10000"),  # T-36
-        ("iso-pulse", {"t_period_us": 10_001.0}, r"t_period 10001 us is not within 2\.\.10000 us"),  # T-2
-        ("iso-pulse", {"t_on_us": 50.0, "t_period_us": 50.0}, r"t_period 50 us leaves no pause after 50 us"),
-        ("ignition-pulse", {"t_on_us": 20.0, "t_period_us": 40.0}, r"t_period 40 us leaves no pause after 40 us"),
-        ("iso-pulse", {"t_on_us": float("nan")}, r"t_on nan us is not within"),
-    ],
-)
+@pytest.mark.parametrize(("mode", "setting", "message"), [
+    ("iso-pulse", {"t_on_us": 0.5}, r"t_on 0\.5 us is not within 1\.\.1000 us"),  # T-1
+    ("iso-pulse", {"t_on_us": 1001.0, "t_period_us": 9000.0}, r"t_on 1001 us is not within 1\.\.1000 us"),  # T-1
+    ("iso-pulse", {"t_on_us": 1.0, "t_period_us": 1.9}, r"t_period 1\.9 us is not within 2\.\.10000"),  # T-36
+    ("iso-pulse", {"t_period_us": 10_001.0}, r"t_period 10001 us is not within 2\.\.10000 us"),  # T-2
+    ("iso-pulse", {"t_on_us": 50.0, "t_period_us": 50.0}, r"t_period 50 us leaves no pause after 50 us"),
+    ("ignition-pulse", {"t_on_us": 20.0, "t_period_us": 40.0}, r"t_period 40 us leaves no pause after 40 us"),
+    ("iso-pulse", {"t_on_us": float("nan")}, r"t_on nan us is not within"),
+])  # fmt: skip
 def test_impossible_settings_are_reported_in_one_sentence(mode, setting, message):
     with pytest.raises(edmsim.InputError, match=message) as error:
         load(mode, **setting)

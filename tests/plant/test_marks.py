@@ -4,7 +4,6 @@ import ctypes
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import llvmlite.binding as llvm
 import pytest
@@ -39,13 +38,13 @@ entry:
 """What each sees: `outer` ten times the part in which `inner` is, and its own."""
 
 
-def engine_of(program: str) -> llvm.ExecutionEngine:
+def engine_of(program):
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(program), _target_machine())
     engine.finalize_object()
     return engine
 
 
-def test_a_function_counts_for_its_own_part_and_gives_back_that_around_it() -> None:
+def test_a_function_counts_for_its_own_part_and_gives_back_that_around_it():
     engine = engine_of(with_marks(PROGRAM, [["room.outer"], ["room.inner"]]))
     part = ctypes.c_int64.from_address(engine.get_global_value_address(PART))
     call = {
@@ -60,7 +59,7 @@ def test_a_function_counts_for_its_own_part_and_gives_back_that_around_it() -> N
     assert part.value == 7
 
 
-def test_a_function_that_the_program_does_not_have_is_named() -> None:
+def test_a_function_that_the_program_does_not_have_is_named():
     with pytest.raises(LookupError, match="none of the functions _ZN4room5otherB"):
         with_marks(PROGRAM, [["room.inner", "room.other"]])
 
@@ -101,7 +100,7 @@ print(total[0, 0], seen - {{0}}, part())
 
 
 @pytest.mark.slow
-def test_marks_of_a_compiled_program_are_observed_while_it_runs(tmp_path: Path) -> None:
+def test_marks_of_a_compiled_program_are_observed_while_it_runs(tmp_path):
     turns, x = 1_000_000, 0
     (tmp_path / "loops.py").write_text(LOOP)
     done = subprocess.run(

@@ -4,12 +4,10 @@ import pickle
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from edmsim import models
 from edmsim.compiled import cache
@@ -26,8 +24,6 @@ from edmsim.plant.mechanics.string_modes import _reference as reference
 from edmsim.plant.mechanics.string_modes import modes_with, string_modes
 from tests.plant.oscillators import propagator_table
 
-Array = NDArray[np.float64]
-
 BRASS = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
 WIRES = [
     BRASS,
@@ -41,26 +37,26 @@ N_NODES = 31
 STATIC_LAG = np.loadtxt(models.path("published/analytic_static_wire_lag.csv"), delimiter=",", skiprows=3)
 
 
-def slice_heights(height: float, guide_distance: float, n_slices: int) -> Array:
+def slice_heights(height, guide_distance, n_slices):
     return (guide_distance - height) / 2 + height * (np.arange(n_slices) + 0.5) / n_slices
 
 
-def wire_dofs(model: mujoco.MjModel, axis: str) -> list[int]:
+def wire_dofs(model, axis):
     return [int(model.joint(f"wire_{axis}{i:02d}").dofadr[0]) for i in range(N_NODES)]
 
 
 @pytest.fixture(scope="module")
-def machine() -> mujoco.MjModel:
+def machine():
     return build_model(BRASS)
 
 
 @pytest.fixture(scope="module")
-def modal(machine: mujoco.MjModel) -> ModalModel:
+def modal(machine):
     return reduce_model(machine, N_NODES, slice_heights(0.020, 0.040, 9))
 
 
 @pytest.mark.parametrize("wire", WIRES)
-def test_frequencies_are_those_of_the_chain_and_of_the_string(wire: WireSetup) -> None:
+def test_frequencies_are_those_of_the_chain_and_of_the_string(wire):
     modes = reduce_model(build_model(wire), N_NODES, [wire.guide_distance_m / 2])
     n = np.arange(1, N_NODES + 1)
     spacing = wire.guide_distance_m / (N_NODES + 1)
@@ -71,13 +67,13 @@ def test_frequencies_are_those_of_the_chain_and_of_the_string(wire: WireSetup) -
     np.testing.assert_allclose(modes.wire_omega[:4], string[:4], rtol=0.01)
 
 
-def test_the_published_example_vibrates_at_1935_hz(modal: ModalModel) -> None:
+def test_the_published_example_vibrates_at_1935_hz(modal):
     # physics 2.3: 0.25 mm, 10 N, L = 40 mm
     assert modal.wire_omega[0] / (2 * math.pi) == pytest.approx(1935, rel=1e-3)
 
 
 @pytest.mark.parametrize("wire", WIRES)
-def test_mode_shapes_are_the_string_s_sines(wire: WireSetup) -> None:
+def test_mode_shapes_are_the_string_s_sines(wire):
     modes = reduce_model(build_model(wire), 8, [wire.guide_distance_m / 3])
     n = np.arange(1, 9)
     length = wire.guide_distance_m
@@ -87,7 +83,7 @@ def test_mode_shapes_are_the_string_s_sines(wire: WireSetup) -> None:
     np.testing.assert_allclose(modes.node_shape, amplitude * sines, atol=1e-6 * amplitude)
 
 
-def test_slices_move_with_the_straight_wire_between_nodes(modal: ModalModel, machine: mujoco.MjModel) -> None:
+def test_slices_move_with_the_straight_wire_between_nodes(modal, machine):
     low, high = modal.node_heights_m[:2]
     between = reduce_model(machine, 5, [low / 2, low, 0.75 * low + 0.25 * high])
     first, second = modal.node_shape[0, :5], modal.node_shape[1, :5]
@@ -96,7 +92,7 @@ def test_slices_move_with_the_straight_wire_between_nodes(modal: ModalModel, mac
 
 
 @pytest.mark.parametrize("wire", WIRES)
-def test_first_mode_has_the_requested_damping_and_none_is_neglected(wire: WireSetup) -> None:
+def test_first_mode_has_the_requested_damping_and_none_is_neglected(wire):
     modes = reduce_model(build_model(wire), 6, [wire.guide_distance_m / 2])
     # the same drag per metre on every mode: zeta falls as the frequency rises
     np.testing.assert_allclose(
@@ -110,7 +106,7 @@ def test_first_mode_has_the_requested_damping_and_none_is_neglected(wire: WireSe
 
 
 @pytest.mark.parametrize("wire", [*WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)])
-def test_a_wire_modelled_by_formula_has_the_modes_of_its_own_model(wire: WireSetup) -> None:
+def test_a_wire_modelled_by_formula_has_the_modes_of_its_own_model(wire):
     heights = slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9)
     built, by_formula = reduce_model(build_model(wire), 8, heights), string_modes(wire, MODEL_FILE, 8, heights)
     for field in dataclasses.fields(ModalModel):
@@ -121,7 +117,7 @@ def test_a_wire_modelled_by_formula_has_the_modes_of_its_own_model(wire: WireSet
         )
 
 
-def test_wires_one_after_another_have_the_modes_of_each_modelled_alone() -> None:
+def test_wires_one_after_another_have_the_modes_of_each_modelled_alone():
     for wire in (BRASS, *WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)):
         heights = tuple(slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9))
         alone, one_of_many = string_modes(wire, MODEL_FILE, 8, heights), modes_with(wire, MODEL_FILE, 8, heights)
@@ -130,9 +126,7 @@ def test_wires_one_after_another_have_the_modes_of_each_modelled_alone() -> None
             assert found.tobytes() == expected.tobytes(), field.name
 
 
-def test_our_machine_is_cached_and_read_without_mujoco_the_next_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_our_machine_is_cached_and_read_without_mujoco_the_next_time(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "folder", tmp_path)
     reference.__wrapped__(MODEL_FILE, 0)
     (stored,) = tmp_path.iterdir()
@@ -145,7 +139,7 @@ def test_our_machine_is_cached_and_read_without_mujoco_the_next_time(
     assert pickle.dumps(reference.__wrapped__(MODEL_FILE, 0)) == first
 
 
-def nodal_load(node_heights: Array, low: float, high: float) -> Array:
+def nodal_load(node_heights, low, high):
     """Share of every node in a load of 1 N/m from `low` to `high`, the wire being straight between nodes."""
     spacing = node_heights[1] - node_heights[0]
     fine = low + (high - low) * (np.arange(20_000) + 0.5) / 20_000
@@ -154,7 +148,7 @@ def nodal_load(node_heights: Array, low: float, high: float) -> Array:
 
 
 @pytest.mark.parametrize("row", STATIC_LAG, ids=lambda row: f"h{row[0]:g}-T{row[2]:g}")
-def test_static_lag(row: Array) -> None:
+def test_static_lag(row):
     height, length, tension, lag = row[0] * 1e-3, row[1] * 1e-3, row[2], row[3] * 1e-6
     model = build_model(WireSetup(0.25e-3, 8500.0, tension, length, 0.2))
     low, high = (length - height) / 2, (length + height) / 2
@@ -174,7 +168,7 @@ def test_static_lag(row: Array) -> None:
     assert on_slices[4] == pytest.approx(lag, rel=0.01)
 
 
-def impulses(n_steps: int, every: int) -> dict[int, tuple[int, int, float]]:
+def impulses(n_steps, every):
     """Seeded sparks: step -> axis, node, impulse in N s (physics 2.2: 3e-7)."""
     draw = np.random.default_rng(7)
     return {
@@ -183,7 +177,7 @@ def impulses(n_steps: int, every: int) -> dict[int, tuple[int, int, float]]:
     }
 
 
-def test_modes_answer_impulses_as_the_full_model_does() -> None:
+def test_modes_answer_impulses_as_the_full_model_does():
     model = build_model(BRASS)
     model.opt.timestep = 1e-6
     hits = impulses(3000, every=50)
@@ -206,13 +200,13 @@ def test_modes_answer_impulses_as_the_full_model_does() -> None:
     assert np.abs(full - reduced).max() < 0.02 * np.abs(full).max()
 
 
-def test_eight_modes_keep_the_mean_lag_under_a_train_of_sparks() -> None:
+def test_eight_modes_keep_the_mean_lag_under_a_train_of_sparks():
     model = build_model(BRASS)
     many = reduce_model(model, N_NODES, slice_heights(0.020, 0.040, 9))
     few = reduce_model(model, 8, slice_heights(0.020, 0.040, 9))
     order = np.random.default_rng(3).integers(0, 9, 1000)
 
-    def lag(modes: ModalModel) -> Array:
+    def lag(modes):
         p11, p12, p21, p22 = propagator_table(modes.wire_omega, modes.wire_zeta, [20e-6])
         q, v, out = np.zeros_like(modes.wire_omega), np.zeros_like(modes.wire_omega), []
         for place in order:
@@ -225,7 +219,7 @@ def test_eight_modes_keep_the_mean_lag_under_a_train_of_sparks() -> None:
     assert np.sqrt(np.mean((lag(few) - lag(many)) ** 2)) < 0.2 * np.sqrt(np.mean(lag(many) ** 2))
 
 
-def test_one_motor_step_moves_the_table_two_micrometres(machine: mujoco.MjModel, modal: ModalModel) -> None:
+def test_one_motor_step_moves_the_table_two_micrometres(machine, modal):
     # T-16; T-17: positive rotation is positive travel
     step_angle = 2 * math.pi / machine.numeric("steps_per_revolution").data[0]
     np.testing.assert_allclose(step_angle / modal.rotor_rad_per_m, 2e-6, rtol=1e-9)
@@ -234,9 +228,7 @@ def test_one_motor_step_moves_the_table_two_micrometres(machine: mujoco.MjModel,
 
 
 @pytest.mark.slow
-def test_table_settles_on_a_step_and_the_modes_follow_the_full_model(
-    machine: mujoco.MjModel, modal: ModalModel
-) -> None:
+def test_table_settles_on_a_step_and_the_modes_follow_the_full_model(machine, modal):
     data = mujoco.MjData(machine)
     data.ctrl[:] = 2 * math.pi / 200  # T-16
     axes = [int(machine.joint(axis).qposadr[0]) for axis in "xy"]
@@ -255,7 +247,7 @@ def test_table_settles_on_a_step_and_the_modes_follow_the_full_model(
         assert 2e-6 < full[:, axis].max() < 4e-6  # a stepper rings, but within a step
 
 
-def test_table_frequencies_are_those_of_rotor_and_carriage(modal: ModalModel) -> None:
+def test_table_frequencies_are_those_of_rotor_and_carriage(modal):
     # XML: holding torque 25 N m/rad on 6e-5 kg m2; screw 100e6 N/m on 45 kg and 20 kg. The reflected
     # rotor is 300 times a carriage, so either hardly feels the other.
     rotor = math.sqrt(25 / 6e-5)
@@ -265,14 +257,14 @@ def test_table_frequencies_are_those_of_rotor_and_carriage(modal: ModalModel) ->
     assert modal.neglected_damping < 0.03
 
 
-def test_travel_covers_the_work_area_and_stops_behind_it(machine: mujoco.MjModel) -> None:
+def test_travel_covers_the_work_area_and_stops_behind_it(machine):
     for axis in "xy":  # T-61
         low, high = machine.joint(axis).range
         assert machine.joint(axis).limited
         assert -0.002 <= low < 0 and 0.065 < high <= 0.067  # noqa: PT018
 
 
-def test_the_file_alone_holds_the_brass_of_the_wire_table() -> None:
+def test_the_file_alone_holds_the_brass_of_the_wire_table():
     brass = tomllib.loads(models.path("wires/brass.toml").read_text())
     machine = build_model(WireSetup(0.25e-3, brass["density_kg_m3"]["value"], 10.0, 0.040, 0.2))
     alone = mujoco.MjModel.from_xml_path(str(models.path(MODEL_FILE)))
@@ -282,7 +274,7 @@ def test_the_file_alone_holds_the_brass_of_the_wire_table() -> None:
     assert alone.opt.timestep == pytest.approx(machine.opt.timestep, rel=1e-5)
 
 
-def test_upper_arm_and_workpiece_stand_where_the_guides_are() -> None:
+def test_upper_arm_and_workpiece_stand_where_the_guides_are():
     tall = build_model(WireSetup(0.25e-3, 8500.0, 10.0, 0.100, 0.2))
     data = mujoco.MjData(tall)
     mujoco.mj_forward(tall, data)
@@ -295,39 +287,29 @@ def test_upper_arm_and_workpiece_stand_where_the_guides_are() -> None:
     np.testing.assert_allclose(np.diff([0.0, *heights, 0.100]), 0.100 / 32)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("diameter_m", 0.25),  # mm taken for m
-        ("diameter_m", -1e-4),
-        ("density_kg_m3", 8.5),
-        ("tension", 0.0),
-        ("tension", -10.0),
-        ("tension", math.inf),
-        ("guide_distance_m", 40.0),
-        ("guide_distance_m", 0.0),
-        ("damping_ratio", -0.1),
-        ("damping_ratio", math.nan),
-    ],
-)
-def test_impossible_wires_are_refused(name: str, value: float) -> None:
+@pytest.mark.parametrize(("name", "value"), [
+    ("diameter_m", 0.25),  # mm taken for m
+    ("diameter_m", -1e-4), ("density_kg_m3", 8.5), ("tension", 0.0), ("tension", -10.0), ("tension", math.inf),
+    ("guide_distance_m", 40.0), ("guide_distance_m", 0.0), ("damping_ratio", -0.1), ("damping_ratio", math.nan),
+])  # fmt: skip
+def test_impossible_wires_are_refused(name, value):
     with pytest.raises(InputError, match=rf"wire {name} is {value!r}; it must be"):
         WireSetup(**{**vars(BRASS), name: value})
 
 
 @pytest.mark.parametrize("n_modes", [0, 32])
-def test_modes_the_wire_does_not_have_are_refused(machine: mujoco.MjModel, n_modes: int) -> None:
+def test_modes_the_wire_does_not_have_are_refused(machine, n_modes):
     with pytest.raises(InputError, match=rf"n_modes is {n_modes}; this wire has 1 to 31"):
         reduce_model(machine, n_modes, [0.02])
 
 
 @pytest.mark.parametrize("heights", [[0.0], [0.04], [0.02, math.nan], [[0.02]]])
-def test_slices_outside_the_guides_are_refused(machine: mujoco.MjModel, heights: list[float]) -> None:
+def test_slices_outside_the_guides_are_refused(machine, heights):
     with pytest.raises(InputError, match=r"between the guides, above 0 and below 0\.04 m"):
         reduce_model(machine, 8, heights)
 
 
-def test_machines_that_are_not_four_free_blocks_are_refused() -> None:
+def test_machines_that_are_not_four_free_blocks_are_refused():
     held, tilted, skewed, slack, flat = (build_model(BRASS) for _ in range(5))
     held.jnt_range[held.joint("x").id] = 0.001, 0.066
     with pytest.raises(InputError, match="touches 1 limits or contacts"):
@@ -347,20 +329,20 @@ def test_machines_that_are_not_four_free_blocks_are_refused() -> None:
         reduce_model(flat, 8, [0.02])
 
 
-def test_an_unknown_data_file_is_named() -> None:
+def test_an_unknown_data_file_is_named():
     with pytest.raises(InputError, match=r"no data file 'agie\.xml'"):
         models.path("agie.xml")
 
 
 @pytest.mark.slow
-def test_import_leaves_mujoco_alone() -> None:
+def test_import_leaves_mujoco_alone():
     code = "import sys, edmsim.plant.mechanics.model; print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
 
 
 @pytest.mark.slow
-def test_a_plant_loads_neither_scipy_linalg_nor_asyncio() -> None:
+def test_a_plant_loads_neither_scipy_linalg_nor_asyncio():
     """Both would make every start longer; scipy.linalg, loaded afterwards, shares the routine."""
     code = """
 import sys, edmsim

@@ -22,7 +22,7 @@ CONSTANTS = [
 ]  # fmt: skip
 
 
-def test_every_constant_has_bounds() -> None:
+def test_every_constant_has_bounds():
     assert len(CONSTANTS) > 75
     for kind, name in CONSTANTS:
         for value in (-1e9, 2e9, 1e300):
@@ -32,7 +32,7 @@ def test_every_constant_has_bounds() -> None:
             assert "out of range" in messages[name] or "greater than 0" in messages[name]
 
 
-def test_a_slip_of_the_pen_is_refused_in_one_line(own_file: Callable[..., str]) -> None:
+def test_a_slip_of_the_pen_is_refused_in_one_line(own_file):
     file = own_file("machines", "agiecut-dem15", ("value = 3.0e-6, range = [1.2e-6, 7.2e-6]", "value = 1e9"))
     with pytest.raises(InputError, match=r"impulse_10mJ_Ns.*1e\+09 is out of range: it must be within 0..0.001"):
         Machine.load(file)
@@ -45,11 +45,11 @@ def test_a_slip_of_the_pen_is_refused_in_one_line(own_file: Callable[..., str]) 
 
 
 @pytest.mark.parametrize("impulse_Ns", [1e-3, 1.0, 1e9, 1e300])
-def test_a_wire_kicked_beyond_all_bounds_ends_as_an_error(impulse_Ns: float) -> None:
+def test_a_wire_kicked_beyond_all_bounds_ends_as_an_error(impulse_Ns):
     """Past the files' bounds, to see what the loop itself does; it aborted the interpreter."""
     plant = Plant(with_values(Machine.load(), {"discharge.impulse_10mJ_Ns": impulse_Ns}), 1, resolution="fast")
 
-    def push() -> None:
+    def push():
         for window in range(200):
             plant.advance([(plant.time_ns, 0, 1)] if window % 3 == 0 else [])
 
@@ -57,7 +57,7 @@ def test_a_wire_kicked_beyond_all_bounds_ends_as_an_error(impulse_Ns: float) -> 
         push()
 
 
-def plant_at_work(**options: Any) -> Plant:
+def plant_at_work(**options):
     plant = Plant(Machine.load(), 1, resolution="fast", **options)
     for _ in range(20):
         plant.advance([(plant.time_ns, 0, 1)])
@@ -68,10 +68,8 @@ ALTERED: dict[str, Callable[[dict[str, np.ndarray[Any, Any]]], None]] = {
     "last_ray": lambda s: s["state"].__setitem__("last_ray", 10**6),
     "last_slice": lambda s: s["state"].__setitem__("last_slice", -5),
     "broken_slice": lambda s: s["state"].__setitem__("broken_slice", 99),
-    "time_ns": lambda s: s["state"].__setitem__("time_ns", -1),
-    "first": lambda s: s["first"].__setitem__(0, 4096),
-    "blocks": lambda s: s["blocks"].__setitem__(0, 10**9),
-    "unbroken": lambda s: s["unbroken"].__setitem__(0, -1),
+    "time_ns": lambda s: s["state"].__setitem__("time_ns", -1), "first": lambda s: s["first"].__setitem__(0, 4096),
+    "blocks": lambda s: s["blocks"].__setitem__(0, 10**9), "unbroken": lambda s: s["unbroken"].__setitem__(0, -1),
     "wire_q": lambda s: s["wire_q"].__setitem__((0, 0), np.nan),
     "temperature_K": lambda s: s["temperature_K"].__setitem__(0, np.inf),
     "state": lambda s: s["state"].__setitem__("axis_um", np.nan),
@@ -82,11 +80,11 @@ ALTERED: dict[str, Callable[[dict[str, np.ndarray[Any, Any]]], None]] = {
     "steam": lambda s: s.__delitem__("steam"),
     "due at": lambda s: s["drives"].__setitem__("due_ns", -(10**15)),
     "period is": lambda s: s["drives"].__setitem__("den", 0),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("named", ALTERED)
-def test_an_altered_snapshot_is_refused(named: str) -> None:
+def test_an_altered_snapshot_is_refused(named):
     plant = plant_at_work(drives={"x": axis.from_text("uhu")})
     snapshot = plant.snapshot()
     ALTERED[named](snapshot)
@@ -102,13 +100,13 @@ def test_an_altered_snapshot_is_refused(named: str) -> None:
     ({"material": "copper"}, {}), ({"tension": 9.0}, {}), ({"open_voltage_V": 90.0}, {}),
     ({}, {"x": axis.from_text("uhu")}),
 ])  # fmt: skip
-def test_a_snapshot_of_another_set_up_is_refused(options: dict[str, Any], drives: dict[str, Any]) -> None:
+def test_a_snapshot_of_another_set_up_is_refused(options, drives):
     other = Plant(Machine.load(**options), 1, resolution="fast", drives=drives)
     with pytest.raises(InputError, match="snapshot of another set-up"):
         Plant(Machine.load(), 1, resolution="fast").restore(other.snapshot())
 
 
-def test_random_changes_of_a_snapshot_never_leave_the_arrays() -> None:
+def test_random_changes_of_a_snapshot_never_leave_the_arrays():
     """A hundred snapshots, a few numbers of each replaced by any bits: refused, or the plant goes on or says why."""
     sound, rng, refused = plant_at_work().snapshot(), np.random.default_rng(5), 0
     plant = Plant(Machine.load(), 1, resolution="fast")
@@ -129,7 +127,7 @@ def test_random_changes_of_a_snapshot_never_leave_the_arrays() -> None:
     assert 20 < refused < 100
 
 
-def test_a_plant_whose_wire_broke_refuses_to_go_on() -> None:
+def test_a_plant_whose_wire_broke_refuses_to_go_on():
     """It fired windows of one pulse each."""
     weak = {"wire.half_strength_K": 300.0, "wire.strength_MPa": 220.0}  # past its bounds: it breaks when warm
     plant = Plant(with_values(Machine.load(), weak), 1, resolution="fast")

@@ -43,8 +43,7 @@ USED = [
     (codegen.CPUCodeLibrary, "_ensure_finalized"), (codegen.CPUCodeLibrary, "_optimize_final_module"),
     (codegen.JITCPUCodegen, "_pass_builder"), (callconv.CPUCallConv, "call_function"),
     (callconv.CPUCallConv, "get_function_type"), (callconv.CPUCallConv, "return_status_propagate"),
-    (cgutils, "if_unlikely"),
-    (codegen.JITCodeLibrary, "get_pointer_to_function"),
+    (cgutils, "if_unlikely"), (codegen.JITCodeLibrary, "get_pointer_to_function"),
     (codegen.JITCPUCodegen, "set_env"), (codegen.JITCPUCodegen, "_create_empty_module"),
     (codegen.JITCodeLibrary, "enable_object_caching"), (compiler, "Compiler"),
     (registry.CPUDispatcher, "compile"), (registry.CPUDispatcher, "_insert"), (caching, "NullCache"),
@@ -63,15 +62,15 @@ USED = [
 
 
 @pytest.mark.parametrize(("where", "name"), USED, ids=[name for _, name in USED])
-def test_numba_has_what_is_used_of_its_internals(where: Any, name: str) -> None:
+def test_numba_has_what_is_used_of_its_internals(where, name):
     assert hasattr(where, name)
 
 
-def test_a_function_keeps_its_module_and_what_it_calls_apart() -> None:
+def test_a_function_keeps_its_module_and_what_it_calls_apart():
     """The parts of which `numba_internals.whole_program` makes one module."""
 
     @numba.njit
-    def twice(x: int) -> int:
+    def twice(x):
         return 2 * x
 
     assert twice(2) == 4
@@ -81,20 +80,18 @@ def test_a_function_keeps_its_module_and_what_it_calls_apart() -> None:
     assert result.fndesc.llvm_func_name in str(result.library._final_module)
 
 
-def _thirds(x: float) -> float:
+def _thirds(x):
     if x < 0:
         raise ValueError("below nought")
     return x / 3
 
 
-def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "folder", tmp_path)  # nothing is kept there of a run before
     part = exactly_compiled(_thirds)
 
     @exactly_compiled
-    def whole(x: float) -> float:
+    def whole(x):
         return part(x) + 1.0
 
     assert whole(1.0) == 1.0 / 3 + 1.0
@@ -108,33 +105,31 @@ def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(
     assert whole(2.0) == 2.0 / 3 + 1.0
 
 
-def test_python_calls_what_a_part_calls_and_is_compiled_with_liberties(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_python_calls_what_a_part_calls_and_is_compiled_with_liberties(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "folder", tmp_path)
     third = compiled(_thirds)
 
     @exactly_compiled
-    def part(x: float) -> float:
+    def part(x):
         return third(x)
 
     @exactly_compiled
-    def whole(x: float) -> float:
+    def whole(x):
         return part(x) + 1.0
 
     assert whole(3.0) == pytest.approx(2.0)
     assert third(6.0) == pytest.approx(2.0)
-    again: Any = compiled(_thirds)  # as another process finds it
+    again = compiled(_thirds)  # as another process finds it
     assert again(9.0) == pytest.approx(3.0)
     assert sum(again.stats.cache_hits.values()) == 1
 
 
-def test_compiled_code_calls_a_function_at_its_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiled_code_calls_a_function_at_its_address(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "folder", tmp_path)
     part, third = exactly_compiled(_thirds), call_returning(types.float64)
 
     @exactly_compiled
-    def whole(address: int, x: float) -> float:
+    def whole(address, x):
         return third(address, (x,)) + 1.0
 
     place = address_of(part, types.float64)
@@ -144,24 +139,22 @@ def test_compiled_code_calls_a_function_at_its_address(tmp_path: Path, monkeypat
         whole(place, -1.0)
 
 
-def test_a_part_is_translated_once_for_all_the_constants_that_it_is_called_with(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_part_is_translated_once_for_all_the_constants_that_it_is_called_with(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "folder", tmp_path)
 
     @exactly_compiled
-    def part(x: int) -> int:
+    def part(x):
         return x // 3
 
     @exactly_compiled
-    def whole(x: int) -> int:
+    def whole(x):
         return part(7) + part(x) + part(2)
 
     assert whole(9) == 2 + 3 + 0
     assert cast(Any, part).translated == {(types.int64,)}
 
 
-def test_no_other_file_uses_them() -> None:
+def test_no_other_file_uses_them():
     """`numba.core`, `numba.np` and names with an underscore are numba's own."""
     private = re.compile(r"(?:from|import) numba\.(?:core|np|misc|typed)|numba\._|\._(?:cache|compiler)\b")
     package = Path(inspect.getfile(edmsim)).parent
@@ -173,7 +166,7 @@ def test_no_other_file_uses_them() -> None:
     assert found == {"compiled/numba_internals.py"}
 
 
-def test_a_process_keeps_the_objects_that_it_froze_itself() -> None:
+def test_a_process_keeps_the_objects_that_it_froze_itself():
     """`gc.unfreeze` would bring them back to the collector."""
     code = "from edmsim.compiled.start import garbage_left; import gc; gc.freeze()\nwith garbage_left(): pass\n"
     code += "print(gc.get_freeze_count() > 0)"

@@ -1,9 +1,6 @@
 """A user's own machine: the MJCF beside its TOML file is read, checked, and noticed when changed."""
 
 import os
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +15,9 @@ from edmsim.plant.resolution import resolution
 OURS = models.path("agiecut_dem15.xml").read_text(encoding="utf-8")
 HEAVY = 'mass="25"', 'mass="50"'
 NAME = ('model = "agiecut_dem15.xml"', 'model = "bench.xml"')
-OwnFile = Callable[..., str]
 
 
-def write(folder: Path, *changes: tuple[str, str]) -> Path:
+def write(folder, *changes):
     text = OURS
     for old, new in changes:
         assert old in text
@@ -31,11 +27,11 @@ def write(folder: Path, *changes: tuple[str, str]) -> Path:
     return file
 
 
-def modes(machine: edmsim.Machine) -> Any:
+def modes(machine):
     return modal_model(machine, resolution("fast"))
 
 
-def test_the_mjcf_next_to_the_file_is_the_machines(tmp_path: Path, own_file: OwnFile) -> None:
+def test_the_mjcf_next_to_the_file_is_the_machines(tmp_path, own_file):
     write(tmp_path, HEAVY)
     names = "agiecut-dem15", own_file("machines", "agiecut-dem15", NAME)
     ours, own = (modes(edmsim.Machine.load(name)) for name in names)
@@ -44,13 +40,13 @@ def test_the_mjcf_next_to_the_file_is_the_machines(tmp_path: Path, own_file: Own
     np.testing.assert_allclose(own.table_omega[1], ours.table_omega[1])
 
 
-def test_a_file_of_ours_is_found_from_anywhere(own_file: OwnFile) -> None:
+def test_a_file_of_ours_is_found_from_anywhere(own_file):
     own = edmsim.Machine.load(own_file("machines", "agiecut-dem15"))
     assert own.base.model == "agiecut_dem15.xml"
 
 
 @pytest.mark.slow
-def test_a_changed_mjcf_is_read_again(tmp_path: Path, own_file: OwnFile) -> None:
+def test_a_changed_mjcf_is_read_again(tmp_path, own_file):
     file = write(tmp_path)
     machine = edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))
     before = modes(machine).table_omega[0]
@@ -60,9 +56,7 @@ def test_a_changed_mjcf_is_read_again(tmp_path: Path, own_file: OwnFile) -> None
 
 
 @pytest.mark.slow
-def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(
-    tmp_path: Path, own_file: OwnFile, small_punch: Path
-) -> None:
+def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(tmp_path, own_file, small_punch):
     file = own_file("machines", "agiecut-dem15", NAME)
     messages, short = [], {"height_mm": 5, "resolution": "fast", "max_time_s": 0.1}
     for changes in ((), (HEAVY,)):
@@ -80,9 +74,7 @@ def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(
     (('<camera name="overview"', '<camera name="view"'), "this MJCF has no camera overview"),
     (('<geom name="clamp_left"', '<geom name="clamp"'), "this MJCF has no geom clamp_left"),
 ])  # fmt: skip
-def test_a_mjcf_that_cannot_be_used_is_one_line(
-    tmp_path: Path, own_file: OwnFile, change: tuple[str, str], message: str
-) -> None:
+def test_a_mjcf_that_cannot_be_used_is_one_line(tmp_path, own_file, change, message):
     file = write(tmp_path, change)
     machine = edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))
     with pytest.raises(InputError, match=message) as error:
@@ -91,6 +83,6 @@ def test_a_mjcf_that_cannot_be_used_is_one_line(
     assert "\n" not in str(error.value)
 
 
-def test_a_mjcf_that_is_nowhere_is_reported_when_the_machine_is_loaded(own_file: OwnFile) -> None:
+def test_a_mjcf_that_is_nowhere_is_reported_when_the_machine_is_loaded(own_file):
     with pytest.raises(InputError, match=r"own\.toml: key 'model': there is no MJCF 'bench\.xml' in this file's"):
         edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from edmsim.plant.mechanics.modal import fill_table, fill_wire
-from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, reduce_model
+from edmsim.plant.mechanics.model import WireSetup, build_model, reduce_model
 from tests.plant.oscillators import propagator_table
 
 
 @pytest.fixture(scope="module")
-def modal() -> ModalModel:
+def modal():
     heights = 0.010 + 0.020 * (np.arange(9) + 0.5) / 9
     return reduce_model(build_model(WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)), 31, heights)
 
@@ -25,7 +25,7 @@ def modal() -> ModalModel:
     zeta=st.one_of(st.floats(0.0, 30.0), st.just(1.0), st.floats(1 - 1e-9, 1 + 1e-9)),
     phase=st.floats(0.0, 20.0),
 )
-def test_propagator_is_the_matrix_exponential(omega: float, zeta: float, phase: float) -> None:
+def test_propagator_is_the_matrix_exponential(omega, zeta, phase):
     dt = phase / omega
     p11, p12, p21, p22 = (p[0, 0] for p in propagator_table([omega], [zeta], [dt]))
     scaled = np.array([[p11, p12 * omega], [p21 / omega, p22]])  # in radians of the mode
@@ -33,7 +33,7 @@ def test_propagator_is_the_matrix_exponential(omega: float, zeta: float, phase: 
     np.testing.assert_allclose(scaled, exact, rtol=0, atol=1e-9)
 
 
-def test_tables_of_powers_hold_the_closed_forms(modal: ModalModel) -> None:
+def test_tables_of_powers_hold_the_closed_forms(modal):
     rows, n_modes, dt = 1001, len(modal.wire_omega), 0.4e-6
     wire, yielding, compliance = np.zeros((rows, 4, n_modes)), np.zeros((rows, 9, 2)), np.zeros(n_modes)
     fill_wire(wire, yielding, compliance, modal.wire_omega, modal.wire_zeta, modal.wire_shape, dt)

@@ -48,9 +48,7 @@ def test_a_step_off_the_grid_leaves_the_exact_share_of_its_cells():
     top, below = (field.patch(k, 149, 152, 148, 152) for k in (3, 2))
     assert (below == 1.0).all()
     # the step's corner lies at (601, 603) in the cell from (600, 600): x 3/4, y 3/4 of it lack metal
-    np.testing.assert_allclose(
-        top, [[1, 1, 1, 1], [0.25, 0.25, 1 - 9 / 16, 1], [0, 0, 0.25, 1]], atol=HALF_PART
-    )
+    np.testing.assert_allclose(top, [[1, 1, 1, 1], [0.25, 0.25, 1 - 9 / 16, 1], [0, 0, 0.25, 1]], atol=HALF_PART)
 
 
 @pytest.mark.parametrize(
@@ -144,9 +142,7 @@ def test_unallocated_and_allocated_metal_are_the_same():
     touched, untouched = stepped(*steps), stepped(*steps)
     touched.allocate(700.0, 600.0, 400.0)
     for number in range(5):
-        np.testing.assert_array_equal(
-            touched.patch(number, 0, 300, 0, 300), untouched.patch(number, 0, 300, 0, 300)
-        )
+        np.testing.assert_array_equal(touched.patch(number, 0, 300, 0, 300), untouched.patch(number, 0, 300, 0, 300))
     assert untouched.count == 0
 
 

@@ -64,9 +64,7 @@ def rough(mechanics, seed):
     machine = rough_rig(30.0)
     centre_um = machine.base.table.centre_um
     stock = started_slot(machine, centre_um)
-    plant = edmsim.Plant(
-        machine, seed, stock=stock, position_um=centre_um, resolution="fast", mechanics=mechanics
-    )
+    plant = edmsim.Plant(machine, seed, stock=stock, position_um=centre_um, resolution="fast", mechanics=mechanics)
     traverse = Traverse(plant, from_text(quick_counts(0.2)))
     traverse.run(0.4)
     windows = traverse.run(0.2)

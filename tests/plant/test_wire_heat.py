@@ -48,17 +48,14 @@ STILL = HeatLaw(
 VACUUM_PERMEABILITY_N_A2 = 4e-7 * math.pi
 
 
-def electrostatic_pull_N_m(voltage_V: float, gap_um: float, radius_um: float, permittivity: float) -> float:
+def electrostatic_pull_N_m(voltage_V, gap_um, radius_um, permittivity):
     """Attraction per metre of a straight cylinder towards a plane (closed form).
 
     ``F' = pi eps V^2 / (r acosh(1 + g/r)^2 sqrt((1 + g/r)^2 - 1))``; `permittivity` is relative.
     """
     ratio = 1 + gap_um / radius_um
     eps = permittivity * VACUUM_PERMITTIVITY_F_M
-    return (
-        math.pi * eps * voltage_V**2
-        / (radius_um * 1e-6 * math.acosh(ratio) ** 2 * math.sqrt(ratio**2 - 1))
-    )
+    return (math.pi * eps * voltage_V**2 / (radius_um * 1e-6 * math.acosh(ratio) ** 2 * math.sqrt(ratio**2 - 1)))
 
 
 def test_electrostatic_pull_is_the_published_table(published):
@@ -454,9 +451,7 @@ def test_a_badly_cooled_wire_breaks(machine, altered, drive):
 
 def test_a_worn_wire_breaks_cold(machine, altered, drive):
     """Ten newton on a wire that holds 46 N: it breaks once some 80 % of it is gone."""
-    worn = altered(
-        machine, {"base.discharge.wear_ratio": 100.0, "base.cooling.wire_heat_share": 0.0}
-    )
+    worn = altered(machine, {"base.discharge.wear_ratio": 100.0, "base.cooling.wire_heat_share": 0.0})
     windows = drive(edmsim.Plant(worn, seed=1, resolution="fast"), 30.0, 4.0)
     assert windows[-1].broken
     assert max(w.wire_temperature_K for w in windows) < 400.0

@@ -1,11 +1,6 @@
 """A made-up cut: a 10 x 6 mm rectangle, 3000 windows, with every quantity of a plausible size."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,19 +26,19 @@ GAS = np.linspace(0.0, 0.6, N_SLICES)
 """Share of the wire's front under gas, per slice."""
 
 
-def wire_path() -> np.ndarray:
+def wire_path():
     """Wire centre in mm: from the start hole round the rectangle, the part on its left."""
     outer = CORNERS_MM + OFFSET_MM * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     return np.vstack([START_MM, outer, outer[:1]])
 
 
-def along(points: np.ndarray, s: np.ndarray) -> np.ndarray:
+def along(points, s):
     """Points at the lengths `s` of a polyline."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     return np.column_stack([np.interp(s, length, points[:, axis]) for axis in (0, 1)])
 
 
-def error_map(draw: np.random.Generator) -> ErrorMap:
+def error_map(draw):
     nominal = np.vstack([CORNERS_MM, CORNERS_MM[:1]])
     s = np.arange(0.0, 32.0, 0.02)
     to_corner = np.abs(s[:, None] - np.array([0.0, 10.0, 16.0, 26.0, 32.0])).min(axis=1)
@@ -51,7 +46,7 @@ def error_map(draw: np.random.Generator) -> ErrorMap:
     return ErrorMap(nominal, "left", along(nominal, s), error, np.outer([0.1, 0.1, 0.2, 0.4, 0.2], error))
 
 
-def windows(draw: np.random.Generator) -> WindowTable:
+def windows(draw):
     path = wire_path()
     total_um = 1000.0 * np.hypot(*np.diff(path, axis=0).T).sum()
     path_um = total_um * np.linspace(0.0, 1.0, N_WINDOWS) ** 1.05
@@ -86,7 +81,7 @@ def windows(draw: np.random.Generator) -> WindowTable:
     return table
 
 
-def frames(rows: np.ndarray) -> Frames:
+def frames(rows):
     store = Frames(N_SLICES)
     shape = np.sin(np.pi * (np.arange(N_SLICES) + 0.5) / N_SLICES)
     for row in rows:
@@ -94,7 +89,7 @@ def frames(rows: np.ndarray) -> Frames:
     return store
 
 
-def closeups(rows: np.ndarray) -> Closeups:
+def closeups(rows):
     """Every window's pulses: spark, open, short, arc by turns, all in the middle slice, along ray 0 (+x)."""
     store = Closeups(N_SLICES, N_RAYS, N_SLICES // 2)
     number = np.arange(96)
@@ -117,7 +112,7 @@ def closeups(rows: np.ndarray) -> Closeups:
     return store
 
 
-def cut_edges(stop: float | None = None) -> tuple[tuple[np.ndarray, ...], ...]:
+def cut_edges(stop=None):
     wire = shapely.LineString(wire_path())
     kerfs = [
         wire.buffer(0.153 + 0.002 * np.sin(np.pi * k / (N_SLICES - 1)), join_style="round")
@@ -127,7 +122,7 @@ def cut_edges(stop: float | None = None) -> tuple[tuple[np.ndarray, ...], ...]:
 
 
 @pytest.fixture(scope="session")
-def cut() -> SimpleNamespace:
+def cut():
     """Everything recorded and measured of the made-up cut."""
     draw = np.random.default_rng(7)
     table = windows(draw)
@@ -137,32 +132,16 @@ def cut() -> SimpleNamespace:
         for (x, y), e in zip(CORNERS_MM, (-9.1, -8.4, -10.2, -7.9), strict=True)
     )
     scene = Scene(
-        maps=(edge,),
-        cut_edges_mm=cut_edges(),
-        corners=corners,
-        starts_mm=START_MM[None, :],
-        stock_mm=(15.0, 15.0, 35.0, 31.0),
-        height_mm=20.0,
-        guides_z_mm=(-15.0, 35.0),
-        wire_diameter_um=250.0,
-        holes_mm=np.array([[*START_MM, 0.5]]),
-        origin_mm=(20.0, 20.0),
-    )
+        maps=(edge,), cut_edges_mm=cut_edges(), corners=corners, starts_mm=START_MM[None, :],
+        stock_mm=(15.0, 15.0, 35.0, 31.0), height_mm=20.0, guides_z_mm=(-15.0, 35.0), wire_diameter_um=250.0,
+        holes_mm=np.array([[*START_MM, 0.5]]), origin_mm=(20.0, 20.0),
+    )  # fmt: skip
     arrow = table.to_arrow(4.0 * np.sin(np.arange(N_WINDOWS) / 200))
     totals = Totals(
-        machining_time_s=1650.0,
-        wall_time_s=41.0,
-        short=90_000,
-        open=1_200_000,
-        spark=1_650_000,
-        arc=60_000,
-        path_length_mm=33.2,
-        cut_area_mm2=33.2 * 20.0,
-        cutting_time_s=1500.0,
-        energy=1800.0,
-        removed_mm3=205.0,
+        machining_time_s=1650.0, wall_time_s=41.0, short=90_000, open=1_200_000, spark=1_650_000, arc=60_000,
+        path_length_mm=33.2, cut_area_mm2=33.2 * 20.0, cutting_time_s=1500.0, energy=1800.0, removed_mm3=205.0,
         vibration_um_rms=0.8,
-    )
+    )  # fmt: skip
     part = Report(
         origin_mm=Origin(20.0, 20.0), kerf_um=Kerf(308.0, 301.0, 314.0),
         profile_error_um=ProfileErrors(10.2, 2.1, 4.0),
@@ -174,23 +153,16 @@ def cut() -> SimpleNamespace:
         settings={"program": "rectangle.ngc", "controller": "counts"}, version="0.0.0",
     )  # fmt: skip
     return SimpleNamespace(
-        table=table,
-        windows=arrow,
-        frames=frames(table.rows),
-        closeups=closeups(table.rows),
-        machine=Machine.load(height_mm=20.0),
-        scene=scene,
-        totals=totals,
-        part=part,
-        report=report,
-    )
+        table=table, windows=arrow, frames=frames(table.rows), closeups=closeups(table.rows),
+        machine=Machine.load(height_mm=20.0), scene=scene, totals=totals, part=part, report=report,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")
-def record(cut: SimpleNamespace) -> Callable[..., Path]:
+def record(cut):
     """Return a function that writes a recording of the made-up cut into a file; some of the cut may be changed."""
 
-    def write(file: Path, **changed: Any) -> Path:
+    def write(file, **changed):
         names = ("scene", "windows", "frames", "closeups", "machine", "report")
         arguments = {name: getattr(cut, name) for name in names} | changed
         write_recording(file, **arguments, title="punch.ngc")
@@ -200,16 +172,16 @@ def record(cut: SimpleNamespace) -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
-def recording(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(record, tmp_path_factory):
     """The recording of the made-up cut, not to be changed."""
     return record(tmp_path_factory.mktemp("recording") / "cut.rrd")
 
 
 @pytest.fixture(scope="session")
-def play(recording: Path) -> Playback:
+def play(recording):
     return Playback(recording)
 
 
 @pytest.fixture(autouse=True)
-def pictures_of_cuts() -> None:
+def pictures_of_cuts():
     """Draw all pictures, in place of what the fixture of this name leaves out elsewhere."""

@@ -1,12 +1,8 @@
 """The contour of a cut in files for other programs, and its deviation table."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import re
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,18 +15,16 @@ from edmsim.recording.html_report import elements_table
 from edmsim.recording.report import Element
 
 
-def expected(cut: SimpleNamespace) -> list[np.ndarray]:
+def expected(cut):
     scene = cut.scene.in_program()
     return list(scene.cut_edges_mm[scene.middle_slice()])
 
 
-def as_drawn(cut: SimpleNamespace) -> np.ndarray:
+def as_drawn(cut):
     return cut.scene.in_program().maps[0].nominal_mm
 
 
-def test_a_drawing_has_the_cut_and_the_nominal_edge_in_the_programs_coordinates(
-    cut: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_a_drawing_has_the_cut_and_the_nominal_edge_in_the_programs_coordinates(cut, tmp_path):
     write_contour(cut.scene, tmp_path / "new" / "cut.dxf")
     document = readfile(tmp_path / "new" / "cut.dxf")
     assert document.units == 4
@@ -42,7 +36,7 @@ def test_a_drawing_has_the_cut_and_the_nominal_edge_in_the_programs_coordinates(
     assert np.array(nominal.get_points("xy")) == pytest.approx(as_drawn(cut)[:-1])
 
 
-def test_a_table_and_a_picture_hold_the_same(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_table_and_a_picture_hold_the_same(cut, tmp_path):
     write_contour(cut.scene, tmp_path / "cut.csv")
     write_contour(cut.scene, tmp_path / "cut.svg")
     with (tmp_path / "cut.csv").open() as file:
@@ -55,23 +49,23 @@ def test_a_table_and_a_picture_hold_the_same(cut: SimpleNamespace, tmp_path: Pat
     assert drawn * (1, -1) == pytest.approx(nominal)
 
 
-def test_specks_are_left_out(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_specks_are_left_out(cut, tmp_path):
     speck = shapely.get_coordinates(shapely.Point(25, 24).buffer(0.005))
     edges = tuple((*lines, speck) for lines in cut.scene.cut_edges_mm)
     write_contour(dataclasses.replace(cut.scene, cut_edges_mm=edges), tmp_path / "cut.dxf")
     assert len(readfile(tmp_path / "cut.dxf").modelspace().query('LWPOLYLINE[layer=="CUT"]')) == len(expected(cut))
 
 
-def test_another_suffix_is_refused(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_another_suffix_is_refused(cut, tmp_path):
     with pytest.raises(InputError, match=r"\.dxf \.csv \.svg"):
         write_contour(cut.scene, tmp_path / "cut.step")
 
 
-def row(number: int, high_um: float | None) -> Element:
+def row(number, high_um):
     return Element(1, number, None, "arc", 0.5, float(number), *[high_um] * 4, -1e-9, -2.0, 1.0, 2.0)
 
 
-def test_the_table_shows_every_element_or_the_worst_of_very_many() -> None:
+def test_the_table_shows_every_element_or_the_worst_of_very_many():
     text = elements_table([row(1, 3.0), row(2, None)])
     cells = re.findall(r"<td>([^<]*)</td>", text)
     assert cells[:8] == ["1", "–", "arc R 0.500", "0.000", "−2.000", "1.000", "2.000", "1.000"]

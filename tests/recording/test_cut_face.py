@@ -1,7 +1,5 @@
 """The cut face of a wall in closed form, as a mesh, and the contour of a part at any height."""
 
-from __future__ import annotations
-
 import csv
 import math
 

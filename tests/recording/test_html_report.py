@@ -1,14 +1,10 @@
 """``report.html``: one file that needs nothing else; and what a folder tells when it is read back."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import json
 import shutil
 from html.parser import HTMLParser
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,15 +24,15 @@ NAMES = [
 class Page(HTMLParser):
     """What a page is made of: tags still open, addresses, pictures, text."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         super().__init__()
-        self.open: list[str] = []
-        self.addresses: list[str] = []
-        self.figures: list[str] = []
+        self.open = []
+        self.addresses = []
+        self.figures = []
         self.text = ""
         self.feed(text)
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         attributes = dict(attrs)
         if tag not in ("meta", "img", "input"):
             self.open.append(tag)
@@ -44,21 +40,21 @@ class Page(HTMLParser):
         if tag == "figure":
             self.figures.append(attributes["id"] or "")
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         if self.open and self.open[-1] not in ("style",):
             self.text += data + "\n"
 
 
 @pytest.fixture(scope="module")
-def written(small_cut: SimpleNamespace) -> Page:
+def written(small_cut):
     return Page((small_cut.folder / "report.html").read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow
-def test_every_cut_writes_a_page_that_needs_no_other_file(written: Page, small_cut: SimpleNamespace) -> None:
+def test_every_cut_writes_a_page_that_needs_no_other_file(written, small_cut):
     assert written.open == []
     assert written.figures == NAMES
     assert len(written.addresses) == len(NAMES)
@@ -74,7 +70,7 @@ def test_every_cut_writes_a_page_that_needs_no_other_file(written: Page, small_c
 
 
 @pytest.mark.slow
-def test_the_page_holds_table_settings_and_notices(written: Page, small_cut: SimpleNamespace) -> None:
+def test_the_page_holds_table_settings_and_notices(written, small_cut):
     report = small_cut.result.report
     for said in (
         "small.ngc", "finished", "tool-steel", "constants_sha256", f"{report['kerf_um']['mean']:.1f} µm",
@@ -83,7 +79,7 @@ def test_the_page_holds_table_settings_and_notices(written: Page, small_cut: Sim
         assert said in written.text
 
 
-def test_what_a_report_says_is_text_not_markup(cut: SimpleNamespace) -> None:
+def test_what_a_report_says_is_text_not_markup(cut):
     report = dataclasses.replace(
         cut.report, reason="the <b>wire</b> broke", outcome="wire-break", notices=['feed "F<2>" & more'],
         settings={"program": "a<script>.ngc", "max_time_s": None, "heights": []},
@@ -98,7 +94,7 @@ def test_what_a_report_says_is_text_not_markup(cut: SimpleNamespace) -> None:
     assert "max_time_s" not in shown.text
 
 
-def test_a_scene_comes_back_from_its_file(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_scene_comes_back_from_its_file(cut, tmp_path):
     write_scene(cut.scene, tmp_path / "part.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["part.npz"]
     back = read_scene(tmp_path / "part.npz")
@@ -116,7 +112,7 @@ def test_a_scene_comes_back_from_its_file(cut: SimpleNamespace, tmp_path: Path) 
         np.testing.assert_array_equal(getattr(edge, name), getattr(other, name))
 
 
-def test_a_scene_with_one_contour_split_and_one_not_comes_back(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_scene_with_one_contour_split_and_one_not_comes_back(cut, tmp_path):
     """As of a program that cuts one contour with an offset and one with none."""
     (edge,) = cut.scene.maps
     split = dataclasses.replace(edge, shares_um=np.tile(edge.error_um / 5, (5, 1)))
@@ -129,7 +125,7 @@ def test_a_scene_with_one_contour_split_and_one_not_comes_back(cut: SimpleNamesp
     np.testing.assert_array_equal(first.error_um, whole.error_um)
 
 
-def test_an_empty_scene_comes_back(tmp_path: Path) -> None:
+def test_an_empty_scene_comes_back(tmp_path):
     scene = Scene((), ((), ()), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0, (1.0, 2.0))
     write_scene(scene, tmp_path / "part.npz")
     back = read_scene(tmp_path / "part.npz")
@@ -137,38 +133,35 @@ def test_an_empty_scene_comes_back(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def folder(small_cut: SimpleNamespace, tmp_path: Path) -> Path:
+def folder(small_cut, tmp_path):
     for name in ("report.json", "windows.parquet", "part.npz"):
         shutil.copy(small_cut.folder / name, tmp_path / name)
     return tmp_path
 
 
 @pytest.mark.slow
-def test_a_page_made_again_is_the_one_the_cut_wrote(folder: Path, small_cut: SimpleNamespace) -> None:
+def test_a_page_made_again_is_the_one_the_cut_wrote(folder, small_cut):
     assert remake(folder, None, "pdf", print) == [folder / "report.html"]
     assert (folder / "report.html").read_bytes() == (small_cut.folder / "report.html").read_bytes()
 
 
 @pytest.mark.slow
-def test_figures_are_written_as_files(folder: Path) -> None:
+def test_figures_are_written_as_files(folder):
     files = remake(folder, folder / "figures", "svg", print)
     assert [file.stem for file in files] == NAMES[1:]  # the whole cut is profile.png
     assert all("</svg>" in file.read_text(encoding="utf-8") for file in files)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda f: (f / "report.json").unlink(), "report.json: no such file"),
-        (lambda f: (f / "report.json").write_text("{"), "report.json: not the report of a cut"),
-        (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without outcome: cut again"),
-        (lambda f: (f / "windows.parquet").write_bytes(b"PAR1"), "windows.parquet: not a Parquet file"),
-        (lambda f: (f / "part.npz").unlink(), "part.npz: no such file"),
-        (lambda f: (f / "part.npz").write_bytes((f / "part.npz").read_bytes()[:500]), "part.npz: damaged"),
-    ],
-)
-def test_a_folder_that_cannot_be_used_is_refused_in_one_line(folder: Path, change, said: str) -> None:
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda f: (f / "report.json").unlink(), "report.json: no such file"),
+    (lambda f: (f / "report.json").write_text("{"), "report.json: not the report of a cut"),
+    (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without outcome: cut again"),
+    (lambda f: (f / "windows.parquet").write_bytes(b"PAR1"), "windows.parquet: not a Parquet file"),
+    (lambda f: (f / "part.npz").unlink(), "part.npz: no such file"),
+    (lambda f: (f / "part.npz").write_bytes((f / "part.npz").read_bytes()[:500]), "part.npz: damaged"),
+])  # fmt: skip
+def test_a_folder_that_cannot_be_used_is_refused_in_one_line(folder, change, said):
     change(folder)
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
     with pytest.raises(InputError, match=said.replace(".", r"\.")) as refused:
@@ -178,7 +171,7 @@ def test_a_folder_that_cannot_be_used_is_refused_in_one_line(folder: Path, chang
 
 
 @pytest.mark.slow
-def test_another_layout_and_an_unknown_kind_are_refused(folder: Path) -> None:
+def test_another_layout_and_an_unknown_kind_are_refused(folder):
     with np.load(folder / "part.npz") as stored:
         arrays = dict(stored)
     document = json.loads(arrays["fields"].tobytes()) | {"version": 99}

@@ -1,12 +1,8 @@
 """What a notebook shows of a cut: a few lines, a card with table and picture, figures that show by themselves."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -22,7 +18,7 @@ PNG = b"\x89PNG"
 
 
 @pytest.fixture(scope="module")
-def result(cut: SimpleNamespace) -> edmsim.CutResult:
+def result(cut):
     """The made-up cut as `edmsim.cut` returns one."""
     points = np.array([[0, 0], [3000, 0], [3000, 4000]])
     contour = WireContour(points, 1, points / 1e3, closed=False, part_side="left", offset_um=150.0)
@@ -33,7 +29,7 @@ def result(cut: SimpleNamespace) -> edmsim.CutResult:
     )
 
 
-def test_what_is_worked_with_is_said_in_a_few_lines(result: edmsim.CutResult) -> None:
+def test_what_is_worked_with_is_said_in_a_few_lines(result):
     plant = edmsim.Plant(result.machine, resolution="fast")
     for shown in (result, result.machine, plant, result.path, result.scene):
         lines = repr(shown).splitlines()
@@ -47,7 +43,7 @@ def test_what_is_worked_with_is_said_in_a_few_lines(result: edmsim.CutResult) ->
 
 
 @pytest.mark.slow
-def test_a_result_shows_its_table_and_its_picture(result: edmsim.CutResult) -> None:
+def test_a_result_shows_its_table_and_its_picture(result):
     html = result._repr_html_()
     assert "<b>rectangle.ngc: finished</b>" in html
     assert "10.2 µm max, 2.1 µm rms" in html
@@ -59,12 +55,12 @@ def test_a_result_shows_its_table_and_its_picture(result: edmsim.CutResult) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["profile", "corner", "kerf-section"])
-def test_a_figure_shows_by_itself(result: edmsim.CutResult, name: str) -> None:
+def test_a_figure_shows_by_itself(result, name):
     figure = result.plot() if name == "profile" else result.plot(name)
     assert figure._repr_png_().startswith(PNG)  # type: ignore[attr-defined]
 
 
-def test_a_figure_that_is_not_there_is_reported(result: edmsim.CutResult) -> None:
+def test_a_figure_that_is_not_there_is_reported(result):
     with pytest.raises(InputError, match=r"no figure 'kerf'; there are: profile, profile-error, .*wire-spectrum$"):
         result.plot("kerf")
     with pytest.raises(InputError, match=r"slice_index cannot be 2\.5: give int \| None"):
@@ -72,7 +68,7 @@ def test_a_figure_that_is_not_there_is_reported(result: edmsim.CutResult) -> Non
 
 
 @pytest.mark.slow
-def test_a_file_of_samples_has_every_pulse_as_the_model_had_it(result: edmsim.CutResult, tmp_path: Path) -> None:
+def test_a_file_of_samples_has_every_pulse_as_the_model_had_it(result, tmp_path):
     rows = result.closeups.table()
     result.write_traces(tmp_path / "traces.parquet", every_us=0.1, end_s=float(rows["t_s"][2]))
     table = pq.read_table(tmp_path / "traces.parquet")
@@ -94,13 +90,13 @@ def test_a_file_of_samples_has_every_pulse_as_the_model_had_it(result: edmsim.Cu
 
 
 @pytest.mark.parametrize("every_us", [0.0, -1.0, float("nan")])
-def test_samples_need_a_time_between_them(result: edmsim.CutResult, tmp_path: Path, every_us: float) -> None:
+def test_samples_need_a_time_between_them(result, tmp_path, every_us):
     with pytest.raises(InputError, match="must be above 0 us"):
         result.write_traces(tmp_path / "traces.parquet", every_us=every_us)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_pictures_are_in_the_coordinates_of_the_program(result: edmsim.CutResult) -> None:
+def test_pictures_are_in_the_coordinates_of_the_program(result):
     assert result.scene.in_program().extent_mm()[:2] == (-1.0, -1.0)  # the start hole, a millimetre off the corner
     assert result.plot("profile-error").axes[0].get_xlabel() == "X of the program, mm"
     assert result.report["corners"][0]["program_x_mm"] == 0.0

@@ -1,15 +1,11 @@
 """The figures for a paper: true to the numbers, without global state, and able to say that nothing is there."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
-from types import SimpleNamespace
 
 import matplotlib
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import edmsim
 from edmsim.cosim.straight import KINDS, PulseSample, cutting_feed_um_s, sample_pulses
@@ -25,22 +21,22 @@ from edmsim.recording.scene import Scene
 from edmsim.recording.windows import WindowTable
 
 
-def texts(figure: Figure) -> str:
+def texts(figure):
     return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
 
 
-def line(figure: Figure, label: str) -> np.ndarray:
+def line(figure, label):
     """Give the data (n, 2) of the drawn line with a label."""
     (found,) = (line for axes in figure.axes for line in axes.get_lines() if line.get_label() == label)
     return np.column_stack(found.get_data())
 
 
 @pytest.fixture(scope="module")
-def sample() -> PulseSample:
+def sample():
     return sample_pulses(edmsim.Machine.load(), 25.0, seed=3, pulses=2000)
 
 
-def made_up(delay_us: np.ndarray, open_: int, deflection_um: np.ndarray | None = None) -> PulseSample:
+def made_up(delay_us, open_, deflection_um=None):
     kind = np.concatenate([np.full(len(delay_us), KINDS.index("spark")), np.full(open_, KINDS.index("open"))])
     delays = np.concatenate([delay_us, np.full(open_, np.nan)])
     moved = np.zeros((len(kind), 5, 2)) if deflection_um is None else deflection_um
@@ -48,9 +44,7 @@ def made_up(delay_us: np.ndarray, open_: int, deflection_um: np.ndarray | None =
 
 
 @pytest.mark.slow
-def test_every_figure_is_one_column_wide_and_needs_no_pyplot(
-    cut: SimpleNamespace, sample: PulseSample, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_figure_is_one_column_wide_and_needs_no_pyplot(cut, sample, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it would raise
     for figure in (
         error_figure(cut.scene), shares_figure(cut.scene), corner_figure(cut.scene, cut.windows),
@@ -66,21 +60,21 @@ def test_every_figure_is_one_column_wide_and_needs_no_pyplot(
         assert box.y1 < figure.get_figheight() + 0.02
 
 
-def test_the_margins_are_the_figures_own(cut: SimpleNamespace) -> None:
+def test_the_margins_are_the_figures_own(cut):
     with matplotlib.rc_context({"figure.constrained_layout.use": True}):  # warnings are errors here
         figure = kerf_figure(cut.report)
         figure.canvas.draw()
     assert figure.get_layout_engine() is None
 
 
-def test_the_worst_corner_is_chosen_and_any_other_can_be(cut: SimpleNamespace) -> None:
+def test_the_worst_corner_is_chosen_and_any_other_can_be(cut):
     assert "X 10.000 Y 6.000" in texts(corner_figure(cut.scene, cut.windows))  # of the program
     assert "−9.1 µm" in texts(corner_figure(cut.scene, cut.windows, 0))
     with pytest.raises(edmsim.InputError, match="no corner 4: the cut has corners 0 to 3"):
         corner_figure(cut.scene, cut.windows, 4)
 
 
-def test_the_corner_shows_the_wire_behind_its_guides(cut: SimpleNamespace) -> None:
+def test_the_corner_shows_the_wire_behind_its_guides(cut):
     figure = corner_figure(cut.scene, cut.windows, 1)  # between an edge along +X and one along +Y
     guides, wire = line(figure, "guides"), line(figure, "wire")
     behind = np.nanmean((guides - wire)[guides[:, 0] < -200], axis=0)  # on the edge along +X
@@ -90,7 +84,7 @@ def test_the_corner_shows_the_wire_behind_its_guides(cut: SimpleNamespace) -> No
     assert error[np.abs(error[:, 0]).argmin(), 1] == pytest.approx(cut.scene.maps[0].error_um[500], abs=1e-9)
 
 
-def test_the_kerf_is_drawn_from_wire_to_wall(cut: SimpleNamespace) -> None:
+def test_the_kerf_is_drawn_from_wire_to_wall(cut):
     section = [
         KerfSlice(z, 9, wall(155.0 + z), wall(160.0)) for z in (2.5, 7.5, 12.5, 17.5)
     ]
@@ -104,11 +98,11 @@ def test_the_kerf_is_drawn_from_wire_to_wall(cut: SimpleNamespace) -> None:
     assert figure.axes[0].get_ylim() == (0.0, 20.0)
 
 
-def wall(mean_um: float) -> Wall:
+def wall(mean_um):
     return Wall(mean_um, mean_um - 3, mean_um + 3)
 
 
-def test_the_plane_holds_every_window_and_the_path_between(cut: SimpleNamespace) -> None:
+def test_the_plane_holds_every_window_and_the_path_between(cut):
     figure = plane_figure(cut.windows)
     dots = figure.axes[0].get_lines()[0].get_data()
     np.testing.assert_allclose(dots[0], 100 * cut.windows["open"].to_numpy() / 255)
@@ -119,7 +113,7 @@ def test_the_plane_holds_every_window_and_the_path_between(cut: SimpleNamespace)
     np.testing.assert_array_equal(steps[1:, 0], steps[:-1, 1])
 
 
-def test_an_exponential_delay_is_a_straight_line_with_its_mean() -> None:
+def test_an_exponential_delay_is_a_straight_line_with_its_mean():
     delay = np.random.default_rng(4).exponential(20.0, 4000)
     lit = delay[delay < 30.0]
     figure = delay_figure(made_up(lit, len(delay) - len(lit)))
@@ -131,7 +125,7 @@ def test_an_exponential_delay_is_a_straight_line_with_its_mean() -> None:
 
 
 @pytest.mark.slow
-def test_a_ringing_wire_has_its_line_in_the_spectrum() -> None:
+def test_a_ringing_wire_has_its_line_in_the_spectrum():
     t_s = 1e-4 * np.arange(8000)
     moved = np.zeros((8000, 5, 2))
     moved[:, :, 0] = 3.0 * np.sin(2 * np.pi * 1700.0 * t_s)[:, None]
@@ -141,7 +135,7 @@ def test_a_ringing_wire_has_its_line_in_the_spectrum() -> None:
     assert not across.any()
 
 
-def test_modes_follow_the_string_and_fold_at_half_the_pulse_frequency() -> None:
+def test_modes_follow_the_string_and_fold_at_half_the_pulse_frequency():
     """By Rayleigh's quotient: water moves with the wire on the middle half of its length."""
     machine = edmsim.Machine.load(height_mm=20.0, tension=10.0)
     frequency = wire_frequencies_hz(machine, "fast")
@@ -152,14 +146,14 @@ def test_modes_follow_the_string_and_fold_at_half_the_pulse_frequency() -> None:
     np.testing.assert_allclose(folded_hz(np.array([1e3, 4.9e3, 5.1e3, 10e3]), 10e3), [1e3, 4.9e3, 4.9e3, 0])
 
 
-def test_the_simulated_wire_vibrates_near_its_first_mode(sample: PulseSample) -> None:
+def test_the_simulated_wire_vibrates_near_its_first_mode(sample):
     frequency, along, _ = spectrum(sample)
     first = wire_frequencies_hz(sample.machine, "fast")[0]
     # the pull of the field softens it, and the film broadens it by the damping ratio: some 0.3 to either side
     assert 0.6 * first < frequency[along.argmax()] < 1.3 * first
 
 
-def test_single_pulses_are_those_of_windows(sample: PulseSample) -> None:
+def test_single_pulses_are_those_of_windows(sample):
     plant_shares = {kind: sample.share(kind) for kind in KINDS}
     assert sum(plant_shares.values()) == pytest.approx(1.0)
     from edmsim.cosim.straight import cut_straight
@@ -173,7 +167,7 @@ def test_single_pulses_are_those_of_windows(sample: PulseSample) -> None:
 
 
 @pytest.mark.slow
-def test_a_sample_of_a_cut_has_its_setting(small_cut: SimpleNamespace) -> None:
+def test_a_sample_of_a_cut_has_its_setting(small_cut):
     result = small_cut.result
     drawn = sample_like(result.report, result.windows, pulses=300)
     assert drawn.machine.height_mm == 5.0
@@ -181,7 +175,7 @@ def test_a_sample_of_a_cut_has_its_setting(small_cut: SimpleNamespace) -> None:
     assert drawn.period_us == 100.0
 
 
-def test_what_cannot_be_sampled_is_said(cut: SimpleNamespace) -> None:
+def test_what_cannot_be_sampled_is_said(cut):
     machine = edmsim.Machine.load(generator="iso-energetic")
     with pytest.raises(edmsim.InputError, match="generators of a fixed period"):
         sample_pulses(machine, 20.0)
@@ -193,7 +187,7 @@ def test_what_cannot_be_sampled_is_said(cut: SimpleNamespace) -> None:
         spectrum_figure([made_up(np.ones(20), 0)])
 
 
-def test_a_cut_that_left_nothing_says_so(cut: SimpleNamespace) -> None:
+def test_a_cut_that_left_nothing_says_so(cut):
     scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
     nothing = WindowTable().to_arrow()
     empty = [{"height_mm": 10.0, "places": 0, "part": wall(np.nan), "rest": wall(np.nan)}]
@@ -209,14 +203,14 @@ def test_a_cut_that_left_nothing_says_so(cut: SimpleNamespace) -> None:
         assert said in texts(figure)
 
 
-def test_a_corner_without_windows_near_it_is_drawn(cut: SimpleNamespace) -> None:
+def test_a_corner_without_windows_near_it_is_drawn(cut):
     scene = dataclasses.replace(cut.scene, cut_edges_mm=())
     figure = corner_figure(scene, cut.windows.slice(0, 2), 2)
     figure.canvas.draw()
     assert np.isnan(line(figure, "guides")).all()
 
 
-def pass_row(number: int, left_um: float) -> PassFigures:
+def pass_row(number, left_um):
     slices_um, begin_s = [left_um, left_um + 2.0, left_um], 60.0 * number
     return PassFigures(
         1, number, "profile", False, begin_s, begin_s + 50.0, 5.0, 20.0, 155.0, None, left_um, None, 2.0, 2.0, None,
@@ -224,7 +218,7 @@ def pass_row(number: int, left_um: float) -> PassFigures:
     )  # fmt: skip
 
 
-def test_passes_are_drawn_over_the_height(cut: SimpleNamespace) -> None:
+def test_passes_are_drawn_over_the_height(cut):
     heights = [HeightError(z, 0.0, 1.0) for z in (5.0, 10.0, 15.0)]
     figure = passes_figure(Report(passes=[pass_row(1, 90.0), pass_row(2, 0.0)], heights=heights))
     wall = figure.axes[0]
@@ -233,7 +227,7 @@ def test_passes_are_drawn_over_the_height(cut: SimpleNamespace) -> None:
     assert "no passes" in texts(passes_figure(cut.report))
 
 
-def test_the_face_is_drawn_unrolled(cut: SimpleNamespace) -> None:
+def test_the_face_is_drawn_unrolled(cut):
     edge = cut.scene.maps[0]
     face = np.tile(edge.error_um, (4, 1))
     scene = dataclasses.replace(cut.scene, maps=(dataclasses.replace(edge, face_um=face),))

@@ -1,18 +1,12 @@
 """Lines break where a wire is threaded, which is marked; labels leave each other room; scales follow the process."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Callable
 from itertools import combinations
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
 import pytest
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from edmsim.metrology.profile import CornerError
@@ -38,7 +32,7 @@ from edmsim.recording.windows import (
 PAUSE_S = 200.0
 
 
-def threaded(windows: pa.Table) -> pa.Table:
+def threaded(windows):
     """Let a wire be threaded half-way, in a place 5 mm away."""
     half = len(windows) // 2
     for name, by in (("t_s", PAUSE_S), ("x_um", 5000.0)):
@@ -49,7 +43,7 @@ def threaded(windows: pa.Table) -> pa.Table:
     return windows
 
 
-def test_breaks_are_found_and_lines_stop_there() -> None:
+def test_breaks_are_found_and_lines_stop_there():
     time = np.array([0.0, 0.1, 0.2, 60.2, 60.3])
     assert pause_rows(time).tolist() == [3]
     place = np.array([(0, 0), (10, 0), (20, 0), (500, 0), (510, 0)], float)
@@ -69,7 +63,7 @@ def test_breaks_are_found_and_lines_stop_there() -> None:
     assert np.array_equal(np.delete(line, 3, axis=0), place)
 
 
-def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_discharge() -> None:
+def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_discharge():
     # 10 um a second; two contours, threaded at X 0 and X 5000 in holes of 25 um
     time = np.concatenate([np.arange(1.0, 9.0), 100.0 + np.arange(1.0, 7.0)])
     along = np.concatenate([np.arange(1.0, 9.0), 8.0 + np.arange(1.0, 7.0)]) * 10.0
@@ -89,7 +83,7 @@ def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_disch
     assert (nothing.rows.any(), nothing.time_s, nothing.ways_um) == (False, 0.0, ())
 
 
-def test_travel_never_points_to_another_contour() -> None:
+def test_travel_never_points_to_another_contour():
     path = np.arange(100) * 2.0
     x = np.where(path < 100, path, 5000.0)
     y = np.where(path < 100, 0.0, path - 100)
@@ -102,49 +96,50 @@ def test_travel_never_points_to_another_contour() -> None:
     np.testing.assert_allclose(ahead[50:], np.tile([0.0, 1.0], (50, 1)))
 
 
-@pytest.fixture(scope="module")
-def drawn(cut: SimpleNamespace) -> Figure:
+def pause_of(windows):
+    """Minutes between which a wire is threaded."""
+    time = column(windows, "t_s")
+    row = int(pause_rows(time)[0])
+    return time[row - 1] / 60, time[row] / 60
+
+
+def series_figure(windows):
     figure = NotebookFigure()
-    draw_series(list(figure.subplots(len(PANELS))), threaded(cut.windows))
+    draw_series(list(figure.subplots(len(PANELS))), windows)
     return figure
 
 
-def test_no_curve_runs_over_a_pause_and_it_is_marked(cut: SimpleNamespace, drawn: Figure) -> None:
-    time = column(threaded(cut.windows), "t_s")
-    row = int(pause_rows(time)[0])
-    begin, end = time[row - 1] / 60, time[row] / 60
-    for axes in drawn.axes:
-        spans = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
-        assert any((span.x0, span.x1) == pytest.approx((begin, end)) for span in spans)
-        curves = [line.get_xdata() for line in axes.lines if len(line.get_xdata()) > 2]
-        areas = [path.vertices[:, 0] for kind in axes.collections if isinstance(kind, PolyCollection)
-                 for path in kind.get_paths()]  # fmt: skip
-        for x in [*curves, *areas]:
-            assert x.max() <= begin + 1e-9 or x.min() >= end - 1e-9
-    labels = [text.get_text() for text in drawn.axes[0].get_legend().get_texts()]
-    assert labels == ["threading", "feed"]
+def curves_of(axes):
+    """Abscissae of all curves and areas, without marks of two points."""
+    areas = [path.vertices[:, 0] for kind in axes.collections if isinstance(kind, PolyCollection)
+             for path in kind.get_paths()]  # fmt: skip
+    return [*areas, *(line.get_xdata() for line in axes.lines if len(line.get_xdata()) > 2)]
 
 
-@pytest.mark.slow
-def test_the_figures_of_the_pulses_break_there_too(cut: SimpleNamespace) -> None:
+@pytest.mark.parametrize("draw", [series_figure, pulses_figure])
+def test_no_curve_runs_over_a_pause_and_it_is_marked(cut, draw):
     windows = threaded(cut.windows)
-    time = column(windows, "t_s")
-    row = int(pause_rows(time)[0])
-    begin, end = time[row - 1] / 60, time[row] / 60
-    figure = pulses_figure(windows)
-    assert "threading" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    begin, end = pause_of(windows)
+    figure = draw(windows)
     for axes in figure.axes:
-        shapes = [path.vertices[:, 0] for kind in axes.collections if isinstance(kind, PolyCollection)
-                  for path in kind.get_paths()]  # fmt: skip
-        drawn_x = [*shapes, *(line.get_xdata() for line in axes.lines)]
-        assert drawn_x
-        assert all(x.max() <= begin + 1e-9 or x.min() >= end - 1e-9 for x in drawn_x)
-    (way,) = [kind for kind in plane_figure(windows).axes[0].collections if isinstance(kind, LineCollection)]
-    (whole,) = [kind for kind in plane_figure(cut.windows).axes[0].collections if isinstance(kind, LineCollection)]
-    assert len(way.get_segments()) == len(whole.get_segments()) - 1
+        curves = curves_of(axes)
+        assert curves
+        assert all(x.max() <= begin + 1e-9 or x.min() >= end - 1e-9 for x in curves)
+        if draw is series_figure:
+            spans = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
+            assert any((span.x0, span.x1) == pytest.approx((begin, end)) for span in spans)
+    assert "threading" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    if draw is series_figure:
+        assert draw(cut.windows).axes[0].get_legend() is None
 
 
-def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut: SimpleNamespace) -> None:
+def test_the_way_of_pulses_in_their_plane_breaks_at_a_pause(cut):
+    ways = [plane_figure(windows).axes[0].collections for windows in (threaded(cut.windows), cut.windows)]
+    (with_pause,), (whole,) = ([kind for kind in way if isinstance(kind, LineCollection)] for way in ways)
+    assert len(with_pause.get_segments()) == len(whole.get_segments()) - 1
+
+
+def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut):
     """The wire is brought over a kerf that it has not cut yet."""
     place = np.concatenate([cut.scene.starts_mm * 1000 + [[k, 0.0]] for k in (0.0, 50.0)])
     over = np.ptp(cut.scene.maps[0].nominal_mm, axis=0)[0] * 1000
@@ -155,25 +150,16 @@ def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut: SimpleNamesp
     assert len(growth.solids[-1].positions) == len(still.solids[-1].positions)
 
 
-def test_a_cut_without_a_pause_has_no_mark(cut: SimpleNamespace) -> None:
-    figure = NotebookFigure()
-    draw_series(list(figure.subplots(len(PANELS))), cut.windows)
-    assert figure.axes[0].get_legend() is None
-
-
 @pytest.mark.slow
-def test_recording_and_film_break_their_curves(
-    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_recording_and_film_break_their_curves(cut, record, tmp_path):
     windows = threaded(cut.windows)
     play = Playback(record(tmp_path / "cut.rrd", windows=windows))
-    time = column(windows, "t_s")
-    row = int(pause_rows(time)[0])
+    begin, end = pause_of(windows)
     (cleared,) = play.rows("/feed/feed_um_s", "Clear:is_recursive").t_s
-    assert time[row - 1] < cleared < time[row]
+    assert 60 * begin < cleared < 60 * end
     film = Film(play, 40)
     curves = [line.get_xdata() for axes in film._figure.axes for line in axes.lines if len(line.get_xdata()) > 100]
-    middle = (time[row - 1] + time[row]) / 2
+    middle = 30 * (begin + end)
     assert curves
     for x in curves:
         known = np.isfinite(x)
@@ -181,12 +167,12 @@ def test_recording_and_film_break_their_curves(
         assert not crossing.any()
 
 
-def labels(figure: Figure) -> list[Annotation]:
+def labels(figure):
     return [text for text in figure.axes[0].texts if isinstance(text, Annotation)]
 
 
 @pytest.mark.slow
-def test_labels_of_corners_never_cover_each_other(cut: SimpleNamespace) -> None:
+def test_labels_of_corners_never_cover_each_other(cut):
     draw = np.random.default_rng(3)
     places = draw.uniform(22, 26, (40, 2))
     crowd = tuple(CornerError(float(x), float(y), 90.0, float(k + 1)) for k, (x, y) in enumerate(places))
@@ -201,7 +187,7 @@ def test_labels_of_corners_never_cover_each_other(cut: SimpleNamespace) -> None:
         assert all(shown.count_contains(box.get_points()) == 2 for box in boxes)
 
 
-def test_what_is_out_of_reach_does_not_set_the_scale(cut: SimpleNamespace) -> None:
+def test_what_is_out_of_reach_does_not_set_the_scale(cut):
     (edge,) = cut.scene.maps
     away = np.zeros(len(edge.error_um))
     away[100:200] = 60.0

@@ -1,16 +1,12 @@
 """``edmsim view``: the right command line, bound to this machine, bad folders named; and the film of a cut."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,81 +17,60 @@ from rerun.chunk import RrdReader
 from edmsim.errors import InputError
 from edmsim.recording.film import Film, render
 from edmsim.recording.rerun import viewer
-from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.rerun.viewer import SHARES, take_screenshots
+from edmsim.recording.rerun.viewer import take_screenshots
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
 
 @pytest.fixture
-def folder(recording: Path, tmp_path: Path) -> Path:
+def folder(recording, tmp_path):
     """A folder with a recording, which may be damaged."""
     shutil.copy(recording, tmp_path)
     return tmp_path
 
 
-def test_missing_folder_and_missing_recording(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such folder"):
-        viewer.find_recording(tmp_path / "nowhere")
-    with pytest.raises(InputError, match=r"no cut\.rrd in it"):
-        viewer.find_recording(tmp_path)
+def cut_off(size):
+    return lambda file: file.write_bytes(file.read_bytes()[:size])
 
 
-@pytest.mark.slow
-def test_whole_recording_is_found(folder: Path) -> None:
-    assert viewer.find_recording(folder) == folder / "cut.rrd"
+def written_by(application, made=""):
+    """Return what writes a recording of another program, or of another version."""
+
+    def write(file):
+        recording = rr.RecordingStream(application, recording_id="other", send_properties=False)
+        recording.save(file)
+        recording.log("feed", rr.Scalars(1.0))
+        if made:
+            recording.log("made_by", rr.TextDocument(made), static=True)
+        recording.flush()
+        recording.disconnect()
+
+    return write
 
 
-@pytest.mark.parametrize("size", [0, 3, 100, 20_000, -1])
-def test_damaged_recording_is_refused(folder: Path, size: int) -> None:
-    recording = folder / "cut.rrd"
-    recording.write_bytes(recording.read_bytes()[:size])
-    with pytest.raises(InputError, match="not a whole rerun recording"):
+def of_rerun_0_99(file):
+    whole = file.read_bytes()
+    file.write_bytes(whole[:4] + bytes((0, 99, 0, 0)) + whole[8:])  # the version stands behind the file's mark
+
+
+@pytest.mark.parametrize(("spoil", "reason"), [
+    (lambda file: shutil.rmtree(file.parent), "no such folder"), (Path.unlink, r"no cut\.rrd in it"),
+    (lambda file: file.rename(f"{file}.part"), r"no cut\.rrd in it but one half-written"),
+    *((cut_off(size), "not a whole rerun recording") for size in (0, 3, 100, 20_000, -1)),
+    (lambda file: file.write_text("G01 X10\n"), "these 8 bytes are not a whole rerun recording"),
+    (written_by("edmsim", '{"format": 99, "version": "9.1"}'),
+     r"format 99, written by edmsim 9\.1; this edmsim reads format 2"),
+    (written_by("edmsim"), "format 1; this edmsim reads format 2, run the cut again"),  # it wrote no number
+    (written_by("somebody"), "a recording of somebody"),
+    (of_rerun_0_99, r"written by rerun 0\.99, here is 0\."),
+])  # fmt: skip
+def test_what_cannot_be_played_is_refused_by_what_it_is(spoil, reason, folder):
+    spoil(folder / "cut.rrd")
+    with pytest.raises(InputError, match=reason):
         viewer.find_recording(folder)
 
 
-def test_half_written_recording_is_named(tmp_path: Path) -> None:
-    (tmp_path / "cut.rrd.part").write_bytes(b"RRF2")
-    with pytest.raises(InputError, match=r"no cut\.rrd in it but one half-written"):
-        viewer.find_recording(tmp_path)
-
-
-def write_other(file: Path, application: str, made: str = "") -> None:
-    recording = rr.RecordingStream(application, recording_id="other", send_properties=False)
-    recording.save(file)
-    recording.log("feed", rr.Scalars(1.0))
-    if made:
-        recording.log("made_by", rr.TextDocument(made), static=True)
-    recording.flush()
-    recording.disconnect()
-
-
-def test_recording_of_another_version_is_refused(tmp_path: Path) -> None:
-    write_other(tmp_path / "cut.rrd", "edmsim", '{"format": 99, "version": "9.1"}')
-    with pytest.raises(InputError, match=r"format 99, written by edmsim 9\.1; this edmsim reads format 2"):
-        viewer.find_recording(tmp_path)
-
-
-def test_recording_of_the_first_version_or_another_program_is_refused(tmp_path: Path) -> None:
-    write_other(tmp_path / "cut.rrd", "edmsim")  # it wrote no number
-    with pytest.raises(InputError, match="format 1; this edmsim reads format 2, run the cut again"):
-        viewer.find_recording(tmp_path)
-    write_other(tmp_path / "cut.rrd", "somebody")
-    with pytest.raises(InputError, match="a recording of somebody"):
-        viewer.find_recording(tmp_path)
-
-
-@pytest.mark.slow
-def test_a_file_of_another_rerun_is_refused(folder: Path) -> None:
-    recording = folder / "cut.rrd"
-    whole = bytearray(recording.read_bytes())
-    whole[4:8] = bytes((0, 99, 0, 0))  # the version stands behind the file's mark
-    recording.write_bytes(whole)
-    with pytest.raises(InputError, match=r"written by rerun 0\.99, here is 0\."):
-        viewer.find_recording(folder)
-
-
-def test_a_taken_port_is_replaced() -> None:
+def test_a_taken_port_is_replaced():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -104,85 +79,65 @@ def test_a_taken_port_is_replaced() -> None:
     assert viewer.free_port(port) == port
 
 
-def test_foreign_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "cut.rrd").write_text("G01 X10\n")
-    with pytest.raises(InputError, match="these 8 bytes are not a whole rerun recording"):
-        viewer.find_recording(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("environment", "platform", "expected"),
-    [
-        ({}, "linux", False), ({"DISPLAY": ""}, "linux", False), ({"DISPLAY": ":0"}, "linux", True),
-        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True), ({}, "darwin", True), ({}, "win32", True),
-    ],
-)  # fmt: skip
-def test_screen(environment: dict[str, str], platform: str, expected: bool) -> None:
+@pytest.mark.parametrize(("environment", "platform", "expected"), [
+    ({}, "linux", False), ({"DISPLAY": ""}, "linux", False), ({"DISPLAY": ":0"}, "linux", True),
+    ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True), ({}, "darwin", True), ({}, "win32", True),
+])  # fmt: skip
+def test_screen(environment, platform, expected):
     assert viewer.has_screen(environment, platform) is expected
 
 
 @pytest.mark.parametrize("on_screen", [True, False])
-def test_nothing_is_served_beyond_this_machine(on_screen: bool, tmp_path: Path) -> None:
+def test_nothing_is_served_beyond_this_machine(on_screen, tmp_path):
     command = viewer.viewer_command(tmp_path / "cut.rrd", on_screen, 9191, 9881)
     assert command[: len(viewer.RERUN) + 1] == [*viewer.RERUN, str(tmp_path / "cut.rrd")]
     assert command[command.index("--bind") + 1] == "127.0.0.1"
     assert ("--serve-web" in command) is not on_screen
 
 
-def test_rerun_knows_every_option_used(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_rerun_knows_every_option_used_and_fails_at_another(tmp_path):
     shown = subprocess.run([*viewer.RERUN, "--help"], capture_output=True, text=True, check=True)
     for on_screen in (True, False):
         command = viewer.viewer_command(tmp_path / "cut.rrd", on_screen, 9191, 9881)
         assert all(word in shown.stdout for word in command if word.startswith("--"))
+    assert subprocess.call([*viewer.RERUN, "--no-such-option"], stderr=subprocess.DEVNULL) != 0
 
 
 @pytest.mark.slow
-def test_view_runs_the_viewer_and_says_the_address(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "RUST_LOG"):
+def test_view_serves_a_page_where_no_window_opens_and_says_its_address(folder, monkeypatch, capsys):
+    for name in ("WAYLAND_DISPLAY", "RUST_LOG"):
         monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("DISPLAY", ":77")  # a display that is not there
     monkeypatch.setattr(sys, "platform", "linux")
-    called: list[list[str]] = []
+    called = []
+    ends = iter((1, 0))
 
-    def call(command: list[str], env: dict[str, str]) -> int:
+    def call(command, env):
         assert env["RUST_LOG"] == "warn"  # no lines of INFO on the terminal
         called.append(command)
+        for status in ends:
+            return status
         raise KeyboardInterrupt
 
     monkeypatch.setattr(subprocess, "call", call)
     monkeypatch.setattr(viewer, "free_port", lambda port: port)
+    window, page = (viewer.viewer_command(folder / "cut.rrd", on_screen, 9191, 9881) for on_screen in (True, False))
     assert viewer.view(folder, web_port=9191, grpc_port=9881) == 0
-    assert called == [viewer.viewer_command(folder / "cut.rrd", False, 9191, 9881)]
+    assert called == [window, page]
+    assert "could not open a window" in capsys.readouterr().out
+    monkeypatch.delenv("DISPLAY")
+    assert viewer.view(folder, web_port=9191, grpc_port=9881) == 0
+    assert called[2:] == [page]
     address = "http://127.0.0.1:9191?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9881%2Fproxy"
     assert address in capsys.readouterr().out
 
 
 @pytest.mark.slow
-def test_without_a_window_it_serves_the_page(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("DISPLAY", ":77")  # a display that is not there
-    monkeypatch.delenv("RUST_LOG", raising=False)
-    monkeypatch.setattr(sys, "platform", "linux")
-    called: list[list[str]] = []
+def test_two_cuts_are_laid_side_by_side(folder, monkeypatch):
+    shown = []
 
-    def call(command: list[str], env: dict[str, str]) -> int:
-        assert env["RUST_LOG"] == "warn"  # no lines of INFO on the terminal
-        called.append(command)
-        return 1 if len(called) == 1 else 0
-
-    monkeypatch.setattr(subprocess, "call", call)
-    assert viewer.view(folder) == 0
-    assert ["--serve-web" in command for command in called] == [False, True]
-    assert "could not open a window" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_two_cuts_are_laid_side_by_side(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[set[str]] = []
-
-    def look(recording: Path, *_: object) -> int:
+    def look(recording, *_):
         shown.append({chunk.entity_path for chunk in RrdReader(recording).stream().to_chunks()})
         return 0
 
@@ -194,15 +149,11 @@ def test_two_cuts_are_laid_side_by_side(folder: Path, monkeypatch: pytest.Monkey
         viewer.compare(folder, folder / "nowhere")
 
 
-def test_the_viewers_exit_status_is_stored(tmp_path: Path) -> None:
-    assert subprocess.call([*viewer.RERUN, "--no-such-option"], stderr=subprocess.DEVNULL) != 0
-
-
 # ``edmsim report --film``: films that play, pictures without a screen, and what cannot be done in one line.
 
 
 @pytest.mark.slow
-def test_legends_of_a_film_cover_no_curve(play: Playback) -> None:
+def test_legends_of_a_film_cover_no_curve(play):
     film = Film(play, 60)
     legends = [(axes, axes.get_legend()) for axes in film._figure.axes if axes.get_legend() is not None]
     assert len(legends) == 2
@@ -212,7 +163,7 @@ def test_legends_of_a_film_cover_no_curve(play: Playback) -> None:
 
 
 @pytest.mark.slow
-def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
+def test_a_gif_plays_the_cut(recording, tmp_path):
     render(recording, tmp_path / "new" / "cut.gif", seconds=0.8)
     with Image.open(tmp_path / "new" / "cut.gif") as film:
         assert (film.n_frames, film.size) == (8, (768, 432))
@@ -224,7 +175,7 @@ def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
+def test_an_mp4_plays_the_cut(recording, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     render(recording, tmp_path / "cut.mp4", seconds=0.5)
     done = subprocess.run(
@@ -238,7 +189,7 @@ def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_show_the_kerf_grow_and_are_the_same_again(play: Playback) -> None:
+def test_pictures_show_the_kerf_grow_and_are_the_same_again(play):
     film = Film(play, 60)
     begin, end = (film.picture(share * play.end_s) for share in (0.02, 1.0))
     ground = np.all(begin[60:250, 20:230] < 60, axis=2).sum(), np.all(end[60:250, 20:230] < 60, axis=2).sum()
@@ -252,26 +203,20 @@ def test_pictures_show_the_kerf_grow_and_are_the_same_again(play: Playback) -> N
      ("cut.gif", 0.0, "0 s cannot be made"),
      ("cut.gif", float("nan"), "nan s cannot"), ("cut.mp4", 1e4, "give 0.5 to 600")],
 )  # fmt: skip
-def test_what_is_no_film_is_refused(
-    recording: Path, tmp_path: Path, name: str, seconds: float, message: str
-) -> None:
+def test_what_is_no_film_is_refused(recording, tmp_path, name, seconds, message):
     with pytest.raises(InputError, match=message):
         render(recording, tmp_path / name, seconds)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_mp4_without_its_package_says_what_to_install(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mp4_without_its_package_says_what_to_install(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(InputError, match=r"pip install 'edmsim\[video\]'"):
         render(recording, tmp_path / "cut.mp4")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(
-    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(cut, record, tmp_path):
     (tmp_path / "file").write_text("")
     empty = record(
         tmp_path / "cut.rrd", windows=WindowTable().to_arrow(), frames=Frames(9), closeups=Closeups(9, 32, 4),
@@ -285,9 +230,7 @@ def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(
 
 
 @pytest.mark.slow
-def test_without_a_graphics_driver_screenshots_say_so(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_graphics_driver_screenshots_say_so(recording, tmp_path, monkeypatch):
     monkeypatch.setenv("WGPU_BACKEND", "dx12" if sys.platform != "win32" else "metal")  # no such thing here
     with pytest.raises(InputError, match="Vulkan driver"):
         take_screenshots(recording, tmp_path / "shots")
@@ -298,7 +241,7 @@ def test_without_a_graphics_driver_screenshots_say_so(
     not any(Path("/usr/share/vulkan/icd.d").glob("*.json")) and shutil.which("vulkaninfo") is None,
     reason="no Vulkan driver",
 )
-def test_screenshots_need_no_screen(recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_screenshots_need_no_screen(recording, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     files = take_screenshots(recording, tmp_path / "shots", (0.0, 1.0))
     assert [file.name for file in files] == ["cut-000.png", "cut-100.png"]
@@ -307,7 +250,3 @@ def test_screenshots_need_no_screen(recording: Path, tmp_path: Path, monkeypatch
     assert (np.abs(end - begin).max(axis=2) > 60).mean() > 0.001
     left = subprocess.run(["pgrep", "-P", str(os.getpid())], capture_output=True, text=True, check=False)
     assert "rerun" not in left.stdout
-
-
-def test_shares_are_within_the_cut() -> None:
-    assert all(0 <= share <= 1 for share in SHARES)

@@ -1,10 +1,6 @@
 """Equalising pulses in what is recorded of a cut: table, sums, traces, oscilloscope, figure, report."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,7 +20,7 @@ from edmsim.recording.stores import Closeups, traces
 from edmsim.recording.windows import NAMES, WindowTable, column, read_windows, write_windows
 
 
-def cut_of(generator: str) -> SimpleNamespace:
+def cut_of(generator):
     """Some windows of a straight cut from its start hole, recorded as a cut is."""
     points = np.array([(30_000, 30_000), (31_000, 30_000)])
     contour = WireContour(points, 0, points * 1e-3, False, "left", ((1, 0.05),), (1, 1))
@@ -38,12 +34,12 @@ def cut_of(generator: str) -> SimpleNamespace:
 
 
 @pytest.fixture(scope="module")
-def equalised() -> SimpleNamespace:
+def equalised():
     return cut_of("equalising")
 
 
 # T-12, T-86
-def test_the_table_has_what_is_left_and_what_it_takes_and_a_plain_one_does_not(equalised, tmp_path) -> None:
+def test_the_table_has_what_is_left_and_what_it_takes_and_a_plain_one_does_not(equalised, tmp_path):
     table, plain = equalised.table, cut_of("iso-pulse")
     assert table.column_names == [*NAMES, "net_voltage_V", "equalising_W"]
     np.testing.assert_allclose(column(table, "net_voltage_V"), 0.0, atol=1e-9)
@@ -62,7 +58,7 @@ def test_the_table_has_what_is_left_and_what_it_takes_and_a_plain_one_does_not(e
 
 
 # T-86
-def test_sums_have_the_voltage_with_its_sign_and_the_energy_of_the_supply(equalised) -> None:
+def test_sums_have_the_voltage_with_its_sign_and_the_energy_of_the_supply(equalised):
     table, sums = equalised.table, equalised.run.sums
     seconds = np.diff(column(table, "t_s"), prepend=0.0)
     assert abs(sums.voltage_s) < 1e-9
@@ -71,7 +67,7 @@ def test_sums_have_the_voltage_with_its_sign_and_the_energy_of_the_supply(equali
 
 
 # T-12
-def test_traces_show_them_and_their_mean_is_0(equalised) -> None:
+def test_traces_show_them_and_their_mean_is_0(equalised):
     rows = equalised.store.closeups.table()
     count = int(rows["count"].min())
     time, voltage, current = traces(rows, count)
@@ -89,7 +85,7 @@ def test_traces_show_them_and_their_mean_is_0(equalised) -> None:
     assert not flows[kinds == SHORT].any()
 
 
-def made_up(opposite_V: float) -> np.ndarray:
+def made_up(opposite_V):
     """Two pulses, 20 us of 90 V and 10 us of 30 V, then one to end with: periods of 80 us."""
     store = Closeups(3, 8, 1)
     row = store.row
@@ -103,7 +99,7 @@ def made_up(opposite_V: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("opposite_V", "first_us", "second_us"), [(-70.0, 30.0, 30.0), (-40.0, 50.0, 50.0)])
-def test_a_trace_by_hand(opposite_V: float, first_us: float, second_us: float) -> None:
+def test_a_trace_by_hand(opposite_V, first_us, second_us):
     # 2100 V us a pulse, and 50 us of room: what 40 V have not balanced is owed
     time, voltage, current = traces(made_up(opposite_V), 3)
     for number, lasts in enumerate((first_us, second_us)):
@@ -114,14 +110,14 @@ def test_a_trace_by_hand(opposite_V: float, first_us: float, second_us: float) -
         assert t[6] - t[5] == pytest.approx(lasts)
 
 
-def test_the_figure_has_a_second_voltage(equalised) -> None:
+def test_the_figure_has_a_second_voltage(equalised):
     panel = pulses_figure(equalised.table).axes[1]
     assert [text.get_text() for text in panel.get_legend().get_texts()] == ["with equalising pulses"]
     assert len(panel.lines) == 2
     np.testing.assert_allclose(panel.lines[1].get_ydata(), 0.0, atol=1e-9)
 
 
-def test_the_report_says_what_is_left_and_what_it_takes(equalised, cut: SimpleNamespace) -> None:
+def test_the_report_says_what_is_left_and_what_it_takes(equalised, cut):
     totals = replace(cut.totals, equalising_J=2.5)
     report = build_report(
         cut.part, equalised.table, totals, outcome="finished", reason=None, notices=(), seed=1, settings={},
@@ -137,9 +133,7 @@ def test_the_report_says_what_is_left_and_what_it_takes(equalised, cut: SimpleNa
     assert "equalising" not in dict(summary(cut.report))
 
 
-def test_the_oscilloscope_has_its_0_above_the_pulses_of_the_other_polarity(
-    equalised: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_the_oscilloscope_has_its_0_above_the_pulses_of_the_other_polarity(equalised, record, tmp_path):
     store = equalised.store
     file = record(
         tmp_path / "cut.rrd", windows=equalised.table, frames=store.frames, closeups=store.closeups,

@@ -1,9 +1,6 @@
 """Events in words: retracts, corners, threading, settings, the end; of too many, some."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -13,16 +10,16 @@ from edmsim.recording.rerun.write import MOST, events
 from edmsim.recording.windows import NAMES, WindowTable, column
 
 
-def changed(cut: SimpleNamespace, name: str, values: np.ndarray) -> pa.Table:
+def changed(cut, name, values):
     at = NAMES.index(name)
     return cut.windows.set_column(at, cut.windows.schema.field(at), pa.array(values))
 
 
-def events_of(cut: SimpleNamespace, windows: pa.Table, **report: object) -> list[tuple[int, str, str]]:
+def events_of(cut, windows, **report):
     return [tuple(event) for event in events(windows, cut.scene, replace(cut.report, **report))]
 
 
-def test_begin_corners_and_end(cut: SimpleNamespace) -> None:
+def test_begin_corners_and_end(cut):
     found = events_of(cut, cut.windows)
     assert found[0] == (0, "INFO", "begins at X -1.000 Y -1.000 mm")
     corners = [text for _, _, text in found if text.startswith("corner")]
@@ -32,7 +29,7 @@ def test_begin_corners_and_end(cut: SimpleNamespace) -> None:
     assert [row for row, *_ in found] == sorted(row for row, *_ in found)
 
 
-def test_a_retract_says_how_far_and_why(cut: SimpleNamespace) -> None:
+def test_a_retract_says_how_far_and_why(cut):
     feed, path = (column(cut.windows, name).copy() for name in ("feed_um_s", "path_um"))
     feed[1000:1010] = -30.0
     path[1009] = path[999] - 25.0
@@ -44,7 +41,7 @@ def test_a_retract_says_how_far_and_why(cut: SimpleNamespace) -> None:
     assert f"{short:.0f} % short, 25 µm back" in retract[2]
 
 
-def test_settings_and_threading(cut: SimpleNamespace) -> None:
+def test_settings_and_threading(cut):
     on, t_s = (column(cut.windows, name).copy() for name in ("t_on_us", "t_s"))
     on[1500:] = 12.0
     windows = changed(cut, "t_on_us", on)
@@ -61,11 +58,11 @@ def test_settings_and_threading(cut: SimpleNamespace) -> None:
     [("wire-break", "CRITICAL", "wire-break: why"), ("persistent-short", "ERROR", "alarm: persistent-short: why"),
      ("limit-switch", "ERROR", "limit-switch: why"), ("time-limit", "WARN", "time-limit: why")],
 )  # fmt: skip
-def test_how_it_ended_has_its_weight(cut: SimpleNamespace, outcome: str, level: str, text: str) -> None:
+def test_how_it_ended_has_its_weight(cut, outcome, level, text):
     assert events_of(cut, cut.windows, outcome=outcome, reason="why")[-1] == (2999, level, text)
 
 
-def test_too_many_are_thinned_and_none_is_fine(cut: SimpleNamespace) -> None:
+def test_too_many_are_thinned_and_none_is_fine(cut):
     feed = np.where(np.arange(3000) % 2 == 0, 20.0, -20.0)
     retracts = [event for event in events_of(cut, changed(cut, "feed_um_s", feed)) if "retract" in event[2]]
     assert len(retracts) == MOST

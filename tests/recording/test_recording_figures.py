@@ -1,11 +1,7 @@
 """``profile.png``: drawn without global state, the same each time, and true to the numbers."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
-from pathlib import Path
-from types import SimpleNamespace
 
 import matplotlib.image
 import numpy as np
@@ -20,13 +16,13 @@ from edmsim.recording.scene import Scene
 from edmsim.recording.windows import WindowTable
 
 
-def texts(cut: SimpleNamespace, scene: Scene, **report: object) -> str:
+def texts(cut, scene, **report):
     figure = profile_figure(scene, cut.windows, dataclasses.replace(cut.report, **report), "punch.ngc")
     return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
 
 
 @pytest.mark.slow
-def test_png_has_the_stated_size_and_equal_bytes(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_png_has_the_stated_size_and_equal_bytes(cut, tmp_path):
     for name in ("one.png", "two.png"):
         write_figure(profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc"), tmp_path / name)
     assert matplotlib.image.imread(tmp_path / "one.png").shape == (1920, 1600, 4)
@@ -34,13 +30,13 @@ def test_png_has_the_stated_size_and_equal_bytes(cut: SimpleNamespace, tmp_path:
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_pyplot_is_never_loaded(cut: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pyplot_is_never_loaded(cut, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it would raise
     profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc")
 
 
 @pytest.mark.slow
-def test_heading_corners_and_exaggeration_are_written(cut: SimpleNamespace) -> None:
+def test_heading_corners_and_exaggeration_are_written(cut):
     shown = texts(cut, cut.scene)
     assert cut.scene.error_factor() == 50.0
     for piece in (
@@ -56,7 +52,7 @@ def test_heading_corners_and_exaggeration_are_written(cut: SimpleNamespace) -> N
 
 
 @pytest.mark.slow
-def test_the_map_is_to_scale(cut: SimpleNamespace) -> None:
+def test_the_map_is_to_scale(cut):
     figure = profile_figure(cut.scene, cut.windows, cut.report, "punch.ngc")
     axes = figure.axes[0]
     figure.canvas.draw()
@@ -67,7 +63,7 @@ def test_the_map_is_to_scale(cut: SimpleNamespace) -> None:
     assert low < 19.0 - left < 30.0 - left < high
 
 
-def test_a_stopped_cut_says_why_and_where(cut: SimpleNamespace) -> None:
+def test_a_stopped_cut_says_why_and_where(cut):
     scene = dataclasses.replace(cut.scene, stop_mm=(30.155, 23.0))
     shown = texts(cut, scene, outcome="wire break", reason="the wire broke at 612 K")
     assert "stopped: the wire broke at 612 K" in shown
@@ -75,7 +71,7 @@ def test_a_stopped_cut_says_why_and_where(cut: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-def test_a_long_reason_has_two_lines_within_the_figure(cut: SimpleNamespace) -> None:
+def test_a_long_reason_has_two_lines_within_the_figure(cut):
     reason = "; ".join(["the wire broke at 612 K", *4 * ["its sensor did not see that, and the machine went on"]])
     report = dataclasses.replace(cut.report, outcome="time-limit", reason=reason)
     figure = profile_figure(cut.scene, cut.windows, report, "long")
@@ -86,14 +82,14 @@ def test_a_long_reason_has_two_lines_within_the_figure(cut: SimpleNamespace) -> 
 
 
 @pytest.mark.slow
-def test_a_cut_that_left_nothing_can_be_drawn(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_cut_that_left_nothing_can_be_drawn(cut, tmp_path):
     scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
     report = dataclasses.replace(cut.report, machining_time_s=None, path_length_mm=None)
     write_figure(profile_figure(scene, WindowTable().to_arrow(), report, "nothing"), tmp_path / "profile.png")
     assert (tmp_path / "profile.png").stat().st_size > 10_000
 
 
-def test_long_cuts_are_drawn_with_few_points(cut: SimpleNamespace) -> None:
+def test_long_cuts_are_drawn_with_few_points(cut):
     longer = pa.concat_tables([cut.windows] * 40)
     longer = longer.set_column(0, longer.schema.field("t_s"), pa.array(0.05 * np.arange(len(longer))))
     figure = profile_figure(cut.scene, longer, cut.report, "long")
@@ -102,7 +98,7 @@ def test_long_cuts_are_drawn_with_few_points(cut: SimpleNamespace) -> None:
 
 @pytest.mark.slow
 @given(st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(np.nan)), max_size=300), st.integers(1, 40))
-def test_bins_hold_mean_and_extremes(values: list[float], bins: int) -> None:
+def test_bins_hold_mean_and_extremes(values, bins):
     series = np.array(values, float)
     band = binned(np.arange(len(series), dtype=float), series, bins)
     assert len(band.x) == min(len(series), bins)
@@ -114,7 +110,7 @@ def test_bins_hold_mean_and_extremes(values: list[float], bins: int) -> None:
         assert np.nanmax(band.high) == np.nanmax(series)
 
 
-def test_bins_of_a_ramp() -> None:
+def test_bins_of_a_ramp():
     band = binned(np.arange(8.0), np.array([0, 2, 4, 6, np.nan, np.nan, 1, np.nan]), 4)
     np.testing.assert_array_equal(band.x, [0.5, 2.5, 4.5, 6.5])
     np.testing.assert_array_equal(band.mean, [1, 5, np.nan, 1])

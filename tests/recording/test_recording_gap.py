@@ -1,20 +1,16 @@
 """The gap in the recording: discharges where they were, traces as the model has them, rays and wall."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from edmsim.plant.kernel.state import OPEN
 from edmsim.recording.rerun.gap import AGES, SCOPE_PULSES, discharges, faded
-from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.stores import traces
 
 
-def test_traces_show_delay_burning_and_short(cut: SimpleNamespace) -> None:
+def test_traces_show_delay_burning_and_short(cut):
     table = cut.closeups.table()
     time, voltage, current = traces(table, SCOPE_PULSES)
     assert time.shape == (len(table), SCOPE_PULSES, 7)
@@ -31,7 +27,7 @@ def test_traces_show_delay_burning_and_short(cut: SimpleNamespace) -> None:
     np.testing.assert_allclose(time[:, :, 0], np.broadcast_to(100.0 * np.arange(SCOPE_PULSES), time.shape[:2]))
 
 
-def test_discharges_are_on_the_metal_and_opens_have_no_place(cut: SimpleNamespace) -> None:
+def test_discharges_are_on_the_metal_and_opens_have_no_place(cut):
     table = cut.closeups.table()
     known, place = discharges(table, 125.0)
     np.testing.assert_array_equal(known, table["pulses"]["kind"] != OPEN)
@@ -40,7 +36,7 @@ def test_discharges_are_on_the_metal_and_opens_have_no_place(cut: SimpleNamespac
     np.testing.assert_allclose(out[sparks], np.broadcast_to((140.0, 0.0), out[sparks].shape), atol=1e-6)
 
 
-def test_points_lie_on_the_table_and_fade(cut: SimpleNamespace, play: Playback) -> None:
+def test_points_lie_on_the_table_and_fade(cut, play):
     table = cut.closeups.table()
     t_s = float(table["t_s"][50])
     points = play.points("/world/table/discharges", "Points3D:positions", t_s)
@@ -53,12 +49,12 @@ def test_points_lie_on_the_table_and_fade(cut: SimpleNamespace, play: Playback) 
     assert radii[0] < radii[-1] < 0  # points of the screen, ever smaller
 
 
-def test_faded_colours_reach_the_ground() -> None:
+def test_faded_colours_reach_the_ground():
     some = np.array([[200, 100, 50]] * 2, np.uint8)
     np.testing.assert_array_equal(faded(some, np.array([1.0, 0.0])), [[200, 100, 50], [0x1F, 0x29, 0x33]])
 
 
-def test_rays_end_on_the_wall(cut: SimpleNamespace, play: Playback) -> None:
+def test_rays_end_on_the_wall(cut, play):
     table = cut.closeups.table()
     rays = np.array(play.strips("/top/rays", "LineStrips2D:strips", float(table["t_s"][0])))
     assert rays.shape == (16, 2, 2)  # the half that meets metal
@@ -70,7 +66,7 @@ def test_rays_end_on_the_wall(cut: SimpleNamespace, play: Playback) -> None:
     assert len(play.strips("/top/metal", "LineStrips2D:strips", float(table["t_s"][0]))) == 15
 
 
-def test_both_timelines_reach_every_part(cut: SimpleNamespace, play: Playback) -> None:
+def test_both_timelines_reach_every_part(cut, play):
     for entity, component in (("/top/rays", "LineStrips2D:strips"), ("/scope/voltage", "LineStrips2D:strips"),
                               ("/world/table/discharges", "Points3D:positions")):  # fmt: skip
         rows = play.rows(entity, component)
@@ -78,7 +74,7 @@ def test_both_timelines_reach_every_part(cut: SimpleNamespace, play: Playback) -
         np.testing.assert_array_equal(rows.path_um, np.round(cut.closeups.table()["path_um"]))
 
 
-def test_playback_before_the_first_row_shows_nothing(play: Playback) -> None:
+def test_playback_before_the_first_row_shows_nothing(play):
     assert play.strips("/top/rays", "LineStrips2D:strips", -1.0) == []
     assert len(play.points("/no/such", "Points2D:positions", 1.0)) == 0
     assert play.title == "punch.ngc"

@@ -1,12 +1,7 @@
 """Gas in what a cut leaves: share per slice, bubbles that show it and nothing else, figures of the report."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
-from collections.abc import Callable
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,7 +23,7 @@ RADIUS_UM, GAP_UM = 125.0, 15.0
 """Of the made-up cut."""
 
 
-def test_a_plant_tells_the_gas_in_every_slice_and_keeps_its_own() -> None:
+def test_a_plant_tells_the_gas_in_every_slice_and_keeps_its_own():
     plant = Plant(Machine.load(height_mm=10.0), seed=1, resolution="fast")
     for _ in range(20):
         window = plant.advance()
@@ -39,12 +34,12 @@ def test_a_plant_tells_the_gas_in_every_slice_and_keeps_its_own() -> None:
     assert plant.coverage().max() < 1.0
 
 
-def test_a_machine_does_not_observe_gas() -> None:
+def test_a_machine_does_not_observe_gas():
     assert not {"coverage", "covered", "debris", "gap_um"} & set(WindowObservation._fields)
 
 
 @pytest.mark.slow
-def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> None:
+def test_a_cut_records_the_same_gas_everywhere(small_cut):
     result = small_cut.result
     t_s, covered = column(result.windows, "t_s"), column(result.windows, "coverage")
     assert 0.0 <= covered.min() < covered.mean() < covered.max() <= 1.0
@@ -57,7 +52,7 @@ def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> No
     assert coverage["max"] == covered.max()
 
 
-def test_a_report_says_mean_and_largest_coverage(cut: SimpleNamespace) -> None:
+def test_a_report_says_mean_and_largest_coverage(cut):
     written = io.StringIO()
     report = dataclasses.replace(cut.report, coverage=Coverage(0.126, 0.584))
     Console(width=200, file=written).print(render_table(report))
@@ -66,13 +61,13 @@ def test_a_report_says_mean_and_largest_coverage(cut: SimpleNamespace) -> None:
     assert "covers – of the wire's front" in written.getvalue()
 
 
-def test_the_figure_of_the_pulses_has_a_panel_of_gas(cut: SimpleNamespace) -> None:
+def test_the_figure_of_the_pulses_has_a_panel_of_gas(cut):
     (panel,) = [axes for axes in pulses_figure(cut.windows).axes if axes.get_ylabel() == "gas, %"]
     drawn = np.concatenate([line.get_ydata() for line in panel.get_lines()])
     assert drawn.mean() == pytest.approx(100 * column(cut.windows, "coverage").mean(), rel=1e-3)
 
 
-def test_every_slice_has_its_curve(cut: SimpleNamespace, play: Playback) -> None:
+def test_every_slice_has_its_curve(cut, play):
     shapes = shapes_of(cut.frames, cut.closeups.table())
     rows = play.rows("/slices/coverage", "Scalars:scalars")
     np.testing.assert_allclose(rows.t_s, shapes["t_s"], atol=1e-9)
@@ -81,7 +76,7 @@ def test_every_slice_has_its_curve(cut: SimpleNamespace, play: Playback) -> None
     assert (names[0], names[4], names[8]) == ("1.1 mm", "10.0 mm", "18.9 mm")
 
 
-def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play: Playback) -> None:
+def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut, play):
     shapes, at = shapes_of(cut.frames, cut.closeups.table()), 40
     t_s = float(shapes["t_s"][at])
     centres = play.points("/world/gas", "Ellipsoids3D:centers", t_s)
@@ -96,9 +91,7 @@ def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play
 
 
 @pytest.mark.slow
-def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(
-    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut, record, tmp_path):
     closeups = Closeups(9, 32, 4)
     covered = np.array([0.0, 0.02, 0.06, 0.3, 0.5, 0.6, 0.1, 0.2, 0.9], np.float32)
     for old in cut.closeups.table()[:8]:
@@ -123,9 +116,7 @@ def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(
 
 
 @pytest.mark.slow
-def test_a_film_shows_gas_where_there_is_some(
-    cut: SimpleNamespace, play: Playback, record: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_a_film_shows_gas_where_there_is_some(cut, play, record, tmp_path):
     dry = Closeups(9, 32, 4)
     for row in cut.closeups.table():
         for name in row.dtype.names:
@@ -141,9 +132,7 @@ def test_a_film_shows_gas_where_there_is_some(
     assert columns.max() < 0.65 * width
 
 
-def test_a_cut_without_windows_has_no_gas(
-    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_a_cut_without_windows_has_no_gas(cut, record, tmp_path):
     empty = record(
         tmp_path / "cut.rrd", windows=WindowTable().to_arrow(), frames=Frames(9), closeups=Closeups(9, 32, 4),
         scene=dataclasses.replace(cut.scene, cut_edges_mm=()),

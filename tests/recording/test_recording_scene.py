@@ -1,7 +1,5 @@
 """What is drawn: which way is out of the part, how much the error is enlarged, shapely to lines."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely
@@ -13,7 +11,7 @@ from edmsim.recording.scene import ErrorMap, polylines, round_factor, round_numb
 
 
 @pytest.mark.parametrize(("side", "radius_mm"), [("left", 5.01), ("right", 4.99)])
-def test_metal_left_is_drawn_out_of_the_part(side: str, radius_mm: float) -> None:
+def test_metal_left_is_drawn_out_of_the_part(side, radius_mm):
     angle = np.linspace(0, 2 * np.pi, 721)
     circle = 5.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     edge = ErrorMap(circle, side, circle, np.full(721, 1.0))  # counter-clockwise, 1 um of metal left
@@ -21,27 +19,27 @@ def test_metal_left_is_drawn_out_of_the_part(side: str, radius_mm: float) -> Non
     assert edge.smooth().all()
 
 
-def test_a_sharp_corner_is_not_smooth() -> None:
+def test_a_sharp_corner_is_not_smooth():
     points = np.array([(x, 0.0) for x in range(5)] + [(4.0, y) for y in range(1, 5)], float)
     edge = ErrorMap(points, "left", points, np.zeros(9))
     np.testing.assert_array_equal(np.flatnonzero(~edge.smooth()), [3, 4])
 
 
 @given(st.floats(1e-9, 1e12))
-def test_round_numbers_are_1_2_or_5(expected: float) -> None:
+def test_round_numbers_are_1_2_or_5(expected):
     found = round_number(expected)
     assert found <= expected * (1 + 1e-9) < 2.6 * found
     assert f"{found:.3e}"[:5] in ("1.000", "2.000", "5.000")
 
 
-def test_factor_draws_the_error_as_long_as_requested() -> None:
+def test_factor_draws_the_error_as_long_as_requested():
     assert round_factor(np.full(100, 10.0), 0.4) == 20.0  # 10 um shown 0.4 mm long would be 40 times
     assert round_factor(np.array([np.nan, 0.0]), 0.4) == 1.0
     assert round_factor(np.zeros(0), 0.4) == 1.0
     assert round_factor(np.full(10, 900.0), 0.4) == 1.0  # never made smaller than it is
 
 
-def test_lines_of_every_kind_of_geometry() -> None:
+def test_lines_of_every_kind_of_geometry():
     ring = shapely.Point(0, 0).buffer(1.0).difference(shapely.Point(0, 0).buffer(0.5))
     lines = shapely.MultiLineString([[(0, 0), (1, 0), (2, 0)], [(5, 5), (6, 6)]])
     assert [len(line) for line in polylines(lines)] == [2, 2]  # the middle point says nothing
@@ -51,6 +49,6 @@ def test_lines_of_every_kind_of_geometry() -> None:
     assert [len(line) for line in polylines([shapely.LineString(), shapely.LineString([(0, 0), (1, 0)])])] == [2]
 
 
-def test_error_colours_end_at_the_limits() -> None:
+def test_error_colours_end_at_the_limits():
     colours = error_rgb(np.array([-9.0, -3.0, 0.0, 3.0]), 3.0)
     np.testing.assert_array_equal(colours, [rgb(ERROR_STOPS[k]) for k in (0, 0, 2, 4)])

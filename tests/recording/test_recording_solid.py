@@ -1,7 +1,5 @@
 """Solids: closed, of the right volume; the kerf grows from nothing to what was cut; the machine's own bodies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -19,7 +17,6 @@ from edmsim.recording.rerun.machine import (
     CROSS,
     KERF_FRAMES,
     TABLE,
-    Mesh,
     bodies_of,
     box,
     cylinder,
@@ -30,7 +27,7 @@ from edmsim.recording.scene import Terrace
 from edmsim.recording.windows import column
 
 
-def volume(mesh: Mesh) -> float:
+def volume(mesh):
     """Return the volume by the divergence theorem; the normals say which side of a triangle is outside."""
     a, b, c = (mesh.positions.astype(float)[mesh.triangles[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
@@ -42,17 +39,17 @@ def volume(mesh: Mesh) -> float:
 @given(
     points=st.lists(st.tuples(st.floats(0, 20), st.floats(0, 20)), min_size=1, max_size=5), reach=st.floats(0.5, 3)
 )
-def test_a_prism_has_area_times_height(points: list[tuple[float, float]], reach: float) -> None:
+def test_a_prism_has_area_times_height(points, reach):
     area = shapely.box(-5, -5, 25, 25).difference(shapely.MultiPoint(points).buffer(reach, quad_segs=4))
     assert volume(prism(area, -2.0, 5.0)) == pytest.approx(7.0 * area.area, rel=1e-4)
 
 
-def test_simple_bodies() -> None:
+def test_simple_bodies():
     assert volume(box(np.array([1.0, 2.0, 3.0]))) == pytest.approx(48.0)
     assert volume(cylinder(2.0, 5.0)) == pytest.approx(np.pi * 4 * 10, rel=0.02)  # 24 sides
 
 
-def grown(cut: SimpleNamespace, **changed: object):
+def grown(cut, **changed):
     methods = {name: getattr(cut.scene, name) for name in ("middle_slice", "bored", "lead_mm")}
     scene = SimpleNamespace(**{**vars(cut.scene), **methods, **changed})
     places = np.column_stack([column(cut.windows, name) for name in ("x_um", "y_um")])
@@ -60,7 +57,7 @@ def grown(cut: SimpleNamespace, **changed: object):
 
 
 @pytest.mark.slow
-def test_the_kerf_grows_until_it_is_what_was_cut(cut: SimpleNamespace) -> None:
+def test_the_kerf_grows_until_it_is_what_was_cut(cut):
     growth = grown(cut)
     assert len(growth.solids) <= KERF_FRAMES + 1
     assert growth.rows[0] == 0
@@ -75,14 +72,14 @@ def test_the_kerf_grows_until_it_is_what_was_cut(cut: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-def test_a_stepped_workpiece_has_its_steps(cut: SimpleNamespace) -> None:
+def test_a_stepped_workpiece_has_its_steps(cut):
     low, high = (shapely.box(15, 15, x, 31) for x in (25, 35))
     rings = [np.array(part.exterior.coords) for part in (low, high.difference(low))]
     growth = grown(cut, terraces=(Terrace((rings[0],), 8.0), Terrace((rings[1],), 20.0)))
     assert volume(growth.solids[0]) == pytest.approx(16 * (10 * 8 + 10 * 20) - np.pi * 0.25 * 8, rel=1e-3)
 
 
-def test_the_machine_is_drawn_as_its_mjcf_has_it() -> None:
+def test_the_machine_is_drawn_as_its_mjcf_has_it():
     machine = Machine.load(height_mm=30.0)
     clearance = machine.base.guides.clearance_mm.value
     model = build_model(wire_setup(machine), machine.base.model)
@@ -99,7 +96,7 @@ def test_the_machine_is_drawn_as_its_mjcf_has_it() -> None:
     assert np.any(np.isclose(ends[:, 2], 30.0 + clearance, atol=1e-3))
 
 
-def test_a_leaning_wire_leaves_a_kerf_that_leans(cut: SimpleNamespace) -> None:
+def test_a_leaning_wire_leaves_a_kerf_that_leans(cut):
     count, height_mm = len(cut.scene.cut_edges_mm), 20.0
     lead = np.array([[0.0, 4.0, 0.0, -10.0, 30.0], [1e6, 4.0, 0.0, -10.0, 30.0]])
     square = np.array([(20.0, 20.0), (20.4, 20.0), (20.4, 20.4), (20.0, 20.4), (20.0, 20.0)])

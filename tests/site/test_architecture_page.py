@@ -3,7 +3,6 @@
 import ast
 import re
 from functools import cache
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +17,7 @@ PATH = re.compile(r"`((?:edmsim|controllers|envs|models|tests|examples)/[\w/.-]*
 
 
 @cache
-def defined(file: Path) -> set[str]:
+def defined(file):
     """Names that a file defines, and those within its classes behind a point."""
     found = set()
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
@@ -29,7 +28,7 @@ def defined(file: Path) -> set[str]:
     return found
 
 
-def names(node: ast.stmt) -> list[str]:
+def names(node):
     match node:
         case ast.FunctionDef(name=name) | ast.ClassDef(name=name) | ast.AnnAssign(target=ast.Name(id=name)):
             return [name]
@@ -38,25 +37,25 @@ def names(node: ast.stmt) -> list[str]:
     return []
 
 
-def test_it_is_read_in_ten_minutes() -> None:
+def test_it_is_read_in_ten_minutes():
     assert len(PAGE.split()) <= MOST_WORDS
 
 
-def test_every_path_is_there() -> None:
+def test_every_path_is_there():
     paths = PATH.findall(PAGE)
     assert len(paths) > 60
     for path in paths:
         assert (ROOT / path).is_dir() if path.endswith("/") else (ROOT / path).is_file(), path
 
 
-def finds() -> list[tuple[str, str]]:
+def finds():
     """Names that the page says are in a file: "`erode` in `edmsim/plant/kernel/discharge.py`"."""
     found = re.findall(r"((?:`[\w.]+`(?:, | and |))+)(?: and others)? in `([\w/]+\.py)`", PAGE)
     found += [(f"`{name}`", file) for name, file in re.findall(r"`([\w.]+)`\s+\(`([\w/]+\.py)`\)", PAGE)]
     return [(name, file) for together, file in found for name in re.findall(r"`([\w.]+)`", together)]
 
 
-def test_every_name_is_defined_in_the_file_that_the_page_says() -> None:
+def test_every_name_is_defined_in_the_file_that_the_page_says():
     assert {name for name, _ in finds()} >= {
         "share_crater", "CutSettings", "Choices", "control", "ObservationBuilder", "MEASURED", "Simulation.restore",
         "Report",
@@ -65,19 +64,17 @@ def test_every_name_is_defined_in_the_file_that_the_page_says() -> None:
         assert name in defined(ROOT / file), f"{name} is not in {file}"
 
 
-@pytest.mark.parametrize(
-    "question", [
-        "where is a spark's crater made?", "where is an option declared?", "where is a UHU's law?",
-        "where is the observation of an environment built?", "what does `--resume` restore?",
-        "how is a figure of the report computed?",
-    ],
-)  # fmt: skip
-def test_what_a_newcomer_looks_for_has_a_file_and_a_name(question: str) -> None:
+@pytest.mark.parametrize("question", [
+    "where is a spark's crater made?", "where is an option declared?", "where is a UHU's law?",
+    "where is the observation of an environment built?", "what does `--resume` restore?",
+    "how is a figure of the report computed?",
+])  # fmt: skip
+def test_what_a_newcomer_looks_for_has_a_file_and_a_name(question):
     (answer,) = [cells[1] for cells in ROWS if cells[0] == question]
     assert any(file in answer and f"`{name}`" in answer for name, file in finds())
 
 
-def test_rooms_are_in_the_order_in_which_they_import_each_other() -> None:
+def test_rooms_are_in_the_order_in_which_they_import_each_other():
     table = PAGE.split("| room | subject |")[1].split("\n\n")[0]
     rooms = [re.sub(r"^edmsim/|/$|\.py$", "", path) for path in re.findall(r"^\| `([\w/.]+)`", table, re.MULTILINE)]
     assert rooms == [room for room in ORDER if room not in ("", "__main__")]

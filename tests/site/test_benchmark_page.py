@@ -2,16 +2,13 @@
 
 import math
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation.compare import Comparison, figures_of, leaderboard
 from edmsim.evaluation.episode import Result
-from edmsim.runs import RunTable
 
 DOCS = Path(__file__).parents[2] / "docs"
 SCRIPT = DOCS / "make" / "benchmark.py"
@@ -19,22 +16,22 @@ GAP_FEED = "edmsim/GapFeed-v2"
 
 
 @pytest.fixture(scope="module")
-def benchmark(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+def benchmark(load_script):
     return load_script(SCRIPT)
 
 
-def result(rate=10.0, outcome="finished", error=math.nan, reward=100.0, time_s=60.0) -> Result:
+def result(rate=10.0, outcome="finished", error=math.nan, reward=100.0, time_s=60.0):
     lost = int(outcome == "wire break")
     return Result(0, "any", outcome, time_s, 1.0, 10.0, rate, reward, lost, 0.0, 0.1, 0.2, error, math.nan, 320.0)
 
 
-def comparison(env_id: str = GAP_FEED, **results: Result) -> Comparison:
+def comparison(env_id=GAP_FEED, **results):
     made = {name.replace("_", ":"): [one, one] for name, one in results.items()}
     figures = {name: figures_of(found, made["oracle"], made["fixed"]) for name, found in made.items()}
     return Comparison(env_id, "fast", (1, 2), made, figures)
 
 
-def test_it_is_reported_where_a_constant_set_point_reaches_the_reference(benchmark: ModuleType) -> None:
+def test_it_is_reported_where_a_constant_set_point_reaches_the_reference(benchmark):
     made = {"oracle": result(reward=100.0), "fixed": result(reward=0.0), "counts": result(reward=60.0)}
     (text,) = benchmark.verdicts(comparison(**made))
     assert text == "The best classic controller, `counts`, scores 0.60 (0.60 to 0.60)."
@@ -46,23 +43,19 @@ def test_it_is_reported_where_a_constant_set_point_reaches_the_reference(benchma
 @pytest.mark.parametrize(
     ("reward", "verdict"), [(80.0, "more than"), (40.0, "less than"), (60.0, "not significantly different from")]
 )
-def test_a_policy_is_compared_with_the_best_classic_controller(
-    benchmark: ModuleType, reward: float, verdict: str
-) -> None:
+def test_a_policy_is_compared_with_the_best_classic_controller(benchmark, reward, verdict):
     made = {"oracle": result(reward=100.0), "fixed": result(reward=0.0), "counts": result(reward=60.0)}
     text = benchmark.verdicts(comparison(**made, policy_mine=result(reward=reward)))[1]
     assert text.startswith(f"`policy:mine` scores 0.{reward:.0f}")
     assert verdict in text
 
 
-def test_one_command_makes_leaderboard_and_page(
-    benchmark: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_command_makes_leaderboard_and_page(benchmark, tmp_path, monkeypatch):
     for name, file in (("BOARD", "board.json"), ("PAGE", "page.md")):
         monkeypatch.setattr(benchmark, name, tmp_path / file)
     made = comparison(oracle=result(reward=120.0), fixed=result(reward=10.0), voltage=result())
 
-    def evaluate(env_id: str, table: RunTable) -> None:
+    def evaluate(env_id, table):
         for name, cuts in made.results.items():
             for seed, cut in enumerate(cuts):
                 row = {**cut._asdict(), "controller": name, "seed": seed}
@@ -81,9 +74,7 @@ def test_one_command_makes_leaderboard_and_page(
     assert (tmp_path / "page.md").read_text(encoding="utf-8") == text  # of the leaderboard alone
 
 
-def test_an_environment_there_is_not_is_refused(
-    benchmark: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_environment_there_is_not_is_refused(benchmark, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(benchmark, "PAGE", tmp_path / "page.md")
     monkeypatch.setattr(sys, "argv", [str(SCRIPT), "edmsim/Lathe-v1"])
     with pytest.raises(SystemExit) as left:
@@ -98,9 +89,7 @@ NO_CURVE = {"Part"}
 
 
 @pytest.mark.slow
-def test_every_task_has_a_page_with_its_picture_lines_and_learning_curve(
-    load_script: Callable[[Path], ModuleType]
-) -> None:
+def test_every_task_has_a_page_with_its_picture_lines_and_learning_curve(load_script):
     tasks = load_script(SCRIPT.parent / "tasks.py")
     board = leaderboard(DOCS / "leaderboard.jsonl")
     assert {env_id_of(name) for name in tasks.PAGES} == set(board)

@@ -17,14 +17,14 @@ SITE = ROOT / "out" / "docs"
 class Page(HTMLParser):
     """A page's links, what they can lead to, and whether it fits a phone."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         super().__init__()
-        self.links: set[str] = set()
+        self.links = set()
         self.anchors = {""}
         self.fits = False
         self.feed(text)
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         attributes = {name: value or "" for name, value in attrs}
         self.anchors |= {attributes[name] for name in ("id", "name") if name in attributes}
         self.links |= {attributes[name] for name in ("href", "src") if name in attributes}
@@ -32,7 +32,7 @@ class Page(HTMLParser):
             self.fits |= "width=device-width" in attributes["content"]
 
 
-def is_built() -> bool:
+def is_built():
     """Say whether `make docs` has run since the last change of what it reads."""
     index = SITE / "searchindex.js"
     if not index.is_file():
@@ -44,7 +44,7 @@ def is_built() -> bool:
 
 
 @pytest.fixture(scope="module")
-def site() -> dict[Path, str]:
+def site():
     """All pages as text, built if `make docs` has not just built them, which fails at a warning as this does."""
     if not is_built():
         command = [sys.executable, "-m", "sphinx", "-b", "html", "-d", "out/doctrees", "-n", "-W", "-q"]
@@ -58,7 +58,7 @@ def site() -> dict[Path, str]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-def test_the_site_holds_together(site: dict[Path, str]) -> None:
+def test_the_site_holds_together(site):
     pages = {file.resolve(): Page(text) for file, text in site.items()}
     faults = [f"{file.name} is no page for a phone" for file, page in pages.items() if not page.fits]
     for file, page in pages.items():
@@ -85,7 +85,7 @@ def test_the_site_holds_together(site: dict[Path, str]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-def test_options_of_commands_are_not_broken_at_their_hyphens(site: dict[Path, str]) -> None:
+def test_options_of_commands_are_not_broken_at_their_hyphens(site):
     page = site[SITE / "guide" / "quick-start.html"]
     assert '<span class="option">--height</span>' in page
     style = (SITE / "_static" / "site.css").read_text(encoding="utf-8")

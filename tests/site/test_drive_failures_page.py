@@ -1,8 +1,6 @@
 """The tables of what a cut does when a drive fails: every way is in its page, and does what the page says."""
 
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -13,11 +11,11 @@ LATE = ("none", "swings", "fault line")
 
 
 @pytest.fixture(scope="module")
-def script(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+def script(load_script):
     return load_script(DOCS / "make" / "drive_failures.py")
 
 
-def written(script: ModuleType, drive: str) -> list[tuple[str, ...]]:
+def written(script, drive):
     """Return the rows of a drive's table in its page."""
     text = (DOCS / script.PAGES[drive]).read_text(encoding="utf-8").split(f"<!-- begin failures {drive} -->")[1]
     lines = text.split(f"<!-- end failures {drive} -->")[0].splitlines()
@@ -25,14 +23,14 @@ def written(script: ModuleType, drive: str) -> list[tuple[str, ...]]:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_the_page_has_every_way_to_fail(script: ModuleType, drive: str) -> None:
+def test_the_page_has_every_way_to_fail(script, drive):
     typed = [typed for _, typed, *_ in written(script, drive)[2:]]
     assert typed == [f"`{failure.typed}`" for failure in script.failures(drive)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("drive", DRIVES)
-def test_each_does_what_the_page_says(script: ModuleType, drive: str) -> None:
+def test_each_does_what_the_page_says(script, drive):
     rows = written(script, drive)
     soon = [found for found in script.failures(drive) if found.program == script.LINE and found.way not in LATE]
     assert len(soon) >= 8

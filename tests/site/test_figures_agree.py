@@ -10,12 +10,12 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 NUMBERS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
-def texts() -> dict[str, str]:
+def texts():
     """Every page as one line."""
     return {page.relative_to(ROOT).as_posix(): " ".join(page.read_text(encoding="utf-8").split()) for page in PAGES}
 
 
-def test_pages_count_the_environments_that_there_are() -> None:
+def test_pages_count_the_environments_that_there_are():
     there = set(registry.registered_ids())
     number = "|".join(NUMBERS)
     counts = re.compile(rf"({number}) (?:\[?Gymnasium\]?(?:\([^)]*\))? )(?:environments|tasks)", re.IGNORECASE)
@@ -24,7 +24,7 @@ def test_pages_count_the_environments_that_there_are() -> None:
     assert set(re.findall(r"\| \[`(edmsim/\w+-v\d)`\]", texts()["docs/environments.md"])) == there
 
 
-def test_no_page_says_how_long_another_computer_compiles() -> None:
+def test_no_page_says_how_long_another_computer_compiles():
     spans = {
         (name, words) for name, text in texts().items() for sentence in re.split(r"(?<=[.:]) ", text)
         if "compil" in sentence and "pulse loop" in sentence
@@ -33,12 +33,12 @@ def test_no_page_says_how_long_another_computer_compiles() -> None:
     assert {name for name, _ in spans} <= {"docs/changelog.md", "docs/performance.md"}
 
 
-def test_no_page_gives_the_pace_of_another_computer() -> None:
+def test_no_page_gives_the_pace_of_another_computer():
     pace = re.compile(r"times real time|(?:\w+ieth|\w+fth) of the time")
     assert {name for name, text in texts().items() if pace.search(text)} <= {"docs/changelog.md"}
 
 
-def test_what_a_policy_earns_where_it_was_trained_is_that_of_the_benchmark() -> None:
+def test_what_a_policy_earns_where_it_was_trained_is_that_of_the_benchmark():
     pages = (ROOT / "docs" / name for name in ("training.md", "benchmark.md"))
     training, benchmark = (page.read_text(encoding="utf-8") for page in pages)
     table = training.split("<!-- begin transfer -->")[1].strip().splitlines()

@@ -4,10 +4,8 @@ import importlib.util
 import json
 import pkgutil
 import re
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,28 +17,27 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.errors import BAD_INPUT, FAILED
 from edmsim.plant.resolution import resolution
 from edmsim.recording import figures
-from tests.conftest import Run
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 
 
-def page(name: str) -> str:
+def page(name):
     return (DOCS / f"{name}.md").read_text(encoding="utf-8")
 
 
-def cells(text: str, column: int = 0) -> list[str]:
+def cells(text, column=0):
     """What stands in backticks in one column of a page's tables."""
     rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
     return [name for row in rows if len(row) > column for name in re.findall(r"`([^`]+)`", row[column])]
 
 
 @pytest.fixture(scope="module")
-def tables(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+def tables(load_script):
     return load_script(DOCS / "make" / "tables.py")
 
 
-def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
+def test_tables_are_those_of_the_code(tables):
     marked = {str(file.relative_to(DOCS).with_suffix("")): file for file in tables.pages()}
     assert set(marked) == {"command-line", "controllers", "guide/outputs", "guide/set-up", "servo-drives"}
     for file in marked.values():
@@ -48,13 +45,13 @@ def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
         assert tables.refreshed(text) == text, f"{file.name} is out of date; run: python docs/make/tables.py"
 
 
-def test_the_guide_explains_every_option_of_a_cut(tables: ModuleType) -> None:
+def test_the_guide_explains_every_option_of_a_cut(tables):
     said = set(re.findall(r"--[a-z-]+", " ".join(cells(page("guide/cutting")))))
     section = tables.commands().split("## edmsim cut\n")[1].split("\n## ")[0]
     assert said == {name.split()[0] for name in cells(section) if name.startswith("--")} - {"--out"}
 
 
-def test_resolutions() -> None:
+def test_resolutions():
     listed = re.findall(r"^\| `(\w+)`" + r" \| (\d+)" * 5 + r" \|$", page("guide/cutting"), re.MULTILINE)
     assert [name for name, *_ in listed] == ["fast", "default", "fine"]
     for name, *sizes in listed:
@@ -62,7 +59,7 @@ def test_resolutions() -> None:
         assert tuple(map(int, sizes)) == (res.slices, res.rays, res.modes, res.cell_um, res.trace_windows)
 
 
-def test_every_controller_has_its_law_source_and_parameters() -> None:
+def test_every_controller_has_its_law_source_and_parameters():
     text = page("controllers")
     sections = {part.split("\n")[0]: part for part in text.split("\n## ")[1:]}
     assert sections.keys() - {"What the servos share", "Trained policies"} == set(controllers.names())
@@ -72,7 +69,7 @@ def test_every_controller_has_its_law_source_and_parameters() -> None:
         assert f"<!-- begin table: parameters {name} -->" in sections[name], name
 
 
-def keys(value: Any, before: str = "") -> set[str]:
+def keys(value, before=""):
     """Names of a report's entries, those of inner ones behind a point; of lists of records the first is shown."""
     if isinstance(value, list) and value and isinstance(value[0], dict):
         return keys(value[0], before) | {before}
@@ -82,7 +79,7 @@ def keys(value: Any, before: str = "") -> set[str]:
 
 
 @pytest.mark.slow
-def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
+def test_the_outputs_are_those_of_a_cut(tmp_path):
     edmsim.cut(ROOT / "examples" / "punch.ngc", height_mm=10, resolution="fast", max_time_s=1, out=tmp_path)
     text = page("guide/outputs")
     files, report = text.split("\n## ")[0], text.split("\n## report.json")[1]
@@ -101,7 +98,7 @@ def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
     assert set(cells(report)) == keys(json.loads((tmp_path / "report.json").read_text(encoding="utf-8")))
 
 
-def test_exit_statuses_and_outcomes() -> None:
+def test_exit_statuses_and_outcomes():
     text = page("guide/outcomes")
     listed = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
     assert listed == [0, FAILED, BAD_INPUT, console.STOPPED, console.INTERRUPTED]
@@ -110,7 +107,7 @@ def test_exit_statuses_and_outcomes() -> None:
     assert set(cells(ends)) - {"--max-time"} == {WORDS[cause].report for cause in causes}
 
 
-def test_the_error_shown_is_the_one_a_user_sees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edmsim: Run) -> None:
+def test_the_error_shown_is_the_one_a_user_sees(tmp_path, monkeypatch, edmsim):
     command, shown = re.findall(r"```(?:sh|output)\n(.*?)```", page("guide/outcomes"), re.DOTALL)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
@@ -118,7 +115,7 @@ def test_the_error_shown_is_the_one_a_user_sees(tmp_path: Path, monkeypatch: pyt
     assert not Path("out").exists()
 
 
-def test_the_words_of_programs() -> None:
+def test_the_words_of_programs():
     from edmsim.program import blocks
 
     table = page("guide/programs").split("## Drawings")[0]
@@ -127,7 +124,7 @@ def test_the_words_of_programs() -> None:
     assert named == {f"G{n}" for n in blocks.KNOWN_G} | {f"M{n}" for n in blocks.KNOWN_M}
 
 
-def test_the_lengths_of_programs() -> None:
+def test_the_lengths_of_programs():
     from edmsim.program import blocks, outline, path
 
     words = " ".join(page("guide/programs").split())
@@ -144,7 +141,7 @@ def test_the_lengths_of_programs() -> None:
 @pytest.mark.parametrize(
     "name", ["edmsim", "edmsim.controllers", "edmsim.envs", "edmsim.calibration", "edmsim.program"],
 )  # fmt: skip
-def test_every_public_name_has_an_entry(name: str) -> None:
+def test_every_public_name_has_an_entry(name):
     module = importlib.import_module(name)
     entries = "\n".join(file.read_text(encoding="utf-8") for file in (DOCS / "api").glob("*.rst"))
     for public in module.__all__:
@@ -152,7 +149,7 @@ def test_every_public_name_has_an_entry(name: str) -> None:
             assert re.search(rf"^\.\. auto\w+:: {public}$", entries, re.MULTILINE), public
 
 
-def test_every_figure_for_a_paper_has_an_entry() -> None:
+def test_every_figure_for_a_paper_has_an_entry():
     entries = (DOCS / "api" / "figures.rst").read_text(encoding="utf-8")
     for found in pkgutil.iter_modules(figures.__path__, f"{figures.__name__}."):
         for name, value in vars(importlib.import_module(found.name)).items():

@@ -23,19 +23,19 @@ BANNED = (
 _CODE = re.compile(r"^ *(```|~~~).*?^ *\1|^(?: {4}|\t).*?$|`[^`\n]*`", re.DOTALL | re.MULTILINE)
 
 
-def prose(text: str) -> str:
+def prose(text):
     """Return a page's text without its code; the lines stay where they are."""
     return _CODE.sub(lambda code: "\n" * code[0].count("\n"), text)
 
 
-def cells(notebook: Path) -> str:
+def cells(notebook):
     """Return a notebook's text."""
     held = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
     return "\n\n".join("".join(cell["source"]) for cell in held if cell["cell_type"] == "markdown")
 
 
 @pytest.mark.parametrize("page", [*PAGES, *NOTEBOOKS], ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_pages_are_plain_english_and_lose_no_line(page: Path) -> None:
+def test_pages_are_plain_english_and_lose_no_line(page):
     text = prose(cells(page) if page.suffix == ".ipynb" else page.read_text(encoding="utf-8"))
     for number, line in enumerate(text.splitlines(), 1):
         place = f"{page.name}:{number}: {line}"
@@ -45,7 +45,7 @@ def test_pages_are_plain_english_and_lose_no_line(page: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["a share of 5\n% of it\n", "tells of\n"])
-def test_what_is_looked_for_would_be_found(text: str, tmp_path: Path) -> None:
+def test_what_is_looked_for_would_be_found(text, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(text, encoding="utf-8")
     with pytest.raises(AssertionError, match=r"page\.md"):

@@ -1,8 +1,6 @@
 """docs/performance.md: its tables are those that its script writes."""
 
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -15,17 +13,17 @@ PAGE = (DOCS / "performance.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def script(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+def script(load_script):
     return load_script(DOCS / "make" / "performance.py")
 
 
-def section(name: str) -> list[list[str]]:
+def section(name):
     """Cells of the table between two marks of the page."""
     lines = PAGE.split(f"<!-- begin {name} -->")[1].split(f"<!-- end {name} -->")[0].splitlines()
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
 
 
-def test_the_parts_of_the_page_add_up(script: ModuleType) -> None:
+def test_the_parts_of_the_page_add_up(script):
     head, _, *rows, together = section("parts")
     assert head == ["part", *(f"`{name}`, {unit}" for name in PROFILED for unit in ("ns", "%"))]
     assert [name for name, *_ in rows] == list(PARTS)
@@ -33,13 +31,13 @@ def test_the_parts_of_the_page_add_up(script: ModuleType) -> None:
         assert sum(int(row[column]) for row in rows) == pytest.approx(int(total), abs=len(rows) / 2)
 
 
-def test_the_ratios_of_the_page_are_those_that_are_measured(script: ModuleType) -> None:
+def test_the_ratios_of_the_page_are_those_that_are_measured(script):
     head, _, *rows = section("pairs")
     assert script.AGAINST in head[1]
     assert [name for name, *_ in rows] == list(script.NAMES.values())
 
 
-def test_the_script_writes_shares_and_ratios(script: ModuleType) -> None:
+def test_the_script_writes_shares_and_ratios(script):
     shares = dict(zip(PARTS, [0.55, *[0.05] * 9], strict=True))
     lines = script.profile_lines({"fast": LoopProfile(400.0, 420.0, shares, 21_000)})
     assert "| ray sums | 220 | 55 |" in lines

@@ -2,9 +2,7 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -14,19 +12,17 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
-def pictures(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+def pictures(load_script):
     return load_script(ROOT / "docs" / "pictures.py")
 
 
-def test_the_pages_are_there(pictures: ModuleType) -> None:
+def test_the_pages_are_there(pictures):
     for step in pictures.STEPS:
         source = ROOT / f"{step}.ipynb" if step.startswith("notebooks/") else ROOT / "docs" / f"{step}.md"
         assert source.is_file(), step
 
 
-def test_a_machine_without_a_browser_is_reported(
-    pictures: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_machine_without_a_browser_is_reported(pictures, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     page = tmp_path / "page.html"
     page.write_text("<p>a page</p>")
@@ -37,7 +33,7 @@ def test_a_machine_without_a_browser_is_reported(
 
 
 @pytest.mark.slow
-def test_the_program_ends_with_one_line(tmp_path: Path) -> None:
+def test_the_program_ends_with_one_line(tmp_path):
     # a copy elsewhere finds no cut beside it
     copy = tmp_path / "docs" / "pictures.py"
     copy.parent.mkdir()

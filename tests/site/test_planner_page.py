@@ -1,9 +1,7 @@
 """docs/planners.md: every planner and speed, written by the code as it is; and the errors it tells are errors."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -15,16 +13,16 @@ PAGE = (DOCS / "planners.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def planners(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+def planners(load_script):
     return load_script(DOCS / "make" / "planners.py")
 
 
-def section(heading: str) -> list[str]:
+def section(heading):
     return PAGE.split(f"## {heading}")[1].split("\n## ")[0].splitlines()
 
 
 @pytest.mark.parametrize("heading", [f"Long moves, {LONG_UM} um", f"Short moves, {SHORT_UM} um"])
-def test_the_page_has_every_planner_at_every_speed(planners: ModuleType, heading: str) -> None:
+def test_the_page_has_every_planner_at_every_speed(planners, heading):
     lines = [line for line in section(heading) if line.startswith("|")]
     assert [cell.strip() for cell in lines[0].strip("|").split("|")] == list(planners.HEADS)
     listed = [tuple(cell.strip() for cell in line.strip("|").split("|"))[:2] for line in lines[2:]]
@@ -34,14 +32,14 @@ def test_the_page_has_every_planner_at_every_speed(planners: ModuleType, heading
 
 @pytest.mark.slow
 @pytest.mark.parametrize("planner", COMPARED)
-def test_its_short_moves_are_those_of_the_present_code(planners: ModuleType, planner: str) -> None:
+def test_its_short_moves_are_those_of_the_present_code(planners, planner):
     lines = section(f"Short moves, {SHORT_UM} um")
     for speed in (2, 127):
         assert planners.row(planner, speed, around(planner, SHORT_UM, speed)) in lines
 
 
 @pytest.mark.slow
-def test_its_failures_are_those_of_the_present_code(planners: ModuleType) -> None:  # T-G6, T-G9, T-G11, T-G12
+def test_its_failures_are_those_of_the_present_code(planners):  # T-G6, T-G9, T-G11, T-G12
     lines = section("Where the algorithm of 1982 fails")
     short = [failure for failure in planners.FAILURES if max(failure.run_um) <= 10_000]
     assert all(planners.failure_row(failure) in lines for failure in short)
@@ -49,9 +47,7 @@ def test_its_failures_are_those_of_the_present_code(planners: ModuleType) -> Non
 
 
 @pytest.mark.slow
-def test_page_and_picture_are_written(
-    planners: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_page_and_picture_are_written(planners, tmp_path, monkeypatch):
     moves = {
         (planner, length, speed): np.tile([1.0, 0.5, 0.1, 0.2, 1.0], (360, 1))
         for planner in COMPARED for length in (LONG_UM, SHORT_UM) for speed in SPEEDS
@@ -62,7 +58,7 @@ def test_page_and_picture_are_written(
     assert (tmp_path / "planners.png").stat().st_size > 5000
 
 
-def test_a_straight_move_along_an_axis_has_no_error_but_its_ends() -> None:
+def test_a_straight_move_along_an_axis_has_no_error_but_its_ends():
     found = move("dda", (1000, 0), 64)
     assert found.path_max_um == 0.0
     assert found.end_um == 0.0
@@ -70,7 +66,7 @@ def test_a_straight_move_along_an_axis_has_no_error_but_its_ends() -> None:
     assert found.ripple_percent < 0.1
 
 
-def test_a_lost_axis_is_reported_as_the_end_s_error_and_45_degrees_as_the_path_s() -> None:  # T-G11, T-G9
+def test_a_lost_axis_is_reported_as_the_end_s_error_and_45_degrees_as_the_path_s():  # T-G11, T-G9
     lost = move("poscal-literal", (10_000, 30), 127)
     assert (lost.path_max_um, lost.end_um) == pytest.approx((30.0, 30.0), abs=1e-3)
     slow = move("poscal-literal", (700, 300), 1)
@@ -79,7 +75,7 @@ def test_a_lost_axis_is_reported_as_the_end_s_error_and_45_degrees_as_the_path_s
 
 
 @pytest.mark.parametrize(("planner", "speed"), [("poscal", 3), ("sine-table", 5), ("dda", 99)])
-def test_between_the_speeds_of_the_page_it_is_no_worse(planner: str, speed: int) -> None:  # T-G12
+def test_between_the_speeds_of_the_page_it_is_no_worse(planner, speed):  # T-G12
     found = MoveError(*around(planner, 400, speed, np.arange(0.25, 360, 7.3)).T)
     assert np.max(found.path_max_um) < 2.0
     assert np.abs(found.speed_percent).max() < 1.5

@@ -19,13 +19,13 @@ pytestmark = [
 
 
 @pytest.fixture
-def young() -> None:
+def young():
     """Let the garbage collector skip what other tests hold: every look at the memory took half a second."""
     gc.collect()
     gc.freeze()
 
 
-def test_growth_is_found_and_none_is_none() -> None:
+def test_growth_is_found_and_none_is_none():
     noise = np.random.default_rng(0).normal(0.0, 1e4, 201)
     at = [float(k) for k in range(201)]
     flat = growth(at, list(1e8 + noise))
@@ -37,7 +37,7 @@ def test_growth_is_found_and_none_is_none() -> None:
 
 
 @pytest.mark.slow
-def test_memory_that_is_held_is_measured() -> None:
+def test_memory_that_is_held_is_measured():
     """In a process of its own: here, what other tests left may be given back between the two looks."""
     looks = (
         "import numpy as np\n"
@@ -53,7 +53,7 @@ def test_memory_that_is_held_is_measured() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("young")
-def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plant_goes_on_from_its_snapshots(monkeypatch):
     monkeypatch.setattr(endurance, "SAMPLES", 14)
     monkeypatch.setattr(endurance, "CHECKED", 2)
     found = endurance.simulate(2.0)
@@ -63,7 +63,7 @@ def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("young")
-def test_environments_step_in_a_memory_of_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_environments_step_in_a_memory_of_one_size(monkeypatch):
     monkeypatch.setattr(endurance, "SAMPLES", 14)
     found = endurance.step(448)
     assert found["steps"] == 448
@@ -71,14 +71,12 @@ def test_environments_step_in_a_memory_of_one_size(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("young")
-def test_plants_and_environments_leave_nothing_open() -> None:
+def test_plants_and_environments_leave_nothing_open():
     assert set(vectors.open_and_close(3)["left"].values()) == {0}
 
 
 @pytest.mark.slow
-def test_a_cut_killed_at_any_moment_is_finished_as_if_it_were_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cut_killed_at_any_moment_is_finished_as_if_it_were_not(tmp_path, monkeypatch):
     monkeypatch.setitem(kills.SETTINGS, "max_time_s", 1.5)
     found = kills.kill(3, tmp_path)
     assert found["killed"] == 3
@@ -86,7 +84,7 @@ def test_a_cut_killed_at_any_moment_is_finished_as_if_it_were_not(
 
 
 @pytest.mark.slow
-def test_environments_in_other_processes_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_environments_in_other_processes_are_the_same(monkeypatch):
     pytest.importorskip("stable_baselines3")
     monkeypatch.setattr(vectors, "COUNT", 1)  # a spawned process imports everything again
     found = vectors.compare(10, (("AsyncVectorEnv", "spawn"), ("SubprocVecEnv", "fork")))

@@ -49,9 +49,7 @@ def in_one_process(steps: int) -> list[float]:
 
 def with_gymnasium(method: str, steps: int) -> list[float]:
     """Rewards of Gymnasium's `AsyncVectorEnv`."""
-    env = gym.vector.AsyncVectorEnv(
-        [make] * COUNT, context=method, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP
-    )
+    env = gym.vector.AsyncVectorEnv([make] * COUNT, context=method, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP)
     try:
         return _gymnasium(env, steps)
     finally:

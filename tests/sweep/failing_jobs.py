@@ -13,10 +13,9 @@ class UnportableError(EdmsimError):
 
 
 ERRORS = {
-    "input": InputError("there is no such wire", "cut.toml", 3),
-    "own": ZeroDivisionError("in a user's law"),
+    "input": InputError("there is no such wire", "cut.toml", 3), "own": ZeroDivisionError("in a user's law"),
     "unportable": UnportableError("this", "that"),
-}
+}  # fmt: skip
 
 
 def answer(job: str) -> dict[str, str]:

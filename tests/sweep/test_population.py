@@ -3,17 +3,10 @@
 `test_sweep_cluster.py` trains a population.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters
-
-from ..conftest import Run
 
 pytest.importorskip("ray")
 from edmsim.sweep.population import train_population
@@ -27,13 +20,13 @@ ENV = "edmsim/GapFeed-v2"
     ({"seed": 1_000_000}, "training seeds"), ({"algo": "imitation"}, "algorithm 'imitation'"),
     ({"seeds": 0}, "1 or more"),
 ])  # fmt: skip
-def test_what_cannot_be_bred_is_refused(options: dict[str, Any], named: str, tmp_path: Path) -> None:
+def test_what_cannot_be_bred_is_refused(options, named, tmp_path):
     with pytest.raises(InputError, match=named):
         train_population(ENV, tmp_path / "new", **options)
     assert not (tmp_path / "new").exists()
 
 
-def test_the_command_refuses_in_one_line(edmsim: Run, tmp_path: Path) -> None:
+def test_the_command_refuses_in_one_line(edmsim, tmp_path):
     refused = edmsim("tune", "population", ENV, "--out", tmp_path / "new", "--learners", "2")
     assert (refused.status, len(refused.err.splitlines())) == (2, 1)
     assert "a population of 2 has no best quarter: give 4 or more" in refused.err
@@ -41,7 +34,7 @@ def test_the_command_refuses_in_one_line(edmsim: Run, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-def test_a_training_begins_from_another_ones_checkpoint(short_training: None, tmp_path: Path) -> None:
+def test_a_training_begins_from_another_ones_checkpoint(short_training, tmp_path):
     """Weights, statistics and count are the other's; seed and settings are its own."""
     pytest.importorskip("stable_baselines3")
     from edmsim.learning.train import train

@@ -1,45 +1,40 @@
 """Indices of Sobol' of functions whose indices are known, from every kind of runs a sweep can be made of."""
 
-from __future__ import annotations
-
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from edmsim.sweep.sensitivity import Sensitivity, VariedSetting, sensitivity
+from edmsim.sweep.sensitivity import VariedSetting, sensitivity
 
-Array = NDArray[np.float64]
 NAMES = "abcdefgh"
 
 
-def grid(*levels: list[float], seeds: int = 1) -> Array:
+def grid(*levels, seeds=1):
     return np.repeat(np.array(list(itertools.product(*levels)), float), seeds, axis=0)
 
 
-def sobol(dimensions: int, points: int, seed: int = 1) -> Array:
+def sobol(dimensions, points, seed=1):
     return qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random(points)
 
 
-def found(runs: Array, figure: Array) -> Sensitivity:
+def found(runs, figure):
     return sensitivity([VariedSetting(n, column.tolist()) for n, column in zip(NAMES, runs.T, strict=False)], figure)
 
 
-def first(result: Sensitivity) -> list[float]:
+def first(result):
     return [effect.first_order for effect in result.effects.values()]
 
 
-def total(result: Sensitivity) -> list[float]:
+def total(result):
     return [effect.total for effect in result.effects.values()]
 
 
 THREE = [0.0, 1.0, 2.0]
 
 
-def test_a_grid_of_voltage_and_on_time_has_both_effects() -> None:
+def test_a_grid_of_voltage_and_on_time_has_both_effects():
     """The rate rises with voltage at every on-time, by 31 to 56 %; alone voltage is hidden by the on-time."""
     voltage_V, on_us = grid([60.0, 80.0, 100.0], [10.0, 20.0, 30.0]).T
     rate = (1 + 0.0108 * (voltage_V - 60)) * on_us**0.6
@@ -57,9 +52,7 @@ def test_a_grid_of_voltage_and_on_time_has_both_effects() -> None:
     # 2/3, and (2/3)^3 of all three together
     (lambda a, b, c: a + (a - 1) * (b - 1) * (c - 1), [9 / 13, 0.0, 0.0], [1.0, 4 / 13, 4 / 13]),
 ])  # fmt: skip
-def test_a_whole_grid_gives_the_exact_indices(
-    of: Callable[..., Array], singly: list[float], in_all: list[float]
-) -> None:
+def test_a_whole_grid_gives_the_exact_indices(of, singly, in_all):
     runs = grid(THREE, THREE, THREE)
     result = found(runs, of(*runs.T))
     assert first(result) == pytest.approx(singly, abs=1e-12)
@@ -68,7 +61,7 @@ def test_a_whole_grid_gives_the_exact_indices(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fraction", [1.0, 0.8])
-def test_seeds_show_what_is_chance_also_where_runs_failed(fraction: float) -> None:
+def test_seeds_show_what_is_chance_also_where_runs_failed(fraction):
     """Of 27 combinations of four seeds: a variance of 2/3 and 6, an interaction of 4/9, and a chance of 1."""
     rng = np.random.default_rng(5)
     all_runs = grid(THREE, THREE, THREE, seeds=4)
@@ -84,7 +77,7 @@ def test_seeds_show_what_is_chance_also_where_runs_failed(fraction: float) -> No
     np.testing.assert_allclose(mean_result, np.array(expected) / whole, atol=0.02)
 
 
-def test_a_run_that_failed_leaves_a_gap_and_not_another_answer() -> None:
+def test_a_run_that_failed_leaves_a_gap_and_not_another_answer():
     runs = grid(THREE, THREE)
     rate = runs[:, 0] + 2 * runs[:, 1]
     rate[4] = np.nan
@@ -93,20 +86,20 @@ def test_a_run_that_failed_leaves_a_gap_and_not_another_answer() -> None:
     assert total(result) == pytest.approx([0.2, 0.8])
 
 
-def test_of_one_setting_at_a_time_interactions_are_not_claimed() -> None:
+def test_of_one_setting_at_a_time_interactions_are_not_claimed():
     runs = np.array([[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]], float)
     result = found(runs, runs[:, 0] + 3 * runs[:, 1])
     assert first(result) == pytest.approx([0.1, 0.9, 0.0], abs=1e-12)
     assert np.isnan([*total(result), result.interactions]).all()
 
 
-def test_settings_that_only_change_together_are_not_parted() -> None:
+def test_settings_that_only_change_together_are_not_parted():
     result = found(np.array([[1, 10, 1], [2, 20, 1], [3, 30, 1], [1, 10, 2], [2, 20, 2], [3, 30, 2]], float),
                  np.array([1.0, 2.0, 3.0, 2.0, 3.0, 4.0]))  # fmt: skip
     assert np.isnan(first(result)[:2]).all()
 
 
-def test_a_setting_that_is_a_name_counts_by_its_names() -> None:
+def test_a_setting_that_is_a_name_counts_by_its_names():
     runs = [(name, height) for name in ("counts", "voltage", "fixed") for height in (5, 10)]
     figure = np.array([{"counts": 3.0, "voltage": 0.0, "fixed": 3.0}[name] + height for name, height in runs])
     settings = [VariedSetting("controller", [r[0] for r in runs]), VariedSetting("height_mm", [r[1] for r in runs])]
@@ -115,7 +108,7 @@ def test_a_setting_that_is_a_name_counts_by_its_names() -> None:
     assert np.isnan(result.effects["controller"].rank_correlation)
 
 
-def ishigami(u: Array) -> Array:
+def ishigami(u):
     """Ishigami and Homma 1990, with 7 and 0.1."""
     x, y, z = np.pi * (2 * u[:, :3].T - 1)
     return np.asarray(np.sin(x) + 7 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x))
@@ -130,7 +123,7 @@ SAMPLES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", SAMPLES)
-def test_ishigami_in_samples(kind: str) -> None:
+def test_ishigami_in_samples(kind):
     result = found(SAMPLES[kind], ishigami(SAMPLES[kind]))
     assert first(result)[:3] == pytest.approx([0.314, 0.442, 0.0], abs=0.03)
     assert total(result)[:3] == pytest.approx([0.558, 0.442, 0.244], abs=0.04)
@@ -140,13 +133,13 @@ def test_ishigami_in_samples(kind: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_sample_of_orders_of_magnitude_needs_nothing_else() -> None:
+def test_a_sample_of_orders_of_magnitude_needs_nothing_else():
     runs = 10.0 ** (3 * sobol(2, 64))
     result = found(runs, np.log10(runs[:, 0]) + 2 * np.log10(runs[:, 1]))
     assert first(result) == pytest.approx([0.2, 0.8], abs=0.02)
 
 
-def test_what_is_chance_in_a_sample_is_unexplained() -> None:
+def test_what_is_chance_in_a_sample_is_unexplained():
     """Variances of 1, 9 and none, and a chance of 2.5: the sample tells each to a few percent."""
     runs = sobol(3, 256)
     noise = np.random.default_rng(0).normal(0.0, np.sqrt(2.5), 256)
@@ -158,7 +151,7 @@ def test_what_is_chance_in_a_sample_is_unexplained() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("points", [8, 16, 64])
-def test_chance_alone_is_nearly_never_taken_for_an_effect(points: int) -> None:
+def test_chance_alone_is_nearly_never_taken_for_an_effect(points):
     rng = np.random.default_rng(points)
     claimed = [1 - found(sobol(3, points, seed), rng.normal(size=points)).unexplained for seed in range(25)]
     assert np.median(claimed) == 0.0
@@ -166,7 +159,7 @@ def test_chance_alone_is_nearly_never_taken_for_an_effect(points: int) -> None:
 
 
 @pytest.mark.slow
-def test_chance_alone_is_no_effect_in_a_grid_either() -> None:
+def test_chance_alone_is_no_effect_in_a_grid_either():
     rng = np.random.default_rng(1)
     runs = grid(THREE, THREE, seeds=5)
     result = [found(runs, rng.normal(size=len(runs))) for _ in range(100)]
@@ -175,7 +168,7 @@ def test_chance_alone_is_no_effect_in_a_grid_either() -> None:
 
 
 @pytest.mark.slow
-def test_a_sample_with_a_grid_and_seeds() -> None:
+def test_a_sample_with_a_grid_and_seeds():
     points = sobol(2, 64)
     runs = np.array([[setting, *point] for setting in (0, 1) for point in points for _ in range(3)])
     shares = []
@@ -190,6 +183,6 @@ def test_a_sample_with_a_grid_and_seeds() -> None:
 
 
 @pytest.mark.parametrize("figure", [[], [1.0], [np.nan, np.nan, np.nan, np.nan], [2.0, 2.0, 2.0, 2.0]])
-def test_what_tells_nothing_is_unknown(figure: list[float]) -> None:
+def test_what_tells_nothing_is_unknown(figure):
     result = found(np.arange(2.0 * len(figure)).reshape(-1, 2), np.array(figure))
     assert np.isnan([*first(result), *total(result), result.interactions, result.unexplained]).all()

@@ -1,10 +1,5 @@
 """A specification: values as a person writes them, the runs they stand for, and what is refused in one line."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -21,14 +16,14 @@ from edmsim.sweep.specification import Specification, read_specification, runs_o
     ("true,false", [True, False]), ("1e5", [1e5]), (["a,b"], ["a,b"]),
     ((5, "b"), [5, "b"]), (np.array([5, 10]), [5, 10]), ([np.float64(0.5)], [0.5]),
 ])  # fmt: skip
-def test_values_are_what_a_person_means(written: Any, meant: list[Any]) -> None:
+def test_values_are_what_a_person_means(written, meant):
     found = values_of(written, "x")
     assert found == meant
     assert [type(value) for value in found] == [type(value) for value in meant]
 
 
-def test_a_run_is_known_by_what_decides_its_result(line: Path, short: dict[str, Any]) -> None:
-    def ids(**changes: Any) -> list[str]:
+def test_a_run_is_known_by_what_decides_its_result(line, short):
+    def ids(**changes):
         return [run.id for run in runs_of(Specification(**{"program": str(line), "settings": short, **changes}))]
 
     same = ids()
@@ -47,7 +42,7 @@ def test_a_run_is_known_by_what_decides_its_result(line: Path, short: dict[str, 
     assert ids(program=str(moved)) == same
 
 
-def test_everything_is_combined_with_everything(line: Path, short: dict[str, Any]) -> None:
+def test_everything_is_combined_with_everything(line, short):
     spec = Specification(
         program=[str(line)], seeds=2, machine_samples=3, settings=short,
         grid={"t_on": "20:40:10", "gap": {"critical_um": [4, 5]}},
@@ -72,7 +67,7 @@ def test_everything_is_combined_with_everything(line: Path, short: dict[str, Any
     assert sorted(int(2 * np.log10(speed / 0.1)) for _, speed, _ in points) == [0, 1, 2, 3]
 
 
-def test_seeds_of_environments_are_those_held_back() -> None:
+def test_seeds_of_environments_are_those_held_back():
     spec = Specification(environment="edmsim/GapFeed-v2", seeds=3)
     assert [run.seed for run in runs_of(spec)] == [HELD_BACK, HELD_BACK + 1, HELD_BACK + 2]
 
@@ -97,7 +92,7 @@ def test_seeds_of_environments_are_those_held_back() -> None:
     ({"sobol": {"samples": 4, "ranges": {"tension": "range"}}}, "published range"),
     ({"recordings": "video"}, "video"),
 ])  # fmt: skip
-def test_what_is_no_sweep_is_refused_in_one_line(line: Path, options: dict[str, Any], named: str) -> None:
+def test_what_is_no_sweep_is_refused_in_one_line(line, options, named):
     start = {} if options in ({}, {"program": "none.ngc"}) else {"program": str(line)}
     with pytest.raises(InputError) as refused:
         next(runs_of(Specification.model_validate({**start, **options})))
@@ -111,12 +106,12 @@ def test_what_is_no_sweep_is_refused_in_one_line(line: Path, options: dict[str, 
     ({"grid": {"weights.colour": [1]}}, "weights has no entry 'colour'"),
     ({"grid": {"machine.wire": ["brass-200"]}, "settings": {"machine": "production"}}, "give one of them"),
 ])  # fmt: skip
-def test_what_an_environment_cannot_do_is_refused(options: dict[str, Any], named: str) -> None:
+def test_what_an_environment_cannot_do_is_refused(options, named):
     with pytest.raises(InputError, match=named):
         next(runs_of(Specification.model_validate({"environment": "edmsim/GapFeed-v2", **options})))
 
 
-def test_a_file_that_is_none_says_where(tmp_path: Path) -> None:
+def test_a_file_that_is_none_says_where(tmp_path):
     file = tmp_path / "sweep.toml"
     for text in ("seeds = [", "seeds = 0.5", "\udcff"):
         file.write_bytes(text.encode("utf-8", "surrogateescape"))

@@ -1,17 +1,12 @@
 """A sweep loses nothing and does nothing twice: engines, failures, interruptions, and what is read afterwards."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pyarrow.dataset
@@ -31,10 +26,10 @@ CLOCKS = ["wall_time_s", "host"]
 class Here:
     """An engine in this process that stops, as by Ctrl-C, after a number of jobs."""
 
-    def __init__(self, stop_after: int = 10**9) -> None:
+    def __init__(self, stop_after=10**9):
         self.left, self.made = stop_after, list[str]()
 
-    def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+    def done(self, function, jobs):
         for job in jobs:
             if not self.left:
                 raise KeyboardInterrupt
@@ -46,26 +41,26 @@ class Here:
 class _Nothing:
     """An engine that makes no run."""
 
-    def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+    def done(self, function, jobs):
         yield from ()
 
 
 @pytest.fixture
-def dying(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def dying(monkeypatch):
     """Jobs that kill their process, in a file that other processes can import."""
     monkeypatch.syspath_prepend(Path(__file__).parent)
     return importlib.import_module("dying_jobs")
 
 
 @pytest.fixture
-def failing(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def failing(monkeypatch):
     """Jobs that raise errors, in a file that other processes can import."""
     monkeypatch.syspath_prepend(Path(__file__).parent)
     return importlib.import_module("failing_jobs")
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, tmp_path: Path) -> None:
+def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying, tmp_path):
     jobs = [tmp_path / name for name in "abc"]
     assert sorted(answer for _, answer in Processes(2).done(dying.dies_once, jobs)) == ["a", "b", "c"]
     found = dict(Processes(2).done(dying.dies, [1, 3]))
@@ -75,9 +70,9 @@ def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, t
 
 
 @pytest.mark.slow
-def test_jobs_in_processes_are_answered_in_order_and_saved_once(failing: ModuleType, tmp_path: Path) -> None:
+def test_jobs_in_processes_are_answered_in_order_and_saved_once(failing, tmp_path):
     table = RunTable(tmp_path / "runs.jsonl")
-    counts: list[tuple[int, int]] = []
+    counts = []
     table.add({"id": "b", "job": "made before"})
     found = perform_jobs(
         failing.answer, ["x", "y", "z"], lambda *both: counts.append(both), engine=Processes(2), table=table,
@@ -89,17 +84,12 @@ def test_jobs_in_processes_are_answered_in_order_and_saved_once(failing: ModuleT
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("job", "kind", "said"),
-    [
-        ("input", InputError, "cut.toml:3: there is no such wire"),
-        ("own", ZeroDivisionError, "in a user's law"),
-        ("unportable", EdmsimError, "this and that"),
-    ],
-)
-def test_an_error_of_a_job_in_a_process_is_raised_here(
-    failing: ModuleType, job: str, kind: type[Exception], said: str
-) -> None:
+@pytest.mark.parametrize(("job", "kind", "said"), [
+    ("input", InputError, "cut.toml:3: there is no such wire"),
+    ("own", ZeroDivisionError, "in a user's law"),
+    ("unportable", EdmsimError, "this and that"),
+])  # fmt: skip
+def test_an_error_of_a_job_in_a_process_is_raised_here(failing, job, kind, said):
     with pytest.raises(kind) as caught:
         perform_jobs(failing.answer, [job], engine=Processes(1))
     assert type(caught.value) is kind
@@ -109,7 +99,7 @@ def test_an_error_of_a_job_in_a_process_is_raised_here(
 
 
 @pytest.mark.slow
-def test_a_job_that_cannot_be_sent_or_an_answer_that_cannot_be_read_ends_the_study(failing: ModuleType) -> None:
+def test_a_job_that_cannot_be_sent_or_an_answer_that_cannot_be_read_ends_the_study(failing):
     with pytest.raises((AttributeError, pickle.PicklingError, TypeError)):
         perform_jobs(failing.answer, [lambda: None], engine=Processes(1))
     with pytest.raises(EdmsimError, match=r"cannot be read: .*second"):
@@ -117,14 +107,14 @@ def test_a_job_that_cannot_be_sent_or_an_answer_that_cannot_be_read_ends_the_stu
 
 
 @pytest.mark.slow
-def test_a_process_that_always_dies_ends_the_study_with_a_reason(dying: ModuleType) -> None:
+def test_a_process_that_always_dies_ends_the_study_with_a_reason(dying):
     with pytest.raises(EdmsimError, match=r"status -9; given up after 3 attempts"):
         perform_jobs(dying.dies, [1], engine=Processes(1))
 
 
 @pytest.mark.slow
-def test_processes_find_the_same_bits_as_this_one(two_controllers: Specification, tmp_path: Path) -> None:
-    observed: list[SweepProgress] = []
+def test_processes_find_the_same_bits_as_this_one(two_controllers, tmp_path):
+    observed = []
     sweep(two_controllers, tmp_path / "here", engine=Here())
     last = sweep(two_controllers, tmp_path / "there", engine=Processes(2), watch=observed.append)
     here, there = (read(tmp_path / name).drop_columns(CLOCKS) for name in ("here", "there"))
@@ -136,9 +126,7 @@ def test_processes_find_the_same_bits_as_this_one(two_controllers: Specification
 
 
 @pytest.mark.slow
-def test_a_run_that_fails_is_a_row_with_its_error(
-    line: Path, short: dict[str, Any], giving_up: str, tmp_path: Path
-) -> None:
+def test_a_run_that_fails_is_a_row_with_its_error(line, short, giving_up, tmp_path):
     spec = Specification(program=[str(line)], settings=short, grid={"controller": ["counts", giving_up]})
     out = tmp_path / "out"
     assert sweep(spec, out, engine=Here()).failed == 1
@@ -174,9 +162,7 @@ def test_a_run_that_fails_is_a_row_with_its_error(
     ({"compensation": ["none.txt"]}, "none.txt"),
     ({"gap.critical_um": [5, -5]}, "with gap.critical_um -5: "),
 ])  # fmt: skip
-def test_all_values_are_looked_at_before_the_first_run(
-    line: Path, short: dict[str, Any], tmp_path: Path, grid: dict[str, Any], named: str
-) -> None:
+def test_all_values_are_looked_at_before_the_first_run(line, short, tmp_path, grid, named):
     settings = {name: value for name, value in short.items() if name not in grid}
     spec = Specification(program=[str(line)], settings=settings, grid=grid)
     engine = Here()
@@ -189,9 +175,7 @@ def test_all_values_are_looked_at_before_the_first_run(
 
 
 @pytest.mark.slow
-def test_points_of_a_sample_that_no_machine_can_be_set_to_are_rows_with_an_error(
-    line: Path, short: dict[str, Any], tmp_path: Path
-) -> None:
+def test_points_of_a_sample_that_no_machine_can_be_set_to_are_rows_with_an_error(line, short, tmp_path):
     ranges = {"t_on": [10, 60], "t_period": [80, 120]}
     spec = Specification(program=str(line), settings=short, sobol={"samples": 4, "ranges": ranges})
     sweep(spec, tmp_path / "out", engine=Here())
@@ -201,9 +185,7 @@ def test_points_of_a_sample_that_no_machine_can_be_set_to_are_rows_with_an_error
     assert all(error is None or "t_period must be at least" in error for error in errors)
 
 
-def test_programs_samples_and_environments_are_looked_at_as_well(
-    line: Path, short: dict[str, Any], tmp_path: Path
-) -> None:
+def test_programs_samples_and_environments_are_looked_at_as_well(line, short, tmp_path):
     odd = tmp_path / "odd.ngc"
     odd.write_text("G0 X0 Y0\nG1 X1 Q5 Q6\nG77\nM2\n")
     for options, named in (
@@ -216,14 +198,14 @@ def test_programs_samples_and_environments_are_looked_at_as_well(
     grid = {"height_mm": [5, 900], "controller": ["counts", "genius"]}
     with pytest.raises(InputError, match=r"3 of 4 .*controller genius: .* with height_mm 900: "):
         sweep(Specification(environment="edmsim/GapFeed-v2", grid=grid), tmp_path / "out", engine=Here())
-    observed: list[tuple[int, int]] = []
+    observed = []
     spec = Specification(program=[str(line)], seeds=3, settings=short, grid={"t_on": [20, 30]})
     sweep(spec, tmp_path / "out", engine=_Nothing(), checking=lambda *count: observed.append(count))
     assert observed == [(0, 2), (1, 2)]
 
 
 @pytest.mark.slow
-def test_an_interrupted_sweep_makes_only_what_is_missing(two_controllers: Specification, tmp_path: Path) -> None:
+def test_an_interrupted_sweep_makes_only_what_is_missing(two_controllers, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         sweep(two_controllers, tmp_path, engine=Here(3))
     assert len(read(tmp_path)) == 3
@@ -234,14 +216,12 @@ def test_an_interrupted_sweep_makes_only_what_is_missing(two_controllers: Specif
     assert sweep(more, tmp_path, engine=rest) == SweepProgress(6, 6, 2, 0)
 
 
-def outcomes(count: int) -> list[tuple[Any, Outcome]]:
+def outcomes(count):
     spec = Specification(environment="edmsim/GapFeed-v2", seeds=list(range(count)))
     return [(run, Outcome({**blank(run), "machining_time_s": 0.1 + run.seed}, {})) for run in runs_of(spec)]
 
 
-def test_what_was_stored_is_there_once_whenever_the_driver_dies(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_stored_is_there_once_whenever_the_driver_dies(tmp_path, monkeypatch):
     monkeypatch.setattr(stores, "ROWS_PER_PART", 4)
     store = Store(tmp_path)
     made = outcomes(11)
@@ -267,7 +247,7 @@ def test_what_was_stored_is_there_once_whenever_the_driver_dies(
 
 
 @pytest.mark.slow
-def test_recordings_are_whole_and_play(line: Path, short: dict[str, Any], tmp_path: Path) -> None:
+def test_recordings_are_whole_and_play(line, short, tmp_path):
     spec = Specification(program=[str(line)], settings=short, recordings=["windows", "report"])
     sweep(spec.model_copy(update={"recordings": []}), tmp_path, engine=Here())
     again = Here()
@@ -281,7 +261,7 @@ def test_recordings_are_whole_and_play(line: Path, short: dict[str, Any], tmp_pa
 
 
 @pytest.mark.slow
-def test_machines_are_drawn_the_same_for_every_setting(line: Path, short: dict[str, Any]) -> None:
+def test_machines_are_drawn_the_same_for_every_setting(line, short):
     spec = Specification(
         program=[str(line)], settings=short, grid={"controller": ["counts", "voltage"]}, machine_samples=2,
         sample_only=["gap.critical_um", "discharge"],
@@ -294,14 +274,14 @@ def test_machines_are_drawn_the_same_for_every_setting(line: Path, short: dict[s
     assert json.loads(rows[0]["report"])["settings"]["constants"][0][0].startswith("discharge.")
 
 
-def test_a_file_that_changed_under_way_fails_its_runs(line: Path, short: dict[str, Any]) -> None:
+def test_a_file_that_changed_under_way_fails_its_runs(line, short):
     (run,) = runs_of(Specification(program=[str(line)], settings=short))
     line.write_text("G0 X0 Y0\nG1 X0.1\nM2\n")
     assert "not the file" in perform(run).row["error"]
 
 
 @pytest.mark.slow
-def test_controllers_are_swept_in_environments() -> None:
+def test_controllers_are_swept_in_environments():
     spec = Specification(
         environment="edmsim/GapFeed-v2", settings={"resolution": "fast", "length_mm": 0.05},
         grid={"controller": ["fixed", "oracle:gap_target_um=6"], "height_mm": [5.0, 8.0]},
@@ -313,7 +293,7 @@ def test_controllers_are_swept_in_environments() -> None:
 
 
 @pytest.mark.slow
-def test_entries_of_mappings_are_swept_in_environments() -> None:
+def test_entries_of_mappings_are_swept_in_environments():
     spec = Specification(
         environment="edmsim/GapFeed-v2", grid={"weights": {"time": [0, 1]}},
         settings={"resolution": "fast", "length_mm": 0.05, "machine": {"wire": "brass-200"}, "tension": 5},
@@ -328,8 +308,8 @@ def test_entries_of_mappings_are_swept_in_environments() -> None:
 
 @pytest.mark.slow
 def test_a_killed_driver_leaves_no_process_and_nothing_is_done_twice(
-    two_controllers: Specification, tmp_path: Path
-) -> None:
+    two_controllers, tmp_path: Path
+):
     spec = two_controllers.model_copy(update={"seeds": list(range(15))})
     file = tmp_path / "sweep.json"
     file.write_text(spec.model_dump_json())

@@ -1,13 +1,9 @@
 """A real Ray cluster of two nodes: a population is trained on both, and a sweep loses one of them in the middle."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -20,14 +16,14 @@ from edmsim.sweep.table import read
 from edmsim.sweep.tune import TRAINING
 
 ray = pytest.importorskip("ray")
-from edmsim.sweep.population import TABLE, PopulationResult, train_population  # noqa: E402 - needs ray
+from edmsim.sweep.population import TABLE, train_population  # noqa: E402 - needs ray
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 ENV = "edmsim/GapFeed-v2"
 
 
 @pytest.fixture
-def nodes() -> Iterator[Any]:
+def nodes():
     """Two nodes, each with a processor and a loopback address of its own.
 
     Not shared: removing a placement group of Tune's while its actor exits can lose Ray the processor (2.60), and with
@@ -50,12 +46,10 @@ def nodes() -> Iterator[Any]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-def test_a_population_exploits_and_explores_on_two_nodes(
-    nodes: Any, short_training: None, tmp_path: Path
-) -> None:
+def test_a_population_exploits_and_explores_on_two_nodes(nodes, short_training, tmp_path):
     pytest.importorskip("stable_baselines3")
-    observed: list[PopulationResult] = []
-    options: dict[str, Any] = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
+    observed = []
+    options = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
     found = train_population(ENV, tmp_path, **options, watch=observed.append)
     assert len(observed) == 8
     rows = pq.read_table(tmp_path / TABLE).to_pylist()
@@ -82,9 +76,7 @@ def test_a_population_exploits_and_explores_on_two_nodes(
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-def test_a_lost_node_loses_nothing(
-    nodes: Any, line: Path, short: dict[str, Any], giving_up: str, tmp_path: Path
-) -> None:
+def test_a_lost_node_loses_nothing(nodes, line, short, giving_up, tmp_path):
     from edmsim.runs import Cluster
 
     spec = Specification(program=[str(line)], seeds=10, settings={**short, "max_time_s": 3.0})
@@ -92,7 +84,7 @@ def test_a_lost_node_loses_nothing(
     engine = Cluster(nodes.address)
     assert engine.count == 2
 
-    def watch(progress: SweepProgress) -> None:
+    def watch(progress):
         if progress.made == 3:
             nodes.remove_node(nodes.second, allow_graceful=False)
 
@@ -104,10 +96,10 @@ def test_a_lost_node_loses_nothing(
 
 
 @pytest.mark.slow
-def test_without_a_cluster_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_cluster_it_says_so(monkeypatch):
     from edmsim.runs import Cluster
 
-    def refuse(**_: object) -> None:
+    def refuse(**_):
         raise ConnectionError("Could not find any running Ray instance. Start one")
 
     monkeypatch.setattr(ray, "is_initialized", lambda: False)

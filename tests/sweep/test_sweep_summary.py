@@ -1,7 +1,5 @@
 """What a sweep says: effects of known size are found, fronts are fronts, and the command shows them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +9,9 @@ from PIL import Image
 from edmsim.sweep.summary import KEYS, front_of, groups, pareto_front, sensitivities
 from edmsim.sweep.table import as_table, read
 
-from ..conftest import Run
-
 
 @pytest.fixture
-def table() -> object:
+def table():
     """A table whose rate is twice the height and one for the controller, and in which one run failed."""
     noise = np.random.default_rng(0).normal(0.0, 0.01, (2, 3, 20))
     rows = [
@@ -29,7 +25,7 @@ def table() -> object:
     return as_table(rows)
 
 
-def test_means_count_failures_and_leave_them_out(table: object) -> None:
+def test_means_count_failures_and_leave_them_out(table):
     found = groups(table)
     assert [list(group.settings.values()) for group in found[:2]] == [[0.0, "counts"], [0.0, "voltage"]]
     assert (found[0].runs, found[0].failed, found[0].finished) == (20, 1, 19)
@@ -38,7 +34,7 @@ def test_means_count_failures_and_leave_them_out(table: object) -> None:
     assert rate.value == pytest.approx(5.0, abs=0.01)
 
 
-def test_sensitivities_are_shares_of_the_variance(table: object) -> None:
+def test_sensitivities_are_shares_of_the_variance(table):
     found = sensitivities(table)["cutting_rate_mm2_min"]
     # the variances of 2 * {0, 1, 2} and of {0, 1} are 8/3 and 1/4
     assert found.effects["height_mm"].first_order == pytest.approx(8 / 3 / (8 / 3 + 0.25), abs=0.01)
@@ -50,7 +46,7 @@ def test_sensitivities_are_shares_of_the_variance(table: object) -> None:
 
 
 @pytest.mark.parametrize(("machines", "shown"), [(3, ["height_mm", "machine_sample"]), (40, ["gap.a", "height_mm"])])
-def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: int, shown: list[str]) -> None:
+def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines, shown):
     drawn = np.random.default_rng(2).random(machines)
     extra = ["gap.a"] if machines > 10 else ["gap.a", "gap.b", "wire.c"]
     rows = [
@@ -68,7 +64,7 @@ def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: i
     assert machine.total == pytest.approx(by_machine, abs=0.02)
 
 
-def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn() -> None:
+def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn():
     rows = [
         {"id": f"{m}-{chosen}", "task": "a.ngc", "seed": 0, "machine_sample": m, "gap.chosen": chosen,
          "gap.drawn": 0.1 * m, "error": None, "outcome": "finished", "ra_um": chosen + m}
@@ -79,7 +75,7 @@ def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn() 
     assert sorted(sensitivities(table)["ra_um"].effects) == ["gap.chosen", "gap.drawn"]
 
 
-def test_the_front_is_what_nothing_surpasses(table: object) -> None:
+def test_the_front_is_what_nothing_surpasses(table):
     points = np.array([[1.0, 5.0], [2.0, 4.0], [1.5, 4.0], [2.0, 4.0], [0.0, 6.0]])
     assert pareto_front(points).tolist() == [True, True, False, True, True]
     found, front = front_of(table)
@@ -88,9 +84,7 @@ def test_the_front_is_what_nothing_surpasses(table: object) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_sweeps_shows_and_goes_on(
-    line: Path, giving_up: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edmsim: Run
-) -> None:
+def test_the_command_sweeps_shows_and_goes_on(line, giving_up, tmp_path, monkeypatch, edmsim):
     monkeypatch.chdir(tmp_path)
     words = ("sweep", "run", line, "--height", "5,8", "--controller", f"counts,{giving_up}", "--max-time=1",
              "--resolution", "fast", "--offset", "none", "--out", "o", "--processes", 1)  # fmt: skip
@@ -120,9 +114,7 @@ def test_the_command_sweeps_shows_and_goes_on(
     (("edmsim/Pond-v0", "--out", "o"), "edmsim/Pond-v0"),
     (("line.ngc", "--out", "o", "--height", "5,abc"), "with height_mm abc"),
 ])  # fmt: skip
-def test_bad_usage_is_one_line(
-    line: Path, words: tuple[str, ...], named: str, monkeypatch: pytest.MonkeyPatch, edmsim: Run
-) -> None:
+def test_bad_usage_is_one_line(line, words, named, monkeypatch, edmsim):
     monkeypatch.chdir(line.parent)
     shown = edmsim("sweep", *(() if words[0] == "show" else ("run",)), *words)
     assert (shown.status, shown.out) == (2, "")

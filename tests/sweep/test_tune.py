@@ -1,11 +1,7 @@
 """A search of training settings: it goes on, is shared, is never worse, and tells what failed."""
 
-from __future__ import annotations
-
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,10 +17,10 @@ ENV_ID = "edmsim/GapFeed-v2"
 class Peak:
     """An engine that takes a clip range of 0.3 for the best, loses the third job, and may do something in between."""
 
-    def __init__(self, then: Any = None, stop_after: int = 10**9) -> None:
+    def __init__(self, then=None, stop_after=10**9):
         self.observed, self.then, self.left = list[Trial](), then, stop_after
 
-    def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+    def done(self, function, jobs):
         assert function is judge_trial
         for job in jobs:
             if not self.left:
@@ -40,8 +36,8 @@ class Peak:
 
 
 @pytest.mark.slow
-def test_a_search_finds_what_is_best_and_goes_on(tmp_path: Path) -> None:
-    observed: list[tuple[int, float]] = []
+def test_a_search_finds_what_is_best_and_goes_on(tmp_path):
+    observed = []
     first = Peak(stop_after=10)
     with pytest.raises(KeyboardInterrupt):
         tune_training(ENV_ID, tmp_path, trials=30, engine=first, watch=lambda *a: observed.append(a))
@@ -56,7 +52,7 @@ def test_a_search_finds_what_is_best_and_goes_on(tmp_path: Path) -> None:
     assert tomllib.loads((tmp_path / "best.toml").read_text())["algorithm"] == found.values
 
 
-def test_processes_share_a_study(tmp_path: Path) -> None:
+def test_processes_share_a_study(tmp_path):
     other = Peak()
     one = Peak(then=lambda: tune_training(ENV_ID, tmp_path, trials=8, engine=other))
     found = tune_training(ENV_ID, tmp_path, trials=16, engine=one)
@@ -67,7 +63,7 @@ def test_processes_share_a_study(tmp_path: Path) -> None:
     assert len({trial.values["clip_range"] for trial in (*one.observed, *other.observed)}) > 12
 
 
-def test_settings_are_judged_by_training_seeds() -> None:
+def test_settings_are_judged_by_training_seeds():
     judged = judge_trial(Trial(0, "controller", "fixed", {"feed_um_s": 400.0}, (3,)))
     assert "feed_um_s" in str(judged.error)
     with pytest.raises(InputError, match="training seeds"):
@@ -81,13 +77,13 @@ def test_settings_are_judged_by_training_seeds() -> None:
     ({"env_id": "edmsim/GapFeed-v2", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
     ({"env_id": "edmsim/GapFeed-v2", "steps": 0}, "0 windows train nothing"),
 ])  # fmt: skip
-def test_what_cannot_be_searched_is_refused(options: dict[str, Any], named: str, tmp_path: Path) -> None:
+def test_what_cannot_be_searched_is_refused(options, named, tmp_path):
     with pytest.raises(InputError, match=named):
         (tune_training if "env_id" in options else tune_controller)(**options, out=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
-def test_a_folder_has_one_study(tmp_path: Path) -> None:
+def test_a_folder_has_one_study(tmp_path):
     tune_training(ENV_ID, tmp_path, trials=1, engine=Peak())
     with pytest.raises(InputError, match="GapFeed-v2 ppo, not of edmsim/GapFeed-v2 sac"):
         tune_training(ENV_ID, tmp_path, algo="sac", trials=1, engine=Peak())
@@ -95,11 +91,11 @@ def test_a_folder_has_one_study(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-def test_a_training_leaves_its_policy(short_training: None, tmp_path: Path) -> None:
+def test_a_training_leaves_its_policy(short_training, tmp_path):
     pytest.importorskip("stable_baselines3")
 
     class Here:
-        def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+        def done(self, function, jobs):
             for job in jobs:
                 yield job, function(job)
 

@@ -1,12 +1,7 @@
 """Search of a controller's settings: what a user's own declares, the robust choice and its spread, refusals."""
 
-from __future__ import annotations
-
 import tomllib
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -55,7 +50,7 @@ class Firmware:
 USUAL = '{"feed_um_s": (1.0, 30.0), "window_s": (0.01, 1.0, "log")}'
 
 
-def written(folder: Path, bounds: str = USUAL) -> str:
+def written(folder, bounds=USUAL):
     file = folder / "firmware.py"
     file.write_text(FIRMWARE.replace("{BOUNDS}", bounds))
     return f"{file}:Firmware"
@@ -64,11 +59,11 @@ def written(folder: Path, bounds: str = USUAL) -> str:
 class Machines:
     """An engine whose machines differ by their seed: 10 um/s do well on most of them, 6 on all."""
 
-    def __init__(self, lost: int = -9) -> None:
+    def __init__(self, lost=-9):
         self.observed = list[Trial]()
         self.lost = lost
 
-    def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+    def done(self, function, jobs):
         assert function is judge_trial
         for job in jobs:
             self.observed.append(job)
@@ -130,31 +125,25 @@ def test_bounds_are_read_as_declared(tmp_path):
     assert bounds_of(written(tmp_path)) == {"feed_um_s": Bound(1.0, 30.0), "window_s": Bound(0.01, 1.0, "log")}
 
 
-@pytest.mark.parametrize(
-    ("bounds", "said"),
-    [
-        ("{}", "does not say what is searched"), ("3", "does not say what is searched"),
-        ('{"gain": (1, 2)}', "its parameters are feed_um_s, window_s"),
-        ('{"feed_um_s": (2, 1)}', "from a number to a greater one"),
-        ('{"feed_um_s": (0, 1, "log")}', "from a number to a greater one"),
-        ('{"feed_um_s": (0, float("inf"))}', "from a number to a greater one"), ('{"feed_um_s": 4}', "not 4"),
-        ('{"feed_um_s": (0, 1, "cubic")}', "from a number to a greater one"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("bounds", "said"), [
+    ("{}", "does not say what is searched"), ("3", "does not say what is searched"),
+    ('{"gain": (1, 2)}', "its parameters are feed_um_s, window_s"),
+    ('{"feed_um_s": (2, 1)}', "from a number to a greater one"),
+    ('{"feed_um_s": (0, 1, "log")}', "from a number to a greater one"),
+    ('{"feed_um_s": (0, float("inf"))}', "from a number to a greater one"), ('{"feed_um_s": 4}', "not 4"),
+    ('{"feed_um_s": (0, 1, "cubic")}', "from a number to a greater one"),
+])  # fmt: skip
 def test_bounds_that_say_nothing_are_refused(tmp_path, bounds, said):
     with pytest.raises(InputError, match=said):
         tune_controller(written(tmp_path, bounds), tmp_path / "study", engine=Machines())
     assert not (tmp_path / "study").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["own.py:A"], "--out"), (["--out", "s"], "missing"), (["a.py:A", "--colour", "5", "--out", "s"], "--colour"),
-        (["firmware.py", "--out", "s"], "names no controller of your own"),
-        (["none.py:A", "--out", "s"], "no such file"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["own.py:A"], "--out"), (["--out", "s"], "missing"), (["a.py:A", "--colour", "5", "--out", "s"], "--colour"),
+    (["firmware.py", "--out", "s"], "names no controller of your own"),
+    (["none.py:A", "--out", "s"], "no such file"),
+])  # fmt: skip
 def test_the_command_refuses_in_one_line(arguments, said, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["edmsim", "tune", "controller", *arguments])

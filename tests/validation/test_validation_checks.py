@@ -1,7 +1,5 @@
 """Checks that can fail: what they measure responds to the physics they are about."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path
@@ -34,14 +32,14 @@ from edmsim.validation import (
     strings,
     water,
 )
-from edmsim.validation.rows import Row, extended
+from edmsim.validation.rows import extended
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 TABLES = sorted((models.path("agiecut_dem15.xml").parent / "published").glob("*.csv"))
 
 
-def failing(rows: list[Row]) -> list[str]:
+def failing(rows):
     return [row.name for row in rows if not row.passed]
 
 

@@ -1,7 +1,5 @@
 """The documentation: its tables are those of the constants, its proofs exist."""
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 from pathlib import Path

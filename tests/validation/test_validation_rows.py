@@ -1,7 +1,5 @@
 """Rows: what passes and what does not, and how a table of them is shown."""
 
-from __future__ import annotations
-
 import json
 import math
 import threading

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 
@@ -17,20 +16,20 @@ from edmsim.consoles.computer_1982.session import Session
 class Script:
     """Types bytes, then nothing more; keeps what is printed."""
 
-    def __init__(self, typed: bytes) -> None:
+    def __init__(self, typed):
         self._typed = typed
         self.at_end = False
         self.printed = bytearray()
 
-    def read(self, timeout_s: float | None) -> bytes:
+    def read(self, timeout_s):
         data, self._typed = self._typed, b""
         self.at_end = not data
         return data
 
-    def write(self, data: bytes) -> None:
+    def write(self, data):
         self.printed += data
 
-    def refresh(self, rig: Rig) -> None:
+    def refresh(self, rig):
         pass
 
 
@@ -41,26 +40,26 @@ class Outcome(NamedTuple):
     lines: list[str]
     rig: Rig
 
-    def after(self, line: str) -> str:
+    def after(self, line):
         """What was printed right after a line was typed."""
         return self.lines[self.lines.index(f"> {line}") + 1]
 
     @property
-    def refusals(self) -> list[str]:
+    def refusals(self):
         return [line for line in self.lines if line.startswith("? ")]
 
 
 @pytest.fixture(scope="session")
-def machine() -> edmsim.Machine:
+def machine():
     return edmsim.Machine.load(height_mm=5.0)
 
 
 @pytest.fixture
-def rig(machine: edmsim.Machine) -> Rig:
+def rig(machine):
     return Rig(machine, seed=1, resolution="fast")
 
 
-def run_script(rig: Rig, *lines: str, **options: Any) -> Outcome:
+def run_script(rig, *lines, **options):
     """Type lines at a machine up to the end of the session."""
     screen = Script("".join(f"{line}\n" for line in lines).encode())
     status = Session(rig, screen, Interrupts(), **options).run()
@@ -68,6 +67,6 @@ def run_script(rig: Rig, *lines: str, **options: Any) -> Outcome:
 
 
 @pytest.fixture
-def operate(rig: Rig) -> Callable[..., Outcome]:
+def operate(rig):
     """Type a script, line by line, at a fresh machine."""
     return partial(run_script, rig)

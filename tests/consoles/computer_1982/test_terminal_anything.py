@@ -1,7 +1,5 @@
 """Whatever is typed: the session ends, the machine is left safe, and only the words that move it move it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

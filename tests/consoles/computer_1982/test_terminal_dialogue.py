@@ -1,7 +1,5 @@
 """MAIN's words at the machine, typed in a pipe: jobs that go well, and every answer to bad input."""
 
-from __future__ import annotations
-
 import io
 import sys
 
@@ -115,50 +113,46 @@ def test_a_pair_above_2_A_leaves_the_old_pair(operate):
     assert [line.split(" us")[0] for line in pulses] == ["t(i) 30", "t(i) 30", "t(i) 40", "t(i) 40"]
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        ("A" * 65, "a line has at most 64 characters; nothing was done"),
-        ("X 65536", "a number has 16 bits, 0..65535, not 65536"),
-        ("NEW 70000 1", "a number has 16 bits, 0..65535, not 70000"),
-        ("POS 1 99999999999", "a number has 16 bits, 0..65535, not 99999999999"),
-        ("TI 200H", "a code is 0H to 1FFH, not 200H"),
-        ("FOO", "FOO is not a word of this machine; HELP shows them"),
-        ("%", "% is not a word of this machine; HELP shows them"),
-        ("STAT US", "STAT is not a word of this machine; HELP shows them"),
-        ("START NOW", "NOW is more than is wanted here"),
-        ("NEW 1", "NEW x y is wanted"),
-        ("CW 1 2 3", "CW x y and the centre's x y is wanted"),
-        ("X", "X and a way are wanted, as in X 50 or X -200"),
-        ("X 3O", "a decimal number must stand at column 3, not 3O"),
-        ("NEW 1 2OO,3", "a decimal number must stand at column 7, not 2OO"),
-        ("X A", "a decimal number must stand at column 3, not A"),
-        ("X 1", "a motor step is 2 um; jog by at least that"),
-        ("X 40000", "soft limit: the counters hold 0 to 65535 um, not 72500"),
-        ("SPEED 0", "SPEED is 1 to 127 units, not 0"),
-        ("SPEED 128", "SPEED is 1 to 127 units, not 128"),
-        ("TI 30 X 20", "X cannot stand beside settings; TI, TP and SPEED can"),
-        ("TI 1001", "t(i) is 1001 us, but the voltage reaches from 0 to 1000 us only"),
-        ("TP 10001", "t(p) is 10001 us, but the voltage reaches from 0 to 10000 us only"),
-        ("KEY", "a key is wanted: 0 to 9, SHIFT, CLEAR, X, Y"),
-        ("KEY 5 SHIFT", "a key is wanted: 0 to 9, SHIFT, CLEAR, X, Y"),
-        ("KEY 5 ENTER", "there is no key ENTER; there are 0 to 9, SHIFT, CLEAR, X, Y"),
-        ("KEY 1 SHIFT GO", "key 18 has no meaning with SHIFT or CTRL"),
-        ("KEY SPEED", "SPEED is 1 to 127 units, not 0"),
-        ("KEY START", "no new position was given; the keys X and Y give one"),
-        ("TENSION", "TENSION LOW or TENSION FULL is wanted"),
-        ("TI 30", "t(p) is not set yet; TI us TP us sets both"),
-        ("GEN", "GEN ON or GEN OFF is wanted"),
-        ("GEN ON", "t(i) and t(p) are not set; TI us TP us sets them"),
-        ("START", "no new position was given; NEW x y gives one"),
-        ("RUN", "there is no program; LOAD takes one from the host"),
-        ("LOAD", "no host is connected; edmsim console 1982 --host FILE connects one"),
-        ("GO", "no cut was stopped; START or RUN begins one"),
-        ("STOP", "the machine is not moving"),
-        ("WIRE", "the wire is whole"),
-        ("HELP FOO", "there is no help on FOO; there is on"),
-    ],
-)
+@pytest.mark.parametrize(("line", "reason"), [
+    ("A" * 65, "a line has at most 64 characters; nothing was done"),
+    ("X 65536", "a number has 16 bits, 0..65535, not 65536"),
+    ("NEW 70000 1", "a number has 16 bits, 0..65535, not 70000"),
+    ("POS 1 99999999999", "a number has 16 bits, 0..65535, not 99999999999"),
+    ("TI 200H", "a code is 0H to 1FFH, not 200H"),
+    ("FOO", "FOO is not a word of this machine; HELP shows them"),
+    ("%", "% is not a word of this machine; HELP shows them"),
+    ("STAT US", "STAT is not a word of this machine; HELP shows them"),
+    ("START NOW", "NOW is more than is wanted here"),
+    ("NEW 1", "NEW x y is wanted"),
+    ("CW 1 2 3", "CW x y and the centre's x y is wanted"),
+    ("X", "X and a way are wanted, as in X 50 or X -200"),
+    ("X 3O", "a decimal number must stand at column 3, not 3O"),
+    ("NEW 1 2OO,3", "a decimal number must stand at column 7, not 2OO"),
+    ("X A", "a decimal number must stand at column 3, not A"),
+    ("X 1", "a motor step is 2 um; jog by at least that"),
+    ("X 40000", "soft limit: the counters hold 0 to 65535 um, not 72500"),
+    ("SPEED 0", "SPEED is 1 to 127 units, not 0"),
+    ("SPEED 128", "SPEED is 1 to 127 units, not 128"),
+    ("TI 30 X 20", "X cannot stand beside settings; TI, TP and SPEED can"),
+    ("TI 1001", "t(i) is 1001 us, but the voltage reaches from 0 to 1000 us only"),
+    ("TP 10001", "t(p) is 10001 us, but the voltage reaches from 0 to 10000 us only"),
+    ("KEY", "a key is wanted: 0 to 9, SHIFT, CLEAR, X, Y"),
+    ("KEY 5 SHIFT", "a key is wanted: 0 to 9, SHIFT, CLEAR, X, Y"),
+    ("KEY 5 ENTER", "there is no key ENTER; there are 0 to 9, SHIFT, CLEAR, X, Y"),
+    ("KEY 1 SHIFT GO", "key 18 has no meaning with SHIFT or CTRL"),
+    ("KEY SPEED", "SPEED is 1 to 127 units, not 0"),
+    ("KEY START", "no new position was given; the keys X and Y give one"),
+    ("TENSION", "TENSION LOW or TENSION FULL is wanted"),
+    ("TI 30", "t(p) is not set yet; TI us TP us sets both"),
+    ("GEN", "GEN ON or GEN OFF is wanted"),
+    ("GEN ON", "t(i) and t(p) are not set; TI us TP us sets them"),
+    ("START", "no new position was given; NEW x y gives one"),
+    ("RUN", "there is no program; LOAD takes one from the host"),
+    ("LOAD", "no host is connected; edmsim console 1982 --host FILE connects one"),
+    ("GO", "no cut was stopped; START or RUN begins one"),
+    ("STOP", "the machine is not moving"), ("WIRE", "the wire is whole"),
+    ("HELP FOO", "there is no help on FOO; there is on"),
+])  # fmt: skip
 def test_bad_input_is_answered_by_one_line_and_does_nothing(operate, line, reason):
     session = operate(line, "STATUS")
     assert len(session.refusals) == 1

@@ -1,7 +1,5 @@
 """Every session shown in docs/terminal.md and docs/controller-1982.md runs as it stands there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -24,12 +22,12 @@ DEPENDS_ON_SPARKS = ("CUTTING", "SPEED", "GENERATOR", "EMERGENCY", "2000  ")
 """Figures in these lines differ between processors, whose sums round differently."""
 
 
-def comparable(text: str) -> list[str]:
+def comparable(text):
     lines = [line.rstrip() for line in text.strip().splitlines()]
     return [re.sub(r"[\dA-F.]+", "#", line) if line.startswith(DEPENDS_ON_SPARKS) else line for line in lines]
 
 
-def typed(session: str) -> str:
+def typed(session):
     """What was typed behind the prompts: not the bytes that the monitor shows before a new one."""
     lines = re.findall(r"^(?!MONITOR)(?:>|\.|.* \?)(?:$| (.*)$)", session, re.MULTILINE)
     return "".join(f"{re.sub('[0-9A-F]{2}-', '', line)}\n" for line in lines)

@@ -1,7 +1,5 @@
 """What goes wrong at the machine: switches, broken wires, shorts, late counts, the faults of 1982."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
@@ -21,7 +19,7 @@ SET = "TI 30 TP 100"
 MOVING_WORDS = ("X 20", "Y -20", "START", "GO", "GEN ON", "POS 1 1", SET, "SPEED 9", "WIRE", "STOP")
 
 
-def emergencies(lines: list[str]) -> list[str]:
+def emergencies(lines):
     return [line for line in lines if line.startswith("EMERGENCY")]
 
 
@@ -112,7 +110,7 @@ def test_an_end_switch_stops_a_jog_and_can_only_be_left_backwards(rig):
     assert status == 2
 
 
-def stuck(machine: edmsim.Machine, name: str) -> Rig:
+def stuck(machine, name):
     return Rig(machine, seed=1, resolution="fast", faults=choose_faults([name], seed=0))
 
 

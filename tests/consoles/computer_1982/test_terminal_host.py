@@ -1,7 +1,5 @@
 """Programs from the host through the second serial channel, and what a script's exit status says."""
 
-from __future__ import annotations
-
 import pytest
 
 from edmsim.consoles.computer_1982.rig import Rig
@@ -66,20 +64,17 @@ def test_a_setting_refused_on_the_way_is_reported_and_the_cut_goes_on(operate, h
     assert "READY   X 32540 Y 32520 um" in session.lines
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("NEW 1 2\n", "the host's program ends without END"),
-        ("", "the host's program ends without END"),
-        ("SPEED 9\nEND\n", "the host's program moves nothing"),
-        ("NEW 1 2\nNEW 1\nEND\n", "line 2 of the host's program: NEW x y is wanted"),
-        ("NEW 1 70000\nEND\n", "line 1 of the host's program: a number has 16 bits, 0..65535, not 70000"),
-        ("START\nEND\n", "line 1 of the host's program: START is not one of NEW, CW, CCW, TI, TP, SPEED, END"),
-        ("NEW 1 2" + 60 * " " + "\nEND\n", "line 1 of the host's program: a line has at most 64 characters"),
-        (b"NEW 1 2\x08\nEND\n", "line 1 of the host's program: 08H is not a character of a line"),
-        ("NEW 1 2\n" * 501 + "END\n", "line 501 of the host's program is one more than the 500 that fit"),
-    ],
-)
+@pytest.mark.parametrize(("text", "reason"), [
+    ("NEW 1 2\n", "the host's program ends without END"),
+    ("", "the host's program ends without END"),
+    ("SPEED 9\nEND\n", "the host's program moves nothing"),
+    ("NEW 1 2\nNEW 1\nEND\n", "line 2 of the host's program: NEW x y is wanted"),
+    ("NEW 1 70000\nEND\n", "line 1 of the host's program: a number has 16 bits, 0..65535, not 70000"),
+    ("START\nEND\n", "line 1 of the host's program: START is not one of NEW, CW, CCW, TI, TP, SPEED, END"),
+    ("NEW 1 2" + 60 * " " + "\nEND\n", "line 1 of the host's program: a line has at most 64 characters"),
+    (b"NEW 1 2\x08\nEND\n", "line 1 of the host's program: 08H is not a character of a line"),
+    ("NEW 1 2\n" * 501 + "END\n", "line 501 of the host's program is one more than the 500 that fit"),
+])  # fmt: skip
 def test_a_faulty_program_is_refused_whole(operate, host, text, reason):
     session = operate("LOAD", "LIST", "RUN", host=host(text))
     assert session.after("LOAD").startswith(f"? {reason}")
@@ -111,18 +106,15 @@ def test_a_whole_job_in_a_pipe(host, piped):
     assert b"\r" not in done.stdout
 
 
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        (["--host", "no-such-file"], "no-such-file: cannot be read; --host takes a file with the host's program"),
-        (["--tapes", "no-such"], "no-such: is not a folder; --tapes takes the one in which tapes lie"),
-        (["--speed", "0"], "--speed is above 0, in machine seconds per second, not 0"),
-        (["--fault", "rust"], "there is no fault 'rust'; there are serial-noise, drop-out"),
-        (["--planner", "spline"], "planner"),
-        (["--planner", "exact"], "cannot count along with the planner exact"),
-        (["--resolution", "coarse"], "unknown resolution 'coarse'"),
-    ],
-)
+@pytest.mark.parametrize(("options", "reason"), [
+    (["--host", "no-such-file"], "no-such-file: cannot be read; --host takes a file with the host's program"),
+    (["--tapes", "no-such"], "no-such: is not a folder; --tapes takes the one in which tapes lie"),
+    (["--speed", "0"], "--speed is above 0, in machine seconds per second, not 0"),
+    (["--fault", "rust"], "there is no fault 'rust'; there are serial-noise, drop-out"),
+    (["--planner", "spline"], "planner"),
+    (["--planner", "exact"], "cannot count along with the planner exact"),
+    (["--resolution", "coarse"], "unknown resolution 'coarse'"),
+])  # fmt: skip
 def test_bad_options_are_one_line_and_status_2(options, reason, piped):
     done = piped(b"", "console", "1982", *options)
     out, err = done.text

@@ -1,7 +1,5 @@
 """The monitor at the terminal: memory and registers, tapes, the host, programs; and tables of any size."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
@@ -138,15 +136,12 @@ def test_machine_code_from_the_host_steps_the_table(sit, rig, tmp_path):  # T-79
     assert status == 0
 
 
-@pytest.mark.parametrize(
-    ("code", "reason"),
-    [
-        ("08", "08H at 3400H is not an instruction of the 8085"),
-        ("C3 00 04", "there is no 8085 code at 0400H: the listings of 1982 are lost"),
-        ("C3 00 34", "the program was broken off at 3400H"),
-        ("3E C0 32 23 40 C9", "control word C0H: this 8255 has mode 0 and, for input only, mode 1"),
-    ],
-)
+@pytest.mark.parametrize(("code", "reason"), [
+    ("08", "08H at 3400H is not an instruction of the 8085"),
+    ("C3 00 04", "there is no 8085 code at 0400H: the listings of 1982 are lost"),
+    ("C3 00 34", "the program was broken off at 3400H"),
+    ("3E C0 32 23 40 C9", "control word C0H: this 8255 has mode 0 and, for input only, mode 1"),
+])  # fmt: skip
 def test_machine_code_that_cannot_run_is_reported(sit, tmp_path, monkeypatch, code, reason):
     monkeypatch.setattr("edmsim.consoles.computer_1982.session.PROGRAM_NS", 30_000_000)
     (tmp_path / "CODE.HEX").write_text(punch(bytes.fromhex(code), 0x3400))
@@ -169,31 +164,27 @@ def test_every_character_is_handled_at_once(rig):  # T-83
     assert screen.printed.decode().endswith("S 3400 00-")
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        ("K", "K is not a command; ? shows them"),
-        ("%", "% is not a command; ? shows them"),
-        ("D", "an address is wanted"),
-        ("D 12345", "a hexadecimal number of up to 4 figures is wanted, not 5"),
-        ("D 2010,2000", "the last address, 2000H, lies before the first, 2010H"),
-        ("D 2010,", "a first and a last address are wanted"),
-        ("S", "an address is wanted"),
-        ("S 0100 12", "0100H is EPROM, which cannot be written"),
-        ("S 5000 12", "nothing answers at 5000H"),
-        ("S 3400 123", "a byte is two hexadecimal figures"),
-        ("S 4003 FF", "control word FFH: the counters of this 8253 take two bytes in binary, in mode 0, 2 or 3"),
-        ("P 3400,3410", "a first and a last address are wanted, and a name"),
-        ("P 3400,3410,", "a tape's name of up to 32 letters"),
-        ("P 4020,4022,X", "4022H is not memory; 0000H to 3FFFH are punched"),
-        ("R ../X", "a tape's name has letters, figures, points and dashes"),
-        ("H", "no host is connected; edmsim console 1982 --host FILE connects one"),
-        ("M 1", "RETURN was wanted here"),
-        ("G 0108", "there is no 8085 code at 0108H: the listings are lost; M shows what starts"),
-        ("G 4020", "there is no 8085 code at 4020H"),
-        ("D 20\x1b", "ended by the operator"),
-    ],
-)
+@pytest.mark.parametrize(("line", "reason"), [
+    ("K", "K is not a command; ? shows them"), ("%", "% is not a command; ? shows them"),
+    ("D", "an address is wanted"),
+    ("D 12345", "a hexadecimal number of up to 4 figures is wanted, not 5"),
+    ("D 2010,2000", "the last address, 2000H, lies before the first, 2010H"),
+    ("D 2010,", "a first and a last address are wanted"),
+    ("S", "an address is wanted"),
+    ("S 0100 12", "0100H is EPROM, which cannot be written"),
+    ("S 5000 12", "nothing answers at 5000H"),
+    ("S 3400 123", "a byte is two hexadecimal figures"),
+    ("S 4003 FF", "control word FFH: the counters of this 8253 take two bytes in binary, in mode 0, 2 or 3"),
+    ("P 3400,3410", "a first and a last address are wanted, and a name"),
+    ("P 3400,3410,", "a tape's name of up to 32 letters"),
+    ("P 4020,4022,X", "4022H is not memory; 0000H to 3FFFH are punched"),
+    ("R ../X", "a tape's name has letters, figures, points and dashes"),
+    ("H", "no host is connected; edmsim console 1982 --host FILE connects one"),
+    ("M 1", "RETURN was wanted here"),
+    ("G 0108", "there is no 8085 code at 0108H: the listings are lost; M shows what starts"),
+    ("G 4020", "there is no 8085 code at 4020H"),
+    ("D 20\x1b", "ended by the operator"),
+])  # fmt: skip
 def test_what_is_wrong_is_one_line_and_does_nothing(sit, rig, line, reason):
     before = bytes(rig.board.bus.ram)
     status, lines = sit(line)

@@ -1,7 +1,5 @@
 """The front panel, the trims, the couplers and the wire's tension, in the running machine."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -74,15 +72,12 @@ def test_keys_set_up_and_run_a_cut_and_the_digits_show_it(operate, rig):
     assert any(speed.strip() not in ("", "0") for _, speed, _ in shown_digits)
 
 
-@pytest.mark.parametrize(
-    ("keys", "place", "state"),
-    [
-        ("40 X-", (-40, 0), "READY"), ("X+", (2, 0), "READY"), ("30 Y+", (0, 30), "READY"),
-        ("SHIFT 5 Y-", (0, -2), "? key 5 has no meaning"), ("500 X- STOP", (None, 0), "STOPPED"),
-        ("12 CLEAR 6 Y-", (0, -6), "READY"), ("100 T(P) 30 T(I) 32540 X START STOP GO", (40, 0), "READY"),
-        ("100 T(P) 30 T(I) INIT GO", (0, 0), "? no cut was stopped"), ("GO", (0, 0), "? no cut was stopped"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("keys", "place", "state"), [
+    ("40 X-", (-40, 0), "READY"), ("X+", (2, 0), "READY"), ("30 Y+", (0, 30), "READY"),
+    ("SHIFT 5 Y-", (0, -2), "? key 5 has no meaning"), ("500 X- STOP", (None, 0), "STOPPED"),
+    ("12 CLEAR 6 Y-", (0, -6), "READY"), ("100 T(P) 30 T(I) 32540 X START STOP GO", (40, 0), "READY"),
+    ("100 T(P) 30 T(I) INIT GO", (0, 0), "? no cut was stopped"), ("GO", (0, 0), "? no cut was stopped"),
+])  # fmt: skip
 def test_every_key_does_what_the_page_says(operate, keys, place, state):  # T-28
     session = operate(f"KEY {keys}", "WAIT")
     x, y = (at - 32_500 for at in session.rig.place_um)

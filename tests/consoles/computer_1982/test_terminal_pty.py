@@ -1,7 +1,5 @@
 """A person at a pseudo-terminal: characters echoed and corrected as they are typed, and the tty always restored."""
 
-from __future__ import annotations
-
 import os
 import pty
 import re
@@ -11,7 +9,6 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Iterator
 
 import pytest
 
@@ -21,7 +18,7 @@ TIMEOUT_S = 300.0  # the pulse loop may have to be compiled first
 class Operator:
     """Types at a pseudo-terminal and reads what it shows."""
 
-    def __init__(self, *options: str, term: str = "dumb") -> None:
+    def __init__(self, *options, term="dumb"):
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
         command = "from edmsim.cli.app import main; main()"
@@ -33,10 +30,10 @@ class Operator:
         )  # fmt: skip
         self.shown = ""
 
-    def type(self, keys: bytes) -> None:
+    def type(self, keys):
         os.write(self.master, keys)
 
-    def see(self, text: str) -> str:
+    def see(self, text):
         """Wait until a text is shown; return what was shown up to it, and forget that."""
         until = time.monotonic() + TIMEOUT_S
         while text not in self.shown:
@@ -47,7 +44,7 @@ class Operator:
         before, self.shown = self.shown.split(text, 1)
         return before + text
 
-    def leave(self) -> int:
+    def leave(self):
         """Wait for the end, reading on, as an unread screen blocks who writes to it; return the exit status."""
         until = time.monotonic() + TIMEOUT_S
         while self.process.poll() is None:
@@ -59,11 +56,11 @@ class Operator:
 
 
 @pytest.fixture
-def sit_down() -> Iterator[type[Operator]]:
-    seats: list[Operator] = []
+def sit_down():
+    seats = []
 
     class Seat(Operator):
-        def __init__(self, *options: str, term: str = "dumb") -> None:
+        def __init__(self, *options, term="dumb"):
             super().__init__(*options, term=term)
             seats.append(self)
 

@@ -1,7 +1,5 @@
 """``edmsim tune drive``: values found are better than those of delivery, can be typed in and saved; their picture."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 
@@ -30,7 +28,7 @@ ONE_COUNT = 1 / STEP_COUNTS
 
 
 @cache
-def tuning(drive: str, axis: str) -> Tuning:
+def tuning(drive, axis):
     return autotune(drive, axis_row(axis), lambda line: None)
 
 
@@ -100,18 +98,15 @@ def test_an_axis_that_cannot_be_tuned_is_refused_in_a_line(changes):  # U-59
         assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("error", "swings"),
-    [
-        ([50, 20, 5, 0, 0, 0, 0, 0], False),  # there and stays
-        ([50, 20, -6, -2, 0, 0, 0, 0], False),  # beyond by an eighth
-        ([50, 20, -12, -2, 0, 0, 0, 0], True),  # beyond by a quarter
-        ([50, 20, -6, 6, 0, 0, 0, 0], True),  # and back
-        ([50, -50, 50, -50, 50, -50, 50, -50], True),
-        ([50, 40, 35, 35, 35, 35, 35, 35], False),  # friction holds it
-        ([], True),  # the drive shows nothing
-    ],
-)
+@pytest.mark.parametrize(("error", "swings"), [
+    ([50, 20, 5, 0, 0, 0, 0, 0], False),  # there and stays
+    ([50, 20, -6, -2, 0, 0, 0, 0], False),  # beyond by an eighth
+    ([50, 20, -12, -2, 0, 0, 0, 0], True),  # beyond by a quarter
+    ([50, 20, -6, 6, 0, 0, 0, 0], True),  # and back
+    ([50, -50, 50, -50, 50, -50, 50, -50], True),
+    ([50, 40, 35, 35, 35, 35, 35, 35], False),  # friction holds it
+    ([], True),  # the drive shows nothing
+])  # fmt: skip
 def test_an_answer_that_oscillates_differs_from_one_that_rests(error, swings):
     answer = AxisTrace(np.arange(len(error)) * 1e-3, np.array(error, np.int64))
     assert answer.oscillates(50, 0.15) == swings
@@ -125,7 +120,7 @@ def test_the_figures_of_an_answer():
 
 
 @pytest.mark.slow
-def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Path, monkeypatch, piped):
+def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path, monkeypatch, piped):
     def found(drive, motor, tell):
         tell("told as it goes")
         assert motor.tobytes() == axis_row("table").tobytes()

@@ -1,7 +1,5 @@
 """``edmsim console positioner``: a QCL program on its axes, from files, inputs pressed by time."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -40,7 +38,7 @@ def test_the_example_homes_and_places():
 
 @pytest.mark.slow
 def test_it_tells_what_changes():
-    said: list[str] = []
+    said = []
     run_and_tell(station(), 1.0, [Press("ifForward", 0.2, 0.4)], said.append)
     changes = [line.split(" s  ")[1] for line in said[:-1]]
     assert changes[:7] == [
@@ -106,16 +104,13 @@ def test_a_contactor_that_the_program_leaves_open_leads_nowhere():
     assert [abs(float(both.bench.axis(name)["place_um"])) > 100.0 for name in "xy"] == [False, True]
 
 
-@pytest.mark.parametrize(
-    ("contactors", "reason"),
-    [
-        ({"ofMotor": "AxisX"}, "no output 'ofMotor' for a contactor; there are: ofmotorx, ofmotory"),
-        ({"ofMotorX": "AxisZ"}, "no device 'AxisZ'; there are: axisx, axisy"),
-        ({"ofMotorX": "AxisX"}, "axisy shares 2.AN01, whose other motors have contactors; it must have one"),
-        ({"ofMotorX": "AxisX", "ofMotorY": "AxisX"}, "ofMotorY=AxisX is a second contactor"),
-        ({"ofMotorX": "AxisX", "ofmotorx": "AxisY"}, "ofmotorx=AxisY is a second contactor"),
-    ],
-)
+@pytest.mark.parametrize(("contactors", "reason"), [
+    ({"ofMotor": "AxisX"}, "no output 'ofMotor' for a contactor; there are: ofmotorx, ofmotory"),
+    ({"ofMotorX": "AxisZ"}, "no device 'AxisZ'; there are: axisx, axisy"),
+    ({"ofMotorX": "AxisX"}, "axisy shares 2.AN01, whose other motors have contactors; it must have one"),
+    ({"ofMotorX": "AxisX", "ofMotorY": "AxisX"}, "ofMotorY=AxisX is a second contactor"),
+    ({"ofMotorX": "AxisX", "ofmotorx": "AxisY"}, "ofmotorx=AxisY is a second contactor"),
+])  # fmt: skip
 def test_wrong_contactors_are_refused(contactors, reason):
     with pytest.raises(InputError, match=reason):
         Station.of_files(*TWO, "analogue", contactors)
@@ -127,14 +122,11 @@ def test_an_axis_without_an_amplifier_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("more", "status", "said"),
-    [
-        (("--contactor", "ofMotorY=AxisY"), 0, "axisx:st_still 0"), ((), 2, "it must have one"),
-        (("--contactor", "ofMotorY"), 2, "--contactor is OUTPUT=DEVICE, as ofMotorX=AxisX, not 'ofMotorY'"),
-        (("--contactor", "ofMotorX=AxisY"), 2, "--contactor gives the output ofMotorX twice"),
-    ],
-)
+@pytest.mark.parametrize(("more", "status", "said"), [
+    (("--contactor", "ofMotorY=AxisY"), 0, "axisx:st_still 0"), ((), 2, "it must have one"),
+    (("--contactor", "ofMotorY"), 2, "--contactor is OUTPUT=DEVICE, as ofMotorX=AxisX, not 'ofMotorY'"),
+    (("--contactor", "ofMotorX=AxisY"), 2, "--contactor gives the output ofMotorX twice"),
+])  # fmt: skip
 def test_the_command_takes_contactors(more, status, said, piped):
     done = piped(b"", "console", "positioner", *TWO, "--contactor", "ofMotorX=AxisX", "--seconds", 0.2, *more)
     assert done.returncode == status

@@ -1,7 +1,5 @@
 """``edmsim console servo``: scripts in a pipe, a terminal program on a pseudo-terminal, keys, refusals, the scope."""
 
-from __future__ import annotations
-
 import os
 import select
 import signal
@@ -9,9 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -132,7 +128,7 @@ def test_options_that_cannot_be_are_refused_in_a_line(arguments, reason, piped):
     assert reason in err
 
 
-def answer_of(port: int, expected: bytes) -> bytes:
+def answer_of(port, expected):
     heard, until = b"", time.monotonic() + 60.0
     while expected not in heard and time.monotonic() < until:
         if select.select([port], [], [], 1.0)[0]:
@@ -141,7 +137,7 @@ def answer_of(port: int, expected: bytes) -> bytes:
 
 
 @contextmanager
-def pseudo_terminal(*arguments: str) -> Iterator[str]:
+def pseudo_terminal(*arguments):
     """Run the command, yield the port's name, and end it by Ctrl-C."""
     words = [*COMMAND, *arguments, "--pty", "--speed", "10"]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as program:
@@ -194,11 +190,11 @@ LISTENS = (
 )
 
 
-def curve(file: Path, name: str) -> list[float]:
+def curve(file, name):
     """A curve as rerun reads it back."""
     from rerun.chunk import RrdReader
 
-    drawn: list[float] = []
+    drawn = []
     for chunk in RrdReader(str(file)).stream().to_chunks():
         if chunk.entity_path == f"/{name}":
             batch = chunk.to_record_batch()
@@ -206,7 +202,7 @@ def curve(file: Path, name: str) -> list[float]:
     return drawn
 
 
-def test_the_scope_writes_the_tracking_error_stream(tmp_path, capfdbinary: pytest.CaptureFixture[bytes]):  # U-34
+def test_the_scope_writes_the_tracking_error_stream(tmp_path, capfdbinary):  # U-34
     file = tmp_path / "scope.rrd"
     scope = Scope(False, file)
     bench = bench_for("uhu", "bench", True)
@@ -220,7 +216,7 @@ def test_the_scope_writes_the_tracking_error_stream(tmp_path, capfdbinary: pytes
     assert len(curve(file, "duty")) == pytest.approx(samples, abs=3)
 
 
-def test_a_recording_takes_little_room(tmp_path: Path):
+def test_a_recording_takes_little_room(tmp_path):
     scope = Scope(False, tmp_path / "scope.rrd", streams=False)
     bench = bench_for("servo-module", "table", True)
     bench.trace = True
@@ -232,7 +228,7 @@ def test_a_recording_takes_little_room(tmp_path: Path):
     assert (tmp_path / "scope.rrd").stat().st_size < 600_000
 
 
-def test_a_scope_s_file_that_cannot_be_written_is_refused(tmp_path: Path):
+def test_a_scope_s_file_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError):
         Scope(False, tmp_path / "file" / "scope.rrd")
@@ -258,7 +254,7 @@ def test_without_a_screen_the_scope_is_a_page_and_the_drive_runs():
 
 
 @pytest.mark.parametrize("screen", [True, False])
-def test_a_window_is_left_to_its_user_and_a_page_ends_with_the_drive(screen, monkeypatch: pytest.MonkeyPatch):
+def test_a_window_is_left_to_its_user_and_a_page_ends_with_the_drive(screen, monkeypatch):
     monkeypatch.setattr(viewer, "RERUN", (sys.executable, "-c", LISTENS))
     monkeypatch.setattr(viewer, "has_screen", lambda environment, platform: screen)
     live = viewer.LiveViewer("the scope", "wait")
@@ -270,7 +266,7 @@ def test_a_window_is_left_to_its_user_and_a_page_ends_with_the_drive(screen, mon
     assert process.wait(timeout=10) == -signal.SIGTERM
 
 
-def test_a_viewer_that_does_not_start_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch):
+def test_a_viewer_that_does_not_start_is_reported_in_a_line(monkeypatch):
     monkeypatch.setattr(viewer, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
     with pytest.raises(InputError, match="viewer did not start, so there is no scope; --record"):
         Scope(True, None)

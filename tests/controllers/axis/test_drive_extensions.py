@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.extensions import SAMPLES
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
@@ -11,19 +10,19 @@ from edmsim.errors import InputError
 from .uhu_bench import ask, bench_with, error, moved, stepped, traced
 
 
-def running(**settings: int) -> AxisBench:
+def running(**settings):
     bench = bench_with(Uhu.tuned("bench"))
     bench.drive("x").extensions.update(settings)
     return bench
 
 
-def following_errors(bench: AxisBench, rate_Hz: float = 5000.0, accel_Hz_s: float = 40_000.0) -> np.ndarray:
+def following_errors(bench, rate_Hz=5000.0, accel_Hz_s=40_000.0):
     bench.steps("x", 3000, rate_Hz, accel_Hz_s)
     samples = traced(bench, 0.5)
     return np.asarray(samples["setpoint"] - samples["count"])
 
 
-def test_nothing_is_on_at_first() -> None:
+def test_nothing_is_on_at_first():
     assert set(Uhu().extensions.values()) == {0}
     bench = running()
     plain = following_errors(bench)
@@ -31,8 +30,8 @@ def test_nothing_is_on_at_first() -> None:
     assert np.array_equal(plain, following_errors(running(command_filter=3)))  # which nothing uses
 
 
-def test_anti_windup_lessens_the_overshoot_after_a_stall() -> None:
-    def overshoot(**settings: int) -> int:
+def test_anti_windup_lessens_the_overshoot_after_a_stall():
+    def overshoot(**settings):
         bench = running(**settings)
         bench.hold("x", True)
         moved(bench, 200, run_s=0.5)
@@ -42,7 +41,7 @@ def test_anti_windup_lessens_the_overshoot_after_a_stall() -> None:
     assert overshoot(anti_windup=1) < 0.5 * overshoot()
 
 
-def test_the_time_at_the_limit_is_counted() -> None:
+def test_the_time_at_the_limit_is_counted():
     bench = running(anti_windup=1)
     extensions = bench.drive("x").extensions
     assert extensions.longest_limited_s == 0.0
@@ -53,7 +52,7 @@ def test_the_time_at_the_limit_is_counted() -> None:
     assert (extensions.limited_s, extensions.longest_limited_s) == (0.0, pytest.approx(0.25, abs=0.003))
 
 
-def test_velocity_feed_forward_takes_the_error_of_constant_speed_away() -> None:
+def test_velocity_feed_forward_takes_the_error_of_constant_speed_away():
     bench = running()
     ask(bench, "I0")
     plain = np.abs(following_errors(bench)[300:700]).mean()
@@ -65,8 +64,8 @@ def test_velocity_feed_forward_takes_the_error_of_constant_speed_away() -> None:
     assert min(errors.values()) < 0.3 * plain
 
 
-def test_acceleration_feed_forward_acts_on_ramps_only() -> None:
-    def mean_errors(gain: int) -> tuple[float, float]:
+def test_acceleration_feed_forward_acts_on_ramps_only():
+    def mean_errors(gain):
         bench = running(acceleration_feed_forward=gain)
         ask(bench, "I0")
         errors = following_errors(bench, 5000.0, 150_000.0)
@@ -77,7 +76,7 @@ def test_acceleration_feed_forward_acts_on_ramps_only() -> None:
     assert helped_flat == pytest.approx(flat, abs=0.3)
 
 
-def test_jerk_feed_forward_acts_where_a_ramp_begins() -> None:
+def test_jerk_feed_forward_acts_where_a_ramp_begins():
     plain, helped = following_errors(running(command_filter=4)), following_errors(
         running(command_filter=4, jerk_feed_forward=30_000)
     )
@@ -85,7 +84,7 @@ def test_jerk_feed_forward_acts_where_a_ramp_begins() -> None:
     assert helped[400:450].mean() == pytest.approx(plain[400:450].mean(), abs=0.5)
 
 
-def test_the_recorder_keeps_what_was_before_its_trigger() -> None:
+def test_the_recorder_keeps_what_was_before_its_trigger():
     bench = running()
     extensions = bench.drive("x").extensions
     extensions.record_on("move", before=100)
@@ -112,7 +111,7 @@ def test_the_recorder_keeps_what_was_before_its_trigger() -> None:
     ("trigger", "level", "counts"),
     [("at once", 0, 30), ("error", 20, 30), ("output limit", 0, 600), ("fault", 0, 1200)],
 )
-def test_every_trigger_starts_a_recording(trigger: str, level: int, counts: int) -> None:
+def test_every_trigger_starts_a_recording(trigger, level, counts):
     bench = running()
     extensions = bench.drive("x").extensions
     extensions.record_on(trigger, before=10, every=2, level=level)
@@ -124,7 +123,7 @@ def test_every_trigger_starts_a_recording(trigger: str, level: int, counts: int)
     assert (recording.error[0], recording.error[-1]) == (0, counts)
 
 
-def test_a_change_of_direction_starts_a_recording() -> None:
+def test_a_change_of_direction_starts_a_recording():
     bench = running()
     bench.drive("x").extensions.record_on("direction change", before=0)
     stepped(bench, 200, 2000.0, run_s=0.15)
@@ -134,7 +133,7 @@ def test_a_change_of_direction_starts_a_recording() -> None:
     assert recording.command_velocity[0] < 0
 
 
-def test_a_hard_reset_keeps_the_settings() -> None:
+def test_a_hard_reset_keeps_the_settings():
     bench = running(anti_windup=1)
     bench.talk(b"+\r")
     assert bench.drive("x").extensions["anti_windup"] == 1
@@ -142,21 +141,18 @@ def test_a_hard_reset_keeps_the_settings() -> None:
     assert error(bench) == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        ("windup", 1, "has no 'windup'; it has anti_windup"),
-        ("anti_windup", 2, "anti_windup is 2; it must be a whole number 0 to 1"),
-        ("velocity_feed_forward", 0.5, "must be a whole number -32767 to 32767"),
-        ("saturating_arithmetic", 1, "has no"),  # the UHU's arithmetic never wraps
-    ],
-)
-def test_a_wrong_setting_is_refused(name: str, value: int, said: str) -> None:
+@pytest.mark.parametrize(("name", "value", "said"), [
+    ("windup", 1, "has no 'windup'; it has anti_windup"),
+    ("anti_windup", 2, "anti_windup is 2; it must be a whole number 0 to 1"),
+    ("velocity_feed_forward", 0.5, "must be a whole number -32767 to 32767"),
+    ("saturating_arithmetic", 1, "has no"),  # the UHU's arithmetic never wraps
+])  # fmt: skip
+def test_a_wrong_setting_is_refused(name, value, said):
     with pytest.raises(InputError, match=said):
         Uhu().extensions[name] = value
 
 
-def test_a_wrong_recording_is_refused() -> None:
+def test_a_wrong_recording_is_refused():
     extensions = Uhu().extensions
     with pytest.raises(InputError, match="has no trigger 'never'; it has at once"):
         extensions.record_on("never")
@@ -164,7 +160,7 @@ def test_a_wrong_recording_is_refused() -> None:
         extensions.record_on("move", before=384)
 
 
-def test_parameters_are_refused_alike() -> None:
+def test_parameters_are_refused_alike():
     drive = Uhu()
     with pytest.raises(InputError, match="proportional_gain is 65536; it must be a whole number 0 to 65535"):
         drive.parameters["proportional_gain"] = 65536

@@ -310,16 +310,13 @@ def homed(p, limit_s=60.0):
     return p.true_um - p["posit"]
 
 
-@pytest.mark.parametrize(
-    ("cam", "options", "count", "place", "within"),
-    [
-        ((500.0, 5000.0), {"maxpos": 100, "minpos": -100}, 0, 500.0, 2.0),  # limits are off in the search
-        ((500.0, 5000.0), {}, 777_777, 500.0, 2.0),  # a count of any value is overwritten
-        ((500.0, 5000.0), {"cam": {"hysteresis_um": 30.0}}, 0, 470.0, 2.0),
-        ((-900.0, -400.0), {"prmdir": 1}, 0, -400.0, 2.0),  # backwards to a cam behind
-        ((500.0, 5000.0), {"loop": False}, 0, 500.0, 4.0),  # as every move; the place is then less certain
-    ],
-)
+@pytest.mark.parametrize(("cam", "options", "count", "place", "within"), [
+    ((500.0, 5000.0), {"maxpos": 100, "minpos": -100}, 0, 500.0, 2.0),  # limits are off in the search
+    ((500.0, 5000.0), {}, 777_777, 500.0, 2.0),  # a count of any value is overwritten
+    ((500.0, 5000.0), {"cam": {"hysteresis_um": 30.0}}, 0, 470.0, 2.0),
+    ((-900.0, -400.0), {"prmdir": 1}, 0, -400.0, 2.0),  # backwards to a cam behind
+    ((500.0, 5000.0), {"loop": False}, 0, 500.0, 4.0),  # as every move; the place is then less certain
+])  # fmt: skip
 def test_a_search_ends_at_the_cams_edge(cam, options, count, place, within):
     loop, options = options.get("loop", True), {name: value for name, value in options.items() if name != "loop"}
     p = at_cam(*cam, **options)

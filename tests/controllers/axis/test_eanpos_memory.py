@@ -67,18 +67,15 @@ def test_what_moves_while_the_power_is_off_is_lost():  # Q-56, Q-58
     assert p.true_um > place + 100
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("maxpos", (1000000, -1000000)), ("minpos", (1000000,)), ("maxvel", (-1, 1000000)), ("measure", (0, 1000000)),
-        ("pulse", (0, 1000000)), ("toll", (1000000,)), ("toldly", (1000,)), ("maxfollerr", (-1,)), ("rampmode", (2,)),
-        ("ramptype", (4,)), ("taccdec", (1000,)), ("tacc", (1000,)), ("tdec", (1000,)), ("tinvt", (1000,)),
-        ("pgain", (32768,)), ("feedfw", (32768,)), ("integt", (-1,)), ("derivt", (32768,)), ("prsmode", (3,)),
-        ("prmdir", (2,)), ("unitvel", (2,)), ("decpt", (4,)), ("offset", (32768,)), ("delta", (1000000,)),
-        ("prspos", (5001,)), ("setpos", (-5001,)), ("setvel", (100001, -1)), ("prsvel", (100001,)),
-        ("sprsvel", (100001,)), ("rtype", (2,)), ("stopt", (2,)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "values"), [
+    ("maxpos", (1000000, -1000000)), ("minpos", (1000000,)), ("maxvel", (-1, 1000000)), ("measure", (0, 1000000)),
+    ("pulse", (0, 1000000)), ("toll", (1000000,)), ("toldly", (1000,)), ("maxfollerr", (-1,)), ("rampmode", (2,)),
+    ("ramptype", (4,)), ("taccdec", (1000,)), ("tacc", (1000,)), ("tdec", (1000,)), ("tinvt", (1000,)),
+    ("pgain", (32768,)), ("feedfw", (32768,)), ("integt", (-1,)), ("derivt", (32768,)), ("prsmode", (3,)),
+    ("prmdir", (2,)), ("unitvel", (2,)), ("decpt", (4,)), ("offset", (32768,)), ("delta", (1000000,)),
+    ("prspos", (5001,)), ("setpos", (-5001,)), ("setvel", (100001, -1)), ("prsvel", (100001,)),
+    ("sprsvel", (100001,)), ("rtype", (2,)), ("stopt", (2,)),
+])  # fmt: skip
 def test_values_outside_their_limits_are_taken_with_a_warning(name, values):
     p = Positioner(ready=False, maxpos=5000, minpos=-5000, ramptype=1)
     for value in values:

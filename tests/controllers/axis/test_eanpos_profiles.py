@@ -8,32 +8,28 @@ import pytest
 from tests.controllers.axis.eanpos_bench import TOP, Positioner, moving
 
 
-def seconds(positioner: Positioner, value: float) -> object:
+def seconds(positioner, value):
     """A time to within the sample at which it shows, and the one at which a command is taken."""
     return pytest.approx(value, abs=1.01 * positioner.tcamp_s)
 
 
-@pytest.mark.parametrize(
-    ("changes", "time_s", "peak"),
-    [
-        ({}, 2.900, 0.5 * TOP),  # Q-39, Q-41
-        ({"setpos": 1000, "setvel": 100000}, 1.54919, 1290.99),
-        ({"rampmode": 1, "tacc": 50, "tdec": 200}, 3.025, 0.5 * TOP),  # Q-29, Q-81
-        ({"rampmode": 1, "tacc": 50, "tdec": 200, "setpos": 1000, "setvel": 100000}, 1.73205, 1154.70),
-        ({"ramptype": 1}, 2.900, 0.5 * TOP),  # Q-30, Q-40
-        ({"ramptype": 2}, 2.900, 0.5 * TOP),
-        ({"ramptype": 3}, 2.900, 0.5 * TOP),
-        # Q-31: time kept, slope reduced; slope kept, time reduced
-        ({"ramptype": 1, "setpos": 1000, "setvel": 100000}, 2.000, 1000.0),
-        ({"ramptype": 1, "rtype": 1, "setpos": 1000, "setvel": 100000}, 1.54919, 1290.99),
-        ({"ramptype": 1, "setpos": 200}, 1.000, 400.0),
-        ({"ramptype": 1, "rtype": 1, "setpos": 200}, 0.69282, 577.35),
-        ({"ramptype": 1, "rampmode": 1, "tacc": 50, "tdec": 200, "setpos": 1000, "setvel": 100000}, 2.5, 800.0),
-        # Q-A30: of two kinds of ramp the slope is kept
-        ({"ramptype": 2, "setpos": 200}, 0.69282, 577.35),
-        ({"taccdec": 0}, 2.400, 0.5 * TOP),  # Q-A31: a ramp of no time is a step
-    ],
-)
+@pytest.mark.parametrize(("changes", "time_s", "peak"), [
+    ({}, 2.900, 0.5 * TOP),  # Q-39, Q-41
+    ({"setpos": 1000, "setvel": 100000}, 1.54919, 1290.99),
+    ({"rampmode": 1, "tacc": 50, "tdec": 200}, 3.025, 0.5 * TOP),  # Q-29, Q-81
+    ({"rampmode": 1, "tacc": 50, "tdec": 200, "setpos": 1000, "setvel": 100000}, 1.73205, 1154.70),
+    ({"ramptype": 1}, 2.900, 0.5 * TOP),  # Q-30, Q-40
+    ({"ramptype": 2}, 2.900, 0.5 * TOP), ({"ramptype": 3}, 2.900, 0.5 * TOP),
+    # Q-31: time kept, slope reduced; slope kept, time reduced
+    ({"ramptype": 1, "setpos": 1000, "setvel": 100000}, 2.000, 1000.0),
+    ({"ramptype": 1, "rtype": 1, "setpos": 1000, "setvel": 100000}, 1.54919, 1290.99),
+    ({"ramptype": 1, "setpos": 200}, 1.000, 400.0),
+    ({"ramptype": 1, "rtype": 1, "setpos": 200}, 0.69282, 577.35),
+    ({"ramptype": 1, "rampmode": 1, "tacc": 50, "tdec": 200, "setpos": 1000, "setvel": 100000}, 2.5, 800.0),
+    # Q-A30: of two kinds of ramp the slope is kept
+    ({"ramptype": 2, "setpos": 200}, 0.69282, 577.35),
+    ({"taccdec": 0}, 2.400, 0.5 * TOP),  # Q-A31: a ramp of no time is a step
+])  # fmt: skip
 def test_a_placement_takes_the_time_of_its_profile(changes, time_s, peak):
     p = Positioner(tcamp_ms=1, pgain=3, **changes)
     p.bench.trace = True
@@ -139,16 +135,13 @@ def test_an_epicycloidal_start_is_not_broken_off():  # Q-64
     assert p.theory[0] == 3000.0
 
 
-@pytest.mark.parametrize(
-    ("at_s", "changes", "place", "total_s"),
-    [
-        (1.0, {}, 833.33, 1.5),  # Q-12, Q-43
-        (0.25, {}, 104.167, 0.5),
-        (0.25, {"ramptype": 1}, 416.67, 1.0),  # Q-31: the ramp is finished
-        (0.25, {"ramptype": 1, "stopt": 1}, 83.058, 0.5),  # it is broken off
-        (1.0, {"rampmode": 1, "tacc": 100, "tdec": 200}, 1041.67, 2.0),
-    ],
-)
+@pytest.mark.parametrize(("at_s", "changes", "place", "total_s"), [
+    (1.0, {}, 833.33, 1.5),  # Q-12, Q-43
+    (0.25, {}, 104.167, 0.5),
+    (0.25, {"ramptype": 1}, 416.67, 1.0),  # Q-31: the ramp is finished
+    (0.25, {"ramptype": 1, "stopt": 1}, 83.058, 0.5),  # it is broken off
+    (1.0, {"rampmode": 1, "tacc": 100, "tdec": 200}, 1041.67, 2.0),
+])  # fmt: skip
 def test_stop_takes_the_ramp_in_use(at_s, changes, place, total_s):
     p = moving(at_s - 0.001, tcamp_ms=1, **changes)
     p.do("STOP")
@@ -254,16 +247,13 @@ def optimal(way, speed, acceleration, jerk):
     return found
 
 
-@pytest.mark.parametrize(
-    ("way", "speed", "ramp", "jerk"),
-    [
-        (2000, 50000, 100, 10000),  # the acceleration is reached, and the speed
-        (2000, 50000, 100, 2000),  # the acceleration is not
-        (300, 100000, 100, 20000),  # the speed is not
-        (40, 100000, 50, 3000),  # neither
-        (-1500, 80000, 30, 90000),
-    ],
-)
+@pytest.mark.parametrize(("way", "speed", "ramp", "jerk"), [
+    (2000, 50000, 100, 10000),  # the acceleration is reached, and the speed
+    (2000, 50000, 100, 2000),  # the acceleration is not
+    (300, 100000, 100, 20000),  # the speed is not
+    (40, 100000, 50, 3000),  # neither
+    (-1500, 80000, 30, 90000),
+])  # fmt: skip
 def test_a_placement_is_time_optimal_under_its_limits(way, speed, ramp, jerk):
     p = Positioner(tcamp_ms=1, setpos=way, setvel=speed, taccdec=ramp, settings={"jerk_limit": jerk})
     best = optimal(way, speed / 60, TOP / (ramp * 0.01), jerk)

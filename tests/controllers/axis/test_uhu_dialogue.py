@@ -17,14 +17,14 @@ from edmsim.plant.plant import Plant
 from .uhu_bench import BAD_BANNER, BANNER, HELP, SAMPLE_SET, ask, count, delivered, register, stepped, tuned
 
 
-def test_the_start_up_text_comes_at_power_up() -> None:  # U-8, GU-1, GU-2
+def test_the_start_up_text_comes_at_power_up():  # U-8, GU-1, GU-2
     for stored, text in ((SAMPLE_SET, BANNER), (None, BAD_BANNER)):
         bench = AxisBench({"x": Uhu(axis_row("bench"), stored=stored)})
         bench.run(0.05)
         assert bench.received("x") == text
 
 
-def test_reset_pin_power_and_plus_say_the_same() -> None:  # U-32, U-39, GU-1
+def test_reset_pin_power_and_plus_say_the_same():  # U-32, U-39, GU-1
     bench = tuned(**SAMPLE_SET)
     bench.received("x")
     assert bench.talk(b"+\r") == b"+\r\n" + BANNER
@@ -39,18 +39,18 @@ def test_reset_pin_power_and_plus_say_the_same() -> None:  # U-32, U-39, GU-1
 
 
 @pytest.mark.parametrize("key", ["#", "?"])
-def test_the_help_is_that_of_the_manual(key: str) -> None:  # U-10, U-11, U-A4, U-A16, GU-3
+def test_the_help_is_that_of_the_manual(key):  # U-10, U-11, U-A4, U-A16, GU-3
     bench = tuned(**SAMPLE_SET)
     assert bench.talk(key.encode() + b"\r") == f"{key}\n{HELP}>".replace("\n", "\r\n").encode()
 
 
-def test_a_letter_with_a_number_sets_it() -> None:  # U-9, GU-4
+def test_a_letter_with_a_number_sets_it():  # U-9, GU-4
     bench = tuned(**SAMPLE_SET)
     assert bench.talk(b"P600\r") == b"P600\r\nOK\r\n>"
     assert "(P)rop.      600" in ask(bench, "#")
 
 
-def test_a_letter_alone_asks() -> None:  # U-9, U-A18, GU-5, GU-6
+def test_a_letter_alone_asks():  # U-9, U-A18, GU-5, GU-6
     bench = tuned(**SAMPLE_SET)
     assert bench.talk(b"P\r") == b"P\r\n(P)rop.      900: "
     assert bench.talk(b"\r") == b"\r\n>"
@@ -65,7 +65,7 @@ def test_a_letter_alone_asks() -> None:  # U-9, U-A18, GU-5, GU-6
 
 
 @pytest.mark.parametrize("letter", "PIDHXTNEMOC")
-def test_every_parameter_shows_its_line_and_takes_any_word(letter: str) -> None:  # U-9, U-47
+def test_every_parameter_shows_its_line_and_takes_any_word(letter):  # U-9, U-47
     bench = delivered()
     for value in (0, 1, 65535):
         assert ask(bench, f"{letter}{value}") == "OK"
@@ -75,7 +75,7 @@ def test_every_parameter_shows_its_line_and_takes_any_word(letter: str) -> None:
         bench.talk(b"\r")
 
 
-def test_what_is_no_command_changes_nothing() -> None:  # U-13, U-A18
+def test_what_is_no_command_changes_nothing():  # U-13, U-A18
     bench = tuned(**SAMPLE_SET)
     before = ask(bench, "#")
     wrong = "P65536 P-1 P6.5 P6,5 PX W1 S3 L9 S-1 G32001 G-32001 R5 A1 +125 -75"
@@ -87,7 +87,7 @@ def test_what_is_no_command_changes_nothing() -> None:  # U-13, U-A18
     assert count(bench) == 0
 
 
-def test_the_counter_of_the_help_shows_the_position_whatever_state_the_drive_is_in() -> None:  # U-10, U-A9
+def test_the_counter_of_the_help_shows_the_position_whatever_state_the_drive_is_in():  # U-10, U-A9
     bench = tuned(**SAMPLE_SET)
     assert bench.talk(b"counter\r") == b"counter\r\n(C)ounter    0\r\n>"
     ask(bench, "X5000")
@@ -109,7 +109,7 @@ def test_the_counter_of_the_help_shows_the_position_whatever_state_the_drive_is_
     assert ask(bench, "COUNTER") == "(C)ounter    0"
 
 
-def test_in_a_machine_the_counter_shows_where_the_table_is() -> None:  # U-A9
+def test_in_a_machine_the_counter_shows_where_the_table_is():  # U-A9
     drive = commissioned("uhu")
     plant = Plant(Machine.load(height_mm=3.0), resolution="fast", drives={"x": drive})
     plant.switch_generator(False)
@@ -124,7 +124,7 @@ def test_in_a_machine_the_counter_shows_where_the_table_is() -> None:  # U-A9
     assert counts == pytest.approx((plant.place_um[0] - start_um) * per_um, abs=2)
 
 
-def test_keys_are_echoed_one_by_one_and_blanks_case_and_line_feeds_do_not_count() -> None:  # U-7, U-A13, U-A14, U-A15
+def test_keys_are_echoed_one_by_one_and_blanks_case_and_line_feeds_do_not_count():  # U-7, U-A13, U-A14, U-A15
     bench = tuned(**SAMPLE_SET)
     assert [bench.talk(bytes([key])) for key in b"p 6 "] == [b"p", b" ", b"6", b" "]
     assert bench.talk(b"00\r\n") == b"00\r\nOK\r\n>"
@@ -134,7 +134,7 @@ def test_keys_are_echoed_one_by_one_and_blanks_case_and_line_feeds_do_not_count(
     assert "(P)rop.      71" in ask(bench, "#")
 
 
-def test_the_serial_line_runs_at_a_divisor_of_the_crystal() -> None:  # U-7, U-67
+def test_the_serial_line_runs_at_a_divisor_of_the_crystal():  # U-7, U-67
     bench = tuned()
     assert bench.drive("x").baud == pytest.approx(38461.5, abs=0.1)
     assert bench.drive("x").baud / 38400 - 1 == pytest.approx(0.0016, abs=1e-4)
@@ -146,7 +146,7 @@ def test_the_serial_line_runs_at_a_divisor_of_the_crystal() -> None:  # U-7, U-6
     assert min(b - a for a, b in itertools.pairwise(times)) >= 10 / 38461.6
 
 
-def test_delivery_state_is_cured_by_reset_and_save() -> None:  # U-28, GU-2, GU-7, GU-9
+def test_delivery_state_is_cured_by_reset_and_save():  # U-28, GU-2, GU-7, GU-9
     bench = delivered()
     assert not bench.pins("x").enabled
     assert "(P)rop.      1000" in ask(bench, "#")  # preset, U-A22
@@ -157,7 +157,7 @@ def test_delivery_state_is_cured_by_reset_and_save() -> None:  # U-28, GU-2, GU-
     assert bench.talk(b"+\r") == b"+\r\n" + BANNER
 
 
-def test_the_three_banks_are_independent() -> None:  # U-26, U-27, U-54, U-55, U-56
+def test_the_three_banks_are_independent():  # U-26, U-27, U-54, U-55, U-56
     bench = tuned()
     for bank in (0, 1, 2):
         ask(bench, f"P{1000 + bank}")
@@ -172,7 +172,7 @@ def test_the_three_banks_are_independent() -> None:  # U-26, U-27, U-54, U-55, U
     assert "(P)rop.      1000" in ask(bench, "#")
 
 
-def test_any_flipped_bit_of_a_bank_is_corrected() -> None:  # U-29, U-A24
+def test_any_flipped_bit_of_a_bank_is_corrected():  # U-29, U-A24
     bench = tuned(**SAMPLE_SET)
     for bit in range(0, 42 * 8, 5):
         bench.flip_bits("x", (bit,))
@@ -181,7 +181,7 @@ def test_any_flipped_bit_of_a_bank_is_corrected() -> None:  # U-29, U-A24
         bench.flip_bits("x", (bit,))
 
 
-def test_any_two_flipped_bits_are_corrected_or_noticed() -> None:  # U-28, U-29, U-A21
+def test_any_two_flipped_bits_are_corrected_or_noticed():  # U-28, U-29, U-A21
     bench = tuned(**SAMPLE_SET)
     for byte in (0, 13, 41):
         for first, second in ((0, 1), (2, 7), (3, 4)):
@@ -196,7 +196,7 @@ def test_any_two_flipped_bits_are_corrected_or_noticed() -> None:  # U-28, U-29,
         bench.flip_bits("x", (8 * byte, (8 * byte + 17) % 336))
 
 
-def test_power_lost_in_a_save_leaves_a_bank_that_is_refused() -> None:  # U-26, U-28
+def test_power_lost_in_a_save_leaves_a_bank_that_is_refused():  # U-26, U-28
     bench = tuned(**SAMPLE_SET)
     before = bench.drive("x").record["eeprom"].copy()
     ask(bench, "P2000")
@@ -210,7 +210,7 @@ def test_power_lost_in_a_save_leaves_a_bank_that_is_refused() -> None:  # U-26, 
     assert ask(bench, "+") == BAD_BANNER.decode().removesuffix(">").strip()
 
 
-def test_a_failed_load_shuts_off_until_a_reset() -> None:  # U-28, U-69, U-A21
+def test_a_failed_load_shuts_off_until_a_reset():  # U-28, U-69, U-A21
     bench = tuned(**SAMPLE_SET)
     assert bench.talk(b"L1\r") == b"L1\r\nEEPROM: Error!\r\n>"
     pins = bench.pins("x")
@@ -224,14 +224,14 @@ def test_a_failed_load_shuts_off_until_a_reset() -> None:  # U-28, U-69, U-A21
 
 @effort(max_examples=20)
 @given(st.binary(max_size=60).filter(lambda text: b"g" not in text.lower()))
-def test_garbage_moves_no_motor(text: bytes) -> None:  # U-53
+def test_garbage_moves_no_motor(text):  # U-53
     bench = tuned()
     bench.send(text + b"\r", axis="x")
     bench.run(0.05)
     assert abs(count(bench)) <= 1
 
 
-def test_a_wrong_baud_rate_and_long_lines_set_nothing() -> None:  # U-7, U-13, U-53
+def test_a_wrong_baud_rate_and_long_lines_set_nothing():  # U-7, U-13, U-53
     bench = tuned(**SAMPLE_SET)
     for baud in (57600.0, 34800.0):  # M-A6: 34800 is a misprint of 38400
         bench.host_baud(baud)
@@ -243,7 +243,7 @@ def test_a_wrong_baud_rate_and_long_lines_set_nothing() -> None:  # U-7, U-13, U
     assert register(bench, LATCHED) == 0
 
 
-def test_what_is_meant_for_the_servo_module_moves_no_motor() -> None:  # M-51
+def test_what_is_meant_for_the_servo_module_moves_no_motor():  # M-51
     bench = tuned()
     script = "P1234 D1234 I105 A100 C500 E75 F256 L7 O-25 T3 V750 GV GP GT GE GF GO GD GS Q R S +125 -75 Z157 Z ? J2"
     places = []
@@ -254,7 +254,7 @@ def test_what_is_meant_for_the_servo_module_moves_no_motor() -> None:  # M-51
     assert max(map(abs, places)) <= 1
 
 
-def test_a_closed_terminal_stops_nothing() -> None:  # U-53
+def test_a_closed_terminal_stops_nothing():  # U-53
     bench = tuned()
     bench.open_terminal(False)
     bench.send(b"A\r", axis="x")

@@ -23,7 +23,7 @@ from .uhu_bench import (
 )
 
 
-def test_start_up_is_in_order_and_without_a_jerk() -> None:  # U-38, U-51
+def test_start_up_is_in_order_and_without_a_jerk():  # U-38, U-51
     bench = AxisBench({"x": Uhu(axis_row("bench"), stored={})})
     bench.trace = True
     bench.run(0.05)
@@ -38,7 +38,7 @@ def test_start_up_is_in_order_and_without_a_jerk() -> None:  # U-38, U-51
     assert not samples["command"].any()
 
 
-def test_a_hard_reset_of_a_moved_axis_does_not_jerk() -> None:  # U-32, U-39, U-A25
+def test_a_hard_reset_of_a_moved_axis_does_not_jerk():  # U-32, U-39, U-A25
     bench = tuned()
     stepped(bench, 500, 2000.0, 20_000.0, run_s=0.5)
     bench.talk(b"+\r")
@@ -47,7 +47,7 @@ def test_a_hard_reset_of_a_moved_axis_does_not_jerk() -> None:  # U-32, U-39, U-
     assert abs(count(bench)) <= 1  # it counts from 0 again
 
 
-def test_the_error_input_shuts_off_within_an_interval_and_latches() -> None:  # U-6, U-31, U-46, U-66
+def test_the_error_input_shuts_off_within_an_interval_and_latches():  # U-6, U-31, U-46, U-66
     for cycle, at_most_s in ((63, 972e-6), (200, 2434e-6)):
         bench = tuned(cycle=cycle)
         bench.wire("x", fault_in=True, fault_out=True)
@@ -72,7 +72,7 @@ def test_the_error_input_shuts_off_within_an_interval_and_latches() -> None:  # 
         assert bench.pins("x").enabled
 
 
-def test_the_watchdog_shuts_off_after_125_ms_and_keeps_the_parameters() -> None:  # U-5, U-44
+def test_the_watchdog_shuts_off_after_125_ms_and_keeps_the_parameters():  # U-5, U-44
     bench = tuned(**SAMPLE_SET)
     ask(bench, "P777")
     bench.stall("x", 0.120)
@@ -95,7 +95,7 @@ def test_the_watchdog_shuts_off_after_125_ms_and_keeps_the_parameters() -> None:
 
 
 @pytest.mark.parametrize(("cycle", "trips"), [(11_718, False), (11_719, True)])
-def test_a_cycle_longer_than_the_watchdog_trips_it(cycle: int, trips: bool) -> None:  # U-45, U-A23
+def test_a_cycle_longer_than_the_watchdog_trips_it(cycle, trips):  # U-45, U-A23
     bench = tuned(torque_limit=0)
     assert ask(bench, f"C{cycle}") == "OK"
     bench.run(0.4)
@@ -103,7 +103,7 @@ def test_a_cycle_longer_than_the_watchdog_trips_it(cycle: int, trips: bool) -> N
     assert bench.pins("x").enabled != trips
 
 
-def test_a_tracking_trip_says_nothing_and_r_starts_where_the_axis_is() -> None:  # U-31, U-46, U-A21, U-A25
+def test_a_tracking_trip_says_nothing_and_r_starts_where_the_axis_is():  # U-31, U-46, U-A21, U-A25
     bench = tuned(error_limit=100)
     bench.hold("x", True)
     bench.received("x")
@@ -121,7 +121,7 @@ def test_a_tracking_trip_says_nothing_and_r_starts_where_the_axis_is() -> None: 
     assert abs(error(bench)) <= 1
 
 
-def test_the_ready_led_is_lit_in_operation_only() -> None:  # U-41, U-A1
+def test_the_ready_led_is_lit_in_operation_only():  # U-41, U-A1
     bench = tuned()
     assert (bench.pins("x").led, bench.pins("x").error_led) == (True, False)
     ask(bench, "L2")
@@ -131,7 +131,7 @@ def test_the_ready_led_is_lit_in_operation_only() -> None:  # U-41, U-A1
     assert (bench.pins("x").led, bench.pins("x").error_led) == (False, True)
 
 
-def test_each_pin_does_what_the_manual_says() -> None:  # U-1
+def test_each_pin_does_what_the_manual_says():  # U-1
     bench = tuned()
     bench.wire("x", fault_in=True, fault_out=True)
     bench.steps("x", 30, 1000.0)
@@ -153,7 +153,7 @@ def test_each_pin_does_what_the_manual_says() -> None:  # U-1
 
 
 @pytest.mark.parametrize("wrong", ["unplugged", "swapped"])
-def test_without_its_encoder_s_two_phases_the_axis_trips_at_the_first_move(wrong: str) -> None:  # U-43, U-21, U-A26
+def test_without_its_encoder_s_two_phases_the_axis_trips_at_the_first_move(wrong):  # U-43, U-21, U-A26
     bench = tuned(error_limit=100)
     if wrong == "swapped":
         bench.swap_phases("x")
@@ -166,7 +166,7 @@ def test_without_its_encoder_s_two_phases_the_axis_trips_at_the_first_move(wrong
     assert register(bench, LATCHED) == TRACKING
 
 
-def test_a_dip_of_the_rail_is_a_reset() -> None:  # U-48, U-55
+def test_a_dip_of_the_rail_is_a_reset():  # U-48, U-55
     bench = tuned(**SAMPLE_SET)
     ask(bench, "P600")
     bench.received("x")
@@ -182,7 +182,7 @@ def test_a_dip_of_the_rail_is_a_reset() -> None:  # U-48, U-55
     assert "(P)rop.      900" in ask(bench, "#")
 
 
-def test_without_motor_supply_the_dialogue_works_and_steps_trip() -> None:  # U-64
+def test_without_motor_supply_the_dialogue_works_and_steps_trip():  # U-64
     bench = tuned(error_limit=100)
     bench.supply("x", 0.0)
     bench.axis("x")["link_V"] = 0.0  # its capacitor is empty, too
@@ -193,7 +193,7 @@ def test_without_motor_supply_the_dialogue_works_and_steps_trip() -> None:  # U-
     assert register(bench, LATCHED) == TRACKING
 
 
-def test_too_much_torque_for_the_motor_is_damage() -> None:  # U-63
+def test_too_much_torque_for_the_motor_is_damage():  # U-63
     peaks, damage = [], []
     for limit in (50, 120, 255):
         bench = tuned("low-impedance", torque_limit=limit, error_limit=30_000)
@@ -206,7 +206,7 @@ def test_too_much_torque_for_the_motor_is_damage() -> None:  # U-63
     assert damage[-1] != 0
 
 
-def test_a_jerk_by_hand_shows_in_the_stream() -> None:  # U-61
+def test_a_jerk_by_hand_shows_in_the_stream():  # U-61
     bench = tuned()
     start_stream(bench)
     bench.received("x")
@@ -220,7 +220,7 @@ def test_a_jerk_by_hand_shows_in_the_stream() -> None:  # U-61
 
 
 @pytest.mark.parametrize("counts", [300, -32_000])
-def test_g_moves_nothing_while_the_output_is_off(counts: int) -> None:  # U-30, U-46, M-A21
+def test_g_moves_nothing_while_the_output_is_off(counts):  # U-30, U-46, M-A21
     """Neither now nor after R; and it is no tracking error, for which the drive would pull the line low itself."""
     bench = tuned()
     bench.pull_fault_net(True)
@@ -237,7 +237,7 @@ def test_g_moves_nothing_while_the_output_is_off(counts: int) -> None:  # U-30, 
     assert abs(count(bench) - place - 300) <= 2
 
 
-def test_r_clears_the_integrator() -> None:  # U-31, U-A25
+def test_r_clears_the_integrator():  # U-31, U-A25
     """A steady torque has filled it; after R the motor gives way at first, as a loop does that begins."""
     bench = tuned(integral_gain=100, error_limit=5000)
     bench.torque("x", 0.3)

@@ -1,9 +1,7 @@
 """A UHU on the bench, for the tests of its rows."""
 
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
@@ -34,24 +32,24 @@ I(N)ertance  150
 """
 
 
-def bench_with(*drives: Uhu) -> AxisBench:
+def bench_with(*drives):
     """Some UHUs on the axes x, y, ..., just powered up, their start-up text sent."""
     bench = AxisBench(dict(zip("xyuv", drives, strict=False)))
     bench.run(0.03)
     return bench
 
 
-def tuned(axis: str = "bench", *, changes: dict[str, float] | None = None, **parameters: int) -> AxisBench:
+def tuned(axis="bench", *, changes=None, **parameters):
     """A UHU with good banks on an axis, running."""
     return bench_with(Uhu(axis_row(axis, **(changes or {})), stored=parameters))
 
 
-def delivered() -> AxisBench:
+def delivered():
     """A UHU in its condition upon delivery."""
     return bench_with(Uhu(axis_row("bench")))
 
 
-def ask(bench: AxisBench, text: str, axis: str = "x", run_s: float = 0.0) -> str:
+def ask(bench, text, axis="x", run_s=0.0):
     """Type a line; what comes back without the echo and the prompt; the bench then runs for some time."""
     said = bench.talk(text.encode() + b"\r", axis=axis).decode("ascii")
     assert said.startswith(text + "\r\n"), said
@@ -60,33 +58,33 @@ def ask(bench: AxisBench, text: str, axis: str = "x", run_s: float = 0.0) -> str
     return said.removeprefix(text).removesuffix(">").strip("\r\n")
 
 
-def stepped(bench: AxisBench, *steps: float, run_s: float) -> None:
+def stepped(bench, *steps, run_s):
     """Step x: how many, at which rate (Hz) and acceleration (Hz/s), and run for some time."""
     bench.steps("x", int(steps[0]), *steps[1:])
     bench.run(run_s)
 
 
-def moved(bench: AxisBench, counts: int, run_s: float) -> None:
+def moved(bench, counts, run_s):
     """Let x go some counts, and run for some time."""
     bench.drive("x").go(counts)
     bench.run(run_s)
 
 
-def count(bench: AxisBench, axis: str = "x") -> int:
+def count(bench, axis="x"):
     """Where the chip says the axis is."""
     return register(bench, POSITION, axis)
 
 
-def error(bench: AxisBench, axis: str = "x") -> int:
+def error(bench, axis="x"):
     """The tracking error in counts at the last sample."""
     return register(bench, TARGET, axis) - register(bench, POSITION, axis)
 
 
-def register(bench: AxisBench, place: int, axis: str = "x") -> int:
+def register(bench, place, axis="x"):
     return int(bench.drive(axis).record["reg"][0, place])
 
 
-def traced(bench: AxisBench, seconds: float, axis: str = "x") -> NDArray[Any]:
+def traced(bench, seconds, axis="x"):
     """Samples of a time."""
     bench.trace = True
     bench.samples(axis)
@@ -94,7 +92,7 @@ def traced(bench: AxisBench, seconds: float, axis: str = "x") -> NDArray[Any]:
     return np.array(bench.samples(axis))
 
 
-def start_stream(bench: AxisBench, axis: str = "x") -> None:
+def start_stream(bench, axis="x"):
     """Start analyse mode; the line is never quiet from then on."""
     bench.send(b"A\r", axis=axis)
     bench.run(0.02)

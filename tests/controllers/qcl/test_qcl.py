@@ -21,44 +21,38 @@ def test_the_second_declaration_of_the_manual():  # Q-83, Q-2
     assert bare.resources == (False, False, False, False)
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        ("A EANPOS 0 2.CNT02 3 3.INP01 3.AN01", "TCamp of A is '0'; it must be 1 to 255 ms"),
-        ("A EANPOS 256 2.CNT02 3 3.INP01 3.AN01", "TCamp of A is '256'"),
-        ("A EANPOS 2 2.CNT02 0 3.INP01 3.AN01", "IntL of A is '0'; it must be 1 to 8, or X"),
-        ("A EANPOS 2 2.CNT02 9 3.INP01 3.AN01", "IntL of A is '9'"),
-        ("A EANPOS 2 2.CNT02 3\n3.INP01 3.AN01", "all on one line"),
-        ("A EANPOS 2 2.INP02 3 3.INP01 3.AN01", "'2.INP02' is not an address; it must be SLOT.CNTNN"),
-        ("A EANPOS 2 4.CNT02 3 3.INP01 3.AN01", "slot 4, which has no card"),
-        ("A CAMMING 2 2.CNT02 3 3.INP01 3.AN01", "A is a CAMMING"),
-        ("2A EANPOS 2 2.CNT02 3 3.INP01 3.AN01", "'2A' is not a name"),
-    ],
-)
+@pytest.mark.parametrize(("line", "reason"), [
+    ("A EANPOS 0 2.CNT02 3 3.INP01 3.AN01", "TCamp of A is '0'; it must be 1 to 255 ms"),
+    ("A EANPOS 256 2.CNT02 3 3.INP01 3.AN01", "TCamp of A is '256'"),
+    ("A EANPOS 2 2.CNT02 0 3.INP01 3.AN01", "IntL of A is '0'; it must be 1 to 8, or X"),
+    ("A EANPOS 2 2.CNT02 9 3.INP01 3.AN01", "IntL of A is '9'"),
+    ("A EANPOS 2 2.CNT02 3\n3.INP01 3.AN01", "all on one line"),
+    ("A EANPOS 2 2.INP02 3 3.INP01 3.AN01", "'2.INP02' is not an address; it must be SLOT.CNTNN"),
+    ("A EANPOS 2 4.CNT02 3 3.INP01 3.AN01", "slot 4, which has no card"),
+    ("A CAMMING 2 2.CNT02 3 3.INP01 3.AN01", "A is a CAMMING"),
+    ("2A EANPOS 2 2.CNT02 3 3.INP01 3.AN01", "'2A' is not a name"),
+])  # fmt: skip
 def test_a_wrong_declaration_is_refused(line, reason):
     with pytest.raises(QclError, match=r"QCL:\d+: .*") as refused:
         declared(line)
     assert reason in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("GLOBAL\na L\nA F", "A is declared twice"), ("SYSTEM\na X", "a has size 'X'; it must be F, B, W, L or S"),
-        ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt 10", "'t 10' must be NAME, all on one line"),
-        ("TIMER\nt\nt", "t is declared twice"), ("TIMER\n3t", "'3t' is not a name"),
-        ("DATAGROUP\nSTEP", "STEP comes before the name of its data group"),
-        ("DATAGROUP\ng\nplace L", "'place L' comes before DATAPROGRAM"),
-        ("DATAGROUP\ng\nSTEP\n4\nplace L", "STEP comes before DATAPROGRAM"),
-        ("DATAGROUP\ng\nDATAPROGRAM\nspeed L", "DATAPROGRAM is followed by 'speed L'; it must be how many there are"),
-        ("DATAGROUP\ng\nDATAPROGRAM\n0", "DATAPROGRAM is followed by '0'; it must be how many there are, 1 to 65534"),
-        ("DATAGROUP\ng\nDATAPROGRAM\n2\nSTEP\n65535", "STEP is followed by '65535'"),
-        ("DATAGROUP\ng\nDATAPROGRAM\n2\nspeed X", "speed has size 'X'"),
-        ("GLOBAL\nspeed L\nDATAGROUP\ng\nDATAPROGRAM\n2\nspeed L", "speed is declared twice"),
-        ("BUS\n1 card", "must be SLOT CARD VERSION"), ("BUS\n1 a 0\n1 b 0", "slot 1 is declared twice"),
-        ("BUS\n1 a 0\nINPUT\ni L 1.INP01", "is a flag, F"), ("stray", "stands before the first section"),
-    ],
-)
+@pytest.mark.parametrize(("text", "reason"), [
+    ("GLOBAL\na L\nA F", "A is declared twice"), ("SYSTEM\na X", "a has size 'X'; it must be F, B, W, L or S"),
+    ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt 10", "'t 10' must be NAME, all on one line"),
+    ("TIMER\nt\nt", "t is declared twice"), ("TIMER\n3t", "'3t' is not a name"),
+    ("DATAGROUP\nSTEP", "STEP comes before the name of its data group"),
+    ("DATAGROUP\ng\nplace L", "'place L' comes before DATAPROGRAM"),
+    ("DATAGROUP\ng\nSTEP\n4\nplace L", "STEP comes before DATAPROGRAM"),
+    ("DATAGROUP\ng\nDATAPROGRAM\nspeed L", "DATAPROGRAM is followed by 'speed L'; it must be how many there are"),
+    ("DATAGROUP\ng\nDATAPROGRAM\n0", "DATAPROGRAM is followed by '0'; it must be how many there are, 1 to 65534"),
+    ("DATAGROUP\ng\nDATAPROGRAM\n2\nSTEP\n65535", "STEP is followed by '65535'"),
+    ("DATAGROUP\ng\nDATAPROGRAM\n2\nspeed X", "speed has size 'X'"),
+    ("GLOBAL\nspeed L\nDATAGROUP\ng\nDATAPROGRAM\n2\nspeed L", "speed is declared twice"),
+    ("BUS\n1 card", "must be SLOT CARD VERSION"), ("BUS\n1 a 0\n1 b 0", "slot 1 is declared twice"),
+    ("BUS\n1 a 0\nINPUT\ni L 1.INP01", "is a flag, F"), ("stray", "stands before the first section"),
+])  # fmt: skip
 def test_a_wrong_configuration_is_refused(text, reason):
     with pytest.raises(QclError) as refused:
         read_configuration(text)
@@ -83,14 +77,11 @@ def run(*lines, passes=1):
     return control
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("(10*99999)/100", 9999), ("-(7)/2", -3), ("7/-2", -3), ("2+3*4-6/3", 12), ("-5+seven", 2),
-        ("1 EQ 1", 1), ("2 NE 2", 0), ("3 GT 2 AND 2 GE 2", 1), ("1 LT 1 OR 1 LE 1", 1), ("NOT 0", 1),
-        ("NOT (1 OR 0)", 0), ("NOT NOT 5", 1), ("NOT 1 EQ 2", 1), ("1 or 0 And 0", 1), ("((4))", 4),
-    ],
-)
+@pytest.mark.parametrize(("text", "value"), [
+    ("(10*99999)/100", 9999), ("-(7)/2", -3), ("7/-2", -3), ("2+3*4-6/3", 12), ("-5+seven", 2),
+    ("1 EQ 1", 1), ("2 NE 2", 0), ("3 GT 2 AND 2 GE 2", 1), ("1 LT 1 OR 1 LE 1", 1), ("NOT 0", 1),
+    ("NOT (1 OR 0)", 0), ("NOT NOT 5", 1), ("NOT 1 EQ 2", 1), ("1 or 0 And 0", 1), ("((4))", 4),
+])  # fmt: skip
 def test_expressions(text, value):
     assert run(f"a = {text}").variables["a"] == value
 
@@ -143,30 +134,24 @@ def test_a_data_group_keeps_values_by_recipe_and_step():
     assert control.variables == {"kept": -5, "a": 0, "b": 0}
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        ("speed[4] = 1", "speed has no recipe 4; it must be 1 to 3"), ("a = speed[0]", "speed has no recipe 0"),
-        ("a = place[3, 5]", "place has no step 5; it must be 1 to 4"), ("speed[1] = 128", "speed cannot hold 128"),
-        ("good[1] = 2", "good cannot hold 2; it must be 0 to 1"), ("a = place[1/0, 1]", "divided by nought"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "reason"), [
+    ("speed[4] = 1", "speed has no recipe 4; it must be 1 to 3"), ("a = speed[0]", "speed has no recipe 0"),
+    ("a = place[3, 5]", "place has no step 5; it must be 1 to 4"), ("speed[1] = 128", "speed cannot hold 128"),
+    ("good[1] = 2", "good cannot hold 2; it must be 0 to 1"), ("a = place[1/0, 1]", "divided by nought"),
+])  # fmt: skip
 def test_a_data_groups_errors_name_their_line(line, reason):
     with pytest.raises(InputError, match=f"line 2: .*{reason}"):
         timed("a = 1", line).run_pass()
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        ("speed = 1", r"speed is a data group's variable; it is written speed\[recipe\]"),
-        ("a = place[1]", r"it is written place\[recipe, step\]"), ("a = speed[1, 2]", r"written speed\[recipe\]"),
-        ("a = speed[1", r"written speed\[recipe\]"), ("speed[1] 2 = 3", "'2' is left over before ="),
-        ("dgParts = 1", "dgParts is not a variable"), ("a = dgParts", "dgParts is not a name"),
-        ("a[1] = 2", "nothing that can be assigned to"), ("= a = 2", "nothing that can be assigned to"),
-        ("a = b[1]", r"'\[ 1 \]' is left over"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "reason"), [
+    ("speed = 1", r"speed is a data group's variable; it is written speed\[recipe\]"),
+    ("a = place[1]", r"it is written place\[recipe, step\]"), ("a = speed[1, 2]", r"written speed\[recipe\]"),
+    ("a = speed[1", r"written speed\[recipe\]"), ("speed[1] 2 = 3", "'2' is left over before ="),
+    ("dgParts = 1", "dgParts is not a variable"), ("a = dgParts", "dgParts is not a name"),
+    ("a[1] = 2", "nothing that can be assigned to"), ("= a = 2", "nothing that can be assigned to"),
+    ("a = b[1]", r"'\[ 1 \]' is left over"),
+])  # fmt: skip
 def test_a_data_groups_variable_needs_its_indices(line, reason):
     with pytest.raises(QclError, match=reason):
         timed(line)
@@ -188,22 +173,19 @@ def test_a_loop_without_wait_ends_its_pass():
     assert 1000 < control.variables["a"] < 10_000
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        ("c = 1", "c is not a variable or output"), ("a = c", "c is not a name"),
-        ("Axis = 1", "Axis is not a variable"), ("seven = 8", "seven is not a variable"),
-        ("a = Axis", "Axis is not a name"), ("START a", "a is not a device"),
-        ("GO Axis", "'GO Axis' is not a statement"), ("Axis:speed = 1", "no parameter 'speed'"),
-        ("Axis:st_still = 1", "no parameter 'st_still'"), ("a = Axis:st_moving", "no state 'st_moving'"),
-        ("Bxis:setpos = 1", "Bxis is not a device"), ("a = (1", "a bracket is not closed"),
-        ("a = 1)", "')' is left over"),
-        ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is not a value"),
-        ("a = 1.5", "is not a word of QCL"),
-        ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
-        ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "reason"), [
+    ("c = 1", "c is not a variable or output"), ("a = c", "c is not a name"),
+    ("Axis = 1", "Axis is not a variable"), ("seven = 8", "seven is not a variable"),
+    ("a = Axis", "Axis is not a name"), ("START a", "a is not a device"),
+    ("GO Axis", "'GO Axis' is not a statement"), ("Axis:speed = 1", "no parameter 'speed'"),
+    ("Axis:st_still = 1", "no parameter 'st_still'"), ("a = Axis:st_moving", "no state 'st_moving'"),
+    ("Bxis:setpos = 1", "Bxis is not a device"), ("a = (1", "a bracket is not closed"),
+    ("a = 1)", "')' is left over"),
+    ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is not a value"),
+    ("a = 1.5", "is not a word of QCL"),
+    ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
+    ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),
+])  # fmt: skip
 def test_a_wrong_statement_is_refused(line, reason):
     with pytest.raises(QclError) as refused:
         read_program(line, DECLARED, "task.mod")

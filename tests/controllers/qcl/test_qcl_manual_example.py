@@ -15,22 +15,22 @@ SECOND_HALF = 45
 """Line of the program at which its second half begins."""
 
 
-def in_second_half(line: int) -> int:
+def in_second_half(line):
     """Line of the whole program of a line of its second half."""
     return SECOND_HALF - 1 + line
 
 
-def _comment_stars(text: str) -> str:
+def _comment_stars(text):
     return "\n".join(f";{line}" if line.startswith("*") else line for line in text.splitlines())
 
 
-def readable() -> tuple[str, str]:
+def readable():
     """Configuration and program with nothing repaired but what cannot be read: comments, and two names."""
     named = CONFIGURATION.replace("slVelAsse", "slVelAxis").replace("ofAxeFermo", "ofAxeStopped")
     return _comment_stars(named), _comment_stars(PROGRAM)
 
 
-def repaired() -> tuple[str, str]:
+def repaired():
     """Besides that the enabling input has an address of its own, and the missing RESUME stands before its WAIT."""
     configuration, program = readable()
     configuration = configuration.replace("1       2.INP01    2.AN01", "1       2.INP05    2.AN01")
