@@ -32,6 +32,7 @@ max_time_s = 600.0  # machine time after which a cut of the part is stopped
 
 # %%
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -70,6 +71,7 @@ print(f"the shipped policy was trained with {shipped.steps} windows, the one her
 
 # %%
 curve = []
+shutil.rmtree("trained", ignore_errors=True)  # of an earlier run of this cell
 trained = train(ENV, "ppo", Path("trained"), steps=steps, seed=seed,
                 watch=lambda progress: curve.append((progress.steps, progress.mean_return)))
 card, arrays = trained.export(f"edmsim train {ENV} --algo ppo --steps {steps} --seed {seed}")
