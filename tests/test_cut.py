@@ -326,7 +326,7 @@ BAD = [
     ({"height_mm": "tall"}, "height_mm cannot be 'tall'"),
     ({"resolution": "superb"}, "fast, default, fine"),
     ({"tension": 60.0}, "breaks"),
-    ({"tension": 0.0}, "above zero"),
+    ({"tension": 0.0}, "not within 0.01..300 N"),
     ({"height_mm": -3.0}, "-3 mm"),
     ({"height_mm": 0.0}, "0 mm"),
     ({"t_on_us": 40.0}, "2 A"),

@@ -88,6 +88,9 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     step = training._Keeper._on_step
 
     number = signal.SIGINT if algo == "ppo" else signal.SIGTERM
+    # a process in the background ignores Ctrl-C
+    usual = signal.default_int_handler if algo == "ppo" else signal.SIG_DFL
+    before = signal.signal(number, usual)
 
     def interrupted(self):
         if self.num_timesteps >= 64:
@@ -97,6 +100,7 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     with monkeypatch.context() as patch:
         patch.setattr(training._Keeper, "_on_step", interrupted)
         status, out, err = edmsim(*command)
+    signal.signal(number, before)
     assert (status, out) == (128 + number, "")
     assert f"--algo {algo} --seed 0 --resume --out {tmp_path}" in err
     assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000064"]
