@@ -18,7 +18,7 @@ THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
     "axes/drives", "axes/rapid", "axes/steps", "constants", "fleet", "kernel/declare", "kernel/memory",
-    "kernel/state", "mechanics/mjcf", "plant", "readings", "resolution", "snapshot", "window", "workpiece/blanks",
+    "kernel/state", "mechanics/mjcf", "plant", "resolution", "snapshot", "window", "workpiece/blanks",
 }
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),
