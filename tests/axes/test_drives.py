@@ -99,6 +99,7 @@ def test_both_integrators_move_a_servo_alike(machine):
     assert places["modal"] > 10_005.0
 
 
+@pytest.mark.slow
 def test_the_wire_is_where_a_servo_has_moved_it(machine):
     """The servo lags behind its setpoint: the metal must be met where the table is, not where it was commanded."""
     plant = plant_with(machine, {"x": axes.make("servo")})

@@ -42,6 +42,7 @@ def test_figures():
     assert measured["realtime_factor"] == pytest.approx(measured["pulses_per_s"] * 100e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads(load_script):
     script = load_script(Path(__file__).parents[2] / "docs" / "make" / "vector_envs.py")

@@ -352,6 +352,7 @@ def test_what_ends_at_a_bound_says_so(share, half, said):
     assert remark(share, half) == said
 
 
+@pytest.mark.slow
 def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeypatch, capsys):
     cuts = iter(range(3))
 

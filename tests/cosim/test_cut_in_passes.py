@@ -53,6 +53,7 @@ def cut_with_a_snapshot_in_each_pass():
     return simulation, states
 
 
+@pytest.mark.slow
 def test_a_cut_resumed_in_any_pass_is_equal_to_the_bit():
     simulation, states = cut_with_a_snapshot_in_each_pass()
     assert {values["at"]["leg"] for _, values in states} >= {1, 2}  # in the rough pass, and in its trim
@@ -72,6 +73,7 @@ def test_a_trim_takes_from_one_side_what_the_rough_pass_left():
     assert trim.begin_s >= rough.end_s
 
 
+@pytest.mark.slow
 def test_a_trim_that_begins_in_a_short_runs_back_along_the_rough_pass():
     """The wire hung behind; straightened for the trim, it touches the metal ahead of the rough pass."""
     simulation, trim_s, behind = started(0.1, height_mm=76.2), [], []
@@ -90,6 +92,7 @@ def test_a_trim_that_begins_in_a_short_runs_back_along_the_rough_pass():
     assert state_of(again) == state_of(simulation)
 
 
+@pytest.mark.slow
 def test_craters_leave_no_waves_on_a_trimmed_wall():
     """At `default`, craters that take evenly from their width leave waves of 3.5 to 4 um (theory/workpiece.md)."""
     simulation = started(1.4, "default")
@@ -99,6 +102,7 @@ def test_craters_leave_no_waves_on_a_trimmed_wall():
         assert record.wall.waves_um < 1.2
 
 
+@pytest.mark.slow
 def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it():
     simulation, waits_s = started(0.3), 2.0
     contour = simulation.path.contours[0]
@@ -166,6 +170,7 @@ def test_a_piece_on_its_tab_is_held():
     assert loose_pieces(field, 0.02) == []
 
 
+@pytest.mark.slow
 def test_a_fine_pass_needs_stock_to_make_the_face_its_own():
     coarse, fine = 5000.0, 60.0
     alone = face_roughness_um([fine], [0.0])[0]

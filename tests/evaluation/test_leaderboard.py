@@ -34,6 +34,7 @@ def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(sh
     assert "counts" not in leaderboard(file)[GAP_FEED].results  # of other seeds
 
 
+@pytest.mark.slow
 def test_an_interrupted_evaluation_resumes_to_the_same_leaderboard(tmp_path, edmsim, monkeypatch):
     cuts = []
 

@@ -100,6 +100,7 @@ def short_file(tmp_path):
     return tmp_path / "short.toml"
 
 
+@pytest.mark.slow
 def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, short_file):
     out = tmp_path / "out"
     words = ["train", ENV_ID, "--algo", "bandit", "--score", "0", "--out", out]

@@ -157,6 +157,7 @@ def test_a_training_that_diverges_keeps_its_last_checkpoint(short_training, tmp_
     assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000080"]
 
 
+@pytest.mark.slow
 @needs_rl
 def test_a_training_that_learned_nothing_leaves_none(short_training, tmp_path, edmsim, monkeypatch):
     from edmsim.learning import learners

@@ -280,6 +280,7 @@ def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut():
     assert discharge_current_A(finishing) == pytest.approx(40.0)
 
 
+@pytest.mark.slow
 def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path):
     file = tmp_path / "far.ngc"
     file.write_text("G21 G90\nG0 X0.0 Y0.0\nG1 X300.0\nM2\n")

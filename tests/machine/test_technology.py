@@ -52,6 +52,7 @@ def test_a_single_height_gives_another_one_its_power_per_mm():
     assert low.settings[0].found == own.settings[0].found
 
 
+@pytest.mark.slow
 def test_a_lower_part_than_the_technology_knows_does_not_break_the_wire(monkeypatch):
     """With the power for 25.4 mm, carbide of 16 mm breaks it within seconds."""
     monkeypatch.setattr("edmsim.evaluation.technology.ROUGH_MM", 1.0)

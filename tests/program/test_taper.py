@@ -314,6 +314,7 @@ def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-5.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle_deg", [-3.0, -0.5, 0.5])
 def test_a_drawing_without_an_approach_tapers_both_ways(angle_deg):
     guides = GuideHeights(-10.0, 12.0, 2.0, 30.0)

@@ -38,6 +38,7 @@ def test_gains_are_scored_on_real_cuts_the_same_every_time(gains_script):
     assert gains_script.score(made[0]) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [0, 1])
 def test_every_feed_that_is_searched_can_be_run(gains_script, end):
     feed_um_s = BOUNDS["fixed"]["feed_um_s"][end]
