@@ -55,7 +55,8 @@ def train(
     """Train a policy (extra rl, but for the bandit)."""
     from edmsim.envs.registry import resolve
     from edmsim.evaluation.episode import is_part
-    from edmsim.learning.command import TrainOptions, has_training, run
+    from edmsim.learning.command import TrainOptions, run
+    from edmsim.learning.hyperparameters import has_training
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
     words = ["edmsim", "train", env_id, "--algo", algo, "--seed", str(options["seed"]), "--resume", "--out", str(out)]

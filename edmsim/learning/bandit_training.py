@@ -33,13 +33,13 @@ from edmsim.files import locked, read_toml
 from edmsim.learning import bandit_file
 from edmsim.learning.bandit_controller import BanditController
 from edmsim.learning.bandit_file import BanditCard, Choices, Segment
+from edmsim.learning.hyperparameters import HISTORIES
 from edmsim.runs import RunTable, perform, read_of
 from edmsim.screen import ScreenTable
 
 FIRST_SEED = 21_000
 """Seed of the first training machine of a training with seed 0."""
 LEAST_PASSES = 2  # in fewer, all that a segment differs from another is its setting, and no noise is known
-HISTORIES = "histories.jsonl"
 LEAST_SPREAD = 0.1
 """Least variance of the factor on the rate of lost wires among settings, and among machines (ours: few are seen)."""
 Floats = NDArray[np.float64]

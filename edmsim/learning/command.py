@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of
 from edmsim.learning import bandit_file, bandit_training, hyperparameters, policy_file, safe
-from edmsim.learning.hyperparameters import ALGORITHMS, CHECKPOINT, Hyperparameters
+from edmsim.learning.hyperparameters import ALGORITHMS, Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render, write_card
 from edmsim.runs import RunTable
@@ -82,11 +82,6 @@ class TrainOptions(NamedTuple):
         return parameters.model_copy(update=more)
 
 
-def has_training(out: Path) -> bool:
-    """Return whether a folder has a training, finished or not, that can be resumed."""
-    return any(found for pattern in (CHECKPOINT, bandit_training.HISTORIES) for found in out.glob(pattern))
-
-
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int,
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
@@ -98,8 +93,8 @@ def run(
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     if algo not in (*ALGORITHMS, BANDIT):
         raise InputError(f"unknown algorithm '{algo}'; there are: {one_of(algo, (*ALGORITHMS, BANDIT))}")
-    if not resume and has_training(out):
-        raise InputError("this folder has a training: continue it with --resume, or give another folder", out)
+    if not resume:
+        hyperparameters.refuse_training(out)
     if algo == BANDIT:
         return _bandit(env_id, out, steps, seed, resume, episodes, options)
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing

@@ -20,6 +20,7 @@ from edmsim.numeric import Number, WholeNumber, real
 
 CHECKPOINT = "checkpoint-*/run.json"
 """Where a folder has the state of a training, as a pattern: the last checkpoint."""
+HISTORIES = "histories.jsonl"  # where a folder has the state of a bandit's training
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
 REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
@@ -98,6 +99,17 @@ class Hyperparameters(BaseModel, extra="forbid", frozen=True):
     teacher: str | None = None  # imitation: controller to imitate (see `edmsim.learning.kinds`)
     # PPO: whether the value network observes the true state (see `edmsim.learning.kinds`)
     privileged_critic: bool = False
+
+
+def has_training(out: Path) -> bool:
+    """Return whether a folder has a training, finished or not, that can be resumed."""
+    return any(found for pattern in (CHECKPOINT, HISTORIES) for found in out.glob(pattern))
+
+
+def refuse_training(out: Path) -> None:
+    """Refuse a folder that has a training: a new one would replace it."""
+    if has_training(out):
+        raise InputError("this folder has a training: continue it with --resume, or give another folder", out)
 
 
 def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameters:

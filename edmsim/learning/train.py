@@ -131,10 +131,9 @@ def train(
         last, before = _to_resume(run, out, steps)
         parameters = before.hyperparameters
         run = run.model_copy(update={"steps": steps or before.steps, "options": before.options})
-    elif any(out.glob(hyperparameters.CHECKPOINT)):
-        raise InputError("this folder has a training: continue it with --resume, or give another folder", out)
-    elif isinstance(last, Path):
-        before = _saved(last)
+    else:
+        hyperparameters.refuse_training(out)
+        before = _saved(last) if isinstance(last, Path) else None
     learners.check(run.env_id, algo, parameters)
     with locked(out, "edmsim train"), noted() as signals:
         signals.at_once()
