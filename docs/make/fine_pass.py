@@ -45,11 +45,10 @@ def row(further_um: float) -> Sequence[str]:
     ).passes.records[-2:]
     assert before.wall is not None
     assert last.wall is not None
-    feed = (last.end_um - last.begin_um) / (last.end_s - last.begin_s) * 0.06
     return (
         f"{further_um:g}", f"{before.wall.mean_um - last.wall.mean_um:.1f}",
         f"{100 * last.sums.short / last.sums.pulses:.1f}",
-        f"{math.sqrt(last.sums.vibration2_pulses / last.sums.pulses):.1f}", f"{feed:.2f}",
+        f"{math.sqrt(last.sums.vibration2_pulses / last.sums.pulses):.1f}", f"{last.feed_mm_min:.2f}",
     )  # fmt: skip
 
 

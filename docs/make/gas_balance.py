@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sections import table, write_sections
 
+from edmsim.evaluation.stable_rate import OPEN_SHARE
 from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import STABLE_MM, rough_rig, sato_rig
 from edmsim.validation.lag import ROUGH_MM, ROUGH_OPEN_SHARE
@@ -45,7 +46,7 @@ def states(machine: Machine, open_share: float) -> tuple[float, dict[str, NDArra
 def main() -> None:
     """Make the cuts and put their table into the page."""
     sato = sato_rig(STABLE_MM, UNBREAKABLE).with_(t_period_us=STABLE_PERIOD_US)
-    cases = {ROUGH_MM: states(rough_rig(ROUGH_MM), ROUGH_OPEN_SHARE), STABLE_MM: states(sato, 0.1)}
+    cases = {ROUGH_MM: states(rough_rig(ROUGH_MM), ROUGH_OPEN_SHARE), STABLE_MM: states(sato, OPEN_SHARE)}
     heads = [f"{height:g} mm, {rate_Hz / 1e3:.0f} kHz: middle, faces" for height, (rate_Hz, _) in cases.items()]
     rows = []
     for name, (text, digits) in STATES.items():

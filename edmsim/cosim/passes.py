@@ -196,6 +196,12 @@ class PassRecord:
     # `profile_error` of the whole contour; none while it is not finished
     face_um: tuple[tuple[float, ...], ...] = ()
 
+    @property
+    def feed_mm_min(self) -> float:
+        """Mean feed; 0 where the pass took no time."""
+        seconds = self.end_s - self.begin_s
+        return (self.end_um - self.begin_um) / seconds * 0.06 if seconds > 0 else 0.0
+
 
 class PassLog(Snapshots):
     """Keeps what every pass of a cut did, a record each, and looks after loose pieces, of which `notices` tell."""

@@ -171,12 +171,6 @@ class Cut(NamedTuple):
     outcome: str
 
     @property
-    def feed_mm_min(self) -> float:
-        """Mean feed, its approach included."""
-        seconds = self.record.end_s - self.record.begin_s
-        return (self.record.end_um - self.record.begin_um) / seconds * 0.06 if seconds > 0 else 0.0
-
-    @property
     def last_offset_um(self) -> float:
         """Offset with which the wall would meet the drawing."""
         assert self.record.wall is not None
@@ -281,7 +275,7 @@ class Search:
         period_us, best, held = one.t_period_us, 0.0, 0.0
         while period_us > least_us:
             cut = self._cut(one.model_copy(update={"t_period_us": round(period_us, 1)}), 1, self._first_mm, None)
-            rate = cut.feed_mm_min * self._job.height_mm
+            rate = cut.record.feed_mm_min * self._job.height_mm
             if cut.outcome != "finished" or rate < NO_GAIN * best:
                 held = period_us / SHORTENING if cut.outcome == "finished" else period_us * GENTLE
                 break
@@ -309,7 +303,7 @@ class Search:
                 last_um, one = last_um + SHALLOWER_UM, self._stronger(one)
                 continue
             took_um = step_um - before.last_offset_um + cut.last_offset_um
-            feed_share = cut.feed_mm_min / one.feed_mm_min
+            feed_share = cut.record.feed_mm_min / one.feed_mm_min
             off = abs(took_um - target.stock_um) > max(STOCK_SHARE * target.stock_um, STOCK_UM)
             rough = abs(cut.ra_um / target.ra_um - 1.0) > RA_SHARE
             if not (off or rough) and feed_share >= FEED_REACHED:
@@ -367,10 +361,10 @@ class Search:
 
     def _with_found(self, one: PassSetting, cut: Cut, took_um: float | None) -> PassSetting:
         assert cut.record.wall is not None
-        feed = cut.feed_mm_min if one.feed == "adaptive" else one.feed_mm_min
+        feed = cut.record.feed_mm_min if one.feed == "adaptive" else one.feed_mm_min
         return one.model_copy(update={
             "last_offset_um": round(cut.last_offset_um, 1), "feed_mm_min": round(feed, 3),
-            "found": _found(cut.feed_mm_min, took_um or 0.0, cut.ra_um, cut.record.wall.bow_um),
+            "found": _found(cut.record.feed_mm_min, took_um or 0.0, cut.ra_um, cut.record.wall.bow_um),
         })
 
     def _cut(self, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
@@ -379,7 +373,7 @@ class Search:
         wall = cut.record.wall
         said = (
             f"pass {number}: {one.t_on_us:g} us and {one.peak_current_A:g} A in {one.t_period_us:g} us: "
-            f"{cut.outcome}, {cut.feed_mm_min:.2f} mm/min, Ra {cut.ra_um:.2f} um"
+            f"{cut.outcome}, {cut.record.feed_mm_min:.2f} mm/min, Ra {cut.ra_um:.2f} um"
         )
         if wall is not None:
             said += f", would meet the drawing at {cut.last_offset_um:.1f} um, bow {wall.bow_um:+.1f} um"
@@ -456,7 +450,7 @@ def _walls(cuts: Sequence[Cut]) -> list[dict[str, float]]:
         if wall is None:
             break
         walls.append({
-            "last_offset_um": cut.last_offset_um, "feed_mm_min": cut.feed_mm_min, "ra_um": cut.ra_um,
+            "last_offset_um": cut.last_offset_um, "feed_mm_min": cut.record.feed_mm_min, "ra_um": cut.ra_um,
             "stock_um": 0.0 if before_um is None else before_um - wall.mean_um, "bow_um": wall.bow_um,
         })  # fmt: skip
         before_um = wall.mean_um

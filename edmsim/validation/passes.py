@@ -63,8 +63,7 @@ class Chain(NamedTuple):
 
     def feed_mm_min(self, number: int) -> float:
         """Mean feed of a pass."""
-        record = self.records[number - 1]
-        return (record.end_um - record.begin_um) / (record.end_s - record.begin_s) * 0.06
+        return self.records[number - 1].feed_mm_min
 
 
 @cache
