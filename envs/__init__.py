@@ -1,6 +1,6 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
-``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v2``,
+``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v3``,
 ``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1``, ``edmsim/MaxRateShift-v0``,
 ``edmsim/ThinWireShift-v0`` and ``edmsim/Part-v0``, which is decided on pass by pass; the environment class of each
 describes action, observation and reward.

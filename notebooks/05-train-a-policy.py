@@ -126,7 +126,7 @@ for label in ("trained here", "shipped policy"):
 # than `counts`; with eight machines the intervals of all three overlap. No learned policy is significantly better
 # than the best law, `delay` on the page "benchmark". This task sets only the feed, and a servo comes within a tenth
 # of a controller that sees the gap. A policy could gain more if it also sets the generator, or if it knows the
-# corners ahead (`edmsim/Corner-v2`).
+# corners ahead (`edmsim/Corner-v3`).
 #
 # ## Cutting a part
 #

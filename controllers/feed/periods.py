@@ -332,7 +332,7 @@ class SetPoint(PeriodRule):
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in the operator's setting and what the supply gives."""
         self._machine = machine
-        self._on_us = float(max(round(machine.t_on_us * self.on_factor), 1))
+        self._on_us = machine.t_on_us * self.on_factor
         self._least_us = float(math.ceil(least_period_us(machine, self._on_us) / STEP_US) * STEP_US)
 
     def begin(self) -> None:

@@ -2,7 +2,7 @@
 
 python docs/make/benchmark.py                     # the page of docs/leaderboard.jsonl
 python docs/make/benchmark.py all                 # makes every cut again, writes the leaderboard, then the page
-python docs/make/benchmark.py edmsim/Corner-v2    # cuts one environment again
+python docs/make/benchmark.py edmsim/Corner-v3    # cuts one environment again
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from edmsim.evaluation.lines import lines_of
 
 DOCS = Path(__file__).parents[1]
 PAGE = DOCS / "tasks" / "corner.md"
-ENV_ID, POLICY = "edmsim/Corner-v2", "policy:Corner-lag"
+ENV_ID, POLICY = "edmsim/Corner-v3", "policy:Corner-lag"
 MACHINES = 16  # held-back ones whose cuts are made again
 EDGES_UM = (-100.0, 0.0, 20.0, 60.0, 100.0)  # places of the guides behind the corner
 

@@ -20,24 +20,20 @@ from edmsim.runs import perform
 
 SET_POINT = "set-point:open_target_share="
 PACE = "open_target_share=0.05"
-CORNER_SHARES = (0.05, 0.1, 0.2, 0.3)
-AT_CORNERS = tuple(
-    f"before_um={before},behind_um={behind},corner_factor={factor}"
-    for before, behind in ((20, 100), (50, 150)) for factor in (1, 2, 4)
-)
+CORNER_PULSES = "on_factor=0.7,period_factor=0.5"
 FEEDS = (range(100, 124), tuple(f"fixed:feed_um_s={feed}" for feed in (12, 16, 20, 24, 28)))
 TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
     "GapFeed": FEEDS,
     "HeightStep": FEEDS,
     "Corner": (range(200, 212), (
-        *(f"{SET_POINT}0.05,on_factor={on:g},period_factor={period:g}" for on in (1.0, 0.75)
-          for period in (0.7, 1.0, 1.4, 2.0)),
-        *(f"{SET_POINT}{share:g},on_factor=1,period_factor=0.7" for share in CORNER_SHARES[1:]),
-        *(f"lead-oracle:{PACE},on_factor=1,period_factor=0.7,{corner}" for corner in AT_CORNERS),
-        *(f"lead-oracle:open_target_share=0.1,on_factor=1,period_factor=0.7,average_s={average_s:g}"
-          for average_s in (0.02, 0.05, 0.1, 0.25, 0.5)),
-        *(f"{SET_POINT}0.05,on_factor=1,period_factor=0.7,before_um=20,behind_um=100,corner_factor=2,pull_N_m={pull:g},"
-          "fade_um=150" for pull in (0.0, -0.05, -0.1)),
+        *(f"{SET_POINT}0.5,on_factor={on:g},period_factor={period:g}" for on in (1.0, 0.7)
+          for period in (0.35, 0.5, 0.7, 1.0)),
+        *(f"{SET_POINT}{share:g},{CORNER_PULSES}" for share in (0.2, 0.3, 0.4, 0.6, 0.7)),
+        *(f"lead-oracle:open_target_share=0.6,{CORNER_PULSES},average_s={average_s:g}"
+          for average_s in (0.02, 0.05, 0.1, 0.25)),
+        *(f"{SET_POINT}0.6,{CORNER_PULSES},pull_N_m={pull:g},fade_um={fade}"
+          for pull in (-0.3, -0.5) for fade in (25, 50)),
+        f"{SET_POINT}0.4,{CORNER_PULSES},before_um=20,behind_um=100,corner_factor=2",
     )),
     "Trim": (range(100, 112), (
         *(f"fixed:feed_um_s={feed},offset_um={off}" for feed in (50, 100, 200) for off in (-8, -5, -2, 1, 4, 7)),

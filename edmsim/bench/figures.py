@@ -117,7 +117,7 @@ def turned_knobs_cost() -> float:
     Of 32 drawn machines at resolution ``fast``; the wire cuts in both.
     """
     env = gym.make_vec(
-        "edmsim/Corner-v2", num_envs=32, vectorization_mode="vector_entry_point", resolution="fast", action="change",
+        "edmsim/Corner-v3", num_envs=32, vectorization_mode="vector_entry_point", resolution="fast", action="change",
         knobs=("on_time", "duty_factor"),
     )
     env.reset(seed=0)

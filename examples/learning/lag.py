@@ -1,7 +1,7 @@
 """Cut a sharp corner with a wire that lags: a student with memory finds out how far, and offsets the guides.
 
 python examples/learning/lag.py --machines 300 --rounds 3 --seed 1 --out out/lag
-edmsim evaluate edmsim/Corner-v2 --controllers policy:out/lag/policy.json
+edmsim evaluate edmsim/Corner-v3 --controllers policy:out/lag/policy.json
 
 No machine shows how far its wire lags behind the guides, and steady pulses say little about it. But weak pulses for a
 moment let the wire spring forward, and the pulses of this moment, and of those after it, depend on how far it lagged.
@@ -33,28 +33,28 @@ from edmsim.evaluation.episode import Episode
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.policy_file import write_policy
 
-ENV_ID, FIRST_SEED = "edmsim/Corner-v2", 20_000
+ENV_ID, FIRST_SEED = "edmsim/Corner-v3", 20_000
 ENVIRONMENT = {"decision_s": 0.1, "history": 1}
 FAMILY = make_family(ENV_ID, **ENVIRONMENT)
 NAMES = [entry.name for entry in FAMILY.entries()]
 AT = {name: k for k, name in enumerate(NAMES)}
 OFFSET_UM = FAMILY.offset_um
-PROBES_UM = ((200.0, 10.0), (140.0, 10.0))  # path to the corner at which pulses become weak, and for how long
-WEAK = (-0.95, 0.99)  # actions on on-time and duty factor: 8 us every 105 us, a quarter of the power
-FAR, NEAR, WEAK_TARGET = 0.03, 0.15, 0.2  # shares of open pulses that the servo holds
+PROBES_UM = ((220.0, 20.0), (140.0, 20.0))  # path to the corner at which pulses become weak, and for how long
+STRONG, WEAK = (-0.257, -0.5), (-0.257, 0.5)  # actions on on-time and period: 1 us every 36 us, and every 144 us
+FAR, NEAR, WEAK_TARGET = 0.5, 0.6, 0.6  # shares of open pulses that the servo holds
 NEAR_UM = (15.0, 100.0)  # path before and after the corner on which it holds the wider gap
-LAG_UM, FADE_UM = (5.0, 5.0), (15.0, 70.0)  # lags and fades by chance: mean and deviation, least and most
+LAG_UM, FADE_UM = (20.0, 12.0), (15.0, 70.0)  # lags and fades by chance: mean and deviation, least and most
 ENOUGH_UM = 420.0  # of the path: beyond that no error counts
 
 
 def schedule(observation: np.ndarray) -> np.ndarray:
-    """Return target, on-time and duty factor, -1 to 1 each, at a place before or after the corner."""
+    """Return target, on-time and period, -1 to 1 each, at a place before or after the corner."""
     ahead_um, behind_um = 1e3 * observation[AT["corner_ahead"]], 1e3 * observation[AT["corner_behind"]]
     weak = behind_um >= 1e3 and any(at - width < ahead_um <= at for at, width in PROBES_UM)
     near = ahead_um < NEAR_UM[0] or behind_um < NEAR_UM[1]
     target = WEAK_TARGET if weak else NEAR if near else FAR
     low, high = FAMILY.servo_target_share
-    return np.array([2.0 * (target - low) / (high - low) - 1.0, *(WEAK if weak else (0.0, 0.0))])
+    return np.array([2.0 * (target - low) / (high - low) - 1.0, *(WEAK if weak else STRONG)])
 
 
 class Recorder:
@@ -120,9 +120,9 @@ def record(seed: int, file: Path, student: Any = None) -> None:
 
 
 SCALE = {
-    "short": (0.03, 0.03), "open": (0.1, 0.2), "spark": (0.85, 0.2), "mean_voltage": (0.08, 0.02),
-    "mean_current": (0.8, 0.2), "mean_delay": (0.08, 0.05), "commanded_feed": (0.2, 0.07), "actual_feed": (0.2, 0.07),
-    "t_on": (0.49, 0.1), "tension": (0.9, 0.2), "height": (0.8, 0.25), "corner_ahead": (0.15, 0.1),
+    "short": (0.03, 0.05), "open": (0.5, 0.15), "spark": (0.45, 0.15), "mean_voltage": (0.25, 0.08),
+    "mean_current": (0.06, 0.025), "mean_delay": (0.2, 0.15), "commanded_feed": (0.2, 0.15),
+    "actual_feed": (0.2, 0.15), "t_period": (0.4, 0.1), "tension": (0.9, 0.2), "height": (0.8, 0.25), "corner_ahead": (0.15, 0.1),
     "corner_turn": (0.0, 0.5), "corner_behind": (0.05, 0.04), "corner_turned": (0.0, 0.5), "offset": (0.0, 0.2),
 }  # fmt: skip
 """Roughly the mean and the deviation of the entries that the student sees; the others are constant."""
@@ -268,7 +268,7 @@ def said(student: Student, others: Cuts) -> str:
         offset_um, guess_um = student(rows)
         with_it, without = (float(rms_um(offset, across_um, cut_um).mean())
                             for offset in (offset_um, torch.zeros_like(across_um)))  # fmt: skip
-        at = (rows[..., AT["corner_ahead"]] > 0) & (rows[..., AT["corner_ahead"]] < 0.01)
+        at = (rows[..., AT["corner_ahead"]] > 0) & (rows[..., AT["corner_ahead"]] < 0.03)
         last_um = (guess_um * at).sum(dim=1) / at.sum(dim=1).clamp(min=1)
         r2 = 1 - float(((last_um - lag_um) ** 2).sum() / ((lag_um - lag_um.mean()) ** 2).sum())
     return f"; {with_it:.2f} um on others, {without:.2f} without an offset; R2 of the lag {r2:.2f}"
@@ -280,9 +280,9 @@ def save(student: Student, file: Path, command: str, steps: int, seed: int) -> A
     lstm = cell["weight_ih_l0"].T, cell["weight_hh_l0"].T, cell["bias_ih_l0"] + cell["bias_hh_l0"]
     weak, near = student.switches()
     low, high = FAMILY.servo_target_share
-    actions = np.array([[2 * (target - FAR) / (high - low), *pulses, 0.0]
-                        for target, pulses in ((WEAK_TARGET, WEAK), (NEAR, (0.0, 0.0)))])  # fmt: skip
-    base = np.array([2 * (FAR - low) / (high - low) - 1, 0.0, 0.0, 0.0])
+    actions = np.array([[2 * (target - FAR) / (high - low), *np.subtract(pulses, STRONG), 0.0]
+                        for target, pulses in ((WEAK_TARGET, WEAK), (NEAR, STRONG))])  # fmt: skip
+    base = np.array([2 * (FAR - low) / (high - low) - 1, *STRONG, 0.0])
     hidden, out = (
         (one.weight.detach().double().numpy().T, one.bias.detach().double().numpy())
         for one in (student.hidden, student.out)

@@ -44,7 +44,7 @@ NOT_RUN = {
     "--page out/adapt/compared.md": "it takes what the command before it leaves",
     "python examples/learning/lag.py --machines 300 --rounds 3 --seed 1 --out out/lag":
         "tests/learning/test_lag_example.py runs its parts",
-    "edmsim evaluate edmsim/Corner-v2 --controllers policy:out/lag/policy.json":
+    "edmsim evaluate edmsim/Corner-v3 --controllers policy:out/lag/policy.json":
         "it takes what the command before it leaves",
     "edmsim report out/punch --screenshots shots": "tests/recording/test_playback.py, where there is Vulkan",
 }  # fmt: skip

@@ -18,7 +18,7 @@ def action_of(env_id, controller="set-point", command=EXPECTED, feed_um_s=8.0, *
     return family, as_action(family, make(controller), command, FIRST_US, NOW_US, feed_um_s).tolist()
 
 
-@pytest.mark.parametrize("env_id", ["edmsim/Corner-v2", "edmsim/ThinWire-v1", "edmsim/Trim-v1"])
+@pytest.mark.parametrize("env_id", ["edmsim/Corner-v3", "edmsim/ThinWire-v1", "edmsim/Trim-v1"])
 def test_knobs_and_offset_are_what_the_environment_reads(env_id):
     family, action = action_of(env_id, offset_um=24.0)
     found = family.setting_us(np.array(FIRST_US), np.array(action[1:-1]))
@@ -29,10 +29,10 @@ def test_knobs_and_offset_are_what_the_environment_reads(env_id):
 
 
 def test_a_servo_gets_the_target_that_the_controller_holds():
-    family, action = action_of("edmsim/Corner-v2")
+    family, action = action_of("edmsim/Corner-v3")
     assert target_of(action[0], family.servo_target_share) == pytest.approx(make("set-point").open_target_share)
     with pytest.raises(InputError, match="fixed holds no share of open pulses"):
-        action_of("edmsim/Corner-v2", "fixed")
+        action_of("edmsim/Corner-v3", "fixed")
 
 
 @pytest.mark.parametrize(("action", "expected"), [("speed", 9.0), ("change", 1.0)])

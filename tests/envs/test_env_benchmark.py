@@ -15,7 +15,7 @@ from edmsim.machine.ranges import with_values
 
 FROZEN = {
     "GapFeed": ((4.0, 40.0), 25.0, (0.0, 0.0)), "HeightStep": ((4.0, 40.0), 25.0, (0.0, 0.0)),
-    "Corner": ((20.0, 60.0), 200.0, (4.0, 0.1)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
+    "Corner": ((20.0, 60.0), 200.0, (4.0, 0.3)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
     "ThinWire": ((4.0, 20.0), 120.0, (0.0, 0.0)), "Trim": ((10.0, 40.0), 60.0, (4.0, 0.5)),
 }  # fmt: skip
 """Heights, seconds, weights of profile and time: another value needs another version."""
@@ -25,8 +25,8 @@ OTHERS = {
 }  # fmt: skip
 OWN = {
     "Corner": {
-        "near_corner_um": 100.0, "energy_bound_mJ": 5.5, "decision_s": 0.25, "tension": (6.0, 12.0),
-        "offset_um": 24.0,
+        "near_corner_um": 100.0, "energy_bound_mJ": 13.5, "decision_s": 0.25, "tension": (6.0, 12.0),
+        "offset_um": 60.0,
     },
     "ThinWire": {"wires": 4, "decision_s": 0.5, "tension": (1.2, 3.2)},
     "Trim": {

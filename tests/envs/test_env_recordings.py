@@ -88,7 +88,7 @@ def test_a_recording_says_which_environment_and_episode_it_is_of(make_env, tmp_p
         played(env, 1)
     env.close()
     titles = [Playback(folder / "cut.rrd").title for folder in env.recordings]
-    assert titles == ["edmsim/Corner-v2, episode 0", "edmsim/Corner-v2, episode 1"]
+    assert titles == ["edmsim/Corner-v3, episode 0", "edmsim/Corner-v3, episode 1"]
     own = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None).unwrapped, tmp_path / "own", every=1)
     own.unwrapped.spec = None
     played(own, 1)

@@ -27,7 +27,7 @@ from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
 from edmsim.runs import processors
 
-GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v2", "edmsim/Contour-v2"
+GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v3", "edmsim/Contour-v2"
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ IN_BOTH = """
 from edmsim import runs
 from edmsim.evaluation import compare, episode
 for runs.LONG_S in (1e9, 0.0):
-    print(episode.engine_of("edmsim/Corner-v2", 2) is None, compare.run("edmsim/Corner-v2", ["voltage"], 2, "fast"))
+    print(episode.engine_of("edmsim/Corner-v3", 2) is None, compare.run("edmsim/Corner-v3", ["voltage"], 2, "fast"))
 """
 
 

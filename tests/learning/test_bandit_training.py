@@ -133,7 +133,7 @@ def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, sho
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["edmsim/Corner-v2"], "edmsim/Corner-v2 is no shift"),
+        (["edmsim/Corner-v3"], "edmsim/Corner-v3 is no shift"),
         ([ENV_ID, "--teacher", "counts"], "leave out --teacher counts"),
         ([ENV_ID, "--record-every", "2"], "--record-every"),
         ([ENV_ID, "--steps", "0"], "steps is 0"),

@@ -217,7 +217,7 @@ def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, pol
 def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp_path):
     from edmsim.learning.train import train
 
-    vec_env = VecNormalize(make_sb3_vec_env("edmsim/Corner-v2", 1, seed=1))
+    vec_env = VecNormalize(make_sb3_vec_env("edmsim/Corner-v3", 1, seed=1))
     layers = {"net_arch": [24, 24], "activation_fn": torch.nn.ReLU}
     export_sb3(learner("ppo", vec_env, 0, **layers), vec_env, tmp_path / "policy.json")
     options = TrainOptions(start=f"policy:{tmp_path / 'policy.json'}")

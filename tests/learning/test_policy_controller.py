@@ -228,7 +228,7 @@ DAMAGES = {
     "not finite": (edit(lambda t: t["observation"][3].update(mean=float("inf"))), "mean"),
     "foreign environment": (edit(lambda t: t.update(env_id="CartPole-v1")), "CartPole-v1"),
     "other observations": (edit(lambda t: t["environment"].update(history=2)), "entries"),
-    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v2")), "entries"),
+    "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v3")), "entries"),
     "other argument": (edit(lambda t: t["environment"].update(colour="red")), "colour"),
     "other actions": (edit(lambda t: t["action"].append("more")), "commands feed"),
     "other layers": (edit(lambda t: t.update(widths=[9])), "layer 0"),
@@ -252,8 +252,8 @@ def test_a_damaged_policy_is_refused_in_one_line(make_policy, damage, named):
 def test_a_policy_of_another_environment_is_refused_where_one_is_named(make_policy):
     file = make_policy("GapFeed")
     assert policy_file.load(str(file), "edmsim/GapFeed-v2").card.env_id == "edmsim/GapFeed-v2"
-    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v2, not in edmsim/Corner-v2"):
-        policy_file.load(str(file), "edmsim/Corner-v2")
+    with pytest.raises(InputError, match="trained in edmsim/GapFeed-v2, not in edmsim/Corner-v3"):
+        policy_file.load(str(file), "edmsim/Corner-v3")
 
 
 def test_an_unknown_name_tells_those_there_are():

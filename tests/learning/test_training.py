@@ -61,7 +61,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     from edmsim.learning.train import train
 
     messages = []
-    trained = train("edmsim/Corner-v2", algo, tmp_path, steps=128, seed=3, watch=messages.append)
+    trained = train("edmsim/Corner-v3", algo, tmp_path, steps=128, seed=3, watch=messages.append)
     file = tmp_path / "policy.json"
     policy_file.write(*trained.export("a test"), file)
     policy = policy_file.load(str(file))

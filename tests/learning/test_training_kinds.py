@@ -110,7 +110,7 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
 @pytest.mark.slow
 def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     teacher = "set-point:open_target_share=0.05,on_factor=0.5,period_factor=0.8,offset_um=6"
-    _, policy = exported(tmp_path, "edmsim/Corner-v2", "imitation", steps=3072, n_steps=64, teacher=teacher)
+    _, policy = exported(tmp_path, "edmsim/Corner-v3", "imitation", steps=3072, n_steps=64, teacher=teacher)
     task, controller = Task("Corner"), PolicyController(policy)
     task.reset(5)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
@@ -187,7 +187,7 @@ def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, optio
 
 def test_a_teacher_without_a_target_is_none_for_a_servo(short_training, tmp_path):
     with pytest.raises(InputError, match="voltage holds no share of open pulses"):
-        exported(tmp_path / "out", "edmsim/Corner-v2", "imitation", teacher="voltage")
+        exported(tmp_path / "out", "edmsim/Corner-v3", "imitation", teacher="voltage")
     assert not (tmp_path / "out").exists()
 
 
@@ -301,7 +301,7 @@ def test_a_policy_file_names_no_code_to_run(short_training, tmp_path):
 
 
 def test_infos_of_resets_and_steps_have_the_same_keys():
-    env = gym.make("edmsim/Corner-v2")
+    env = gym.make("edmsim/Corner-v3")
     _, start = env.reset(seed=1)
     *_, stepped = env.step(env.action_space.sample())
     _, again = env.reset(seed=1)
