@@ -98,10 +98,10 @@ TASKS = {
     "HeightStep": FEEDS,
     "Contour": FEEDS,
     "Corner": Candidates(
-        tuple(f"{SERVO}{share:g},on_factor=0.7,period_factor={period:g}"
-              for share in (0.4, 0.5, 0.6) for period in (0.5, 0.7)),
+        tuple(f"{SERVO}{share:g},on_factor=1,period_factor={period:g}"
+              for share in (0.4, 0.5, 0.6) for period in (0.7, 1.0)),
         tuple(name for name in _CORNER.compared if "corner_factor" in name or "pull" in name or name == "voltage"),
-        tuple(f"{_CORNER.blind},pull_N_m={pull:g},fade_um=50" for pull in (-0.15, -0.5)),
+        tuple(f"{_CORNER.blind},pull_N_m={pull:g},fade_um=50" for pull in (-0.25, -0.75)),
         (_CORNER.reference,),
     ),
     "MaxRate": Candidates(

@@ -20,7 +20,7 @@ from edmsim.runs import perform
 
 SET_POINT = "set-point:open_target_share="
 PACE = "open_target_share=0.05"
-CORNER_PULSES = "on_factor=0.7,period_factor=0.5"
+CORNER_PULSES = "on_factor=1,period_factor=0.7"
 FEEDS = (range(100, 124), tuple(f"fixed:feed_um_s={feed}" for feed in (12, 16, 20, 24, 28)))
 TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
     "GapFeed": FEEDS,
@@ -28,11 +28,11 @@ TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
     "Corner": (range(200, 212), (
         *(f"{SET_POINT}0.5,on_factor={on:g},period_factor={period:g}" for on in (1.0, 0.7)
           for period in (0.35, 0.5, 0.7, 1.0)),
-        *(f"{SET_POINT}{share:g},{CORNER_PULSES}" for share in (0.2, 0.3, 0.4, 0.6, 0.7)),
+        *(f"{SET_POINT}{share:g},{CORNER_PULSES}" for share in (0.3, 0.4, 0.6, 0.7)),
         *(f"lead-oracle:open_target_share=0.6,{CORNER_PULSES},average_s={average_s:g}"
           for average_s in (0.02, 0.05, 0.1, 0.25)),
         *(f"{SET_POINT}0.6,{CORNER_PULSES},pull_N_m={pull:g},fade_um={fade}"
-          for pull in (-0.3, -0.5) for fade in (25, 50)),
+          for pull in (-0.3, -0.5, -0.7) for fade in (25, 50)),
         f"{SET_POINT}0.4,{CORNER_PULSES},before_um=20,behind_um=100,corner_factor=2",
     )),
     "Trim": (range(100, 112), (

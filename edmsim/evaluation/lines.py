@@ -9,7 +9,7 @@ references, were chosen on machines drawn with seeds below the held-back ones:
   limits, `adaptive-hold`.
 - ThinWireShift: 0 is the return of ThinWire's constant, and 1 that of its best law, `climb`. Some of the wires of
   shifts break before they boil, hence `heat-oracle` is not an upper bound.
-- Corner: the constant that earned most on 12 (200 to 211), of eight pairs of on-time and period, and then of six
+- Corner: the constant that earned most on 12 (200 to 211), of eight pairs of on-time and period, and then of five
   targets at the best pair. The reference cuts with that constant's setting, and averages the bend it sees over the
   time that earned most on the same 12, of four.
 - Trim: the constant that earned most on 12 (100 to 111), of 18 pairs of feed and offset.
@@ -49,7 +49,7 @@ _THIN_ADAPTIVE = (
     "longest_us=300,limit_share=0.27,limit_spread=0.6,recovery_s=0,retract_feed_um_s=20"
 )
 _CLIMB = "climb:open_target_share=0.05"
-_PULSES = "on_factor=0.7,period_factor=0.5"
+_PULSES = "on_factor=1,period_factor=0.7"
 _STEADY = f"open_target_share=0.6,{_PULSES}"
 _AT_CORNERS = f"open_target_share=0.4,{_PULSES},before_um=20,behind_um=100,corner_factor=2"
 OF_TASK = {
@@ -67,11 +67,11 @@ OF_TASK = {
         (f"{_GAP},period_factor=1.4", _CLIMB, _THIN_ADAPTIVE),
     ),
     "Corner": Lines(
-        f"set-point:{_STEADY}", f"lead-oracle:{_STEADY},average_s=0.05",
+        f"set-point:{_STEADY}", f"lead-oracle:{_STEADY},average_s=0.02",
         USUAL.rehearsed,
         (
-            "voltage", f"set-point:open_target_share=0.2,{_PULSES}", f"set-point:{_AT_CORNERS}",
-            f"set-point:{_STEADY},pull_N_m=-0.3,fade_um=50",
+            "voltage", f"set-point:open_target_share=0.3,{_PULSES}", f"set-point:{_AT_CORNERS}",
+            f"set-point:{_STEADY},pull_N_m=-0.5,fade_um=50",
         ),
     ),
     "Trim": Lines(

@@ -40,7 +40,7 @@ NAMES = [entry.name for entry in FAMILY.entries()]
 AT = {name: k for k, name in enumerate(NAMES)}
 OFFSET_UM = FAMILY.offset_um
 PROBES_UM = ((220.0, 20.0), (140.0, 20.0))  # path to the corner at which pulses become weak, and for how long
-STRONG, WEAK = (-0.257, -0.5), (-0.257, 0.5)  # actions on on-time and period: 1 us every 36 us, and every 144 us
+STRONG, WEAK = (0.0, -0.257), (0.0, 0.743)  # actions on on-time and period: 1.4 us every 50 us, and every 202 us
 FAR, NEAR, WEAK_TARGET = 0.5, 0.6, 0.6  # shares of open pulses that the servo holds
 NEAR_UM = (15.0, 100.0)  # path before and after the corner on which it holds the wider gap
 LAG_UM, FADE_UM = (20.0, 12.0), (15.0, 70.0)  # lags and fades by chance: mean and deviation, least and most
@@ -122,8 +122,9 @@ def record(seed: int, file: Path, student: Any = None) -> None:
 SCALE = {
     "short": (0.03, 0.05), "open": (0.5, 0.15), "spark": (0.45, 0.15), "mean_voltage": (0.25, 0.08),
     "mean_current": (0.06, 0.025), "mean_delay": (0.2, 0.15), "commanded_feed": (0.2, 0.15),
-    "actual_feed": (0.2, 0.15), "t_period": (0.4, 0.1), "tension": (0.9, 0.2), "height": (0.8, 0.25), "corner_ahead": (0.15, 0.1),
-    "corner_turn": (0.0, 0.5), "corner_behind": (0.05, 0.04), "corner_turned": (0.0, 0.5), "offset": (0.0, 0.2),
+    "actual_feed": (0.2, 0.15), "t_period": (0.4, 0.1), "tension": (0.9, 0.2), "height": (0.8, 0.25),
+    "corner_ahead": (0.15, 0.1), "corner_turn": (0.0, 0.5), "corner_behind": (0.05, 0.04),
+    "corner_turned": (0.0, 0.5), "offset": (0.0, 0.2),
 }  # fmt: skip
 """Roughly the mean and the deviation of the entries that the student sees; the others are constant."""
 SIGNED = [AT[name] for name in ("corner_turn", "corner_turned", "offset")]

@@ -66,6 +66,13 @@ def test_a_trim_lengthens_its_period_before_outer_corners_only(machine, side, ou
     assert [command.t_period_us for command in commands] == expected
 
 
+@pytest.mark.parametrize(("generator", "on_us"), [("iso-pulse", 30.0), ("production", 1.4), ("fine", 0.2)])
+def test_pulses_shorter_than_a_microsecond_keep_their_on_time(generator, on_us):
+    controller = make("set-point", on_factor=0.5)
+    tell(controller, Machine.load("production", generator=generator), LEFT, START_UM)
+    assert controller.reset(33.0).t_on_us == pytest.approx(0.5 * on_us)
+
+
 def test_pauses_are_longer_near_corners(machine):
     controller = make("set-point", before_um=60.0, behind_um=60.0, corner_factor=4.0, period_factor=0.7)
     tell(controller, machine, LEFT, START_UM)

@@ -15,7 +15,7 @@ from edmsim.machine.ranges import with_values
 
 FROZEN = {
     "GapFeed": ((4.0, 40.0), 25.0, (0.0, 0.0)), "HeightStep": ((4.0, 40.0), 25.0, (0.0, 0.0)),
-    "Corner": ((20.0, 60.0), 200.0, (4.0, 0.3)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
+    "Corner": ((20.0, 60.0), 200.0, (2.0, 0.3)), "Contour": ((4.0, 20.0), 300.0, (1.0, 0.1)),
     "ThinWire": ((4.0, 20.0), 120.0, (0.0, 0.0)), "Trim": ((10.0, 40.0), 60.0, (4.0, 0.5)),
 }  # fmt: skip
 """Heights, seconds, weights of profile and time: another value needs another version."""
@@ -122,7 +122,7 @@ def test_a_servo_holds_what_is_requested_of_it(make_env):
 
 
 def test_bounds_cost_by_the_second(make_env):
-    env = make_env("Corner", action="speed", energy_bound_mJ=8.0)
+    env = make_env("Corner", machine="agiecut-dem15", action="speed", energy_bound_mJ=8.0)
     env.reset(seed=1)
     costs = [env.step(np.array([0.1, knob, 0.0, 0.0], np.float32))[4] for knob in (0.0, 0.5)]
     assert [info["energy_mJ"] > 8.0 for info in costs] == [False, True]
@@ -159,7 +159,7 @@ def test_more_energy_than_the_bound_costs_what_it_cuts(make_env):
         env.reset(seed=1)
         infos = [env.step(np.array([0.2, knob, 0.0, 0.0], np.float32))[4] for _ in range(40)]
         costs[knob] = [info["reward_terms"]["roughness"] for info in infos]
-        share = infos[-1]["energy_mJ"] / 5.5 - 1.0
+        share = infos[-1]["energy_mJ"] / 13.5 - 1.0
         expected = [-4.0 * max(share, 0.0) * info["area_mm2"] / 0.01275 for info in infos]
         assert costs[knob] == pytest.approx(expected)
     assert not any(costs[0.0])

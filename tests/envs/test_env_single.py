@@ -121,7 +121,9 @@ def test_the_dials_show_the_pressure_that_a_stand_off_leaves():
 
 def test_reward_is_the_sum_of_its_terms(make_env):
     weights = edmsim.envs.Weights(progress=0.7, short=0.3, open=0.2, profile=0.5, time=0.1)
-    env = make_env("Corner", action="speed", decision_s=None, near_corner_um=None, weights=weights)
+    env = make_env(
+        "Corner", machine="agiecut-dem15", action="speed", decision_s=None, near_corner_um=None, weights=weights
+    )
     env.reset(seed=1)
     for _ in range(80):
         _, reward, *_, info = env.step(np.array([0.25, 0, 0.4, 0], np.float32))
@@ -166,7 +168,9 @@ def test_pushing_against_metal_gains_nothing_and_ends_the_episode(make_env):
 
 
 def test_refused_setting_is_reported_and_not_done(make_env):
-    env = make_env("Corner", action="speed", decision_s=None)
+    env = make_env(
+        "Corner", machine="agiecut-dem15", action="speed", decision_s=None, detents_us=(1.0, 5.0)
+    )
     env.reset(seed=1)
     *_, info = env.step(np.array([0.1, 0.0, -0.5, 0.0], np.float32))
     assert "above the generator's 2 A" in info["refused"]

@@ -31,7 +31,7 @@ def test_a_task_is_its_environment(make_env, env_name, make_task):
 
 
 def test_setting_is_rounded_refused_or_done(make_task):
-    task = make_task("Corner")
+    task = make_task("Corner", machine="agiecut-dem15", detents_us=(1.0, 5.0))
     task.reset(seed=1)
     result = task.advance(10.0, t_on_us=40.0)
     assert "2 A" in result.refused
