@@ -259,6 +259,9 @@ def check_command(controller: str, command: object) -> FeedCommand:
         raise InputError(f"the {controller} controller commanded a feed of {feed!r} um/s")
     if not _is_finite(offset):
         raise InputError(f"the {controller} controller commanded an offset of {offset!r} um")
+    for name, us in (("on-time", command.t_on_us), ("period", command.t_period_us)):
+        if us is not None and not _is_finite(us):
+            raise InputError(f"the {controller} controller commanded the {name} {us!r} us; None keeps the one before")
     if not _is_finite(latency) or latency < 0:
         raise InputError(f"the {controller} controller has a calculation time of {latency!r} s: give 0 or more")
     if alarm is not None and not isinstance(alarm, str):

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.axis.drive import Screw, axis_row
 from edmsim.errors import InputError
+from edmsim.numeric import real, whole
 
 
 class HasRecord(Protocol):
@@ -39,11 +40,16 @@ class Registers(MutableMapping[str, int]):
     def __getitem__(self, name: str) -> int:
         return int(self._reg[self._place(name)[0]])
 
-    def __setitem__(self, name: str, value: int) -> None:
-        place, low, high = self._place(name)
-        if not low <= value <= high or value != int(value):
-            raise InputError(f"the {self.OWNER}'s {name} is {value}; it must be a whole number {low} to {high}")
-        self._reg[place] = int(value)
+    def __setitem__(self, name: str, value: float) -> None:
+        self._reg[self._place(name)[0]] = self.fitting(name, value)
+
+    def fitting(self, name: str, value: float) -> int:
+        """Return a value that fits into a register; `InputError` for anything else."""
+        _, low, high = self._place(name)
+        number = real(value)
+        if number is None or not low <= number <= high or number != int(number):
+            raise InputError(f"the {self.OWNER}'s {name} is {value!r}; it must be a whole number {low} to {high}")
+        return int(number)
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"the {self.OWNER}'s {name} cannot be taken away; set it to another value")
@@ -65,6 +71,9 @@ class Registers(MutableMapping[str, int]):
         return self._places[name]
 
 
+_MOST_LAW = 2**31  # of a setting of a law (ours): most are times in ns
+
+
 class ServoChip(ABC):
     """A chip with an EEPROM and a serial line: 8 data bits, no parity, 1 stop bit."""
 
@@ -83,6 +92,11 @@ class ServoChip(ABC):
         if unknown := sorted((law or {}).keys() - settings.keys()):
             raise InputError(f"the law of the {self.title} has no {unknown[0]!r}; it has {', '.join(settings)}")
         self._law = {**settings, **(law or {})}
+        for name, value in self._law.items():
+            turns, number = name.endswith("_sense"), whole(value)
+            if number not in (1, -1) if turns else number is None or not 1 <= number <= _MOST_LAW:
+                must = "1 or -1" if turns else f"a whole number 1 to {_MOST_LAW}"
+                raise InputError(f"{name} of the {self.title}'s law is {value!r}; it must be {must}")
         self.record: NDArray[np.void] = self._fresh()
         names = [row["name"] for row in self.data["parameter"]]
         limits = [(-WORD // 2, WORD // 2 - 1) if name == self.signed else (0, WORD - 1) for name in names]

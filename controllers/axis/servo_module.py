@@ -358,14 +358,14 @@ def _move(reg: NDArray[np.int64], command: Command) -> list[str]:
 
 def _record(reg: NDArray[np.int64], code: int | None) -> list[str]:
     """Start or abort the recorder; Z0 starts, Z alone aborts (row M-A7)."""
-    if code is None:
-        reg[STATUS] &= ~(RECORDER_BIT | TRIGGERED_BIT)
-        reg[DUMPING] = 0
-        return ["Recorder OFF"]
-    if not 0 <= code < len(_SOURCES) << FIRST_SOURCE or code & TRIGGER == UNUSED:
+    if code is not None and (not 0 <= code < len(_SOURCES) << FIRST_SOURCE or code & TRIGGER == UNUSED):
         return [UNKNOWN]
+    reg[STATUS] &= ~(RECORDER_BIT | TRIGGERED_BIT)
+    reg[DUMPING] = 0  # the memory is about to be overwritten (ours: the guide does not say what becomes of a dump)
+    if code is None:
+        return ["Recorder OFF"]
     reg[CODE] = code
-    reg[STATUS] = (reg[STATUS] & ~TRIGGERED_BIT) | RECORDER_BIT
+    reg[STATUS] |= RECORDER_BIT
     return ["Recorder ON"]
 
 
