@@ -14,10 +14,9 @@ from typing import Any, TypeAlias, cast
 
 from edmsim import user_code
 from edmsim.controllers.feed import laws
-from edmsim.controllers.feed.counts import CountsController
-from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.counts import CountsController, McuController
 from edmsim.controllers.feed.law import ServoLaw
-from edmsim.controllers.feed.mcu import McuController
+from edmsim.controllers.feed.laws import FixedController
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.controllers.user_controllers import check_controller, from_file
 from edmsim.errors import InputError, one_of, refuses_wrong_types
@@ -70,7 +69,7 @@ def choices(*, cutting: bool = False) -> tuple[str, ...]:
     Examples
     --------
     >>> choices(cutting=True)[-3:]
-    ('heat-flux', 'policy:FILE', 'own.py:Own')
+    ('guarded-hold', 'policy:FILE', 'own.py:Own')
     """
     kinds = [name for name, kind in _CONTROLLERS.items() if not (cutting and issubclass(kind, SeesTruth))]
     return (*kinds, *(f"{kind}:FILE" for kind in user_code.MAKERS), "own.py:Own")

@@ -16,8 +16,7 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import ServoChip
-from edmsim.controllers.axis.serial_line import LineEditor, command_in, lines_of, number_in
+from edmsim.controllers.axis.parameters import LineEditor, ServoChip, command_in, lines_of, number_in
 
 DATA = data_of("uhu")
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import HOLDS_OUTPUT, SampleFunction
 from edmsim.controllers.axis.drive import Screw, axis_row, new_record, restart
 from edmsim.controllers.axis.eanpos import registers as at
+from edmsim.controllers.axis.eanpos.moves import warn
 from edmsim.controllers.axis.eanpos.sample import eanpos_sample, start_refused
 from edmsim.controllers.axis.parameters import Registers
 from edmsim.errors import InputError
@@ -74,11 +75,11 @@ class Parameters(Registers):
         name, value = parameter_name(name), self.fitting(name, value)
         entry, reg, (place, *_) = _TABLE[name], self._reg, self._place(name)
         if not all(_holds(reg, condition) for condition in entry["write"]):
-            _warn(reg, at.NOT_WRITTEN, place)
+            warn(reg, at.NOT_WRITTEN, place)
             return
         least, greatest = (self[limit] if isinstance(limit, str) else limit for limit in entry["limits"])
         if not least <= value <= greatest:
-            _warn(reg, at.OUT_OF_LIMITS, place)
+            warn(reg, at.OUT_OF_LIMITS, place)
         reg[place] = value
         reg[at.WRITTEN] |= _SIGNALS.get(name, 0)
 
@@ -136,10 +137,6 @@ def _holds(reg: NDArray[np.int64], condition: str) -> bool:
         "calibration": reg[at.ST_CAL] == 1, "never": False,
     }  # fmt: skip
     return bool(fulfilled[condition])
-
-
-def _warn(reg: NDArray[np.int64], code: int, value: int) -> None:
-    reg[at.ST_WARNING], reg[at.WRNCODE], reg[at.WRNVALUE] = 1, code, value
 
 
 class Eanpos:

@@ -503,9 +503,3 @@ def take_writes(reg: Words, real: Reals) -> None:
         _take_setvel(reg, real)
     if written & at.NEW_RAMPS:
         _take_ramps(reg, real)
-
-
-@exactly_compiled
-def refuse(reg: Words, command: int) -> None:
-    """Note that a command's conditions failed; the value is its number in order of priority, from 1 (ours)."""
-    warn(reg, at.NOT_EXECUTED, command + 1)
