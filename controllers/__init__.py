@@ -28,28 +28,19 @@ __all__ = [
 ]
 
 _Kind: TypeAlias = "type[CountsController] | type[FixedController] | type[ServoLaw]"
-_CONTROLLERS: dict[str, _Kind] = {
-    kind.name: kind
-    for kind in (
-        CountsController, FixedController, laws.VoltageController, laws.DelayController, laws.FuzzyController,
-        laws.AdaptiveOffTimeController, laws.OracleController, McuController, laws.FixedPeriodController,
-        laws.SatoController, laws.HeatFluxController, laws.HeatOracleController, laws.SetPointController,
-        laws.ClimbController, laws.LeadOracleController, laws.TrimController, laws.ClimbingHoldController,
-        laws.AdaptiveHoldController, laws.GuardedHoldController,
-    )
-}
-
-
+_GENERAL: tuple[_Kind, ...] = (
+    CountsController, FixedController, laws.VoltageController, laws.DelayController, laws.FuzzyController,
+    laws.AdaptiveOffTimeController, laws.OracleController, McuController,
+)
+_OF_A_TASK: tuple[_Kind, ...] = (
+    laws.FixedPeriodController, laws.SatoController, laws.HeatFluxController, laws.HeatOracleController,
+    laws.SetPointController, laws.ClimbController, laws.LeadOracleController, laws.TrimController,
+    laws.ClimbingHoldController, laws.AdaptiveHoldController, laws.GuardedHoldController,
+)
+_CONTROLLERS: dict[str, _Kind] = {kind.name: kind for kind in (*_GENERAL, *_OF_A_TASK)}
 SAME_LAW = {McuController.name: CountsController.name}
 """Controllers that command exactly the same feeds as another one: comparisons leave them out."""
-OF_A_TASK = tuple(
-    kind.name
-    for kind in (
-        laws.SetPointController, laws.ClimbController, laws.LeadOracleController, laws.FixedPeriodController,
-        laws.SatoController, laws.HeatFluxController, laws.HeatOracleController, laws.TrimController,
-        laws.ClimbingHoldController, laws.AdaptiveHoldController, laws.GuardedHoldController,
-    )
-)
+OF_A_TASK = tuple(kind.name for kind in _OF_A_TASK)
 """Controllers whose constants are for one task: compared only in that task."""
 
 
