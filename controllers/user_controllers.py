@@ -18,7 +18,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import real
-from edmsim.user_code import UserObject, run
+from edmsim.user_code import UserObject, failure, run
 
 NEEDED = ("name", "reset", "update", "snapshot", "restore")  # what a feed controller must offer
 
@@ -39,8 +39,10 @@ def from_file(own: UserObject, parameters: dict[str, float]) -> protocols.FeedCo
             raise InputError(f"{own.name} has no parameter {parameter!r}; {has}", own.file)
     try:
         return cast(protocols.FeedController, kind(**parameters))
-    except TypeError as error:
-        raise InputError(f"{own.name} cannot be made: {error}", own.file) from None
+    except InputError:
+        raise
+    except Exception as error:
+        raise failure(error, own.file, f"{own.name} cannot be made") from None
 
 
 def check_is_controller(candidate: object) -> protocols.FeedController:
