@@ -64,7 +64,7 @@ def take_steps(reg: NDArray[np.int64], edges: int) -> None:
 
 @exactly_compiled
 def reset_loop(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> None:
-    """Reset: the setpoint becomes the position (row U-A25) plus what G added since; a hard one counts from 0 again."""
+    """Reset: the setpoint becomes the position (row U-A25) plus what G added; a hard one counts from 0 again."""
     ahead = reg[TARGET] - reg[POSITION]
     if reg[RESTART] == HARD:
         reg[ZERO_COUNT] = reg[ENCODER_SENSE] * count
