@@ -232,7 +232,7 @@ def test_help_and_refusals_list_what_a_registry_has(edmsim: Run, monkeypatch: py
 
 def test_what_is_listed_of_controllers_can_be_cut_with_and_what_is_not_is_refused(tmp_path: Path) -> None:
     own = tmp_path / "own.py"
-    own.write_text("from edmsim.controllers.feed.fixed import FixedController as Own\n", encoding="utf-8")
+    own.write_text("from edmsim.controllers.feed.laws import FixedController as Own\n", encoding="utf-8")
     filled = {"policy:FILE": "policy:GapFeed-ppo", "own.py:Own": f"{own}:Own"}
     cuts, all_of_them = controllers.choices(cutting=True), controllers.choices()
     for text in cuts:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import FeedCommand
-from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.laws import FixedController
 from edmsim.cosim.observers import Observer
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import FeedCommand, from_text, make
-from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.laws import FixedController
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import Task
 from edmsim.envs.gap_feed import GapFeed
