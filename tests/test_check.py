@@ -4,9 +4,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import ezdxf
 import ezdxf.units
@@ -24,8 +22,6 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.recording.figures.path import path_figure
 
-from .conftest import Run
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TABLE = EXAMPLES / "positioner" / "table.cnf", EXAMPLES / "positioner" / "table.mod"
 PROGRAMS = sorted(
@@ -35,12 +31,12 @@ PROGRAMS = sorted(
 
 
 @pytest.fixture(autouse=True)
-def empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def empty_folder(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.slow
-def test_a_program_is_drawn_with_its_figures(edmsim: Run, tmp_path: Path) -> None:
+def test_a_program_is_drawn_with_its_figures(edmsim, tmp_path):
     outcome = edmsim("check", EXAMPLES / "gear.dxf")
     assert (outcome.status, outcome.err) == (0, "")
     assert re.search(r"^contour 2 +closed, 7\.000 x 7\.000 mm", outcome.out, re.MULTILINE)
@@ -51,7 +47,7 @@ def test_a_program_is_drawn_with_its_figures(edmsim: Run, tmp_path: Path) -> Non
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [("check", EXAMPLES / "punch.ngc"), ("cut", "no-such.ngc", "--drive", "uhu")])
-def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) -> None:
+def test_a_look_compiles_nothing(tmp_path, arguments):
     """A user who looks at a program or mistypes a name waits for no compiler."""
     config = os.environ.get("MPLCONFIGDIR", str(Path.home() / ".config" / "matplotlib"))
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "MPLCONFIGDIR": config}
@@ -77,9 +73,7 @@ def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) 
          "6.000 x 4.000"),
     ],
 )  # fmt: skip
-def test_the_size_is_that_of_the_drawing_not_of_its_chords(
-    edmsim: Run, tmp_path: Path, draw: Callable[[Any], Any], size: str
-) -> None:
+def test_the_size_is_that_of_the_drawing_not_of_its_chords(edmsim, tmp_path, draw, size):
     drawing = ezdxf.new(units=ezdxf.units.MM)
     draw(drawing.modelspace())
     drawing.saveas(tmp_path / "part.dxf")
@@ -87,7 +81,7 @@ def test_the_size_is_that_of_the_drawing_not_of_its_chords(
 
 
 @pytest.mark.slow
-def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Path) -> None:
+def test_unknown_words_are_listed_with_everything_else(edmsim, tmp_path):
     program = tmp_path / "words.ngc"
     program.write_text("O12\nG92 X0 Y0\nG41 D1 G1 X5\nM77\nY5 M91\nX9.5\nY0\nX5 M91\nM2\n")
     outcome = edmsim("check", program, "--out", tmp_path / "path.svg")
@@ -101,7 +95,7 @@ def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Pa
     assert (tmp_path / "path.svg").read_bytes().startswith(b"<?xml")
 
 
-def test_words_of_a_dialect_say_whose_they_are(edmsim: Run, tmp_path: Path) -> None:
+def test_words_of_a_dialect_say_whose_they_are(edmsim, tmp_path):
     program = tmp_path / "words.ngc"
     program.write_text("G21 G90 G92 X-2. Y0\nG42 G1 X0 Y0\nX5.\nE1221\nY5.\nX0\nY0\nG40 X-2.\nM2\n")
     for command in ("check", "cut"):
@@ -109,20 +103,20 @@ def test_words_of_a_dialect_say_whose_they_are(edmsim: Run, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("group", ["measure", "sweep", "console", "tune"])
-def test_a_group_of_commands_without_one_shows_its_help(edmsim: Run, group: str) -> None:
+def test_a_group_of_commands_without_one_shows_its_help(edmsim, group):
     outcome = edmsim(group)
     assert (outcome.status, outcome.err) == (2, "")
     assert f"Usage: edmsim {group}" in outcome.out
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
-def test_every_example_can_be_planned(program: Path) -> None:
+def test_every_example_can_be_planned(program):
     length, unit = dict(lines_of(check(program, CutSettings())))["path"].split()[:2]
     assert float(length) > 10.0
     assert unit == "mm"
 
 
-def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: Run, tmp_path: Path) -> None:
+def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, tmp_path):
     program = tmp_path / "words.ngc"
     program.write_text("G92 X0 Y0\nG1 X5.5 V3 M77\nG68\nX9\nM2\n")
     outcome = edmsim("check", program)
@@ -157,7 +151,7 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: R
         (("cut", EXAMPLES / "punch.ngc", "--taper-deg", "45"), "give less than 45 either way"),
     ],
 )
-def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[object, ...], named: str) -> None:
+def test_bad_usage_is_one_line(edmsim, tmp_path, arguments, named):
     outcome = edmsim(*arguments)
     assert (outcome.status, outcome.out) == (2, "")
     assert outcome.err.startswith("edmsim: ")
@@ -180,7 +174,7 @@ def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[obj
         ("--offset", "156", "156 um are 0.156 mm"), ("--offset", "130.5", "130.5 um are 0.1305 mm"),
     ],
 )  # fmt: skip
-def test_a_near_miss_gets_a_hint(edmsim: Run, option: str, value: str, hint: str) -> None:
+def test_a_near_miss_gets_a_hint(edmsim, option, value, hint):
     outcome = edmsim("cut", EXAMPLES / "punch.ngc", option, value)
     assert outcome.status == 2
     assert outcome.err.count("\n") == 1
@@ -191,7 +185,7 @@ def test_a_near_miss_gets_a_hint(edmsim: Run, option: str, value: str, hint: str
     ("option", "value"),
     [("--machine", "lathe"), ("--wire", "brass-900"), ("--wire", "brass-0.001"), ("--offset", "1e9")],
 )
-def test_what_is_like_nothing_gets_no_hint(edmsim: Run, option: str, value: str) -> None:
+def test_what_is_like_nothing_gets_no_hint(edmsim, option, value):
     outcome = edmsim("cut", EXAMPLES / "punch.ngc", option, value)
     assert outcome.status == 2
     assert "did you mean" not in outcome.err
@@ -199,16 +193,14 @@ def test_what_is_like_nothing_gets_no_hint(edmsim: Run, option: str, value: str)
     assert "mm are" not in outcome.err
 
 
-def test_offsets_of_a_file_in_um_get_a_hint(edmsim: Run, tmp_path: Path) -> None:
+def test_offsets_of_a_file_in_um_get_a_hint(edmsim, tmp_path):
     (tmp_path / "offsets.toml").write_text("D1 = 156\n")
     outcome = edmsim("cut", EXAMPLES / "punch.ngc", "--offsets", "offsets.toml")
     assert outcome.err == "edmsim: offsets.toml: the offset D1 is 156: give 0 to 10 mm; 156 um are 0.156 mm\n"
 
 
 @pytest.mark.slow
-def test_a_cut_goes_to_a_folder_of_its_program_and_its_traces_to_a_file(
-    edmsim: Run, tmp_path: Path, small_punch: Path
-) -> None:
+def test_a_cut_goes_to_a_folder_of_its_program_and_its_traces_to_a_file(edmsim, tmp_path, small_punch):
     outcome = edmsim(
         "cut", small_punch, "--height", 5, "--resolution", "fast", "--max-time", 0.3,
         "--traces", "kept/traces.parquet",
@@ -221,7 +213,7 @@ def test_a_cut_goes_to_a_folder_of_its_program_and_its_traces_to_a_file(
     assert (np.diff(samples["window_t_s"].to_numpy()) >= 0).all()
 
 
-def test_help_and_refusals_list_what_a_registry_has(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_help_and_refusals_list_what_a_registry_has(edmsim, monkeypatch):
     monkeypatch.setitem(PLANNERS, "a-new-one", PLANNERS["dda"])
     assert "a-new-one" in edmsim("cut", "--help").out
     assert "a-new-one" in edmsim("console", "1982", "--help").out
@@ -230,7 +222,7 @@ def test_help_and_refusals_list_what_a_registry_has(edmsim: Run, monkeypatch: py
     assert "lead-oracle" not in edmsim("cut", "--help").out
 
 
-def test_what_is_listed_of_controllers_can_be_cut_with_and_what_is_not_is_refused(tmp_path: Path) -> None:
+def test_what_is_listed_of_controllers_can_be_cut_with_and_what_is_not_is_refused(tmp_path):
     own = tmp_path / "own.py"
     own.write_text("from edmsim.controllers.feed.fixed import FixedController as Own\n", encoding="utf-8")
     filled = {"policy:FILE": "policy:GapFeed-ppo", "own.py:Own": f"{own}:Own"}
@@ -247,7 +239,7 @@ def test_what_is_listed_of_controllers_can_be_cut_with_and_what_is_not_is_refuse
         controllers.from_text("genius")
 
 
-def test_the_least_time_is_that_of_the_path_at_the_greatest_feed(small_punch: Path) -> None:
+def test_the_least_time_is_that_of_the_path_at_the_greatest_feed(small_punch):
     found = check(small_punch, CutSettings(height_mm=5.0))
     simulation = Simulation(found.machine, found.path, controllers.make("counts"), resolution="fast")
     assert found.limited_by == "machine"
@@ -256,7 +248,7 @@ def test_the_least_time_is_that_of_the_path_at_the_greatest_feed(small_punch: Pa
     assert found.path_length_mm == pytest.approx(simulation.total_um * 1e-3)
 
 
-def test_a_tall_workpiece_is_limited_by_the_generator() -> None:
+def test_a_tall_workpiece_is_limited_by_the_generator():
     machine = Machine.load(height_mm=400.0)
     feed_um_s, limited_by = greatest_feed_um_s(machine, 400.0)
     assert limited_by == "generator"
@@ -266,7 +258,7 @@ def test_a_tall_workpiece_is_limited_by_the_generator() -> None:
     assert greatest_feed_um_s(machine, 200.0)[0] == pytest.approx(2 * feed_um_s)
 
 
-def test_passes_are_listed_as_the_program_has_them(edmsim: Run) -> None:
+def test_passes_are_listed_as_the_program_has_them(edmsim):
     found = edmsim("check", EXAMPLES / "dialects" / "punch-sodick.nc")
     assert (found.status, found.err) == (0, "")
     rows = found.out.splitlines()
@@ -277,7 +269,7 @@ def test_passes_are_listed_as_the_program_has_them(edmsim: Run) -> None:
     assert len(set(names)) == len(names)  # what the program says, and what comes of it, have names of their own
 
 
-def test_the_dialect_and_the_conditions_are_options_of_check(edmsim: Run) -> None:
+def test_the_dialect_and_the_conditions_are_options_of_check(edmsim):
     dialects = EXAMPLES / "dialects"
     found = edmsim("check", dialects / "punch-freecad.nc", "--dialect", "iso")
     assert found.status == 0
@@ -290,7 +282,7 @@ def test_the_dialect_and_the_conditions_are_options_of_check(edmsim: Run) -> Non
     assert "the condition S1 is not in the table of conditions: there are C0, C1, C2, C3" in leans.err
 
 
-def test_passes_are_estimated_by_their_technology() -> None:
+def test_passes_are_estimated_by_their_technology():
     found = check(EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4))
     assert [one.number for one in found.passes] == [1, 2, 3]
     assert [one.offset_mm for one in found.passes] == sorted((one.offset_mm for one in found.passes), reverse=True)
@@ -305,7 +297,7 @@ def test_passes_are_estimated_by_their_technology() -> None:
     ]
 
 
-def test_what_a_technology_leaves_open_holds_in_every_pass() -> None:
+def test_what_a_technology_leaves_open_holds_in_every_pass():
     settings = CutSettings(passes=3, height_mm=25.4, standoff_lower_mm=2.0, constants=["gap.critical_um=4"])
     machines = [one.machine for one in with_passes(EXAMPLES / "punch.ngc", settings, planned).setups]
     assert len({machine.t_period_us for machine in machines}) > 1
@@ -313,7 +305,7 @@ def test_what_a_technology_leaves_open_holds_in_every_pass() -> None:
         assert (machine.standoff_lower_mm, machine.base.gap.critical_um.value) == (2.0, 4.0)
 
 
-def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run() -> None:
+def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run():
     found = check(EXAMPLES / "punch.ngc", CutSettings(material="copper", passes=3, height_mm=25.4))
     (outcome,) = [notice for notice in found.path.notices if "technology" in notice]
     assert outcome.startswith("there is no technology for copper: the passes take the settings of 'tool-steel ")

@@ -1,7 +1,5 @@
 """The fit: known constants come back within their intervals, and what a log cannot tell is not told."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

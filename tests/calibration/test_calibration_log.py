@@ -53,7 +53,6 @@ def test_a_log_of_a_cut_has_its_columns_and_its_settings(cut_small, tmp_path):
     result = cut_small(out=tmp_path, max_time_s=0.5)
     log = read_log(tmp_path / "windows.parquet")
     assert len(log) == result.windows.num_rows
-    assert log.settings is not None
     assert (log.settings.height_mm, log.settings.resolution, log.settings.seed) == (5.0, "fast", 1)
     pa.csv.write_csv(result.windows, tmp_path / "log.csv")
     assert read_log(tmp_path / "log.csv").settings is None

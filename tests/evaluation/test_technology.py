@@ -35,7 +35,6 @@ def answer_through(job, at):
     table = job.technology([at]).table(at.height_mm, len(at.passes))
     for number, (one, offset_mm) in enumerate(zip(table.settings, table.offsets_mm, strict=True), 1):
         cut = answer(job, one, number, offset_mm, None)
-        assert cut.record.wall is not None
         wall = replace(cut.record.wall, mean_um=cut.record.wall.mean_um - job.seed // technology.NEXT_SEED)
         cuts.append(cut._replace(record=replace(cut.record, wall=wall)))
     return cuts

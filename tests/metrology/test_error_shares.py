@@ -124,8 +124,6 @@ def test_a_wire_on_its_path_has_no_error_within_reach_and_says_why_there_is_one_
     against, within = (
         worst_place([contour()], [found], [left], [None], reachable=reachable) for reachable in (False, True)
     )
-    assert against is not None
-    assert within is not None
     assert (against.x_mm, against.y_mm, against.why) == (2.0, 2.0, "out of reach")
     assert against.error_um == pytest.approx(LEFT_UM, abs=1.0)
     assert within.error_um == 0.0
@@ -143,7 +141,6 @@ def test_the_largest_error_says_what_lies_there(place_mm, why):
     shares = np.zeros((5, len(found.s_mm)))
     shares[3] = -30.0
     worst = worst_place([contour()], [found], [np.zeros(len(found.s_mm))], [shares], reachable=True)
-    assert worst is not None
     assert (worst.error_um, worst.why, worst.made_by) == (-30.0, why, "wire")
 
 

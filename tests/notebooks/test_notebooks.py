@@ -98,7 +98,7 @@ def test_outputs_are_there_and_fit_for_readers(name):
 def test_small_settings_are_parameters(name, execute):
     notebook = execute.read(FOLDER / f"{name}.py")
     (cell,) = [c for c in notebook.cells if execute.PARAMETERS in execute.tags(c)]
-    assigned = {target.id for node in ast.parse(cell.source).body for target in node.targets}  # type: ignore[attr-defined]
+    assigned = {target.id for node in ast.parse(cell.source).body for target in node.targets}
     small = set(notebook.metadata["edmsim"]["small"])
     assert small
     assert small <= assigned

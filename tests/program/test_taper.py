@@ -1,7 +1,5 @@
 """Tapered walls in closed form: mitres, cones, cylinders, the ellipse, guides, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

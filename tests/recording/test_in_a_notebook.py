@@ -25,7 +25,7 @@ def result(cut):
     path = CutPath((contour,), cut.scene.stock_mm, 0.5, (20.0, 20.0), (), "rectangle.ngc")
     field = None
     return edmsim.CutResult(
-        cut.report, cut.windows, path, field, cut.frames, cut.scene, cut.closeups, cut.machine  # type: ignore[arg-type]
+        cut.report, cut.windows, path, field, cut.frames, cut.scene, cut.closeups, cut.machine
     )
 
 
@@ -57,14 +57,14 @@ def test_a_result_shows_its_table_and_its_picture(result):
 @pytest.mark.parametrize("name", ["profile", "corner", "kerf-section"])
 def test_a_figure_shows_by_itself(result, name):
     figure = result.plot() if name == "profile" else result.plot(name)
-    assert figure._repr_png_().startswith(PNG)  # type: ignore[attr-defined]
+    assert figure._repr_png_().startswith(PNG)
 
 
 def test_a_figure_that_is_not_there_is_reported(result):
     with pytest.raises(InputError, match=r"no figure 'kerf'; there are: profile, profile-error, .*wire-spectrum$"):
         result.plot("kerf")
     with pytest.raises(InputError, match=r"slice_index cannot be 2\.5: give int \| None"):
-        result.contour(2.5)  # type: ignore[arg-type]
+        result.contour(2.5)
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """The report: the agreed fields, right sums, and never a NaN."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json
