@@ -164,6 +164,8 @@ def test_u_and_v_count_from_x_and_y_or_are_coordinates(read):
     relative = read(UV.format(" U0. V0."), dialect="fanuc").outlines[0]
     absolute = read(UV.format(""), dialect="linuxcnc").outlines[0]
     assert upper_mm(relative).tolist() == [[0, 0], [6, 2], [6, 7], [1, 7]]
+    notices = read(UV.format(" U0. V0."), dialect="fanuc").notices
+    assert any(notice.startswith("the heights of the two planes are not in the program") for notice in notices)
     assert upper_mm(absolute).tolist() == [[0, 0], [1, 2], [1, 2], [1, 2]]
     turned = read(UV.format("").replace("G1 X5.", "G91 G1 X5."), dialect="mitsubishi").outlines[0]
     assert turned.points_mm.tolist() == [[0, 0], [5, 0], [5, 5], [5, 10]]
@@ -317,10 +319,10 @@ def test_passes_to_and_fro_are_the_same_profile(tmp_path_factory, steps, offsets
 
 
 def test_the_condition_of_the_longest_part_counts_and_a_notice_says_so(read):
-    text = ONE_PASS.format("D1=0.19\n", "S1 G41 D1").replace("X0.\n", "S2 X0.\n").replace("X5.\nG40", "S3 X5.\nG40")
-    program = read(text, dialect="fanuc")
-    assert (program.outlines[0].condition, program.outlines[0].approach_condition) == ("S2", "S1")
-    assert any("line 9: the condition changes within a contour, S2, S3" in notice for notice in program.notices)
+    text = ONE_PASS.format("D1=0.19\n", "S1 G41 D1").replace("X0.\n", "S2 X0.\n").replace("X5.\nG40", "S4 X5.\nG40")
+    program = read(text.replace("Y6.", "S3 Y6."), dialect="fanuc")
+    assert (program.outlines[0].condition, program.outlines[0].approach_condition) == ("S3", "S1")
+    assert any("line 6: the condition changes within a contour, S2, S3, S4" in notice for notice in program.notices)
 
 
 TWO = "TP0. TN10.\nG92 X0. Y0\n"

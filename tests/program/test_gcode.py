@@ -204,7 +204,8 @@ def test_an_arc_that_fits_both_ways_follows_the_others_and_says_so(read, before,
     program = read(text)
     circle = program.outlines[-1].points_mm
     assert circle.mean(axis=0) == pytest.approx(centre, abs=0.2)
-    assert any("fit both" in notice for notice in program.notices)
+    meant = "absolute" if before else "relative"
+    assert any(f"fit both as relative and as absolute centre: taken as {meant}" in n for n in program.notices)
 
 
 @pytest.mark.parametrize("code", ["G2", "G3"])
@@ -322,6 +323,7 @@ def test_what_makes_the_contour_is_not_ignored(read, word, what):
 @pytest.mark.parametrize(("text", "feed"), [
     ("G20 G0 X0 Y0\nF0.1 G1 X1. Y.5\n", "F0.1 in/min"), ("G0 X0 Y0\nF9 G1 X1. Y.5\n", "F9 mm/min"),
     ("G0 X0 Y0\nF9 G1 X1000 Y500\n", "F9 um/min"), ("G93 G0 X0 Y0\nF9 G1 X1. Y.5\n", "F9 is"),
+    ("G95 G0 X0 Y0\nF9 G1 X1. Y.5\n", "F9 is"), ("G93\nG94 G0 X0 Y0\nF9 G1 X1. Y.5\n", "F9 mm/min"),
 ])  # fmt: skip
 def test_feeds_are_reported_in_the_units_of_the_program(read, text, feed):
     assert sum(f"feed {feed}" in notice for notice in read(text).notices) == 1

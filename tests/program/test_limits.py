@@ -39,6 +39,7 @@ def refused(match, within_s=10.0):
         ("G0 X0 Y0\nG2 X0.001 Y0.0 I999999999. J0.", "radius of 1e.09 mm is beyond 1e.06 mm: draw a line"),
         ("G0 X0 Y0\nG1 X500000.5\nG1 Y1.", ":2: the move spans 500000 mm: no table takes more than 10000 mm"),
         ("G0 X0 Y0\nG2 X0. Y0. I9000. J0.", ":2: the arc spans 18000 mm"),
+        ("TP0 TN9\nG92 X0 Y0\nG1 X5. : X2000000.", ":3: the move in the second plane"),
         ("G0 X0 Y0\nG1 X1.5\nG4 P1000000.\nG1 Y1.5", ":3: a dwell of 1e.06 s is too long: at most 86400 s"),
     ],
 )  # fmt: skip

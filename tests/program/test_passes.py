@@ -79,9 +79,10 @@ def test_one_offset_is_one_pass(tmp_path):
 
 @pytest.mark.parametrize("offsets_mm", [(0.25, 0.2), (0.25, 0.2, 0.15)])
 def test_points_are_on_the_grid_and_within_the_table(tmp_path, offsets_mm):
-    contour = plan(tmp_path, passes=PassPlan(offsets_mm), grid_um=2).contours[0]
-    for way in contour.ways_um:
+    fine, contour = (plan(tmp_path, passes=PassPlan(offsets_mm), grid_um=um).contours[0] for um in (1, 2))
+    for way, fine_way in zip(contour.ways_um, fine.ways_um, strict=True):
         assert not (way % 2).any()
+        np.testing.assert_allclose(np.ptp(way, axis=0), np.ptp(fine_way, axis=0), atol=2.0)
         assert way.min() >= 0
         assert way.max() <= 65_000
 
@@ -132,7 +133,8 @@ def test_dwells_of_a_program_stay_in_its_passes(tmp_path):
     contour = plan(tmp_path, text + AGAIN.format("G42", "D2", back) + "M2\n").contours[0]
     first, second = contour.passes
     assert [seconds for _, seconds in first.dwells] == [1.0]
-    assert first.dwells[0][0] <= first.approach_moves
+    place = first.points_um[first.dwells[0][0]] * 1e-3 - contour.nominal_mm[0]
+    np.testing.assert_allclose(place, (-1.0, 0.25))  # beside the way, as G41 says
     assert [seconds for _, seconds in second.dwells] == [3.0]
     place = second.points_um[second.dwells[0][0]] * 1e-3 - contour.nominal_mm[0]
     np.testing.assert_allclose(place, (4.2, -2.0), atol=0.21)

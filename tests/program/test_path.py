@@ -167,6 +167,7 @@ def test_without_compensation_the_wire_is_as_programmed(plan, thread, part_side,
     drawn = cut_points(contour) - np.array(path.origin_mm)
     assert drawn == pytest.approx(np.array([[5, 0], [0, 0], [0, 8], [10, 8], [10, 0], [5, 0]]))
     assert contour.part_side == part_side
+    assert list(dict.fromkeys(line for _, line in contour.elements)) == [3, 4, 5, 6, 7]
     size = np.ptp(contour.nominal_mm, axis=0)
     sign = -1 if inside else 1
     assert size == pytest.approx([10 + sign * 2 * OFFSET_MM, 8 + sign * 2 * OFFSET_MM], abs=1e-6)
@@ -187,7 +188,7 @@ def test_an_open_slot(plan):
 
 
 def test_dwells_stay_at_their_corner_next_to_the_edge(plan):
-    path = plan(PUNCH.replace("X0\n", "X2.5\nG4 P2\nX0\nG4 X3\n", 1).replace("G41", "G4 P1\nG41", 1))
+    path = plan(PUNCH.replace("X0\n", "X2.5\nG4 P2\nX0\nG4 X3\n", 1).replace("G41", "G4 P1\nG1 X4\nG41", 1))
     (contour,) = path.contours
     spots = [(contour.points_um[i] / 1000 - np.array(path.origin_mm)).tolist() for i, _ in contour.dwells]
     assert [seconds for _, seconds in contour.dwells] == [1, 2, 3]
@@ -332,9 +333,3 @@ def test_the_suffix_chooses_the_reader(tmp_path, suffix):
     file = tmp_path / f"part{suffix}"
     file.write_text(PUNCH)
     assert load_program(file).outlines[0].closed
-
-
-def test_the_same_program_gives_the_same_path(plan):
-    first, second = plan(PUNCH), plan(PUNCH)
-    assert np.array_equal(first.contours[0].points_um, second.contours[0].points_um)
-    assert first.notices == second.notices
