@@ -35,11 +35,6 @@ def test_help_fits_one_screen_and_names_every_command(edmsim, monkeypatch):
         assert re.search(rf"^│ {name} +[A-Z]", shown.out, re.MULTILINE), name
 
 
-@pytest.mark.parametrize("old", ["render", "score", "search-gains", "measure-table", "export", "technology"])
-def test_old_names_are_gone(edmsim, old):
-    assert_refused(edmsim(old, "--help"), f"no such command '{old}'")
-
-
 def test_no_argument_shows_the_help_as_bad_usage(edmsim):
     outcome = edmsim()
     assert outcome.status == 2
@@ -131,32 +126,6 @@ def test_bad_program_is_one_line_and_exit_2(tmp_path, edmsim, name, content, nam
     assert list(tmp_path.iterdir()) == before
 
 
-SETTINGS = [
-    (("--height-at", "5;30"), ("MM:MM", "'5;30'")),
-    (("--t-on", "40"), ("2 A", "t_period must be at least")),
-    (("--peak-current", "3", "--resistance", "20"), ("both given",)),
-    (("--pulse-shape", "sine"), ("'sine'", "rectangle, triangle")),
-    (("--flushing-upper", "nan"), ("upper nozzle nan Pa",)),
-    (("--material", "new\nline"), ("new",)),
-]
-
-
-@pytest.mark.parametrize(("arguments", "what"), [
-    (("cut", "a.ngc", "--out", ""), "--out"), (("cut", "a.ngc", "--out="), "--out"), (("report", ""), "an argument"),
-    (("sweep", "run", "a.ngc", "--out", "a", "--height", ""), "--height"),
-])  # fmt: skip
-def test_an_empty_value_is_refused(edmsim, arguments, what):
-    """It comes from a variable of the shell that is not set, and a path of no letters is the present folder."""
-    assert_refused(edmsim(*arguments), f"{what} is empty: give a value, or leave it out")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("options", "named"), SETTINGS, ids=[" ".join(s[0]) for s in SETTINGS])
-def test_bad_setting_is_one_line_and_exit_2(small_punch, tmp_path, edmsim, options, named):
-    assert_refused(edmsim("cut", small_punch, "--out", tmp_path / "out", *options), *named)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("below", ["", "a", "a/b"])
 def test_output_folder_that_cannot_be(small_punch, tmp_path, edmsim, below):
     (tmp_path / "file").write_text("kept")
@@ -178,11 +147,6 @@ def test_bad_input_leaves_an_earlier_cut_alone(small_punch, tmp_path, edmsim):
     assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [("report.json", "earlier")]
 
 
-def test_two_cuts_are_laid_side_by_side(tmp_path, edmsim):
-    assert_refused(edmsim("view"), "directory")
-    assert_refused(edmsim("view", tmp_path / "a", tmp_path / "b"), str(tmp_path / "a"), "no such folder")
-
-
 @pytest.mark.slow
 def test_a_film_is_one_of_the_files_of_a_cut(small_cut, tmp_path, edmsim):
     shown = edmsim("report", small_cut.folder, "--film", tmp_path / "cut.gif", "--seconds", "0.5", "--contour",
@@ -192,11 +156,6 @@ def test_a_film_is_one_of_the_files_of_a_cut(small_cut, tmp_path, edmsim):
     assert (tmp_path / "cut.gif").read_bytes()[:3] == b"GIF"
     assert_refused(edmsim("report", small_cut.folder, "--film", tmp_path / "cut.txt"), ".mp4 .gif")
     assert_refused(edmsim("report", tmp_path, "--film", tmp_path / "a.gif"), str(tmp_path), "cut.rrd")
-
-
-def test_view_without_a_recording_is_one_line_and_exit_2(tmp_path, edmsim):
-    assert_refused(edmsim("view", tmp_path), str(tmp_path), "cut.rrd")
-    assert_refused(edmsim("view", tmp_path / "none"), str(tmp_path / "none"))
 
 
 @pytest.mark.slow
@@ -287,16 +246,6 @@ def test_bench_draws_where_a_pulses_time_goes(edmsim, tmp_path, monkeypatch):
     assert (tmp_path / "new" / "profile.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize(("arguments", "reason"), [
-    (("--figure", "a.jpg"), "a figure is written as .pdf .svg .png"),
-    (("--against", "no-such-revision"), "has no revision 'no-such-revision'"),
-])  # fmt: skip
-def test_bench_refuses_what_it_cannot_measure(edmsim, arguments, reason):
-    outcome = edmsim("bench", *arguments)
-    assert (outcome.status, outcome.err.count("\n")) == (2, 1)
-    assert reason in outcome.err
-
-
 def test_an_interrupted_comparison_is_one_line_and_130(edmsim, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -314,18 +263,6 @@ def test_report_is_made_again_and_figures_written(small_cut, tmp_path, edmsim):
     assert outcome.status == 0
     assert str(tmp_path / "corner.png") in outcome.out
     assert (tmp_path / "corner.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path, edmsim):
-    outcome = edmsim("report", tmp_path)
-    assert outcome.status == 2
-    assert outcome.err.count("\n") == 1
-    assert "report.json: no such file, the folder of a cut is needed" in outcome.err
-
-
-def test_gains_of_a_controller_without_any_are_refused(edmsim, tmp_path):
-    assert_refused(edmsim("tune", "controller", "mcu", "--out", tmp_path / "new"), "no gains of 'mcu' are searched")
-    assert not (tmp_path / "new").exists()
 
 
 def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):

@@ -280,9 +280,3 @@ def test_the_command_prints_json(edmsim):
     assert set(found["controllers"]) == {"fixed", slow, "counts", "oracle"}
     assert found["controllers"][slow]["error_um"]["value"] is None
     assert len(found["cuts"]) == 8
-
-
-def test_the_command_refuses_before_it_begins(edmsim):
-    shown = edmsim("evaluate", GAP_FEED, "--controllers", "pid")
-    assert shown.status == 2
-    assert shown.err.startswith("edmsim: there is no feed controller 'pid'")
