@@ -76,8 +76,6 @@ def test_a_condition_that_is_missing_is_named_with_its_line(tmp_path):
     assert refused.value.line == 17
     with pytest.raises(InputError, match="no such file"):
         read_conditions(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="G-code has this"):
-        load_program(tmp_path / "a.dxf", conditions=tmp_path / "table.toml")
 
 
 @pytest.mark.slow

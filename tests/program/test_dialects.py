@@ -114,11 +114,6 @@ def test_a_taper_leans_by_its_angle(name, angles, corners):
         assert outline.taper.program_plane_mm == 0.0
 
 
-def test_a_way_back_leans_the_same_wall_to_the_same_side():
-    forward, back = example("taper-sodick.nc").outlines
-    assert forward.taper.angle_deg == tuple(-angle for angle in (back.taper.angle_deg or ())[::-1])
-
-
 def test_charmilles_takes_offsets_by_number_from_a_table():
     program = example("taper-charmilles.iso", offsets=EXAMPLES / "charmilles-offsets.toml")
     assert [outline.offset_mm for outline in program.outlines] == [0.195, 0.145]

@@ -229,13 +229,6 @@ def test_what_is_no_drawing_is_refused(tmp_path, content):
     assert "\n" not in str(caught.value)
 
 
-def test_missing_files_and_directories_are_refused(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_dxf(tmp_path / "none.dxf")
-    with pytest.raises(InputError, match="directory"):
-        read_dxf(tmp_path)
-
-
 def plate(space):
     """A plate with holes in blocks within a block, turned, stretched and as a grid."""
     hole = space.doc.blocks.new("HOLE")

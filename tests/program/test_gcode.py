@@ -1,7 +1,6 @@
 """G-code in: geometry out, decisions told, nothing guessed."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -286,13 +285,6 @@ def test_programs_that_cut_nothing_are_refused(read, text):
 def test_what_is_not_text_is_refused(read, data, what):
     with pytest.raises(InputError, match=what):
         read(data)
-
-
-def test_missing_files_and_directories_are_refused(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_gcode(tmp_path / "none.ngc")
-    with pytest.raises(InputError, match="directory"):
-        read_gcode(Path(tmp_path))
 
 
 def test_words_that_cannot_change_a_contour_are_read_and_reported(read):

@@ -2,7 +2,6 @@
 
 import itertools
 import random
-from pathlib import Path
 
 import ezdxf
 import numpy as np
@@ -10,8 +9,6 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.program.dxf import read_dxf
-
-CASES = Path(__file__).parents[3] / "shared/data/cases"
 
 INSERT = " 0 INSERT 8 0 2 B 10 1 20 1"
 CORNERS = [(0, 0), (10, 0), (10, 6), (0, 6)]
@@ -192,13 +189,3 @@ def test_binary_drawings_are_read(tmp_path, version):
     document.modelspace().add_circle((0, 0), 3)
     document.saveas(tmp_path / "own.dxf", fmt="bin")
     assert size(read_dxf(tmp_path / "own.dxf")) == pytest.approx([6, 6], abs=0.01)
-
-
-def test_the_cases_of_the_collection(capfd):
-    if not CASES.is_dir():
-        pytest.skip("the collection of cases is not there")
-    expected = {"26-flat-3d-polyline": [10, 10], "28-x-before-y": [10, 6], "31-handles-twice": [10, 6]}
-    assert {name: size(read_dxf(CASES / f"{name}.dxf")) for name in expected} == expected
-    with pytest.raises(InputError, match="a 3DFACE cannot be cut"):
-        read_dxf(CASES / "30-face-in-a-drawing.dxf")
-    assert capfd.readouterr() == ("", "")

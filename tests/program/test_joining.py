@@ -3,7 +3,6 @@
 import math
 import warnings
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,12 +10,9 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.program.dxf import read_dxf
 from edmsim.program.entities import Chain, joined_contours, without_duplicates
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 from edmsim.program.path import plan_path
-
-CASES = Path(__file__).parents[3] / "shared/data/cases"
 
 
 def lines(space, corners):
@@ -229,19 +225,3 @@ def test_lines_in_any_order_with_noise_short_ones_between_and_copies_join(corner
     far = [np.hypot(*(contour.points - corner).T).min() for corner in points]
     assert max(far) < 0.008
     assert len(contour.points) == len(points) + 1
-
-
-def test_the_cases_of_the_collection():
-    if not CASES.is_dir():
-        pytest.skip("the collection of cases is not there")
-    expected = {
-        "20-line-of-2-um": (10.0, 10.0, "joined away"),
-        "21-arc-of-radius-0": (10.0, 10.0, "1 ARC of no length left out"),
-        "23-closed-polyline-repeats-its-start": (10.0, 10.0, ""),
-        "25-drawn-twice-with-noise": (4.7625, 3.175, "twice"),
-    }
-    for name, (width, height, notices) in expected.items():
-        program = read_dxf(CASES / f"{name}.dxf")
-        (outline,) = program.outlines
-        assert np.ptp(outline.points_mm, axis=0) == pytest.approx((width, height), abs=1e-6), name
-        assert notices in "; ".join(program.notices), name

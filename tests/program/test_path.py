@@ -311,6 +311,15 @@ def test_bad_settings_are_refused(plan, settings, word):
         plan(PUNCH, **settings)
 
 
+@pytest.mark.parametrize("name", ["part.ngc", "part.dxf"])
+def test_missing_files_and_directories_are_refused(tmp_path, name):
+    with pytest.raises(InputError, match="no such file"):
+        load_program(tmp_path / name)
+    (tmp_path / name).mkdir()
+    with pytest.raises(InputError, match="directory"):
+        load_program(tmp_path / name)
+
+
 def test_other_suffixes_are_refused(plan):
     with pytest.raises(InputError, match=r"unknown suffix '\.step'"):
         plan(PUNCH, name="part.step")
@@ -324,8 +333,8 @@ def test_a_text_that_does_not_read_as_a_program_is_refused(plan):
 def test_options_of_the_other_kind_of_file_are_refused():
     with pytest.raises(InputError, match=r"a\.ngc: layers: a drawing has this, leave it out here"):
         load_program("a.ngc", layers=["0"])
-    with pytest.raises(InputError, match=r"a\.dxf: ignore and dialect: G-code has this"):
-        load_program("a.dxf", ignore=["M77"], dialect="sodick")
+    with pytest.raises(InputError, match=r"a\.dxf: ignore and offsets and dialect and conditions: G-code has this"):
+        load_program("a.dxf", ignore=["M77"], offsets="a.toml", dialect="sodick", conditions="b.toml")
 
 
 @pytest.mark.parametrize("suffix", [".ngc", ".NC", ".gcode", ".ISO", ".txt"])

@@ -1,7 +1,6 @@
 """What a program means where its numbers, codes or moves could be read in several ways."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 from edmsim.errors import InputError
 from edmsim.program import load_program, plan_path
 
-CASES = Path(__file__).parents[3] / "shared" / "data" / "cases"
 AUTO = {"auto_offset_mm": 0.155}
 
 
@@ -25,13 +23,6 @@ def length_mm(points):
 
 def has_notice(program, words):
     return any(words in notice for notice in program.notices)
-
-
-def case(number):
-    found = list(CASES.glob(f"{number}-*")) if CASES.is_dir() else []
-    if not found:
-        pytest.skip("the small inputs of shared/data are not there")
-    return found[0]
 
 
 # arcs near the tolerance
@@ -125,6 +116,8 @@ def test_what_no_rounding_explains_is_refused(read):
     ):  # fmt: skip
         with pytest.raises(InputError, match="radii disagree"):
             read(text)
+    rounded = "G20 G90\nG0 X0 Y0\nG1 X-0.3143 Y0.0209\nG3 X0.2138 Y-0.3059 I0.2106 J-0.2500\nM2\n"  # radii 6 um apart
+    assert length_mm(read(rounded).outlines[0].points_mm) == pytest.approx(39.3, abs=0.05)
 
 
 # words that belong to a code
@@ -310,26 +303,3 @@ def test_a_byte_order_mark_says_the_encoding(read, encoding):
 def test_other_encodings_are_refused_with_the_remedy(read, data):
     with pytest.raises(InputError, match=r"saved? (it )?as UTF-8"):
         read(data)
-
-
-# the small inputs
-
-
-@pytest.mark.parametrize(
-    ("number", "contours", "length"),
-    [("01", 1, 13.0), ("03", 1, 10.0), ("05", 1, 52.0), ("06", 2, 46.0), ("09", 1, 42.8), ("10", 1, 39.3),
-     ("14", 1, 52.0)],
-)  # fmt: skip
-def test_the_small_inputs_are_read_right(number, contours, length):
-    path = plan_path(case(number), "auto", **AUTO)
-    assert len(path.contours) == contours
-    assert sum(length_mm(contour.points_um) for contour in path.contours) / 1e3 == pytest.approx(length, abs=0.05)
-
-
-def test_the_small_input_with_an_offset_before_its_unit():
-    assert plan_path(case("12"), "auto", **AUTO).offset_um == pytest.approx(154.94)
-
-
-def test_the_small_input_with_a_circle_after_its_contour_is_refused():
-    with pytest.raises(InputError, match=":9: 2 moves with a closed loop follow"):
-        load_program(case("08"))

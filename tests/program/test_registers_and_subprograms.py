@@ -140,11 +140,6 @@ def test_a_table_is_read_as_it_is_written(tmp_path_factory, table):
     assert read_offsets(file) == checked_offsets({f"H{number}": value for number, value in table.items()})
 
 
-def test_a_drawing_has_no_registers(tmp_path):
-    with pytest.raises(InputError, match="G-code has this"):
-        load_program(tmp_path / "a.dxf", offsets=tmp_path / "table.toml")
-
-
 HOLE = "G91 G1 X1.5\nG3 X0 Y0 I-1.5 J0\nG0 X3.5\n"
 
 
