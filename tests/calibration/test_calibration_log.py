@@ -36,7 +36,8 @@ def log_of(*parts):
 
 
 def test_parquet_and_csv_are_read_alike(tmp_path):
-    table = pa.table(rows(5, mean_delay_us=np.array([1.0, np.nan, 3.0, 4.0, 5.0]), short=np.arange(5.0)))
+    delays, short = np.array([0.0, np.nan, 3.0, 4.0, 5.0]), np.arange(5.0)
+    table = pa.table(rows(5, mean_delay_us=delays, short=short, open=255.0 - short))  # all that there can be
     table = table.append_column("z_um", pa.array(range(5)))  # what is not needed is not looked at
     pa.parquet.write_table(table, tmp_path / "log.parquet")
     pa.csv.write_csv(table, tmp_path / "log.csv")

@@ -1,4 +1,4 @@
-"""The report: right sums, and never a NaN. Its fields are those of docs/guide/outputs.md (tests/site/test_guide_pages.py)."""
+"""The report: right sums, and never a NaN. Its fields are those of a page, see test_guide_pages.py."""
 
 import dataclasses
 import io

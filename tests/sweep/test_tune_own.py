@@ -130,7 +130,7 @@ def test_bounds_are_read_as_declared(tmp_path):
     ('{"feed_um_s": (2, 1)}', "from a number to a greater one"),
     ('{"feed_um_s": (0, 1, "log")}', "from a number to a greater one"),
     ('{"feed_um_s": (0, float("inf"))}', "from a number to a greater one"), ('{"feed_um_s": 4}', "not 4"),
-    ('{"feed_um_s": (0, 1, "cubic")}', "from a number to a greater one"),
+    ('{"feed_um_s": (1, 2, "cubic")}', "from a number to a greater one"),
 ])  # fmt: skip
 def test_bounds_that_say_nothing_are_refused(tmp_path, bounds, said):
     with pytest.raises(InputError, match=said):
