@@ -35,12 +35,6 @@ def test_help_fits_one_screen_and_names_every_command(edmsim, monkeypatch):
         assert re.search(rf"^│ {name} +[A-Z]", shown.out, re.MULTILINE), name
 
 
-def test_no_argument_shows_the_help_as_bad_usage(edmsim):
-    outcome = edmsim()
-    assert outcome.status == 2
-    assert "Usage" in outcome.out + outcome.err
-
-
 def test_version(edmsim):
     assert edmsim("--version") == (0, __version__ + "\n", "")
 
@@ -103,27 +97,6 @@ def assert_refused(outcome, *named):
     assert outcome.err.count("\n") == 1, outcome.err
     for text in named:
         assert text in outcome.err, outcome.err
-
-
-OPEN_DXF = "0\nSECTION\n2\nENTITIES\n" + "".join(
-    f"0\nLINE\n8\n0\n10\n{a}\n20\n{b}\n11\n{c}\n21\n{d}\n" for a, b, c, d in ((0, 0, 9, 0), (9, 0, 9, 7))
-) + "0\nENDSEC\n0\nEOF\n"  # fmt: skip
-PROGRAMS = [
-    ("missing.ngc", None, ("no such file",)),
-    ("part.doc", "G1 X3\n", ("'.doc'", ".ngc")),
-    ("word.ngc", "G0 X0 Y0\nG1 X5\nG1 X6 V3\n", (":3: ", "V")),
-    ("open.dxf", OPEN_DXF, ("open",)),
-]
-
-
-@pytest.mark.parametrize(("name", "content", "named"), PROGRAMS, ids=[p[0] for p in PROGRAMS])
-def test_bad_program_is_one_line_and_exit_2(tmp_path, edmsim, name, content, named):
-    program = tmp_path / name
-    if content is not None:
-        program.write_text(content)
-    before = list(tmp_path.iterdir())
-    assert_refused(edmsim("cut", program, "--out", tmp_path / "out"), str(program), *named)
-    assert list(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize("below", ["", "a", "a/b"])

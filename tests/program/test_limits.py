@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.calibration import read_log
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program import gcode, limits, outline
@@ -141,39 +140,6 @@ def test_constants_of_wrong_encoding_or_size_are_refused(tmp_path, content, matc
     file.write_bytes(content)
     with refused(match):
         Machine.load(material=str(file))
-
-
-ROW = {"feed_um_s": 12.0, "short": 3, "open": 100, "mean_voltage_V": 40.0, "mean_current_A": 1.0,
-       "mean_delay_us": 8.0, "t_on_us": 30.0, "t_period_us": 100.0}  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("changed", "match"),
-    [
-        ({"t_period_us": "inf"}, "t_period_us inf cannot be"), ({"t_period_us": 1e300}, "t_period_us 1e.300"),
-        ({"mean_delay_us": 1e300}, "mean_delay_us"), ({"mean_voltage_V": -1e300}, "mean_voltage_V"),
-        ({"feed_um_s": "zwölf"}, "give a number"), ({"short": 10**30}, "short"),
-    ],
-)  # fmt: skip
-def test_logs_with_absurd_values_are_refused(tmp_path, changed, match):
-    row = {**ROW, **changed}
-    file = tmp_path / "log.csv"
-    file.write_text(",".join(row) + "\n" + ",".join(map(str, row.values())) + "\n", encoding="utf-8")
-    with refused(match):
-        read_log(file)
-
-
-def test_logs_of_wrong_encoding_are_refused(tmp_path):
-    heading = ",".join(ROW)
-    for number, content in enumerate((
-        f"{heading},höhe\n".encode("latin-1"), heading.encode("utf-16"), b"\x00\xff" * 500,
-        f"{heading}\n{'ü,' * 7}1\n".encode("latin-1"),
-    )):  # fmt: skip
-        for suffix in ("csv", "parquet"):
-            file = tmp_path / f"{number}.{suffix}"
-            file.write_bytes(content)
-            with refused("cannot be read|missing|give a number|no windows|is not a Parquet file"):
-                read_log(file)
 
 
 def test_an_arc_about_a_far_centre_within_reason_is_cut(tmp_path):
