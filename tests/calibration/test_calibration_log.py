@@ -138,7 +138,8 @@ HEADING = ",".join(COLUMNS) + "\n"
     ("log.csv", f"{HEADING}20,1,2,20,1,9,30,inf\n".encode(), "window 1: t_period_us inf"),
     ("log.csv", f"{HEADING}20,{10**30},2,20,1,9,30,100\n".encode(), "window 1: short 1e.30 cannot be"),
     ("log.csv", f"{HEADING}{'ü,' * 7}1\n".encode("latin-1"), "log.csv:2: feed_um_s is 'ü': give a number"),
-    ("log.csv", b"\x00\xff" * 500, "column feed_um_s is missing"), ("log.parquet", b"\x00\xff" * 500, "is not a Parquet file"),
+    ("log.csv", b"\x00\xff" * 500, "column feed_um_s is missing"),
+    ("log.parquet", b"\x00\xff" * 500, "is not a Parquet file"),
     ("log.csv", f"{HEADING[:-1]},höhe\n".encode("latin-1"), "no windows in it"),
 ])  # fmt: skip
 def test_what_is_no_log_is_refused_in_one_line(tmp_path, name, content, said):

@@ -220,15 +220,6 @@ def test_an_unknown_unit_is_refused(drawing):
         drawing(square, units=20)
 
 
-@pytest.mark.parametrize("content", [b"", b"G1 X5\n", b"\x00\x01\x02", b"AC1015\x00\xb6", b"0\nSECTION\n2\n"])
-def test_what_is_no_drawing_is_refused(tmp_path, content):
-    file = tmp_path / "part.dxf"
-    file.write_bytes(content)
-    with pytest.raises(InputError) as caught:
-        read_dxf(file)
-    assert "\n" not in str(caught.value)
-
-
 def plate(space):
     """A plate with holes in blocks within a block, turned, stretched and as a grid."""
     hole = space.doc.blocks.new("HOLE")

@@ -178,6 +178,7 @@ def test_what_is_no_whole_drawing_is_refused_in_plain_words(own_text, data, mess
     with pytest.raises(InputError) as caught:
         own_text(data)
     assert caught.match(message)
+    assert "\n" not in str(caught.value)
     for python in ("Error", "Invalid", "object", "None", "Traceback", "b'"):
         assert python not in caught.value.reason
 

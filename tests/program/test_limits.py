@@ -107,20 +107,14 @@ def test_what_the_library_fails_on_is_reported_by_name(tmp_path, monkeypatch):
         load_program(file)
 
 
-def test_a_drawing_with_many_contours_is_refused(tmp_path, monkeypatch):
-    file = drawing(tmp_path, lambda m: [m.add_circle((c, 0), 0.4) for c in range(20)])
-    assert len(load_program(file).outlines) == 20
-    monkeypatch.setattr("edmsim.program.limits.MOST_CONTOURS", 10)
-    with refused("20 contours are too many: at most 10 can be cut"):
-        load_program(file)
-
-
-def test_a_program_with_many_contours_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("edmsim.program.limits.MOST_CONTOURS", 10)
-    file = tmp_path / "own.ngc"
-    file.write_text("G21 G90\n" + "G0 X0 Y0\nG1 X0.3\n" * 11 + "M2\n")
-    with refused("11 contours are too many: at most 10 can be cut"):
-        load_program(file)
+def test_many_contours_are_refused(tmp_path, monkeypatch):
+    drawn, written = drawing(tmp_path, lambda m: [m.add_circle((c, 0), 0.4) for c in range(20)]), tmp_path / "own.ngc"
+    written.write_text("G21 G90\n" + "G0 X0 Y0\nG1 X0.3\n" * 11 + "M2\n")
+    assert len(load_program(drawn).outlines) == 20
+    monkeypatch.setattr(limits, "MOST_CONTOURS", 10)
+    for file, count in ((drawn, 20), (written, 11)):
+        with refused(f"{count} contours are too many: at most 10 can be cut"):
+            load_program(file)
 
 
 @pytest.mark.parametrize(
