@@ -20,6 +20,7 @@ from edmsim.job.check import check, greatest_feed_um_s, lines_of
 from edmsim.job.cut import make_controller, planned, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
+from edmsim.machine.technology import technology_for
 from edmsim.recording.figures.path import path_figure
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -308,6 +309,11 @@ def test_passes_are_estimated_by_their_technology():
     assert [one.offset_mm for one in found.passes] == sorted((one.offset_mm for one in found.passes), reverse=True)
     assert found.passes[0].seconds > found.passes[1].seconds  # the rough pass is the slowest
     assert found.expected_s == pytest.approx(sum(one.seconds for one in found.passes))
+    table, rough = technology_for("tool-steel").table(25.4, 3), found.path.contours[0].passes[0]
+    lead_mm = np.hypot(*np.diff(rough.points_um[: rough.approach_moves + 1], axis=0).T).sum() * 1e-3
+    for one, setting in zip(found.passes, table.settings, strict=True):
+        slower_mm = lead_mm * (1 / table.approach_share - 1) if one.number == 1 else 0.0
+        assert one.seconds == pytest.approx(60 * (one.length_mm + slower_mm) / setting.found.feed_mm_min)
     outcome = dict(lines_of(found))
     assert outcome["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
     assert "time" not in outcome  # the least time is that of one pass at the rough setting
