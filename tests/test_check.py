@@ -314,6 +314,9 @@ def test_passes_are_estimated_by_their_technology():
     for one, setting in zip(found.passes, table.settings, strict=True):
         slower_mm = lead_mm * (1 / table.approach_share - 1) if one.number == 1 else 0.0
         assert one.seconds == pytest.approx(60 * (one.length_mm + slower_mm) / setting.found.feed_mm_min)
+    shifted = check(EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4, offset=0.2)).passes
+    by_mm = [one.offset_mm - before.offset_mm for before, one in zip(found.passes, shifted, strict=True)]
+    assert by_mm == pytest.approx([0.2 - found.passes[-1].offset_mm] * 3)  # the last pass has the offset given
     outcome = dict(lines_of(found))
     assert outcome["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
     assert "time" not in outcome  # the least time is that of one pass at the rough setting

@@ -127,16 +127,18 @@ def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path, tab_mm):
 
 
 def test_dwells_of_a_program_stay_in_its_passes(tmp_path):
-    """On the way to the first pass, and within the second alone."""
+    """On the way to each pass, and within the second alone."""
     back = "Y0\nX4\nG4 P3\nY4\nX0\nY2\n"
     text = "G21 G90\nD1=0.25\nD2=0.2\nG0 X-1.5 Y2\nG41 D1 G1 X-1\nG4 P1\nX0\n" + ROUND + "G40\n"
-    contour = plan(tmp_path, text + AGAIN.format("G42", "D2", back) + "M2\n").contours[0]
+    again = AGAIN.format("G42", "D2", back).replace("Y2\n", "Y2\nG4 P2\n", 1)
+    contour = plan(tmp_path, text + again + "M2\n").contours[0]
     first, second = contour.passes
     assert [seconds for _, seconds in first.dwells] == [1.0]
     place = first.points_um[first.dwells[0][0]] * 1e-3 - contour.nominal_mm[0]
     np.testing.assert_allclose(place, (-1.0, 0.25))  # beside the way, as G41 says
-    assert [seconds for _, seconds in second.dwells] == [3.0]
-    place = second.points_um[second.dwells[0][0]] * 1e-3 - contour.nominal_mm[0]
+    assert [seconds for _, seconds in second.dwells] == [2.0, 3.0]
+    assert second.dwells[0][0] == second.approach_moves  # the wire is threaded: it waits where this pass begins
+    place = second.points_um[second.dwells[1][0]] * 1e-3 - contour.nominal_mm[0]
     np.testing.assert_allclose(place, (4.2, -2.0), atol=0.21)
 
 
