@@ -1,7 +1,5 @@
 """Observers see every window before anything is decided, change nothing, and are saved; why a machine stops."""
 
-from __future__ import annotations
-
 import itertools
 from typing import ClassVar
 
