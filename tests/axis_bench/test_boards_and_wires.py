@@ -171,8 +171,17 @@ def test_the_same_again_from_a_snapshot_to_the_bit():
 def test_wrong_drives_and_wires_are_refused():
     with pytest.raises(InputError, match="a motor and a sample"):
         AxisBench({"x": axes.make("stepper")})
-    with pytest.raises(InputError, match="no wire 'Z'"):
-        bench_of().unplug("x", "Z")
+    bench = bench_of()
+    for said, act in (
+        ("no wire 'Z'", lambda: bench.unplug("x", "Z")), ("number of 0 or more", lambda: bench.run(-1.0)),
+        ("no axis 'q' on this bench; there are: x", lambda: bench.hold("q", True)),
+        ("no axis 'y' on this bench", lambda: bench.steps("y", 5)),
+        ("no phases 'C'", lambda: bench.pulse_encoder("x", "C", 1e-5)),
+        ("beyond the EEPROM", lambda: bench.flip_bits("x", [0, 4096])),
+        ("direction is 2", lambda: bench.step_times("x", [0], 2)),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=said):
+            act()
     with pytest.raises(InputError, match="missing or none of them: lines"):
         axis_row("bench", lines=500)
     with pytest.raises(InputError, match="table_kg is 0"):
