@@ -216,6 +216,14 @@ def test_machines_are_drawn_within_their_ranges_and_a_seed_draws_the_same():
     assert set(env.unwrapped.family.drawn_constants) < set(drawn[0])
 
 
+def test_a_setting_without_a_tension_has_a_share_of_the_wires_own(small, own_file):
+    rough = "t_period_us = 33.2\npeak_current_A = 535.4\n"
+    bare = own_file("technologies", "tool-steel-brass-254", (f"{rough}tension_N = 10.32\n", rough))
+    env = gym.make(ID, **{**small, "height_mm": 25.4, "technology": bare, "tension_share": 0.9})
+    env.reset(seed=1)
+    assert env.unwrapped._batch.episode(0).cut.machine.tension == 0.9 * edmsim.Machine.load(wire="brass-254").tension
+
+
 def test_laws_are_made_of_their_names():
     observed = np.zeros(len(ENTRIES), np.float32)
     assert pass_laws.from_text("technology").act(observed).tolist() == [0.0] * 4
