@@ -193,6 +193,7 @@ def test_same_seed_same_policy(short_training, tmp_path):
         (("edmsim/GapFeed-v2", "--score", 1), "2 or more"),
         (("edmsim/GapFeed-v2", "--resume"), "no training to resume"),
         (("edmsim/GapFeed-v2", "--start", "policy:MaxRateShift-adapt"), "give one that has, as Corner-lag"),
+        (("edmsim/GapFeed-v2", "--algo", "sac", "--start", "policy:GapFeed-ppo"), "choose its algorithm and network"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, named):
