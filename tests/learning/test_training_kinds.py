@@ -25,12 +25,12 @@ pytestmark = [
 ]
 
 
-def exported(tmp_path, env_id, algo, steps=64, n_steps=32, **options):
+def exported(tmp_path, env_id, algo, steps=64, algorithm=(), **options):
     """Train for some windows; return what was trained, and the policy as it is read from its files."""
     from edmsim.learning.train import train
 
     usual = TrainOptions(**options).hyperparameters(env_id, algo)
-    parameters = usual.model_copy(update={"algorithm": {**usual.algorithm, "n_steps": n_steps}})
+    parameters = usual.model_copy(update={"algorithm": usual.algorithm | dict(algorithm)})
     trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=parameters)
     policy_file.write(*trained.export("a test"), tmp_path / "policy.json")
     return trained, policy_file.load(str(tmp_path / "policy.json"))
@@ -110,7 +110,8 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
 @pytest.mark.slow
 def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     teacher = "set-point:open_target_share=0.05,on_factor=0.5,period_factor=0.8,offset_um=6"
-    _, policy = exported(tmp_path, "edmsim/Corner-v2", "imitation", steps=3072, n_steps=64, teacher=teacher)
+    soon = {"batch_size": 64, "learning_rate": 0.01}
+    _, policy = exported(tmp_path, "edmsim/Corner-v2", "imitation", steps=768, algorithm=soon, teacher=teacher)
     task, controller = Task("Corner"), PolicyController(policy)
     task.reset(5)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
