@@ -130,8 +130,8 @@ def run(
     def identity_of(job: tuple[str, int]) -> str:
         files = digests_of([job[0], inspect.getfile(family), *arguments.values()])
         return identity({
-            **plain(arguments), "edmsim": __version__, "env_id": env_id, "controller": job[0], "seed": job[1], "resolution": resolution,
-            "record": record and str(record), "files": sorted(files.values()),
+            **plain(arguments), "edmsim": __version__, "env_id": env_id, "controller": job[0], "seed": job[1],
+            "resolution": resolution, "record": record and str(record), "files": sorted(files.values()),
         })  # fmt: skip
 
     rows = perform(
