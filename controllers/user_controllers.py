@@ -111,10 +111,9 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
         _check_with(make, counts)
 
 
-def commanded_us(make: Callable[[], protocols.FeedController], max_feed_um_s: float) -> set[float | None]:
-    """Return the on-times and periods that a controller commands after windows of any kind on the usual machine."""
-    commands = [command for counts in _every_kind() for command in _Rehearsal(make(), max_feed_um_s).run(counts)]
-    return {each_us for command in commands for each_us in (command.t_on_us, command.t_period_us)}
+def rehearsed(make: Callable[[], protocols.FeedController], max_feed_um_s: float) -> list[protocols.FeedCommand]:
+    """Return what a controller commands after windows of any kind on the usual machine."""
+    return [command for counts in _every_kind() for command in _Rehearsal(make(), max_feed_um_s).run(counts)]
 
 
 def _every_kind() -> tuple[Counts, ...]:

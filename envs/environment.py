@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
-from edmsim.controllers.user_controllers import commanded_us
+from edmsim.controllers.user_controllers import rehearsed
 from edmsim.envs.arguments import checked_actions, checked_options, plain, refuse_unknown
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
@@ -66,10 +66,12 @@ def as_action(
     octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
     octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
     if not family.knobs and any(octaves.values()):
-        raise _no_knobs(controller)
+        raise _has_no(controller, "turns the generator's knobs")
     entries += [octaves[name] / family.setting_octaves for name in family.knobs]
     if family.offset_um is not None:
         entries.append(command.offset_um / family.offset_um)
+    elif command.offset_um:
+        raise _has_no(controller, "commands an offset")
     return np.clip(np.array(entries, np.float32), -1.0, 1.0)
 
 
@@ -78,14 +80,16 @@ def check_acts(family: Family, name: str) -> None:
     controller = from_text(name)
     if family.action == "servo":
         target_share(controller)
-    usual = Machine.load()
-    found_us = set() if family.knobs else commanded_us(lambda: from_text(name), family.greatest_feed_um_s)
-    if not found_us <= {None, usual.t_on_us, usual.t_period_us}:
-        raise _no_knobs(controller)
+    usual, commands = Machine.load(), rehearsed(lambda: from_text(name), family.greatest_feed_um_s)
+    settings_us = {each_us for command in commands for each_us in (command.t_on_us, command.t_period_us)}
+    if not family.knobs and not settings_us <= {None, usual.t_on_us, usual.t_period_us}:
+        raise _has_no(controller, "turns the generator's knobs")
+    if family.offset_um is None and any(command.offset_um for command in commands):
+        raise _has_no(controller, "commands an offset")
 
 
-def _no_knobs(controller: FeedController) -> InputError:
-    return InputError(f"{controller.name} turns the generator's knobs, and this environment has none: leave it out")
+def _has_no(controller: FeedController, what: str) -> InputError:
+    return InputError(f"{controller.name} {what}, and this environment has none: leave it out")
 
 
 def target_share(controller: FeedController) -> float:
