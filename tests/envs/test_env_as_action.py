@@ -44,8 +44,8 @@ def test_a_feed_is_commanded_as_itself_or_as_a_change(action, expected):
 
 
 def test_knobs_and_offsets_that_are_not_there_are_refused():
-    beside = FeedCommand(9.0, None, *FIRST_US, offset_um=1.0)
-    for command, named in ((EXPECTED, "turns the generator's knobs"), (beside, "commands an offset")):
+    lateral = FeedCommand(9.0, None, *FIRST_US, offset_um=1.0)
+    for command, named in ((EXPECTED, "turns the generator's knobs"), (lateral, "commands an offset")):
         with pytest.raises(InputError, match=f"{named}, and this environment has none"):
             action_of("edmsim/GapFeed-v2", command=command)
 
