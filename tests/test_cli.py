@@ -16,8 +16,9 @@ from edmsim import __version__
 from edmsim.bench import profile
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
-from edmsim.cosim.simulation import Simulation
+from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.job import checkpoint
+from edmsim.job.cut import CutProgress
 from edmsim.job.settings import CutSettings
 from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
@@ -210,17 +211,16 @@ def test_view_without_a_recording_is_one_line_and_exit_2(tmp_path: Path, edmsim:
 def test_interrupted_cut_is_taken_up_again(
     small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    step, calls = Simulation.step, []
+    calls = []
 
-    def interrupted(self: Simulation) -> Any:
-        calls.append(self)
+    def interrupted(self: CutProgress, progress: Progress) -> None:
+        calls.append(progress)
         if len(calls) == 10:
             raise KeyboardInterrupt
-        return step(self)
 
     command = ("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.5, *FAST)
     with monkeypatch.context() as patch:
-        patch.setattr(Simulation, "step", interrupted)
+        patch.setattr(CutProgress, "show", interrupted)
         outcome = edmsim(*command)
     assert (outcome.status, outcome.out) == (130, "")
     assert outcome.err.count("\n") == 1
@@ -329,8 +329,10 @@ def test_report_is_made_again_and_figures_written(small_cut: SimpleNamespace, tm
     assert (tmp_path / "corner.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edmsim: Run) -> None:
-    outcome = edmsim("report", tmp_path)
+@pytest.mark.parametrize("name", [".", "file"])
+def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edmsim: Run, name: str) -> None:
+    (tmp_path / "file").touch()
+    outcome = edmsim("report", tmp_path / name)
     assert outcome.status == 2
     assert outcome.err.count("\n") == 1
     assert "report.json: no such file, the folder of a cut is needed" in outcome.err

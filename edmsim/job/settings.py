@@ -320,13 +320,6 @@ class Running(Options):
     enter: Callable[[str], None] | None = None
     """Called with the name of a phase when it begins: cutting, measuring, figures, recording."""
 
-    @field_validator("out")
-    @classmethod
-    def _check_out(cls, out: str | Path | None) -> str | Path | None:
-        if out == "":
-            raise InputError("the folder for the outputs has no name: '.' is the present one")
-        return out
-
     @classmethod
     def taken_from(cls, options: dict[str, Any]) -> Running:
         """Take these options out of all of a cut; raises `InputError` for a value that cannot be used."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.files import locked, replacing
+from edmsim.files import folder_of, locked, replacing
 from edmsim.job.settings import CutSettings
 from edmsim.runs import RunTable, read_rows
 from edmsim.sweep.specification import SweepRun
@@ -87,7 +87,7 @@ def read(out: str | Path) -> pa.Table:
     """
     import pyarrow as pa
 
-    folder = Path(out)
+    folder = folder_of(out)
     tables = [_part(file) for file in sorted((folder / RESULTS).glob("*/*.parquet"))]
     written = {identity for table in tables for identity in table["id"].to_pylist()}
     rest = [row for row in read_rows(folder / JOURNAL, texts=ROW_TEXTS) if row["id"] not in written]
@@ -154,7 +154,7 @@ class Store:
     # full parts of the journal go into the dataset; the journal is emptied after that, and rows in both count once
 
     def __init__(self, out: str | Path) -> None:
-        self.folder = Path(out)
+        self.folder = folder_of(out)
         self._held = ExitStack()
         self._held.enter_context(locked(self.folder, "sweep"))
         self.failed: dict[str, bool] = {}  # of every run that is done, whether it failed

@@ -28,7 +28,7 @@ from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of
 from edmsim.evaluation.episode import HELD_BACK, Episode, cut
-from edmsim.files import make_writable, replacing
+from edmsim.files import folder_of, make_writable, replacing
 from edmsim.learning.hyperparameters import load
 from edmsim.numeric import real
 from edmsim.runs import Engine, LostJob, Processes, RunTable, digests_of, identity
@@ -217,7 +217,7 @@ def tune_training(
     windows = usual.steps if steps is None else steps
     if windows < 1:
         raise InputError(f"{windows} windows train nothing: give 1 or more steps")
-    folder = Path(out)
+    folder = folder_of(out)
     study = open_study(folder, f"{env_id} {algo}", seed, trials, within(space, usual.algorithm))
 
     def made(number: int, values: dict[str, float]) -> Trial:
@@ -426,7 +426,7 @@ def tune_controller(
     training_seeds(first_of_trials, (trials + 1) * seeds)
     options = {"resolution": "fast", **options}
     Task(CUTS_IN, **options)  # refused here, in one line, and not in every trial
-    folder = Path(out)
+    folder = folder_of(out)
     in_use = {key: _value_in_use(law, key) for key in space}
     first = {key: min(max(in_use[key], bound.low), bound.high) for key, bound in space.items()}
     study = open_study(folder, title, seed, trials, first)

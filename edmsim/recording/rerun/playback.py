@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
 
 from edmsim.errors import InputError
+from edmsim.files import folder_of
 from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.rerun.stream import PATH, TIME
 
@@ -32,7 +33,7 @@ def find_recording(directory: str | Path) -> Path:
     InputError
         If folder or recording is missing, or the file is damaged, incomplete, of another format or version.
     """
-    folder = Path(directory)
+    folder = folder_of(directory)
     if not folder.is_dir():
         raise InputError("no such folder, give the folder that `edmsim cut --out` wrote", directory)
     recording = folder / RECORDING
