@@ -44,9 +44,11 @@ def calibrate(
     from edmsim import calibration
     from edmsim.calibration import comparison, output
     from edmsim.calibration import fit as fitting
+    from edmsim.files import check_suffix, make_writable
     from edmsim.runs import RunTable
 
-    output.check_writable(out)
+    check_suffix(out, "the fitted machine", ".toml")
+    make_writable(out.parent)
     table = calibration.read_log(log)
     seed = options.pop("seed")
     settings, notices = calibration.settings_for(table, **options)

@@ -185,14 +185,14 @@ class CutResult:
             begin), ``voltage_V``, ``current_A``, ``pulse`` (number of the pulse in its window's excerpt) and
             ``kind`` (``open``, ``spark``, ``arc`` or ``short``).
         every_us : float
-            Time between samples, above 0. Edges are vertical: the model has no rise times, lines or noise.
+            Time between samples, 0.001 or more. Edges are vertical: the model has no rise times, lines or noise.
         begin_s, end_s : float
             Only windows that end within this span of machine time.
 
         Raises
         ------
         InputError
-            If the time between samples is not above 0, or the file cannot be written.
+            If the time between samples is below 0.001 us, or the file cannot be written.
         """
         from edmsim.recording.stores import write_traces
 
