@@ -372,14 +372,13 @@ class Plant:
         self._state["tiled_um"] = _NOWHERE_UM
         self._state["traces"] = 0
 
-    @refuses_wrong_types
     def take_out(self, piece: shapely.Polygon) -> float:
         """Remove a loose piece of metal from the workpiece, in every slice; return its volume in mm3.
 
         Parameters
         ----------
         piece : shapely.Polygon
-            In um on the table.
+            In um on the table, without holes.
         """
         taken_um2 = self.field.take_out(piece)
         self._put_field()
