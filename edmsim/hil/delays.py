@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edmsim.cosim.straight import begin
-from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.errors import InputError
 from edmsim.files import replacing
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
@@ -34,7 +34,6 @@ class Delays(NamedTuple):
     us: tuple[float, ...]
 
 
-@refuses_wrong_types
 def delay_table(
     machine: Machine, *, gaps_um: Sequence[float] = GAPS_UM, voltages_V: Sequence[float] = VOLTAGES_V,
     draws: int = DRAWS, seed: int = 0, watch: Callable[[int, int], None] | None = None,
@@ -59,7 +58,7 @@ def delay_table(
     InputError
         If a voltage cannot be used, or there is nothing to draw.
     """
-    if draws < 1 or not gaps_um or not voltages_V:
+    if draws < 1 or not len(gaps_um) or not len(voltages_V):
         raise InputError("a table of delays needs gaps, voltages, and 1 or more pulses of each")
     rows: list[Delays] = []
     for open_V in voltages_V:
