@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of, locked, replacing
 from edmsim.job.settings import CutSettings
+from edmsim.recording.cut_folder import RECORDING
 from edmsim.runs import RunTable, read_rows
 from edmsim.sweep.specification import SweepRun
 
@@ -146,6 +147,8 @@ def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
 ROWS_PER_PART = 1000
 """Rows per file of the dataset (ours: some hundred kilobytes; a million runs are a thousand files)."""
 RECORDINGS = "recordings"
+_FILE_OF = {"report": "report.json", "windows": "windows.parquet", "all": RECORDING}
+"""What a run has if it was recorded so."""
 
 
 class Store:
@@ -174,8 +177,8 @@ class Store:
 
     def misses(self, run: SweepRun) -> bool:
         """Say whether a run is still to be made: it has no row, or not the recordings that are wanted of it."""
-        failed = self.failed.get(run.id)
-        return failed is None or (not failed and bool(run.recordings) and not self._recording(run).is_dir())
+        recorded = all((self._recording(run) / _FILE_OF[which]).is_file() for which in run.recordings)
+        return run.id not in self.failed or not (self.failed[run.id] or recorded)
 
     def add(self, run: SweepRun, outcome: Outcome) -> None:
         """Save the results of a run, recordings before the row: a row never names missing files."""
@@ -225,11 +228,13 @@ class Store:
         return self.folder / RECORDINGS / run.id
 
     def _record(self, run: SweepRun, files: Mapping[str, bytes]) -> None:
-        """Write a run's files; they appear together or not at all."""
+        """Write a run's files beside those it has; they appear together or not at all."""
         target = self._recording(run)
         partial = target.with_name(target.name + ".part")
         shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
+        if target.exists():
+            shutil.copytree(target, partial)
+        partial.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             (partial / name).write_bytes(content)
         shutil.rmtree(target, ignore_errors=True)
