@@ -252,9 +252,9 @@ def test_recordings_are_whole_and_play(line, short, tmp_path):
     (run,) = runs_of(spec)
     folder = tmp_path / "recordings" / run.id
     # of a run that is done its recording is still wanted, and what there is stays
-    for wanted, made in (([], [run.id]), (["report"], [run.id]), (["windows"], [run.id]), (spec.recordings, [])):
+    for requested, made in (([], [run.id]), (["report"], [run.id]), (["windows"], [run.id]), (spec.recordings, [])):
         engine = Here()
-        sweep(spec.model_copy(update={"recordings": wanted}), tmp_path, engine=engine)
+        sweep(spec.model_copy(update={"recordings": requested}), tmp_path, engine=engine)
         assert engine.made == made
     assert sorted(file.name for file in folder.iterdir()) == ["report.json", "windows.parquet"]
     assert json.loads((folder / "report.json").read_text())["outcome"] == "time-limit"
