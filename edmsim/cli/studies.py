@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as codec
 import math
+import shlex
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -72,7 +73,7 @@ def calibrate(
         sys.stdout.write(output.as_json(found, files) + "\n")
         return
     OUT.print(output.render(found, settings.resolution))
-    fitted = " ".join(f"--{part} {file}" for part, file in files.items())
+    fitted = " ".join(f"--{part} {shlex.quote(str(file))}" for part, file in files.items())
     print_line(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR")
 
 
