@@ -90,8 +90,16 @@ def read_toml(file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
         raise InputError(f"not {what}: {error}", file) from None
 
 
-def make_writable(folder: Path) -> None:
-    """Make a folder and see that it can be written to; raises `InputError` if not."""
+def folder_of(name: str | Path) -> Path:
+    """Return the folder that a user names; raises `InputError` for an empty name, which `Path` allows."""
+    if name == "":
+        raise InputError("the folder has no name: '.' is the present one")
+    return Path(name)
+
+
+def make_writable(name: str | Path) -> Path:
+    """Return a folder that is made and can be written to; raises `InputError` if not."""
+    folder = folder_of(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".edmsim-write-test"
@@ -100,6 +108,7 @@ def make_writable(folder: Path) -> None:
     except (OSError, ValueError) as error:  # a ValueError for a name with a NUL
         why = getattr(error, "strerror", None) or error
         raise InputError(f"the output folder cannot be written to: {why}", folder) from None
+    return folder
 
 
 def check_suffix(file: Path, what: str, *suffixes: str) -> str:

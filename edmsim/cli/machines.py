@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -63,7 +64,7 @@ def table(
         return
     OUT.print(render(found))
     if out is not None:
-        print_line(f"Cut with it: edmsim cut PROGRAM --compensation {out} --out DIR")
+        print_line(f"Cut with it: edmsim cut PROGRAM --compensation {shlex.quote(str(out))} --out DIR")
 
 
 @takes(

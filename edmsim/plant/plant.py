@@ -373,14 +373,13 @@ class Plant:
         self._state["tiled_um"] = _NOWHERE_UM
         self._state["traces"] = 0
 
-    @refuses_wrong_types
     def take_out(self, piece: shapely.Polygon) -> float:
         """Remove a loose piece of metal from the workpiece, in every slice; return its volume in mm3.
 
         Parameters
         ----------
         piece : shapely.Polygon
-            In um on the table.
+            In um on the table, without holes.
         """
         taken_um2 = self.field.take_out(piece)
         self._put_field()
@@ -389,6 +388,10 @@ class Plant:
 
     def break_axis(self, axis: str, fault: str) -> None:
         """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.faults.FAULTS`."""
+        if axis not in self.own_step_um:
+            raise InputError(f"there is no axis {axis!r} whose drive has a loop")
+        if fault not in FAULTS:
+            raise InputError(f"there is no fault {fault!r}; there are: {one_of(fault, FAULTS)}")
         FAULTS[fault](self._drives.axes, AXIS_NAMES.index(axis))
 
     def watch_pulses(self) -> None:
@@ -396,6 +399,7 @@ class Plant:
         self._pulses = np.zeros(WINDOW_PULSES, PULSE)
         self._memory.put_own(pulses=self._pulses)
 
+    @refuses_wrong_types
     def advance(self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES) -> PulseWindow:
         """Fire 255 pulses, or fewer.
 
@@ -457,6 +461,7 @@ class Plant:
         """
         self._state["broken"] = BARE
 
+    @refuses_wrong_types
     def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
         """Fire one pulse, for studies of single pulses; breaks of the wire are not checked.
 

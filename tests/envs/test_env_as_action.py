@@ -1,9 +1,13 @@
 """What a controller commands, as an action: the environment that is given it runs what was commanded."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from edmsim.controllers import FeedCommand, make
+from edmsim.controllers.feed.laws import FixedController
+from edmsim.controllers.user_controllers import rehearsed
 from edmsim.envs.environment import as_action
 from edmsim.envs.registry import make_family
 from edmsim.envs.servo import target_of
@@ -41,6 +45,18 @@ def test_a_feed_is_commanded_as_itself_or_as_a_change(action, expected):
     family, found = action_of("edmsim/GapFeed-v2", "fixed", plain, action=action, knobs=("duty_factor", "on_time"))
     scale = family.max_feed_um_s if action == "speed" else family.max_change_um_s
     assert found[0] == pytest.approx(expected / scale)
+
+
+@dataclass
+class Cautious(FixedController):
+    """A law that turns a knob once a wire is lost."""
+
+    def wire_lost(self):
+        return FeedCommand(5.0, t_period_us=900.0)
+
+
+def test_it_is_known_before_what_a_law_commands_after_a_lost_wire():
+    assert 900.0 in {command.t_period_us for command in rehearsed(lambda: Cautious(5.0), 33.0)}
 
 
 def test_knobs_and_offsets_that_are_not_there_are_refused():

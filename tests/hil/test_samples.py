@@ -189,7 +189,7 @@ def test_a_file_of_another_kind_or_in_no_folder_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
-    rows = delay_table(edmsim.Machine.load(), gaps_um=(6.0, 12.0, 20.0), voltages_V=(80.0, 120.0), draws=60)
+    rows = delay_table(edmsim.Machine.load(), gaps_um=np.array([6.0, 12.0, 20.0]), voltages_V=(80.0, 120.0), draws=60)
     median = {(row.gap_um, row.open_V): row.us[QUANTILES.index(0.5)] for row in rows}
     assert median[6.0, 80.0] < median[12.0, 80.0] < median[20.0, 80.0]
     assert median[20.0, 120.0] < median[20.0, 80.0]

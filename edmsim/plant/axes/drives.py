@@ -68,6 +68,8 @@ class Drives:
             drive = self.by_axis.get(name)
             if drive is None:
                 continue
+            if not hasattr(drive, "record"):
+                raise InputError(f"the drive of {name} is {drive!r}: give one of edmsim.controllers.axis.make")
             if drive.record.dtype != DRIVE or drive.record.shape != (1,):
                 raise InputError(f"the record of the {name} drive is not one row of edmsim.compiled.axis_rows.DRIVE")
             made.drives[k] = drive.record[0]

@@ -230,6 +230,11 @@ class KerfField:
 
         It counts neither as removed metal nor as stock any more. Cells go whose middles lie in it.
         """
+        import shapely
+
+        whole = isinstance(piece, shapely.Polygon) and piece.is_valid and not piece.is_empty
+        if not whole or piece.interiors:  # a snapshot holds outlines
+            raise InputError(f"a piece is a shapely.Polygon in um without holes or crossings, not {piece!r}")
         taken = 0
         for tx, ty, place in self.tile_places():
             gone = self._gone_in(tx, ty, (piece,))

@@ -265,8 +265,7 @@ def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, .
         Vulkan driver.
     """
     end_s = Playback(recording).end_s
-    target = Path(folder)
-    make_writable(target)
+    target = make_writable(folder)
     written = []
     with _headless(recording) as client:
         time.sleep(_OPENED_S)
