@@ -10,7 +10,7 @@ from edmsim.controllers import axis
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.errors import InputError
-from tests.controllers.axis.eanpos_bench import Positioner, moving
+from tests.controllers.axis.eanpos_bench import Positioner
 
 RETENTIVE = [
     "measure", "pulse", "maxpos", "minpos", "prspos", "maxvel", "prsvel", "sprsvel", "toll", "maxfollerr", "rampmode",
