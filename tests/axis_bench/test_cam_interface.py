@@ -143,6 +143,8 @@ def test_the_environment_says_how_much_room_there_is(monkeypatch):
     assert rig_of(buffer_bytes=32).control.elcam.buffer_bytes == 32
     monkeypatch.setenv("SZELCAMPUFFER", "")
     assert rig_of().control.elcam.buffer_bytes == 100_000
+    monkeypatch.setenv("SZELCAMPUFFER", "67108864")
+    assert rig_of().control.elcam.buffer_bytes == 67_108_864
     monkeypatch.setenv("SZELCAMPUFFER", "1 MB")
     with pytest.raises(InputError, match="variable SZELCAMPUFFER is '1 MB'; it must be 0 to 67108864 bytes"):
         rig_of()
