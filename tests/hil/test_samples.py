@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+import re
 import shutil
 import subprocess
 import wave
@@ -186,6 +187,12 @@ def test_a_file_of_another_kind_or_in_no_folder_is_refused(tmp_path):
         SampleFile(tmp_path / "none" / "gap.wav", Sensing())
 
 
+def test_samples_beyond_what_a_wav_file_holds_are_counted(tmp_path):
+    with SampleFile(tmp_path / "gap.wav", Sensing(noise_V=1e4)) as file:
+        file.frame(made([OPEN] * 10))
+    assert re.fullmatch(r"\d+ samples are beyond 327.67 V or 327.67 A, which .*", file.notice)
+
+
 @pytest.mark.slow
 def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
     rows = delay_table(Machine.load(), gaps_um=(6.0, 12.0, 20.0), voltages_V=(80.0, 120.0), draws=60)
@@ -229,7 +236,8 @@ def test_a_table_of_delays(tmp_path, monkeypatch, edmsim):
         (("--samples", "a.csv"), "written as .parquet .wav"),
         (("--samples", "a.wav", "--speed", "3"), "--speed is that of ports"),
         (("--serial", "spark", "--feed", "3"), "--feed is that of a run without ports"),
-        (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
+        (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--log", "b.txt"), "written as .csv"),
+        (("--fmu", "gap.cir"), "written as .fmu"),
         (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
         (("--samples", "a.wav", "--gap", "0"), "the gap is"),
         (("--log", "a.csv", "--generator", "steam"), "steam"), (("--delays", "a.txt"), "delays is written as .csv"),
