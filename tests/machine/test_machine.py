@@ -228,7 +228,7 @@ def test_with_changes_one_thing_and_checks_it():
     thicker = machine.with_(height_mm=40)
     assert (thicker.height_mm, machine.height_mm) == (40, 20)
     assert thicker.with_(height_mm=20) == machine
-    for change in ({"tension": 1e3}, {"height_mm": -1}, {"t_on_us": 99.0}, {"wire_diameter_um": 10}):
+    for change in ({"tension": 1e3}, {"height_mm": -1}, {"t_on_us": 99.0}, {"wire_diameter_um": 9}, {"tension": "9"}):
         with pytest.raises(InputError):
             machine.with_(**change)
 
@@ -398,6 +398,7 @@ def test_a_range_of_an_order_is_drawn_by_its_logarithm():
     assert value_at((1.0, 100.0), 0.5) == pytest.approx(10.0)
     assert value_at((1.0, LOG_FROM_RATIO), 0.5) == pytest.approx(math.sqrt(LOG_FROM_RATIO))
     assert value_at((1.0, 0.999 * LOG_FROM_RATIO), 0.5) == pytest.approx((1 + 0.999 * LOG_FROM_RATIO) / 2)
+    assert value_at((10.0, 20.0), 0.5) == 15.0
     assert value_at((0.0, 20.0), 0.5) == 10.0  # from zero there is no logarithm
     assert value_at((-1.0, 9.0), 0.5) == 4.0
 

@@ -37,7 +37,7 @@ def test_between_heights_it_interpolates_and_says_so():
     for height_mm, said in ((44.0, "interpolated between those for 25.4 and 76.2 mm"), (20.0, "extrapolated from")):
         found, share = OURS.table(height_mm, 4), math.log(height_mm / 25.4) / math.log(3.0)
         assert said in found.notices[0]
-        for name in ("t_period_us", "feed_mm_min", "last_offset_um"):
+        for name in ("t_on_us", "t_period_us", "feed_mm_min", "last_offset_um"):
             ends = [[getattr(one, name) for one in table.settings] for table in (low, high)]
             assert [getattr(one, name) for one in found.settings] == pytest.approx(
                 [a * (b / a) ** share for a, b in zip(*ends, strict=True)]
