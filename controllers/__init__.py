@@ -14,10 +14,9 @@ from typing import Any, TypeAlias, cast
 
 from edmsim import user_code
 from edmsim.controllers.feed import laws
-from edmsim.controllers.feed.counts import CountsController
-from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.counts import CountsController, McuController
 from edmsim.controllers.feed.law import ServoLaw
-from edmsim.controllers.feed.mcu import McuController
+from edmsim.controllers.feed.laws import FixedController
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.controllers.user_controllers import check_controller, from_file
 from edmsim.errors import InputError, one_of, refuses_wrong_types
@@ -29,28 +28,19 @@ __all__ = [
 ]
 
 _Kind: TypeAlias = "type[CountsController] | type[FixedController] | type[ServoLaw]"
-_CONTROLLERS: dict[str, _Kind] = {
-    kind.name: kind
-    for kind in (
-        CountsController, FixedController, laws.VoltageController, laws.DelayController, laws.FuzzyController,
-        laws.AdaptiveOffTimeController, laws.OracleController, McuController, laws.FixedPeriodController,
-        laws.SatoController, laws.HeatFluxController, laws.HeatOracleController, laws.SetPointController,
-        laws.ClimbController, laws.LeadOracleController, laws.TrimController, laws.ClimbingHoldController,
-        laws.AdaptiveHoldController, laws.GuardedHoldController,
-    )
-}
-
-
+_GENERAL: tuple[_Kind, ...] = (
+    CountsController, FixedController, laws.VoltageController, laws.DelayController, laws.FuzzyController,
+    laws.AdaptiveOffTimeController, laws.OracleController, McuController,
+)
+_OF_A_TASK: tuple[_Kind, ...] = (
+    laws.FixedPeriodController, laws.SatoController, laws.HeatFluxController, laws.HeatOracleController,
+    laws.SetPointController, laws.ClimbController, laws.LeadOracleController, laws.TrimController,
+    laws.ClimbingHoldController, laws.AdaptiveHoldController, laws.GuardedHoldController,
+)
+_CONTROLLERS: dict[str, _Kind] = {kind.name: kind for kind in (*_GENERAL, *_OF_A_TASK)}
 SAME_LAW = {McuController.name: CountsController.name}
 """Controllers that command exactly the same feeds as another one: comparisons leave them out."""
-OF_A_TASK = tuple(
-    kind.name
-    for kind in (
-        laws.SetPointController, laws.ClimbController, laws.LeadOracleController, laws.FixedPeriodController,
-        laws.SatoController, laws.HeatFluxController, laws.HeatOracleController, laws.TrimController,
-        laws.ClimbingHoldController, laws.AdaptiveHoldController, laws.GuardedHoldController,
-    )
-)
+OF_A_TASK = tuple(kind.name for kind in _OF_A_TASK)
 """Controllers whose constants are for one task: compared only in that task."""
 
 
@@ -70,7 +60,7 @@ def choices(*, cutting: bool = False) -> tuple[str, ...]:
     Examples
     --------
     >>> choices(cutting=True)[-3:]
-    ('heat-flux', 'policy:FILE', 'own.py:Own')
+    ('guarded-hold', 'policy:FILE', 'own.py:Own')
     """
     kinds = [name for name, kind in _CONTROLLERS.items() if not (cutting and issubclass(kind, SeesTruth))]
     return (*kinds, *(f"{kind}:FILE" for kind in user_code.MAKERS), "own.py:Own")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.numeric import keep_plain, real
 
 SIGNED = "offset_um", "pull_N_m"
@@ -24,50 +25,6 @@ class Step(NamedTuple):
     time_ns: int  # from the start of the run
     axis: int  # 0 for x, 1 for y
     direction: int  # +1 or -1
-
-
-class GapWindow(Protocol):
-    """True state of the gap in one window of pulses, beyond what a real machine measures; see `PulseWindow`."""
-
-    @property
-    def duration_ns(self) -> int:
-        """Length of the window."""
-
-    @property
-    def short(self) -> int:
-        """Short pulses."""
-
-    @property
-    def open(self) -> int:
-        """Open pulses."""
-
-    @property
-    def mean_voltage_V(self) -> float:
-        """Mean gap voltage."""
-
-    @property
-    def mean_current_A(self) -> float:
-        """Mean gap current."""
-
-    @property
-    def mean_delay_us(self) -> float:
-        """Mean ignition delay of the pulses that ignited; NaN if none did."""
-
-    @property
-    def gap_um(self) -> float:
-        """Mean gap at the places of ignition; NaN if none."""
-
-    @property
-    def deflection_um(self) -> tuple[float, float]:
-        """Mean deflection of the wire over height and time."""
-
-    @property
-    def wire_temperature_K(self) -> float:
-        """Highest temperature of the wire."""
-
-    @property
-    def fifths(self) -> tuple[int, ...]:
-        """Ignitions located in each fifth of the height, from below."""
 
 
 class WindowObservation(NamedTuple):
@@ -87,16 +44,16 @@ class WindowObservation(NamedTuple):
     # `KnowsSetup.set_up`)
     path_um: float
     # ignitions in each fifth of the workpiece's (greatest) height, from below, as the currents of the two contacts
-    # locate them: see `edmsim.plant.window.PulseWindow`
+    # locate them: see `edmsim.machine.pulse_window.PulseWindow`
     fifths: tuple[int, ...] = (0, 0, 0, 0, 0)
 
     @classmethod
-    def of(cls, window: GapWindow, time_ns: int, feed_um_s: float, path_um: float) -> WindowObservation:
+    def of(cls, window: PulseWindow, time_ns: int, feed_um_s: float, path_um: float) -> WindowObservation:
         """Return the observation of a window; every observation is made here.
 
         Parameters
         ----------
-        window : GapWindow
+        window : PulseWindow
         time_ns : int
             Machine time at its end.
         feed_um_s, path_um : float
@@ -162,7 +119,7 @@ class FeedController(Protocol):
 class SeesTruth(Protocol):
     """A controller that reads the true state of the gap: a bound for comparisons, not for real machines."""
 
-    def see(self, truth: GapWindow) -> None:
+    def see(self, truth: PulseWindow) -> None:
         """Read the true state of the gap; called after every window, before `FeedController.update`."""
 
 
@@ -234,7 +191,7 @@ class HasSwitches(Protocol):
         """Message of its emergency routine for the report; None if it has not run since the beginning of the leg."""
 
     def open_switch(self, name: str) -> None:
-        """Open a switch of the machine: a name of `edmsim.controllers.mcu.chips.switches.NAMES`."""
+        """Open a switch of the machine: a name of `edmsim.controllers.mcu.board.NAMES`."""
 
 
 def check_parameters(controller: Any) -> None:
@@ -259,6 +216,9 @@ def check_command(controller: str, command: object) -> FeedCommand:
         raise InputError(f"the {controller} controller commanded a feed of {feed!r} um/s")
     if not _is_finite(offset):
         raise InputError(f"the {controller} controller commanded an offset of {offset!r} um")
+    for name, us in (("on-time", command.t_on_us), ("period", command.t_period_us)):
+        if us is not None and not _is_finite(us):
+            raise InputError(f"the {controller} controller commanded the {name} {us!r} us; None keeps the one before")
     if not _is_finite(latency) or latency < 0:
         raise InputError(f"the {controller} controller has a calculation time of {latency!r} s: give 0 or more")
     if alarm is not None and not isinstance(alarm, str):

@@ -427,7 +427,7 @@ class _Reader:
         if verb == "END":
             self._add(number, "end")
             return
-        if not self._open:
+        if not self._open or (verb == "ELSE" and self._statements[self._open[-1][0]].verb == "jump"):
             raise InputError(f"{verb} without IF")
         begin, _ = self._open.pop()
         if verb == "ELSE":

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
@@ -15,9 +15,10 @@ from edmsim.controllers import protocols
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import real
-from edmsim.user_code import UserObject, run
+from edmsim.user_code import UserObject, failure, run
 
 NEEDED = ("name", "reset", "update", "snapshot", "restore")  # what a feed controller must offer
 
@@ -38,8 +39,10 @@ def from_file(own: UserObject, parameters: dict[str, float]) -> protocols.FeedCo
             raise InputError(f"{own.name} has no parameter {parameter!r}; {has}", own.file)
     try:
         return cast(protocols.FeedController, kind(**parameters))
-    except TypeError as error:
-        raise InputError(f"{own.name} cannot be made: {error}", own.file) from None
+    except InputError:
+        raise
+    except Exception as error:
+        raise failure(error, own.file, f"{own.name} cannot be made") from None
 
 
 def check_is_controller(candidate: object) -> protocols.FeedController:
@@ -128,30 +131,6 @@ def _every_kind() -> tuple[Counts, ...]:
     return random, *([each] * WINDOWS for each in ((0, WINDOW_PULSES), (WINDOW_PULSES, 0), (0, WINDOW_PULSES // 5)))
 
 
-class _RehearsalWindow(NamedTuple):
-    """A window of the rehearsal with everything a plant's has; made here, as controllers know no plant."""
-
-    short: int
-    open: int
-    spark: int
-    mean_voltage_V: float
-    mean_current_A: float
-    mean_delay_us: float
-    gap_um: float
-    fifths: tuple[int, ...]
-    start_ns: int = 0
-    duration_ns: int = round(WINDOW_S * 1e9)
-    arc: int = 0
-    deflection_um: tuple[float, float] = (0.0, 0.0)
-    vibration2_um2: float = 0.0
-    wire_temperature_K: float = 320.0
-    debris: float = 0.0
-    energy_J: float = 0.0
-    crater_um3: float = 0.0
-    broken: bool = False
-    pulses: int = WINDOW_PULSES
-
-
 class _Rehearsal:
     """A controller that is shown windows of given counts, on a wire that follows its commands."""
 
@@ -178,7 +157,10 @@ class _Rehearsal:
         voltage_V, current_A = (30.0 * open_ + 6.0 * ignited) / WINDOW_PULSES, 2.0 * (1 - open_ / WINDOW_PULSES)
         delay_us, gap_um = (9.0, 8.0) if ignited else (math.nan, math.nan)
         fifths = tuple(len(range(k, ignited, 5)) for k in range(5))
-        window = _RehearsalWindow(short, open_, ignited, voltage_V, current_A, delay_us, gap_um, fifths)
+        window = PulseWindow(
+            0, round(WINDOW_S * 1e9), short, open_, ignited, 0, voltage_V, current_A, delay_us, gap_um, (0.0, 0.0),
+            0.0, 320.0, 0.0, 0.0, 0.0, 0.0, False, fifths,
+        )  # fmt: skip
         if isinstance(self.controller, protocols.SeesTruth):
             self.controller.see(window)
         time_ns = self.windows * window.duration_ns

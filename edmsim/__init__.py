@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from edmsim.job.cut import cut
     from edmsim.job.result import CutResult
     from edmsim.machine.machine import Machine
+    from edmsim.machine.pulse_window import PulseWindow
     from edmsim.plant.plant import Plant
-    from edmsim.plant.window import PulseWindow
 
 __version__ = "0.1.0"
 
@@ -35,7 +35,7 @@ _HOMES = {
     "InputError": "edmsim.errors",
     "Machine": "edmsim.machine.machine",
     "Plant": "edmsim.plant.plant",
-    "PulseWindow": "edmsim.plant.window",
+    "PulseWindow": "edmsim.machine.pulse_window",
     "StableRate": "edmsim.evaluation.stable_rate",
     "cut": "edmsim.job.cut",
     "highest_stable_rate": "edmsim.evaluation.stable_rate",

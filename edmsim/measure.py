@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import from_text
 from edmsim.controllers.axis.drive import data_of
-from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
-from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.file import ErrorTable, StepCompensation, load_tables
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import EdmsimError, InputError
 from edmsim.geometry import arc_lengths

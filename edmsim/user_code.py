@@ -66,7 +66,12 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
     except SyntaxError as error:
         raise InputError(f"is not Python: {error.msg}", shown, error.lineno) from None
     except Exception as error:
-        lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == place]
-        reason = f"fails when it is run: {type(error).__name__}: {error}"
-        raise InputError(reason, shown, lines[-1] if lines else None) from None
+        raise failure(error, shown, "fails when it is run") from None
     return module
+
+
+def failure(error: Exception, file: str, what: str) -> InputError:
+    """Return an error of the user's code as one that names the line of the file at which it arose."""
+    place = str(Path(file).absolute())
+    lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == place]
+    return InputError(f"{what}: {type(error).__name__}: {error}", file, lines[-1] if lines else None)

@@ -18,9 +18,9 @@ from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.plant import Plant
-from edmsim.plant.window import PulseWindow
 
 if TYPE_CHECKING:
     from edmsim.envs.recorder import EpisodeRecorder

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import Unit
-from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.kinds import PLANNER, addresses
-from edmsim.controllers.planner.registry import kind_of, position_unit
+from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.knobs import to_detents
 from edmsim.envs.path_follower import (

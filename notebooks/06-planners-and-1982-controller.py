@@ -42,9 +42,8 @@ from edmsim.controllers.mcu.chips.bus import PORT2A, PORT2B, PORT2C
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.firmware.optimise import TICK_NS, State, optimise
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
-from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.controllers.mcu.firmware.tstates import POSCAL_BOUND_T, READ_OUT_T, poscal_t_states
-from edmsim.controllers.mcu.firmware.tstates import seconds as duration_s
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, POSCAL_BOUND_T, READ_OUT_T, poscal_t_states
+from edmsim.controllers.mcu.firmware.timers import seconds as duration_s
 from edmsim.controllers.planner.errors import around
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.recording.figures.cut import error_figure

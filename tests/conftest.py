@@ -68,8 +68,6 @@ def load_script():
 
     def load(file):
         spec = spec_from_file_location(f"script_{file.stem}", file)
-        assert spec is not None
-        assert spec.loader is not None
         module = module_from_spec(spec)
         with pytest.MonkeyPatch.context() as patch:
             patch.syspath_prepend(file.parent)  # a script imports what stands beside it

@@ -4,31 +4,29 @@ import json
 import shutil
 import signal
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 import edmsim
-from edmsim.controllers import FeedCommand, WindowObservation
+from edmsim.controllers import FeedCommand
 from edmsim.errors import InputError
 from edmsim.job.checkpoint import NAME
 
 from .conftest import timeless
 
-Cut = Callable[..., edmsim.CutResult]
 SHORT = {"max_time_s": 8.0}
 
 
-def stop_after(windows: int) -> Callable[[Any], None]:
+def stop_after(windows):
     """Return a watcher that presses Ctrl-C at the end of a window."""
     left = windows
 
-    def watch(_: Any) -> None:
+    def watch(_):
         nonlocal left
         left -= 1
         if left == 0:
@@ -37,13 +35,13 @@ def stop_after(windows: int) -> Callable[[Any], None]:
     return watch
 
 
-def interrupted(cut: Cut, folder: Path, windows: int = 100, **options: Any) -> None:
+def interrupted(cut, folder, windows=100, **options):
     with pytest.raises(KeyboardInterrupt):
         cut(out=folder, watch=stop_after(windows), **{**SHORT, **options})
 
 
 @contextmanager
-def edited(file: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+def edited(file):
     """Give the arrays and the document of a checkpoint to be changed."""
     with np.load(file) as stored:
         arrays = dict(stored)
@@ -53,18 +51,18 @@ def edited(file: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
     np.savez(file, **arrays)
 
 
-def columns(result: edmsim.CutResult) -> dict[str, np.ndarray[Any, Any]]:
+def columns(result):
     return {name: result.windows.column(name).to_numpy() for name in result.windows.column_names}
 
 
-def assert_same(a: edmsim.CutResult, b: edmsim.CutResult) -> None:
+def assert_same(a, b):
     assert timeless(a.report) == timeless(b.report)
     np.testing.assert_equal(columns(a), columns(b))
     assert a.contour(0).equals(b.contour(0))
 
 
 @pytest.fixture(scope="module")
-def whole(cut_small: Cut) -> edmsim.CutResult:
+def whole(cut_small):
     """Give the cut that nobody interrupts."""
     return cut_small(**SHORT)
 
@@ -77,9 +75,7 @@ def whole(cut_small: Cut) -> edmsim.CutResult:
      {"generator": "iso-energetic", "pulse_shape": "triangle", "peak_current_A": 5.0, "flushing_lower_Pa": 0.0,
       "standoff_upper_mm": 1.0}],
 )  # fmt: skip
-def test_resumed_cut_equals_the_uninterrupted_one(
-    cut_small: Cut, whole: edmsim.CutResult, tmp_path: Path, options: dict[str, Any]
-) -> None:
+def test_resumed_cut_equals_the_uninterrupted_one(cut_small, whole, tmp_path, options):
     uninterrupted = cut_small(**SHORT, **options) if options else whole
     interrupted(cut_small, tmp_path, **options)
     assert [file.name for file in tmp_path.iterdir()] == [NAME]
@@ -90,7 +86,7 @@ def test_resumed_cut_equals_the_uninterrupted_one(
 
 
 @pytest.fixture
-def interruptible() -> Iterator[None]:
+def interruptible():
     """Ctrl-C as Python has it, where the test runner has turned it off."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
@@ -99,14 +95,12 @@ def interruptible() -> Iterator[None]:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("interruptible")
-def test_ctrl_c_within_a_window_waits_for_its_end(
-    cut_small: Cut, whole: edmsim.CutResult, tmp_path: Path
-) -> None:
+def test_ctrl_c_within_a_window_waits_for_its_end(cut_small, whole, tmp_path):
     interrupted = 0
     while True:
         hand = threading.Timer(0.002, signal.raise_signal, (signal.SIGINT,))
         # a busy machine may finish the cut before the hand comes: it comes four times, and once is enough
-        begin: Iterator[Callable[[], None]] = iter([hand.start] if interrupted < 4 else [])
+        begin = iter([hand.start] if interrupted < 4 else [])
         try:
             result = cut_small(out=tmp_path, resume=interrupted > 0, watch=lambda _, b=begin: next(b, int)(), **SHORT)
             hand.cancel()
@@ -120,10 +114,10 @@ def test_ctrl_c_within_a_window_waits_for_its_end(
 
 
 @pytest.mark.slow
-def test_twice_interrupted_and_in_a_dwell(tmp_path: Path) -> None:
+def test_twice_interrupted_and_in_a_dwell(tmp_path):
     program = tmp_path / "dwell.ngc"
     program.write_text("G0 X0 Y0\nG1 X0.101\nG4 P3\nG1 Y0.203\nG4 P1\nG1 X0\nM2\n")
-    options: dict[str, Any] = {"height_mm": 5.0, "resolution": "fast", "offset": "none"}
+    options = {"height_mm": 5.0, "resolution": "fast", "offset": "none"}
     whole = edmsim.cut(program, **options)
     assert whole.report["outcome"] == "finished"
     t_s, path_um = (whole.windows.column(name).to_numpy() for name in ("t_s", "path_um"))
@@ -137,7 +131,7 @@ def test_twice_interrupted_and_in_a_dwell(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -> None:
+def test_wall_time_goes_on_from_the_checkpoint(cut_small, tmp_path):
     interrupted(cut_small, tmp_path)
     with edited(tmp_path / NAME) as (_, document):
         document["wall_time_s"] = 1000.0
@@ -145,7 +139,7 @@ def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -
 
 
 @pytest.fixture(scope="module")
-def stopped(cut_small: Cut, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def stopped(cut_small, tmp_path_factory):
     """Return the folder of an interrupted cut, which nobody may change."""
     folder = tmp_path_factory.mktemp("stopped")
     interrupted(cut_small, folder, 20)
@@ -153,7 +147,7 @@ def stopped(cut_small: Cut, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def own_stopped(stopped: Path, tmp_path: Path) -> Path:
+def own_stopped(stopped, tmp_path):
     """Return the checkpoint of an interrupted cut, to be changed."""
     return Path(shutil.copy(stopped / NAME, tmp_path))
 
@@ -174,9 +168,7 @@ def own_stopped(stopped: Path, tmp_path: Path) -> Path:
         ({"max_time_s": 13.0}, "max_time_s 8.0, not 13.0"),
     ],
 )
-def test_resume_with_other_settings_is_refused(
-    cut_small: Cut, stopped: Path, changed: dict[str, Any], named: str
-) -> None:
+def test_resume_with_other_settings_is_refused(cut_small, stopped, changed, named):
     content = (stopped / NAME).read_bytes()
     with pytest.raises(InputError, match="interrupted cut was made with") as caught:
         cut_small(out=stopped, resume=True, **{**SHORT, **changed})
@@ -185,9 +177,9 @@ def test_resume_with_other_settings_is_refused(
     assert [(f.name, f.read_bytes()) for f in stopped.iterdir()] == [(NAME, content)]
 
 
-def test_resume_of_a_program_that_was_edited_is_refused(tmp_path: Path) -> None:
+def test_resume_of_a_program_that_was_edited_is_refused(tmp_path):
     program, out = tmp_path / "a.ngc", tmp_path / "out"
-    options: dict[str, Any] = {"out": out, "height_mm": 5.0, "resolution": "fast", "offset": "none"}
+    options = {"out": out, "height_mm": 5.0, "resolution": "fast", "offset": "none"}
     program.write_text("G0 X0 Y0\nG1 X1.5\n")
     with pytest.raises(KeyboardInterrupt):
         edmsim.cut(program, watch=stop_after(2), **options)
@@ -196,19 +188,17 @@ def test_resume_of_a_program_that_was_edited_is_refused(tmp_path: Path) -> None:
         edmsim.cut(program, resume=True, **options)
 
 
-def truncated(data: bytes) -> bytes:
+def truncated(data):
     return data[: len(data) // 2]
 
 
-def flipped(data: bytes) -> bytes:
+def flipped(data):
     place = data.index(b"windows.rows") + 400
     return data[:place] + bytes(255 - b for b in data[place : place + 64]) + data[place + 64 :]
 
 
 @pytest.mark.parametrize("damage", [truncated, flipped, lambda _: b"", lambda _: b"no checkpoint\n"])
-def test_damaged_checkpoint_is_refused(
-    cut_small: Cut, own_stopped: Path, damage: Callable[[bytes], bytes]
-) -> None:
+def test_damaged_checkpoint_is_refused(cut_small, own_stopped, damage):
     own_stopped.write_bytes(damage(own_stopped.read_bytes()))
     with pytest.raises(InputError, match="damaged") as caught:
         cut_small(out=own_stopped.parent, resume=True, **SHORT)
@@ -224,9 +214,7 @@ def test_damaged_checkpoint_is_refused(
         (1, "format", "another version of edmsim wrote the checkpoint; cut again"),
     ],
 )
-def test_checkpoint_with_a_part_missing_is_refused(
-    cut_small: Cut, own_stopped: Path, part: int, missing: str, message: str
-) -> None:
+def test_checkpoint_with_a_part_missing_is_refused(cut_small, own_stopped, part, missing, message):
     with edited(own_stopped) as parts:
         del parts[part][missing]
     with pytest.raises(InputError, match=message) as caught:
@@ -234,7 +222,7 @@ def test_checkpoint_with_a_part_missing_is_refused(
     assert str(caught.value).startswith(str(own_stopped))
 
 
-def test_interrupt_without_a_folder_just_stops(cut_small: Cut) -> None:
+def test_interrupt_without_a_folder_just_stops(cut_small):
     with pytest.raises(KeyboardInterrupt):
         cut_small(watch=stop_after(2), **SHORT)
 
@@ -247,22 +235,22 @@ class Numpy:
     name: ClassVar[str] = "numpy"
     windows: int = 0
 
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
+    def reset(self, max_feed_um_s):
         return FeedCommand(5.0)
 
-    def update(self, observation: WindowObservation) -> FeedCommand:
+    def update(self, observation):
         self.windows += 1
         return FeedCommand(5.0)
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self):
         return {"windows": self.windows if self.windows < self.after else np.int64(self.windows)}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state):
         self.windows = state["windows"]
 
 
 @pytest.mark.slow
-def test_a_law_whose_snapshot_cannot_be_stored_loses_no_cut(cut_small: Cut, tmp_path: Path) -> None:
+def test_a_law_whose_snapshot_cannot_be_stored_loses_no_cut(cut_small, tmp_path):
     with pytest.raises(InputError, match=r"numpy controller has a snapshot that JSON cannot hold .*int64"):
         cut_small(controller=Numpy(0), out=tmp_path, watch=stop_after(1), max_time_s=0.2)
     with pytest.warns(UserWarning, match=r"no checkpoint could be written: .*int64.*; the cut goes on"):

@@ -2,7 +2,6 @@
 
 import inspect
 from pathlib import Path
-from types import SimpleNamespace
 
 import pyarrow.parquet
 import pytest
@@ -16,7 +15,7 @@ from edmsim.machine.options import Choices
 from edmsim.recording.report import Offset
 
 
-def test_the_function_shows_every_option_with_default_and_meaning() -> None:
+def test_the_function_shows_every_option_with_default_and_meaning():
     shown = inspect.signature(edmsim.cut).parameters
     said = inspect.getdoc(edmsim.cut) or ""
     for name, field in CutSettings.model_fields.items():
@@ -26,7 +25,7 @@ def test_the_function_shows_every_option_with_default_and_meaning() -> None:
     assert "\nwire_speed_m_s : float | None, optional\n    Speed of the running wire in m/s" in said
 
 
-def test_texts_are_read_as_the_command_line_writes_them() -> None:
+def test_texts_are_read_as_the_command_line_writes_them():
     settings = CutSettings(
         heights=["1:7.5"], constants=["gap.critical_um=5"], ignore="M77, U", guide_errors_mm="0.1:-0.05",
         offsets=Path("tool.off"),
@@ -36,22 +35,22 @@ def test_texts_are_read_as_the_command_line_writes_them() -> None:
 
 
 @pytest.mark.parametrize("option", ["planner", "mechanics", "resolution", "dialect", "taper_corners", "after_tab"])
-def test_a_name_that_its_registry_does_not_have_is_refused_with_those_it_has(option: str) -> None:
-    with pytest.raises(edmsim.InputError, match=f"unknown {option.replace('_', ' ')} 'none'; there are: "):
+def test_a_name_that_its_registry_does_not_have_is_refused_with_those_it_has(option):
+    with pytest.raises(edmsim.InputError, match=f"unknown {option.replace('_', ' ')} 'none'; there are: [a-z]"):
         CutSettings(**{option: "none"})
 
 
-def test_files_may_be_paths() -> None:
+def test_files_may_be_paths():
     for option in ("machine", "material", "wire", "generator", "technology", "compensation"):
         assert CutSettings(**{option: Path("own.toml")}) == CutSettings(**{option: "own.toml"})
 
 
-def test_settings_do_not_change() -> None:
+def test_settings_do_not_change():
     with pytest.raises(ValidationError, match="frozen"):
-        CutSettings().height_mm = 10.0  # type: ignore[misc]
+        CutSettings().height_mm = 10.0
 
 
-def test_json_gives_the_same_settings_back() -> None:
+def test_json_gives_the_same_settings_back():
     ring = shapely.Point(0, 0).buffer(3.1).difference(shapely.Point(0, 0).buffer(1 / 3))
     settings = CutSettings(
         height_mm=5, heights=[(1, 7.5)], height_areas=[([(0, 0), (1, 0), (1, 0.1)], 6), (ring, 8)], tension=9.5,
@@ -63,20 +62,20 @@ def test_json_gives_the_same_settings_back() -> None:
     assert again.height_areas[1][0].interiors[0].equals(ring.interiors[0])
 
 
-def test_a_controller_passed_as_an_object_is_reported_as_the_command_line_has_it() -> None:
+def test_a_controller_passed_as_an_object_is_reported_as_the_command_line_has_it():
     settings = CutSettings(controller=make("fixed", feed_um_s=12.0))
     assert settings.model_dump()["controller"] == "fixed:feed_um_s=12.0,offset_um=0.0"
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"colour": "red"}', '{"height_mm": 900}'])
-def test_json_that_is_none_of_a_cut_is_refused_in_one_line(text: str) -> None:
+def test_json_that_is_none_of_a_cut_is_refused_in_one_line(text):
     with pytest.raises(edmsim.InputError) as refused:
         CutSettings.of_json(text)
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.slow
-def test_the_windows_of_a_cut_tell_its_settings(small_cut: SimpleNamespace) -> None:
+def test_the_windows_of_a_cut_tell_its_settings(small_cut):
     expected = CutSettings(height_mm=5.0, resolution="fast", seed=1)
     written = pyarrow.parquet.read_schema(small_cut.folder / "windows.parquet")
     for schema in (small_cut.result.windows.schema, written):
@@ -84,14 +83,14 @@ def test_the_windows_of_a_cut_tell_its_settings(small_cut: SimpleNamespace) -> N
 
 
 @pytest.mark.slow
-def test_options_that_an_earlier_report_does_not_have_are_at_their_default(small_cut: SimpleNamespace) -> None:
+def test_options_that_an_earlier_report_does_not_have_are_at_their_default(small_cut):
     report = small_cut.result.report
     earlier = {k: v for k, v in report["settings"].items() if k not in Choices.model_fields}
     assert CutSettings.of_report({**report, "settings": earlier}) == CutSettings.of_report(report)
 
 
 @pytest.mark.slow
-def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_registers(small_cut: SimpleNamespace) -> None:
+def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_registers(small_cut):
     report = small_cut.result.report
     several = {**report, "settings": {**report["settings"], "offset_um": None}}
     assert CutSettings.of_report(several).offset == "auto"
@@ -99,7 +98,7 @@ def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_register
 
 
 @pytest.mark.slow
-def test_a_report_gives_the_set_up_of_its_cut(small_cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_report_gives_the_set_up_of_its_cut(small_cut, tmp_path):
     settings = CutSettings.of_report(small_cut.result.report)
     assert settings.load_machine() == small_cut.result.machine
     assert (settings.seed, settings.resolution, settings.controller) == (1, "fast", "counts")

@@ -9,8 +9,15 @@ import shapely
 
 import edmsim
 from edmsim.controllers import axis, from_text
-from edmsim.controllers.axis.elcam.file import Cam, ErrorTable, TableRows, load_tables, read_tables, text_of
-from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.file import (
+    Cam,
+    ErrorTable,
+    StepCompensation,
+    TableRows,
+    load_tables,
+    read_tables,
+    text_of,
+)
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError

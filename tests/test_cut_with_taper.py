@@ -24,6 +24,7 @@ from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import plan_path
 from edmsim.recording.scene import read_scene, write_scene
+from edmsim.validation.setups import altered
 
 HEIGHT_MM, ANGLE_DEG = 3.0, 15.0
 TAN = math.tan(math.radians(ANGLE_DEG))
@@ -107,9 +108,7 @@ def test_a_guide_that_is_higher_than_the_control_knows_moves_the_wall():
     lead = (0.0, 2_000.0)
     found = []
     for error_mm in (0.0, 0.1):
-        constant = machine.base.guides.lower_error_mm.model_copy(update={"value": error_mm})
-        guides = machine.base.guides.model_copy(update={"lower_error_mm": constant})
-        moved = machine.model_copy(update={"base": machine.base.model_copy(update={"guides": guides})})
+        moved = altered(machine, {"base.guides.lower_error_mm": error_mm})
         plant = Plant(moved, 0, stock=stock, position_um=(30_000.0, 30_000.0, *lead), resolution="fast")
         plant.advance()
         plant.advance()

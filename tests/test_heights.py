@@ -1,6 +1,5 @@
 """Changing heights: regions along the path, what a cut across a step does, what is refused."""
 
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +16,6 @@ from edmsim.program.path import CutPath, WireContour
 
 from .conftest import FILES, timeless
 
-Cut = Callable[..., edmsim.CutResult]
 REACH_UM = 125.0 + 1e3 * WIRE_MARGIN_MM
 
 

@@ -7,14 +7,12 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import edmsim
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked, together
 from edmsim.job import checkpoint
@@ -23,7 +21,6 @@ from edmsim.recording import cut_folder, scene
 
 from .conftest import FILES, timeless
 
-Cut = Callable[..., edmsim.CutResult]
 SHORT = {"max_time_s": 3.0}
 PHASES = ["cutting", "measuring", "figures", "recording"]
 

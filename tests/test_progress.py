@@ -55,8 +55,8 @@ def test_a_cut_shows_its_progress_in_a_notebook_only(now, monkeypatch):
     display = FakeDisplay()
     shell = SimpleNamespace(kernel=object())
     session = SimpleNamespace(get_ipython=lambda: shell)
-    monkeypatch.setitem(sys.modules, "IPython", session)  # type: ignore[arg-type]
-    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=display))  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "IPython", session)
+    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=display))
     monkeypatch.delenv("EDMSIM_PROGRESS", raising=False)
     assert in_notebook()
     bar = CutProgress(ShownProgress(), "<punch>.ngc")

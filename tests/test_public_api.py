@@ -50,7 +50,7 @@ def test_an_argument_of_another_type_is_named(call, said):
 
 def test_errors_that_no_argument_explains_stay_as_they_are():
     with pytest.raises(AttributeError, match="'random'"):
-        edmsim.Machine.load().sample(Path())  # type: ignore[arg-type]
+        edmsim.Machine.load().sample(Path())
 
 
 def test_unknown_name_is_an_attribute_error():

@@ -17,7 +17,7 @@ NUMBERS = ["0.953", "1234.5", "10.5 %", "none (at most 3.2)", "-0.00457"]
 def printed(table, width):
     console = Console(width=width, file=io.StringIO(), force_terminal=False)
     console.print(table)
-    return console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    return console.file.getvalue().splitlines()
 
 
 @pytest.mark.parametrize("width", [200, 80, 60, 45])

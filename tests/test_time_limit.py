@@ -3,7 +3,6 @@
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -53,8 +52,3 @@ def test_a_test_that_hangs_ends_with_its_stack(where, workers, tmp_path):
     assert "in test_hangs" in said, said
     if workers:
         assert "1 failed, 1 passed" in said  # the worker is replaced, and what is left is run
-
-
-def test_every_test_has_a_limit():
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["pytest"]["ini_options"]
-    assert (settings["timeout"], settings["timeout_method"]) == (120, "thread")

@@ -1,17 +1,15 @@
 """A table of 130 x 130 mm: positions counted in steps, from the program to the report."""
 
-import tomllib
-
 import numpy as np
 import pytest
 
 import edmsim
-from edmsim import models
 from edmsim.controllers.mcu.firmware.poscal import unit_for
 from edmsim.controllers.planner.registry import PLANNERS, kind_of, make_planner
 from edmsim.errors import InputError
 from edmsim.plant.constants import full_mechanics
 from edmsim.plant.resolution import resolution
+from edmsim.validation.setups import altered
 
 SECOND = 1_000_000_000
 COUNTING = [name for name in PLANNERS if kind_of(name).counts]
@@ -20,18 +18,15 @@ LONG = "G21 G90\nG0 X100.001 Y0\nG1 X0 Y20.003\nM2\n"
 
 
 @pytest.fixture
-def cut_on(tmp_path):
+def cut_on(own_file, tmp_path):
     """Cut a program on a machine whose table travels as far as its file says."""
-    text = models.path("machines/agiecut-dem15.toml").read_text()
-    assert tomllib.loads(text)["table"]["travel_mm"]["value"] == 65.0
 
     def run(travel_mm, program=LONG, **settings):
-        machine = tmp_path / f"table-{travel_mm:g}.toml"
-        machine.write_text(text.replace("travel_mm = { value = 65.0", f"travel_mm = {{ value = {travel_mm}", 1))
+        travel = "travel_mm = { value = 65.0", f"travel_mm = {{ value = {travel_mm}"
         file = tmp_path / "long.ngc"
         file.write_text(program)
         options = {"resolution": "fast", "height_mm": 5.0, "max_time_s": 1.0, "controller": "fixed:feed_um_s=30"}
-        return edmsim.cut(file, machine=str(machine), **{**options, **settings})
+        return edmsim.cut(file, machine=own_file("machines", "agiecut-dem15", travel), **{**options, **settings})
 
     return run
 
@@ -89,10 +84,7 @@ def test_counting_steps_takes_whole_steps_up_to_131_mm(name):  # T-61, T-A11
 
 @pytest.mark.parametrize("travel_mm", [65.0, 130.0])
 def test_the_full_model_stops_behind_the_table_s_travel(travel_mm):  # T-61
-    machine = edmsim.Machine.load(height_mm=5)
-    table = machine.base.table
-    travel = table.travel_mm.model_copy(update={"value": travel_mm})
-    base = machine.base.model_copy(update={"table": table.model_copy(update={"travel_mm": travel})})
-    model = full_mechanics(machine.model_copy(update={"base": base}), resolution("fast")).model
+    machine = altered(edmsim.Machine.load(height_mm=5), {"base.table.travel_mm": travel_mm})
+    model = full_mechanics(machine, resolution("fast")).model
     for axis in "xy":
         assert model.joint(axis).range == pytest.approx([-1e-3, travel_mm * 1e-3 + 1e-3], abs=1e-12)

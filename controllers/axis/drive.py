@@ -215,7 +215,7 @@ def check_drive(make: Callable[[], Drive]) -> None:
     drive = make()
     if not isinstance(drive, Drive):
         raise InputError(f"{drive!r} is not a drive: it lacks name, record, motor, sample or line")
-    if drive.record.dtype != DRIVE or drive.record.shape != (1,):
+    if not _is_row(drive.record, DRIVE):
         raise _wrong(drive, "has a record that is not one row of DRIVE")
     if not isinstance(drive.line(b""), bytes):
         raise _wrong(drive, "answers its serial line with something else than bytes")
@@ -231,11 +231,17 @@ def check_drive(make: Callable[[], Drive]) -> None:
         _check_loop(make)
 
 
+def _is_row(record: object, kind: np.dtype[np.void]) -> bool:
+    return isinstance(record, np.ndarray) and record.dtype == kind and record.shape == (1,)
+
+
 def _check_loop(make: Callable[[], Drive]) -> None:
     drive = make()
     assert drive.motor is not None
-    if drive.motor.dtype != MOTOR or drive.motor.shape != (1,):
+    if not _is_row(drive.motor, MOTOR):
         raise _wrong(drive, "has a motor that is not one row of MOTOR")
+    if not hasattr(drive.sample, "address"):
+        raise _wrong(drive, "has a sample without the decorator edmsim.compiled.axis_rows.sample")
     num, den = int(drive.record["num"][0]), int(drive.record["den"][0])
     if den < 1 or num < 1000 * den:
         raise _wrong(drive, f"has a period of {num}/{den} ns; it must be 1 us or more")

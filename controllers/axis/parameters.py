@@ -1,4 +1,4 @@
-"""A drive's parameters by the names of their fields, stored in its record's registers, and their code in its EEPROM.
+"""What both servo chips share: parameters by name in the record's registers, their EEPROM's code, and typed lines.
 
 >>> from edmsim.controllers.axis import make
 >>> drive = make("uhu")
@@ -10,8 +10,9 @@
 from __future__ import annotations
 
 import itertools
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.axis.drive import Screw, axis_row
 from edmsim.errors import InputError
+from edmsim.numeric import real, whole
 
 
 class HasRecord(Protocol):
@@ -39,11 +41,16 @@ class Registers(MutableMapping[str, int]):
     def __getitem__(self, name: str) -> int:
         return int(self._reg[self._place(name)[0]])
 
-    def __setitem__(self, name: str, value: int) -> None:
-        place, low, high = self._place(name)
-        if not low <= value <= high or value != int(value):
-            raise InputError(f"the {self.OWNER}'s {name} is {value}; it must be a whole number {low} to {high}")
-        self._reg[place] = int(value)
+    def __setitem__(self, name: str, value: float) -> None:
+        self._reg[self._place(name)[0]] = self.fitting(name, value)
+
+    def fitting(self, name: str, value: float) -> int:
+        """Return a value that fits into a register; `InputError` for anything else."""
+        _, low, high = self._place(name)
+        number = real(value)
+        if number is None or not low <= number <= high or number != int(number):
+            raise InputError(f"the {self.OWNER}'s {name} is {value!r}; it must be a whole number {low} to {high}")
+        return int(number)
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"the {self.OWNER}'s {name} cannot be taken away; set it to another value")
@@ -65,6 +72,9 @@ class Registers(MutableMapping[str, int]):
         return self._places[name]
 
 
+_MOST_LAW = 2**31  # of a setting of a law (ours): most are times in ns
+
+
 class ServoChip(ABC):
     """A chip with an EEPROM and a serial line: 8 data bits, no parity, 1 stop bit."""
 
@@ -83,6 +93,11 @@ class ServoChip(ABC):
         if unknown := sorted((law or {}).keys() - settings.keys()):
             raise InputError(f"the law of the {self.title} has no {unknown[0]!r}; it has {', '.join(settings)}")
         self._law = {**settings, **(law or {})}
+        for name, value in self._law.items():
+            turns, number = name.endswith("_sense"), whole(value)
+            if number not in (1, -1) if turns else number is None or not 1 <= number <= _MOST_LAW:
+                must = "1 or -1" if turns else f"a whole number 1 to {_MOST_LAW}"
+                raise InputError(f"{name} of the {self.title}'s law is {value!r}; it must be {must}")
         self.record: NDArray[np.void] = self._fresh()
         names = [row["name"] for row in self.data["parameter"]]
         limits = [(-WORD // 2, WORD // 2 - 1) if name == self.signed else (0, WORD - 1) for name in names]
@@ -187,3 +202,81 @@ def decode(image: bytes) -> Stored:
 def _checksum(plain: bytes | bytearray) -> int:
     """Return the complement of the sum: an EEPROM of nothing but 00H or FFH is then not valid."""
     return ~sum(plain) & 0xFF
+
+
+# The typed line of a drive's terminal and its numbers; both drives read lines this way, the UHU with echo.
+# A line ends with CR; LF is ignored (rows U-A14, M-A14). Blanks before, in and after a command are ignored, and lower
+# case equals upper case (rows U-A13, U-A15). A byte that is not printable ASCII makes the line an unknown command, so
+# neither noise nor a wrong baud rate sets a parameter or moves a motor.
+
+RETURN, LINE_FEED = 0x0D, 0x0A
+BACKSPACE, DELETE = 0x08, 0x7F
+"""Either takes back the last character (ours: terminals send one or the other, the manuals name none)."""
+NEW_LINE = b"\r\n"
+_RUB_OUT = b"\b \b"
+LONGEST = 32
+"""Characters of a line (ours; the longest command that means something has seven). A longer line is spoilt."""
+_COMMAND = re.compile(r"([^0-9])(-?[0-9]+)?")
+_NUMBER = re.compile(r"-?[0-9]+")
+
+
+class Command(NamedTuple):
+    """A letter and the number behind it, None if there is none."""
+
+    letter: str
+    number: int | None
+
+
+class LineEditor:
+    """Gathers bytes into lines; never echoes a byte with bit 7, by which the UHU marks its stream (row U-35)."""
+
+    def __init__(self, *, echo: bool) -> None:
+        self._echo = echo
+        self._typed = bytearray()
+        self._spoilt = False
+
+    def take(self, byte: int) -> tuple[bytes, str | None]:
+        """Take a byte; returns the echo and, once a line has ended, its text in upper case without blanks."""
+        if byte == RETURN:
+            text = "\x00" if self._spoilt else self._typed.decode("ascii").replace(" ", "").upper()
+            self.clear()
+            return self._sent(NEW_LINE), text
+        if byte == LINE_FEED:
+            return b"", None
+        if byte in (BACKSPACE, DELETE):
+            rubbed = _RUB_OUT if self._typed else b""
+            del self._typed[-1:]
+            return self._sent(rubbed), None
+        if not 0x20 <= byte < DELETE or len(self._typed) == LONGEST:
+            self.spoil()
+            return b"", None
+        self._typed.append(byte)
+        return self._sent(bytes([byte])), None
+
+    def spoil(self) -> None:
+        """Let the line count for nothing, as when a byte of it was not received well."""
+        self._spoilt = True
+
+    def clear(self) -> None:
+        """Forget what was typed, as a reset does."""
+        self._typed.clear()
+        self._spoilt = False
+
+    def _sent(self, echo: bytes) -> bytes:
+        return echo if self._echo else b""
+
+
+def lines_of(texts: Iterable[str]) -> bytes:
+    """Return lines of text as a drive sends them."""
+    return b"".join(text.encode("ascii") + NEW_LINE for text in texts)
+
+
+def command_in(text: str) -> Command | None:
+    """Return the command that a line holds, None if it holds no command: ``P600`` is ``Command("P", 600)``."""
+    found = _COMMAND.fullmatch(text)
+    return Command(found[1], None if found[2] is None else int(found[2])) if found else None
+
+
+def number_in(text: str) -> int | None:
+    """Return the whole number that a line is, None if it is not one."""
+    return int(text) if _NUMBER.fullmatch(text) else None

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.axis import extensions
+from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import WORD, ServoChip, decode, encode
-from edmsim.controllers.axis.serial_line import Command, LineEditor, command_in, lines_of
+from edmsim.controllers.axis.parameters import WORD, Command, LineEditor, ServoChip, command_in, lines_of
 
 # The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
 
@@ -358,21 +357,21 @@ def _move(reg: NDArray[np.int64], command: Command) -> list[str]:
 
 def _record(reg: NDArray[np.int64], code: int | None) -> list[str]:
     """Start or abort the recorder; Z0 starts, Z alone aborts (row M-A7)."""
-    if code is None:
-        reg[STATUS] &= ~(RECORDER_BIT | TRIGGERED_BIT)
-        reg[DUMPING] = 0
-        return ["Recorder OFF"]
-    if not 0 <= code < len(_SOURCES) << FIRST_SOURCE or code & TRIGGER == UNUSED:
+    if code is not None and (not 0 <= code < len(_SOURCES) << FIRST_SOURCE or code & TRIGGER == UNUSED):
         return [UNKNOWN]
+    reg[STATUS] &= ~(RECORDER_BIT | TRIGGERED_BIT)
+    reg[DUMPING] = 0  # the memory is about to be overwritten (ours: the guide does not say what becomes of a dump)
+    if code is None:
+        return ["Recorder OFF"]
     reg[CODE] = code
-    reg[STATUS] = (reg[STATUS] & ~TRIGGERED_BIT) | RECORDER_BIT
+    reg[STATUS] |= RECORDER_BIT
     return ["Recorder ON"]
 
 
 def _save(reg: NDArray[np.int64]) -> list[str]:
     if reg[NOW_NS] - reg[MOVED_NS] < reg[REST_NS]:
         return ["Motor moving, not saved"]
-    reg.view(np.uint8)[8 * IMAGE :][: N_IMAGE] = list(encode(words_of(reg)))
+    reg.view(np.uint8)[8 * IMAGE :][: N_IMAGE] = list(parameters.encode(words_of(reg)))
     reg[SAVED_FROM_NS], reg[SAVING] = reg[NOW_NS], 1
     return ["Parameters saved"]
 
@@ -504,7 +503,7 @@ class ServoModule(ServoChip):
         self.extensions["saturating_arithmetic"] = 1
         self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
-        self.record["eeprom"][0, : N_IMAGE] = list(encode(words_of(self.record["reg"][0])))
+        self.record["eeprom"][0, : N_IMAGE] = list(parameters.encode(words_of(self.record["reg"][0])))
 
     def _fresh(self, words: Sequence[int] = DELIVERED) -> NDArray[np.void]:
         record = new_record((1, 1))
@@ -554,7 +553,7 @@ class ServoModule(ServoChip):
 
     def power_up(self) -> bytes:
         """Start with the EEPROM's parameters; if they are invalid, with the defaults and the motor off."""
-        stored = decode(self.record["eeprom"][0, : N_IMAGE].tobytes())
+        stored = parameters.decode(self.record["eeprom"][0, : N_IMAGE].tobytes())
         words = stored.words if stored.valid else None
         fresh = self._fresh(words or DELIVERED)
         old, reg = self.record["reg"][0], fresh["reg"][0]

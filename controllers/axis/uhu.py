@@ -16,8 +16,7 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import ServoChip
-from edmsim.controllers.axis.serial_line import LineEditor, command_in, lines_of, number_in
+from edmsim.controllers.axis.parameters import LineEditor, ServoChip, command_in, lines_of, number_in
 
 DATA = data_of("uhu")
 
@@ -65,13 +64,15 @@ def take_steps(reg: NDArray[np.int64], edges: int) -> None:
 
 @exactly_compiled
 def reset_loop(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> None:
-    """Carry out a reset: the setpoint becomes the position (row U-A25); a hard reset counts from 0 again."""
+    """Reset: the setpoint becomes the position (row U-A25) plus what G added; a hard one counts from 0 again."""
+    ahead = reg[TARGET] - reg[POSITION]
     if reg[RESTART] == HARD:
         reg[ZERO_COUNT] = reg[ENCODER_SENSE] * count
         reg[LAST_ILLEGAL] = illegal
     reg[RESTART] = 0
-    reg[TARGET] = reg[POSITION] = reg[ENCODER_SENSE] * count - reg[ZERO_COUNT]
-    reg[REFERENCE] = reg[TARGET] * reg[SPEED_DIVISOR]
+    reg[POSITION] = reg[ENCODER_SENSE] * count - reg[ZERO_COUNT]
+    reg[TARGET] = reg[POSITION] + ahead
+    reg[REFERENCE] = reg[POSITION] * reg[SPEED_DIVISOR]
     reg[LAST_EDGES] = edges
     reg[SPEED] = reg[CHANGE] = reg[INTEGRAL] = reg[CONTROL] = 0
 
@@ -179,7 +180,7 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         if reg[RESTART] != 0:
             low = False  # its own error output, let go only now, may hold the net low
             reset_loop(reg, drive.setpoint, axis.count, axis.illegal)
-            extensions.start_command(reg, reg[TARGET])
+            extensions.start_command(reg, reg[POSITION])
         take_steps(reg, drive.setpoint)
         measure(reg, axis.count)
         judge(reg, axis.illegal, low)
@@ -353,6 +354,7 @@ class Uhu(ServoChip):
         The timer of the recalculation restarts (log 2.16).
         """
         self._reg[LATCHED] = 0
+        self._reg[TARGET] = self._reg[POSITION]
         self._reg[RESTART] = max(int(self._reg[RESTART]), SOFT)
         self.stream(False)
         set_period(self.record, *_period_ns(self.parameters["cycle"]))

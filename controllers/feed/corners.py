@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.feed.law import CornerRule, low_pass_weight
-from edmsim.controllers.protocols import GapWindow, WindowObservation
+from edmsim.controllers.protocols import WindowObservation
 from edmsim.geometry import CORNER_DEG, Polyline, left_of
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 
 Floats = NDArray[np.float64]
 
@@ -140,7 +141,7 @@ class TrueBend(Corners):
         """Begin with a straight wire."""
         self.mean_um, self.last_s = np.zeros(2), 0.0
 
-    def see(self, truth: GapWindow) -> None:
+    def see(self, truth: PulseWindow) -> None:
         """Take in the true deflection of a window."""
         self.bent_um = truth.deflection_um
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import protocols
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
@@ -283,7 +284,7 @@ class ServoLaw(Snapshots):
 class TruthLaw(ServoLaw):
     """A law with parts that read the true state of the gap: a bound for comparisons."""
 
-    def see(self, truth: protocols.GapWindow) -> None:
+    def see(self, truth: PulseWindow) -> None:
         """Read the true state of the gap."""
         for part in self.parts:
             if isinstance(part, protocols.SeesTruth):

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from edmsim.controllers.feed import periods
-from edmsim.controllers.feed.adaptive_hold import AdaptiveHold, ClimbingHold
+from edmsim.controllers.feed.adaptive_hold import AdaptiveHold, ClimbingHold, GuardedHold, StreamGauge
 from edmsim.controllers.feed.corners import Corners, OuterCorners, TrueBend
-from edmsim.controllers.feed.guarded_hold import GuardedHold, StreamGauge
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.controllers.feed.measures import FuzzyRules, MeanDelay, MeanVoltage, OpenShare, ShortShare, TrueGap
-from edmsim.controllers.protocols import FeedCommand, WindowObservation
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
+from edmsim.snapshots import Snapshots
 
 PRODUCTION = {
     "filter_s": 0.05, "start_feed_um_s": 5.0, "open_target_share": 0.0, "proportional_um_s": 30.0,
@@ -178,3 +179,26 @@ class TrimController(ServoLaw, measure=ShortShare, period=periods.CornerPeriod, 
         """Read on which side of the next leg the part lies."""
         assert isinstance(self.corner, OuterCorners)
         self.corner.part_side = side
+
+
+@dataclass
+class FixedController(Snapshots):
+    """Commands the same feed for every window."""
+
+    name: ClassVar[str] = "fixed"
+
+    # the feed in um/s, 0 or more (ours: at 20 um/s half of the pulses are open in 20 mm of steel)
+    feed_um_s: float = 20.0
+    offset_um: float = 0.0  # offset to the left of the path, for example for a finishing pass
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a new cut; refuses a feed the machine cannot run."""
+        check_feed(self.name, "feed_um_s", self.feed_um_s, max_feed_um_s)
+        return FeedCommand(self.feed_um_s, offset_um=self.offset_um)
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """Return the same feed for every window."""
+        return FeedCommand(self.feed_um_s, offset_um=self.offset_um)

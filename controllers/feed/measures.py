@@ -29,8 +29,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from edmsim.controllers.feed.law import Gains, GapServo, Measure
-from edmsim.controllers.protocols import GapWindow, WindowObservation
+from edmsim.controllers.protocols import WindowObservation
 from edmsim.errors import InputError
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 
 _RULES = ((-1.0, -0.5, 0.5), (-1.0, 0.0, 1.0), (-0.5, 0.5, 1.0))
@@ -196,7 +197,7 @@ class TrueGap(Measure):
     gap_um: float = field(default=0.0, init=False)
     temperature_K: float = field(default=-1.0, init=False)  # below 0 before anything was seen
 
-    def see(self, truth: GapWindow) -> None:
+    def see(self, truth: PulseWindow) -> None:
         """Read the true gap and temperature of a window."""
         self.gap_um, self.temperature_K = truth.gap_um, truth.wire_temperature_K
         if math.isnan(self.gap_um):  # nothing ignited: all open, or all short

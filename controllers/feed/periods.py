@@ -27,8 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, low_pass_weight, shorted
-from edmsim.controllers.protocols import GapWindow, WindowObservation
+from edmsim.controllers.protocols import WindowObservation
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, least_period_us, pulse_form
 
 COUNT_S = 0.1  # time over which normal pulses are counted: 100 ms (Sato et al.)
@@ -275,7 +276,7 @@ class HeatGauge(Gauge):
         """Read the superheat at which this machine's wire boils dry."""
         self._superheat_K = machine.base.cooling.superheat_K.value
 
-    def see(self, truth: GapWindow) -> None:
+    def see(self, truth: PulseWindow) -> None:
         """Take in the true temperature."""
         self.superheat = (truth.wire_temperature_K - BOILING_K) / self._superheat_K
 

@@ -8,24 +8,144 @@ sparks.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+import random
+from collections.abc import Callable, Mapping, Set
+from typing import Any, NamedTuple
 
 from edmsim.controllers.mcu.chips import bus, ppi
 from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.chips.dac import COARSE, PulseGeneratorLine, PulseSettings
 from edmsim.controllers.mcu.chips.display import Kdc8279
-from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.chips.pic import EMERGENCY, KEYBOARD, Pic8259
 from edmsim.controllers.mcu.chips.pit import Pit8253
 from edmsim.controllers.mcu.chips.ppi import Ppi8255
-from edmsim.controllers.mcu.chips.switches import SafetySwitches
 from edmsim.controllers.mcu.chips.uart import Usart8251
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE
+from edmsim.controllers.mcu.firmware.poscal import BYTE
 from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import PulseCounters
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
+
+# Injection of the two faults that the 1982 machine still had (rows T-29, T-30).
+# Their probabilities are ours. Draws are numbered, so the same seed and history repeat the same faults.
+
+NOISE_FROM_A = 1.5  # mean current above which sparks disturb the serial lines (row T-29)
+DROPS_BELOW_V, RUNS_FROM_V = 6.5, 7.0
+"""V(t(p)) below which the generator drops out, and from which it surely runs (row T-A5)."""
+
+
+class _Drawn(Snapshots):
+    """A fault with a chance, whose state is how often it was drawn."""
+
+    def __init__(self, seed: int, chance: float) -> None:
+        self._random = random.Random(seed)
+        self._seed, self.chance, self.drawn = seed, chance, 0
+
+    def draw(self) -> bool:
+        """Return whether the fault occurs."""
+        self.drawn += 1
+        return self._random.random() < self.chance
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue where `snapshot` was taken."""
+        super().restore(state)
+        self._random, drawn, self.drawn = random.Random(self._seed), self.drawn, 0
+        for _ in range(drawn):
+            self.draw()
+
+
+class SerialNoise(_Drawn):
+    """Turns a bit of a character over, with a chance (ours), while the mean current is above 1.5 A."""
+
+    STATE = ("drawn", "disturbed")
+
+    def __init__(self, seed: int, chance: float = 0.05) -> None:
+        super().__init__(seed, chance)
+        self.disturbed = self._bit = 0
+
+    def draw(self) -> bool:
+        """Draw the bit as well."""
+        hit = super().draw()
+        self._bit = self._random.randrange(8)
+        return hit
+
+    def __call__(self, byte: int, mean_current_A: float) -> int:
+        """Return the character as it arrives."""
+        if mean_current_A <= NOISE_FROM_A:
+            return byte
+        if not self.draw():
+            return byte
+        self.disturbed += 1
+        return byte ^ 1 << self._bit
+
+
+class DropOut(_Drawn):
+    """The generator stops below 6.5 V of V(t(p)), between 6.5 and 7 V with a chance (ours), until it is 7 V again."""
+
+    STATE = ("drawn", "out")
+
+    def __init__(self, seed: int, chance: float = 0.5) -> None:
+        super().__init__(seed, chance)
+        self.out = False
+
+    def set(self, volts: float) -> bool:
+        """Take a new voltage; return whether the generator is out."""
+        if volts >= RUNS_FROM_V:
+            self.out = False
+        elif volts < DROPS_BELOW_V:
+            self.out = True
+        elif not self.out:
+            self.out = self.draw()
+        return self.out
+
+
+# End switches and wire-break switch: one common interrupt, and the effect of each (rows T-46, T-47).
+
+X_END, Y_END, WIRE_BREAK, STOP_BUTTON = "x end", "y end", "wire break", "emergency stop"
+NAMES = (X_END, Y_END, WIRE_BREAK, STOP_BUTTON)
+"""The document names the first three; the operator's button is the emergency switch of its 4.1."""
+
+
+class SafetySwitches(Snapshots):
+    """Switches ORed into one interrupt; they cut supply and generator themselves; `stuck` ones never open."""
+
+    STATE = ("_open",)
+
+    def __init__(self, on_rise: Callable[[], None], stuck: Set[str] = frozenset()) -> None:
+        self._on_rise = on_rise
+        self.stuck = stuck
+        self._open: set[str] = set()
+
+    @property
+    def open(self) -> tuple[str, ...]:
+        """Names of the switches that have opened and not been released."""
+        return tuple(name for name in NAMES if name in self._open)
+
+    @property
+    def steppers_supplied(self) -> bool:
+        """Whether the steppers have their supply."""
+        return not self._open & {X_END, Y_END, STOP_BUTTON}
+
+    @property
+    def generator_allowed(self) -> bool:
+        """Whether the generator may run."""
+        return not self._open & {WIRE_BREAK, STOP_BUTTON}
+
+    def trip(self, name: str) -> None:
+        """Open a switch, unless it is stuck; raises `InputError` if there is no such switch."""
+        if name not in NAMES:
+            raise InputError(f"there is no switch {name!r}; there are {', '.join(NAMES)}")
+        if name in self.stuck:
+            return
+        before = bool(self._open)
+        self._open.add(name)
+        if not before:
+            self._on_rise()
+
+    def release(self) -> None:
+        """Someone has put everything right: table off its ends, a wire threaded, the button pulled."""
+        self._open.clear()
+
 
 SPARK_IMPULSE_NS = 1_000
 """Length of the impulse that a spark couples into the lines (ours: the time in which its current rises and rings)."""

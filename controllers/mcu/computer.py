@@ -2,25 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import accumulate, pairwise
 
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
-from edmsim.controllers.mcu.chips.bus import Bus
+from edmsim.controllers.mcu.chips.bus import CPORT2, PORT2A, PORT2B, Bus
 from edmsim.controllers.mcu.chips.cpu import A, C, Cpu8085, NoCodeError
+from edmsim.controllers.mcu.chips.dac import COARSE
 from edmsim.controllers.mcu.chips.uart import BITS_PER_CHARACTER
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
-from edmsim.controllers.mcu.firmware.generator_control import write_codes
+from edmsim.controllers.mcu.firmware import timers
 from edmsim.controllers.mcu.firmware.optimise import optimise
-from edmsim.controllers.mcu.firmware.poscal import Unit
+from edmsim.controllers.mcu.firmware.poscal import BYTE, WORD, Unit, unit_um
 from edmsim.controllers.mcu.firmware.steppers import Steppers
-from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
-from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T, nanoseconds
-from edmsim.controllers.protocols import Step
+from edmsim.controllers.mcu.firmware.timers import CPU_HZ, MAX_SPEED, nanoseconds
+from edmsim.controllers.protocols import Step, check_window
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
+
+# The program's control of generator and wire: codes of the converters, less energy before a corner, wire tension.
+# The document leaves path-dependent generator control for later. Sparks bend the wire back, so it cuts off corners;
+# sparks of less energy bend it less. So the routine shortens t(i) before a corner and leaves t(p): the mean current
+# falls, and the generator accepts the pair of codes.
+
+
+def write_codes(board: Board, t_i: int, t_p: int) -> None:
+    """Write both codes, the one that lowers the current first: no pair on the way draws more (row T-34)."""
+    bus, lines = board.bus, board.lines
+    if (t_i ^ board.codes[0] | t_p ^ board.codes[1]) & COARSE:
+        bus.write(PORT2A, 0)
+        for line, code in ((lines.t_i_coarse, t_i), (lines.t_p_coarse, t_p)):
+            bus.write(CPORT2, line << 1 | bool(code & COARSE))
+    order = [(PORT2A, t_i & BYTE), (PORT2B, t_p & BYTE)]
+    for address, code in order if (t_i & BYTE) < board.codes[0] & BYTE else reversed(order):
+        bus.write(address, code)
+
+
+def set_tension(board: Board, low: bool) -> None:
+    """Lower the wire's tension by a spare line, or give it back in full (row T-85)."""
+    board.bus.write(CPORT2, board.lines.low_tension << 1 | low)
+
+
+def before_corner(t_i: int, to_corner_um: int, reach_um: int, share: int) -> int:
+    """Code of t(i) before a corner: within `reach_um`, what `share` / 256 leaves of it, at least 1 where it was."""
+    if to_corner_um >= reach_um:
+        return t_i
+    byte = t_i & BYTE
+    return t_i & COARSE | max(byte * min(share, BYTE + 1) >> 8, min(byte, 1))
+
 
 # Character streams: routines that read and write, with addresses at CIADR and COADR (row T-58).
 
@@ -263,7 +295,7 @@ class Computer(Snapshots):
         """INIT: make the machine safe and ready, the only way on after an emergency (rows T-50, T-51)."""
         self._initialise()
         self.state, self.cause = STAND_BY, ()
-        self._t_states += INIT_T
+        self._t_states += timers.INIT_T
 
     def emergency(self) -> None:
         """INIT in an emergency: data are copied first, outputs changed afterwards (5.1.1, 5.3.2, row T-49)."""
@@ -272,7 +304,7 @@ class Computer(Snapshots):
         self._initialise()
         self.code.running = False
         self.state, self.cause = EMERGENCY, self.board.switches.open
-        self._t_states += EMERGENCY_T
+        self._t_states += timers.EMERGENCY_T
 
     def _initialise(self) -> None:
         """Both uses of INIT: start values by a copy, STOP, safe outputs, the 8259 (rows T-50, T-80, T-A14)."""
@@ -394,7 +426,7 @@ class Computer(Snapshots):
         """The routine of the keyboard interrupt: all keys that wait."""
         while self.read(bus.DISPLAY + 1) & 0x0F:
             self.keys.append(self.read(bus.DISPLAY))
-            self._t_states += KEYBOARD_T
+            self._t_states += timers.KEYBOARD_T
 
     def take_keys(self) -> list[int]:
         """Return the keys pressed since the last call; while interrupts are off, MAIN looks for them itself."""
@@ -411,7 +443,7 @@ class Computer(Snapshots):
     def optimise(self, clock: int, path: int) -> tuple[int, int]:
         """Read the counts and run the optimising routine in RAM; returns speed in units and T-states."""
         if not self.result_waits():
-            return self.signed(at.CUTVEL), READ_OUT_T
+            return self.signed(at.CUTVEL), timers.READ_OUT_T
         short, open = self.read_counts()
         memory = self.board.bus
         variables = at.variables(memory)
@@ -438,3 +470,121 @@ def check_place(x: int, y: int) -> None:
     for value in (x, y):
         if not (isinstance(value, int) and 0 <= value <= WORD):
             raise InputError(f"a position is 0..{WORD}, not {value!r}")
+
+
+# A path followed by the computer's own timers and routines: `poscal-literal` on the machine of 1982.
+# Here no planner computes the times of steps. The main program calls POSCAL once for each move and loads the timers.
+# Then the counts run down in simulated time, and interrupts make the steps.
+
+Place = tuple[int, int]
+
+
+class PathRun(Snapshots):
+    """The main program's part in a cut: it begins the moves of a path one after the other, and hands speeds on.
+
+    It looks like a planner (`edmsim.controllers.planner.registry.Planner`), but its steps are those that the motors'
+    lines have seen. A new speed waits until the optimising routine is done, a new move until POSCAL is; interrupts
+    put both off. A negative speed runs the present move's vector the other way, to where the move began, and then the
+    moves before it, each planned again. After a stop the present move is planned again from the table's position.
+
+    >>> computer = Computer()
+    >>> computer.init()
+    >>> computer.set_position(30_000, 30_000)
+    >>> computer.start()
+    >>> run = PathRun(computer, [(30_000, 30_000), (30_010, 30_006)])
+    >>> steps = run.advance(0, 1_000_000_000, 127)
+    >>> len(steps), run.position_um, run.done
+    (8, (30010, 30006), True)
+    """
+
+    STATE = ("_move", "_heading", "_over", "_requested", "_in_force", "_computing", "_computer")
+    speed_unit_nm_s = timers.SPEED_UNIT_NM_S
+    max_feed_um_s = timers.MAX_FEED_UM_S
+
+    def __init__(self, computer: Computer, points: Sequence[Place]) -> None:
+        for x, y in points:
+            check_place(x, y)
+        corners = [points[0], *(b for a, b in pairwise(points) if a != b)]
+        if len(corners) < 2:
+            raise InputError(f"a path needs two different points, not {len(corners)}")
+        self._computer = computer
+        self._steppers = computer.steppers
+        self._size_um = unit_um(computer.steppers.unit)
+        self._points = corners
+        lengths_um = (math.dist(a, b) * self._size_um for a, b in pairwise(corners))
+        self._along_um = list(accumulate(lengths_um, initial=0.0))
+        self._over = False
+        self._move, self._heading = 0, 1
+        self._requested = self._in_force = 0
+        self._computing = False
+
+    @property
+    def done(self) -> bool:
+        """Whether the last move is over, each axis at its target or lost by REDUC, and all steps are made."""
+        return self._over and not self._computer.board.steps
+
+    @property
+    def position_um(self) -> tuple[float, float]:
+        """Position counters in um."""
+        x, y = self._computer.position
+        return x * self._size_um, y * self._size_um
+
+    @property
+    def path_um(self) -> float:
+        """Length travelled along the path: the foot of the position counters on the present move."""
+        (x0, y0), (x1, y1) = self._points[self._move : self._move + 2]
+        x, y = self._computer.position
+        along_um, end_um = self._along_um[self._move : self._move + 2]
+        run_um = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) * self._size_um**2 / (end_um - along_um)
+        return along_um + min(max(run_um, 0.0), end_um - along_um)
+
+    def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
+        """Let the machine run for a window; a routine under way at its end is finished, its step comes next."""
+        check_window(start_ns, end_ns, speed_units, MAX_SPEED)
+        computer, steppers, board = self._computer, self._steppers, self._computer.board
+        self._requested = speed_units
+        steps = computer.run_until(start_ns)
+        while board.now_ns < end_ns and computer.state == RUNNING:
+            if steppers.free_ns > board.now_ns:
+                steps += computer.run_until(min(end_ns, steppers.free_ns))
+            elif not self._main():
+                steps += computer.run_until(end_ns, to_the_end=False)
+        return steps + computer.run_until(end_ns)
+
+    def _main(self) -> bool:
+        """Do what comes next once nothing is being computed; return whether there was anything."""
+        heading = 1 if self._requested > 0 else -1
+        if self._computing:
+            self._computing = False
+            self._give(heading)
+        elif self._requested and not self._steppers.aimed:
+            self._begin(heading)
+        elif self._requested != self._in_force:
+            self._give(heading)
+        elif self._requested and not self._steppers.moving:
+            return self._begin_next(heading)
+        else:
+            return False
+        return True
+
+    def _give(self, heading: int) -> None:
+        """Hand the speed on: VELOCM, and other ends of the move where it is run the other way."""
+        if self._requested and heading != self._heading:
+            self._heading, self._over = heading, False
+            self._steppers.lead_to(*self._points[self._move + (heading > 0)])
+        self._steppers.set_speed(self._requested)
+        self._in_force = self._requested
+
+    def _begin_next(self, heading: int) -> bool:
+        """Begin the next move of the path; False where there is none."""
+        if not 0 <= self._move + heading <= len(self._points) - 2:
+            self._over = heading > 0
+            return False
+        self._move += heading
+        self._begin(heading)
+        return True
+
+    def _begin(self, heading: int) -> None:
+        """Let POSCAL aim the present move; when it is done, the timers are started."""
+        self._heading, self._computing = heading, True
+        self._steppers.busy(self._steppers.begin(*self._points[self._move + (heading > 0)], heading))

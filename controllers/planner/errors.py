@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.mcu.computer import Computer, PathRun
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
-from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.registry import PLANNERS, Planner, make_planner
 
 MACHINE = "mcu"  # name of the computer that makes its own steps, in place of a planner's

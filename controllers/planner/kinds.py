@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.numba_internals import address_of, call_returning
-from edmsim.controllers.mcu.firmware.arithmetic import WORD, subsgn
-from edmsim.controllers.mcu.firmware.poscal import Displacement, counted, look_up, resolve, velocm
+from edmsim.controllers.mcu.firmware.poscal import WORD, Displacement, counted, look_up, resolve, subsgn, velocm
 from edmsim.controllers.mcu.firmware.timers import (
     NEVER,
     STEP_PHASE,

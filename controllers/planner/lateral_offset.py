@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.kinds import EXACT, segment_at
+from edmsim.controllers.planner.registry import Course
 from edmsim.controllers.protocols import Step
 from edmsim.snapshots import Snapshots
 

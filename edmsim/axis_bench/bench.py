@@ -160,15 +160,16 @@ class AxisBench:
         """
         count, rate_Hz = whole_from("count", count), finite("rate_Hz", rate_Hz, 0.0)
         accel_Hz_s = finite("accel_Hz_s", accel_Hz_s, 0.0)
-        k = AXIS_NAMES.index(axis)
+        k = self._number(axis)
         ends = self._motion.moves["end_ns"][self._motion.moves["axis"] == k]
         start_ns = max(self._motion.now_ns, int(ends.max(initial=0)))
         self._motion.moves = np.concatenate([self._motion.moves, move(k, start_ns, count, rate_Hz, accel_Hz_s)])
 
     def step_times(self, axis: str, times_ns: Sequence[int], direction: int) -> None:
         """Send step pulses at listed times."""
-        k = AXIS_NAMES.index(axis)
-        direction = whole_from("direction", direction)
+        k = self._number(axis)
+        if whole_from("direction", direction) not in (1, -1):
+            raise InputError(f"direction is {direction!r}: give 1 or -1")
         rows = [move(k, round(finite("times_ns", at_ns)), direction, 0.0, 0.0) for at_ns in times_ns]
         self._motion.moves = np.concatenate([self._motion.moves, *rows])
 
@@ -176,7 +177,7 @@ class AxisBench:
         """Unplug a wire (or plug it in, if `plugged`): A, B, index, step, dir or fault (the input's net)."""
         row = self._row(axis)
         if wire in _STEP_INPUTS:
-            k, bit, open_ = AXIS_NAMES.index(axis), _STEP_INPUTS[wire], self._motion.unplugged
+            k, bit, open_ = self._number(axis), _STEP_INPUTS[wire], self._motion.unplugged
             open_[k] = open_[k] & ~bit if plugged else open_[k] | bit
         elif wire == "fault":
             _switch(row, "wiring", axis_rows.NET_IN, plugged)
@@ -197,6 +198,8 @@ class AxisBench:
 
     def pulse_encoder(self, axis: str, phases: str, width_s: float) -> None:
         """Disturb A, B or AB by a pulse; the drive's input misses it if it is too short for an edge."""
+        if phases not in _PHASES:
+            raise InputError(f"there are no phases {phases!r}; choose one of {', '.join(_PHASES)}")
         drive, motor = self.drive(axis).record[0], self.motor(axis)
         rate_Hz = min(rate for rate in (float(motor["edge_rate_Hz"]), float(drive["count_rate_Hz"])) if rate > 0)
         if finite("width_s", width_s, 0.0) * rate_Hz >= 1.0:
@@ -241,7 +244,7 @@ class AxisBench:
         """Pull a drive's reset pin low; on release the drive restarts."""
         held = bool(self._row(axis)["in_reset"])
         if low and not held:
-            k, pins = AXIS_NAMES.index(axis), int(self._row(axis)["pins"])
+            k, pins = self._number(axis), int(self._row(axis)["pins"])
             hold_in_reset(self._motion.drives.axes, k)
             self._motion.note_pins(k, pins)
         elif held and not low:
@@ -308,12 +311,14 @@ class AxisBench:
     def flip_bits(self, axis: str, bits: Sequence[int]) -> None:
         """Flip bits of a drive's EEPROM: bit `b` of byte `k` is number ``8 k + b``."""
         eeprom = self.drive(axis).record["eeprom"][0]
-        for bit in [whole_from("bits", bit, 0) for bit in bits]:
+        for bit in bits:
+            if whole_from("bits", bit, 0) >= 8 * len(eeprom):
+                raise InputError(f"bit {bit} is beyond the EEPROM, whose last one is {8 * len(eeprom) - 1}")
             eeprom[bit // 8] ^= 1 << bit % 8
 
     def drive(self, axis: str = "") -> Drive:
         """Return the bench's copy of a drive."""
-        found: Any = self._motion.drives.by_axis[axis or self.names[0]]
+        found: Any = self._motion.drives.by_axis[AXIS_NAMES[self._number(axis)]]
         drive: Drive = found
         return drive
 
@@ -323,15 +328,21 @@ class AxisBench:
 
     def motor(self, axis: str = "") -> np.void:
         """Return the row of an axis' motor (`edmsim.compiled.axis_rows.MOTOR`); you can write it."""
-        row: np.void = self._motion.drives.axes.motors[AXIS_NAMES.index(axis or self.names[0])]
+        row: np.void = self._motion.drives.axes.motors[self._number(axis)]
         return row
 
-    def _row(self, name: str) -> np.void:
-        row: np.void = self._motion.drives.axes.rows[AXIS_NAMES.index(name or self.names[0])]
+    def _number(self, axis: str) -> int:
+        name = axis or self.names[0]
+        if name not in self.names:
+            raise InputError(f"there is no axis {name!r} on this bench; there are: {', '.join(self.names)}")
+        return AXIS_NAMES.index(name)
+
+    def _row(self, axis: str) -> np.void:
+        row: np.void = self._motion.drives.axes.rows[self._number(axis)]
         return row
 
-    def _line(self, name: str) -> SerialLink:
-        return self._lines[name or self.names[0]]
+    def _line(self, axis: str) -> SerialLink:
+        return self._lines[AXIS_NAMES[self._number(axis)]]
 
     def pins(self, axis: str = "") -> Pins:
         """Return the state of a drive's pins."""
@@ -345,11 +356,11 @@ class AxisBench:
 
     def samples(self, axis: str = "") -> NDArray[np.void]:
         """Return an axis' samples since the last call (`edmsim.axis_bench.motion.SAMPLE_ROW`)."""
-        return self._motion.samples(axis or self.names[0])
+        return self._motion.samples(AXIS_NAMES[self._number(axis)])
 
     def changes(self, axis: str = "") -> NDArray[np.void]:
         """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.motion.CHANGE_ROW`)."""
-        return self._motion.changes(axis or self.names[0])
+        return self._motion.changes(AXIS_NAMES[self._number(axis)])
 
     def snapshot(self) -> dict[str, Any]:
         """Return the state: drives, axes, pending steps and time. The serial lines must be idle."""
@@ -363,5 +374,5 @@ class AxisBench:
 
 
 def _ns(name: str, seconds: float) -> int:
-    """Return a time in whole nanoseconds; refuses what is not a finite number."""
-    return round(finite(name, seconds) * 1e9)
+    """Return a time in whole nanoseconds; refuses what is not a finite number of 0 or more."""
+    return round(finite(name, seconds, 0.0) * 1e9)

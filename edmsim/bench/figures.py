@@ -25,7 +25,7 @@ from edmsim.bench.plant import (
 from edmsim.controllers import make
 from edmsim.controllers.axis import CHIPS, tuned
 from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
-from edmsim.controllers.axis.elcam.registers import Function, Mode
+from edmsim.controllers.axis.elcam.table import Function, Mode
 from edmsim.controllers.mcu.firmware.poscal import poscal
 from edmsim.cosim.simulation import Simulation
 from edmsim.envs.task import MAX_FEED_UM_S

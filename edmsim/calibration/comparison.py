@@ -19,7 +19,7 @@ from edmsim.runs import RunTable, identity, perform
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
-    from edmsim.plant.window import PulseWindow
+    from edmsim.machine.pulse_window import PulseWindow
 
 Array = NDArray[np.float64]
 

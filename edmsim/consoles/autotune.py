@@ -29,7 +29,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.consoles.servo import bench_for
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis.drive import data_of
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
 from edmsim.recording.figures.style import check_figure, column_figure, dress, legend, write_figure
@@ -487,8 +487,6 @@ class Tuning:
 
 def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> Tuning:
     """Tune a drive (``uhu`` or ``servo-module``) for an axis of `axis_row`; `say` is called with what is done."""
-    if name not in _OPERATORS:
-        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
     kind = _OPERATORS[name]
     operator = kind(motor)
     oscillation = oscillation_of(operator)

@@ -6,6 +6,7 @@ homing. The program runs a pass every millisecond (ours).
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -19,6 +20,7 @@ from edmsim.errors import InputError, one_of
 from edmsim.files import read_text
 from edmsim.plant.axes.drives import AXIS_NAMES
 
+_BYTE_ORDER_MARK = codecs.BOM_UTF8.decode("latin-1")  # which some editors write before a text
 PASS_NS = 1_000_000  # from one pass of the program to the next (ours)
 
 
@@ -115,9 +117,8 @@ class Station:
         cls, configuration: Path, program: Path, axis: str, contactors: Mapping[str, str] = MappingProxyType({})
     ) -> Self:
         """Load a station from two files."""
-        texts = read_text(configuration, "latin-1"), read_text(program, "latin-1")
-        names = str(configuration), str(program)
-        return cls(*texts, axis, names, contactors)
+        texts = [read_text(file, "latin-1").removeprefix(_BYTE_ORDER_MARK) for file in (configuration, program)]
+        return cls(texts[0], texts[1], axis, (str(configuration), str(program)), contactors)
 
     def _coils(self, contactors: Mapping[str, str]) -> dict[str, str]:
         """Return the address of the output that works a device's contactor, by the device."""

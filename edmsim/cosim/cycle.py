@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
-from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.file import StepCompensation
 from edmsim.controllers.planner.lateral_offset import PathOffset
 from edmsim.controllers.planner.registry import Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step, WindowObservation

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.kernel.state import Timing
 from edmsim.plant.resolution import Resolution
-from edmsim.plant.window import PulseWindow
 
 
 class Turn(NamedTuple):

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.metrology.passes import WallError, lever_mm, loose_pieces, wall_error
 from edmsim.metrology.profile import profile_error
 from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.plant import Plant
-from edmsim.plant.window import PulseWindow
 from edmsim.program.passes import CutPass, Piece
 from edmsim.program.path import CutPath, WireContour
 from edmsim.snapshots import Snapshots

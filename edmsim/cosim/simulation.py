@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation
+from edmsim.controllers.axis.elcam.file import StepCompensation, check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
-from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
+from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
 from edmsim.controllers.planner.lateral_offset import PathOffset
@@ -28,12 +28,13 @@ from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, leg
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive
 from edmsim.plant.axes.faults import AxisFault
 from edmsim.plant.axes.rapid import rapid_constants, time_left_s
 from edmsim.plant.plant import Plant
-from edmsim.plant.window import PlantError, PulseWindow
+from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath

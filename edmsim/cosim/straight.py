@@ -20,11 +20,11 @@ from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.cycle import Cycle, EvenSteps
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.metrology.edges import metal_at
 from edmsim.numeric import finite, real
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
-from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from edmsim.errors import EdmsimError
 from edmsim.files import read_arrays
 from edmsim.hil.gap import Gap, Output
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
-from edmsim.plant.window import PulseWindow
 
 SETTINGS = "edmsim.json"
 """File beside this one with the arguments of `Machine.load`, and ``step_s``, ``resolution``, ``gap_um``."""

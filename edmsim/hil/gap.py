@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from edmsim.cosim.straight import begin
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
 from edmsim.plant.kernel.state import OPEN, PULSE, Timing
 from edmsim.plant.resolution import Resolution
-from edmsim.plant.window import PlantError, PulseWindow
+from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 
 # Where the other side wants the axes: places, velocities or steps, made into motor steps frame by frame.

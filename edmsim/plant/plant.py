@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of, refuses_wrong_types
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from
 from edmsim.plant import constants
@@ -46,7 +47,7 @@ from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.snapshot import check_snapshot, digest_of
-from edmsim.plant.window import PlantError, PulseWindow, left_validity, pass_window, read_window, wrong_step
+from edmsim.plant.window import PlantError, left_validity, pass_window, read_window, wrong_step
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 

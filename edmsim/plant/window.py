@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.errors import EdmsimError, InputError
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.kernel.declare import FREE
 from edmsim.plant.kernel.state import BROKEN, GRID, INSIDE, NOT_FINITE, OPEN, OUTSIDE, WINDOW, Timing
 
@@ -30,39 +31,6 @@ _READ = (
 """Order in which `read_window` takes them: with names instead, a window would take 1 % longer."""
 if _NAMES != _READ:
     raise TypeError(f"read_window reads {_READ}, and WINDOW has {_NAMES}")
-
-
-class PulseWindow(NamedTuple):
-    """What happened in one window of pulses. Gap, deflection, temperature and debris no real machine sees."""
-
-    start_ns: int  # machine time at the window's begin
-    duration_ns: int  # and its length
-    short: int  # pulses of each of the four classes; they add up to 255 unless the wire broke
-    open: int
-    spark: int
-    arc: int
-    # voltage and current: means over the window, of the working pulses: see `edmsim.plant.gap.generator`
-    # for what others add
-    mean_voltage_V: float
-    mean_current_A: float
-    mean_delay_us: float  # mean ignition delay of the pulses that ignited; NaN if none did
-    gap_um: float  # mean gap at the places of ignition; NaN if none
-    deflection_um: tuple[float, float]  # mean deflection of the wire over height and time
-    vibration2_um2: float  # variance of that deflection within the window, both axes added
-    wire_temperature_K: float  # highest temperature of a slice's wire
-    debris: float  # mean debris share of the gap's water
-    coverage: float  # mean share of the wire's front that gas covers, at the window's end
-    energy_J: float  # sum over the window's discharges
-    crater_um3: float  # the same
-    broken: bool  # the wire broke in this window
-    # ignitions in each fifth of the workpiece's (greatest) height, from below, as the currents of the two contacts
-    # locate them: with an error of 2 mm (standard deviation)
-    fifths: tuple[int, ...] = (0, 0, 0, 0, 0)
-
-    @property
-    def pulses(self) -> int:
-        """Pulses fired in the window: 255 unless the wire broke."""
-        return self.short + self.open + self.spark + self.arc
 
 
 class PlantError(EdmsimError):

@@ -12,8 +12,9 @@ from edmsim.controllers import from_text
 from edmsim.cosim.straight import Cut, Traverse, begin
 from edmsim.evaluation.stable_rate import quick_counts
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.gap.generator import crater_um3
-from edmsim.plant.window import PlantError, PulseWindow
+from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.validation import ignition
 from edmsim.validation.breakage import ROUGH_PERIOD_US, rough_rig

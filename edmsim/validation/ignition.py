@@ -17,9 +17,9 @@ from scipy.stats import kstest
 from edmsim import models
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Gap
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.plant.plant import Plant
-from edmsim.plant.window import PulseWindow
 from edmsim.validation.rows import Check, Row, differences
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 

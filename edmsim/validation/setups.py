@@ -11,8 +11,8 @@ from edmsim.errors import InputError
 from edmsim.evaluation.stable_rate import OPEN_SHARE, quick_counts
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.plant import Plant
-from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.kerf_field import Stock
 
 STILL: Mapping[str, float] = {

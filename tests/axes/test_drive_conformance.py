@@ -1,5 +1,6 @@
 """Every drive by name passes `check_drive`, which refuses what a plant could not work with."""
 
+from functools import partial
 
 import numpy as np
 import pytest
@@ -67,8 +68,20 @@ def test_what_cannot_be_used_is_refused():
         axes.check_drive(object)
     with pytest.raises(InputError, match="period of 1/1 ns"):
         axes.check_drive(lambda: _with_period(1, 1))
+    for field, value, said in (
+        ("record", {}, "not one row of DRIVE"), ("motor", "table", "not one row of MOTOR"),
+        ("sample", len, "without the decorator"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=said):
+            axes.check_drive(partial(_with, field, value))
     with pytest.raises(InputError, match="there is no drive 'uhu2'"):
         axes.make("uhu2")
+
+
+def _with(field, value):
+    drive = PositionServo()
+    setattr(drive, field, value)
+    return drive
 
 
 def _with_period(num, den):

@@ -6,7 +6,8 @@ import pytest
 from edmsim.axis_bench.control_rig import ControlRig
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.elcam.mcu_g3 import AxisLoop, ControlAxis
-from edmsim.controllers.axis.elcam.registers import CallStatus, Descriptor, Function, Mode
+from edmsim.controllers.axis.elcam.module import CallStatus, Descriptor
+from edmsim.controllers.axis.elcam.table import Function, Mode
 
 X, Y, U, V = range(4)
 COUNTS = 1000.0  # in a mm

@@ -158,9 +158,14 @@ def test_the_same_again_from_a_snapshot_to_the_bit(mechanics):
 @pytest.mark.parametrize(("wrong", "reason"), [
     (lambda: AxisBench({"x": axes.make("stepper")}), "a motor and a sample"),
     (lambda: AxisBench({"x": axes.tuned("uhu")}, mechanics="full"), "no mechanics 'full'"),
-    (lambda: bench_of().unplug("x", "Z"), "no wire 'Z'"),
     (lambda: axis_row("bench", lines=500), "missing or none of them: lines"),
     (lambda: bench_of(table_kg=0.0), "table_kg is 0"),
+    (lambda: bench_of().unplug("x", "Z"), "no wire 'Z'"), (lambda: bench_of().run(-1.0), "number of 0 or more"),
+    (lambda: bench_of().hold("q", True), "no axis 'q' on this bench; there are: x"),
+    (lambda: bench_of().steps("y", 5), "no axis 'y' on this bench"),
+    (lambda: bench_of().pulse_encoder("x", "C", 1e-5), "no phases 'C'"),
+    (lambda: bench_of().flip_bits("x", [0, 4096]), "beyond the EEPROM"),
+    (lambda: bench_of().step_times("x", [0], 2), "direction is 2"),
 ])  # fmt: skip
 def test_wrong_drives_mechanics_and_wires_are_refused(wrong, reason):
     with pytest.raises(InputError, match=reason):

@@ -7,7 +7,8 @@ import pytest
 
 from edmsim.axis_bench.control_rig import ControlRig
 from edmsim.controllers.axis.elcam.mcu_g3 import ControlAxis
-from edmsim.controllers.axis.elcam.registers import CallStatus, Error, Function, Mode
+from edmsim.controllers.axis.elcam.module import CallStatus
+from edmsim.controllers.axis.elcam.table import Error, Function, Mode
 from edmsim.errors import InputError
 from edmsim.plant.axes.ways import errors_um, no_ways
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from edmsim.controllers.axis.elcam.registers import CallStatus, Error, Function, Mode
+from edmsim.controllers.axis.elcam.module import CallStatus
+from edmsim.controllers.axis.elcam.table import Error, Function, Mode
 
 from .cam_bench import (
     COUNTS,

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from edmsim.controllers.axis.elcam.module import PhysicalMemory
-from edmsim.controllers.axis.elcam.registers import ACCESS, CallStatus, Descriptor, Error, Function, LoadStatus, Mode
+from edmsim.controllers.axis.elcam.module import ACCESS, CallStatus, Descriptor, LoadStatus, PhysicalMemory
+from edmsim.controllers.axis.elcam.table import Error, Function, Mode
 from edmsim.errors import InputError
 
 from .cam_bench import COUNTS, HAT, X, Y, at, enter, follows, go, read, rig_of, run, settle, sized, table, write

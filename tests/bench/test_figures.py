@@ -63,4 +63,4 @@ def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch):
 def test_cold_start_includes_a_window_of_pulses():
     scope: dict[str, object] = {}
     exec(plant._COLD, scope)
-    assert scope["plant"].pulses == 255  # type: ignore[attr-defined]
+    assert scope["plant"].pulses == 255

@@ -1,10 +1,7 @@
 """The fit: known constants come back within their intervals, and what a log cannot tell is not told."""
 
-from __future__ import annotations
-
 import json
 import math
-import sys
 import time
 from typing import NamedTuple
 
@@ -21,7 +18,6 @@ from edmsim.calibration.comparison import simulate
 from edmsim.calibration.fit import FittedConstant, machine_of, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
-from edmsim.cli import app as cli
 from edmsim.cli.console import INTERRUPTED
 from edmsim.cosim.straight import Traverse
 from edmsim.job.settings import METADATA_KEY, CutSettings
@@ -128,7 +124,7 @@ def test_a_log_that_tells_nothing_is_refused(known):
 
 
 @pytest.mark.slow
-def test_the_command_prints_and_writes_what_was_fitted(known, recovered, log_file, monkeypatch, capsys):  # fmt: skip
+def test_the_command_prints_and_writes_what_was_fitted(known, recovered, log_file, monkeypatch, edmsim):
     """It fits with the settings of the command line, and prints what that gave; here the fit above."""
 
     def fitted(log, machine, only, **options):
@@ -139,14 +135,15 @@ def test_the_command_prints_and_writes_what_was_fitted(known, recovered, log_fil
     monkeypatch.setattr("edmsim.calibration.calibrate", fitted)
     out = log_file.parent / "fitted.toml"
     options = ("--out", out, "--height", "10", "--fit", "material.removal_mm3_J", "--json")
-    assert run(monkeypatch, log_file, *options, "--seed", "5") == 0
-    document = json.loads(capsys.readouterr().out)
+    shown = edmsim("calibrate", log_file, *options, "--seed", "5")
+    assert shown.status == 0
+    document = json.loads(shown.out)
     as_lists = [c._asdict() | {"interval": [*c.interval], "range": [*c.range]} for c in recovered.constants]
     assert document["constants"] == as_lists
     assert document["misfit"] == recovered.misfit
     assert [list(row["model"].values()) for row in document["stretches"]] == recovered.simulated.tolist()
     assert document["files"] == {"machine": str(out), "material": str(out.with_name("fitted-material.toml"))}
-    edmsim.Machine.load(str(out), material=document["files"]["material"])
+    known.machine.load(str(out), material=document["files"]["material"])
 
 
 def test_the_logged_machine_has_the_logs_statistics(known):
@@ -219,13 +216,6 @@ def test_a_setting_the_generator_refuses_is_refused(known):
         calibrate(strong, known.machine)
 
 
-def run(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["edmsim", "calibrate", *map(str, arguments)])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return left.value.code if isinstance(left.value.code, int) else 0
-
-
 @pytest.fixture
 def log_file(known, tmp_path):
     pa.parquet.write_table(known.table.slice(0, 990), tmp_path / "log.parquet")
@@ -239,15 +229,11 @@ def log_file(known, tmp_path):
     (("--out", "fitted.toml", "--resolution", "finest"), "finest"),
     (("--out", "fitted.toml", "--material", "butter"), "unknown material 'butter'"),
 ])  # fmt: skip
-def test_bad_usage_is_one_line_and_2_and_nothing_is_written(
-    log_file, monkeypatch, capsys, options,
-    said,
-):  # fmt: skip
+def test_bad_usage_is_one_line_and_2_and_nothing_is_written(log_file, monkeypatch, edmsim, options, said):
     monkeypatch.chdir(log_file.parent)
-    assert run(monkeypatch, log_file, *options) == 2
-    document = capsys.readouterr()
-    assert said in document.err
-    assert document.err.count("\n") == 1
+    shown = edmsim("calibrate", log_file, *options)
+    assert (shown.status, shown.err.count("\n")) == (2, 1)
+    assert said in shown.err
     assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
 
 
@@ -260,7 +246,7 @@ class Compared(NamedTuple):
 
 
 @pytest.fixture
-def compared(known, tmp_path, monkeypatch, capsys):
+def compared(known, tmp_path, monkeypatch, edmsim):
     """Calibrate with the log of a cut of these settings, up to the first simulated cut."""
     comparisons = []
 
@@ -273,8 +259,9 @@ def compared(known, tmp_path, monkeypatch, capsys):
         log = tmp_path / "log.parquet"
         pa.parquet.write_table(known.table.slice(0, 990).replace_schema_metadata(metadata), log)
         monkeypatch.setattr("edmsim.calibration.comparison.simulate", stop)
-        assert run(monkeypatch, log, "--out", tmp_path / "fitted.toml", *options) == INTERRUPTED
-        return Compared(*comparisons[0], capsys.readouterr().err)
+        shown = edmsim("calibrate", log, "--out", tmp_path / "fitted.toml", *options)
+        assert shown.status == INTERRUPTED
+        return Compared(*comparisons[0], shown.err)
 
     return run_with
 
@@ -353,7 +340,7 @@ def test_what_ends_at_a_bound_says_so(share, half, said):
 
 
 @pytest.mark.slow
-def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeypatch, capsys):
+def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeypatch, edmsim):
     cuts = iter(range(3))
 
     def briefly(*_):
@@ -366,15 +353,14 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeyp
 
     monkeypatch.setattr("edmsim.calibration.comparison.simulate", briefly)
     monkeypatch.setattr("edmsim.progress.LINE_EVERY_S", 0.0)
-    command = log_file, "--out", log_file.parent / "fitted.toml", "--height", "10"
-    assert run(monkeypatch, *command) == INTERRUPTED
-    shown = capsys.readouterr().err
-    assert "calibrate 1 cuts simulated" in shown
-    assert "interrupted; run the same command to resume" in shown
+    words = "calibrate", log_file, "--out", log_file.parent / "fitted.toml", "--height", "10"
+    first = edmsim(*words)
+    assert first.status == INTERRUPTED
+    assert "calibrate 1 cuts simulated" in first.err
+    assert "interrupted; run the same command to resume" in first.err
     assert {file.name for file in log_file.parent.iterdir()} == {"fitted.runs.jsonl", "log.parquet"}
     cuts = iter(range(1))
-    assert run(monkeypatch, *command) == INTERRUPTED
-    assert "calibrate 4 cuts simulated" in capsys.readouterr().err
+    assert "calibrate 4 cuts simulated" in edmsim(*words).err
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared):

@@ -36,7 +36,8 @@ def log_of(*parts):
 
 
 def test_parquet_and_csv_are_read_alike(tmp_path):
-    table = pa.table(rows(5, mean_delay_us=np.array([1.0, np.nan, 3.0, 4.0, 5.0]), short=np.arange(5.0)))
+    delays, short = np.array([0.0, np.nan, 3.0, 4.0, 5.0]), np.arange(5.0)
+    table = pa.table(rows(5, mean_delay_us=delays, short=short, open=255.0 - short))  # all that there can be
     table = table.append_column("z_um", pa.array(range(5)))  # what is not needed is not looked at
     pa.parquet.write_table(table, tmp_path / "log.parquet")
     pa.csv.write_csv(table, tmp_path / "log.csv")
@@ -53,7 +54,6 @@ def test_a_log_of_a_cut_has_its_columns_and_its_settings(cut_small, tmp_path):
     result = cut_small(out=tmp_path, max_time_s=0.5)
     log = read_log(tmp_path / "windows.parquet")
     assert len(log) == result.windows.num_rows
-    assert log.settings is not None
     assert (log.settings.height_mm, log.settings.resolution, log.settings.seed) == (5.0, "fast", 1)
     pa.csv.write_csv(result.windows, tmp_path / "log.csv")
     assert read_log(tmp_path / "log.csv").settings is None
@@ -132,6 +132,15 @@ HEADING = ",".join(COLUMNS) + "\n"
     ("log.csv", f"{HEADING}20,1,2,,1,9,30,100\n".encode(), "window 1: mean_voltage_V nan"),
     ("log.csv", f"{HEADING}20,1,2,inf,1,9,30,100\n".encode(), "window 1: mean_voltage_V inf"),
     ("log.csv", f"{HEADING}20,1,2,20,1,-9,30,100\n".encode(), "window 1: mean_delay_us -9"),
+    ("log.csv", f"{HEADING}20,1,2,20,1,1e300,30,100\n".encode(), "window 1: mean_delay_us 1e.300"),
+    ("log.csv", f"{HEADING}20,1,2,-1e300,1,9,30,100\n".encode(), "window 1: mean_voltage_V -1e.300"),
+    ("log.csv", f"{HEADING}20,1,2,20,1,9,30,1e300\n".encode(), "window 1: t_period_us 1e.300"),
+    ("log.csv", f"{HEADING}20,1,2,20,1,9,30,inf\n".encode(), "window 1: t_period_us inf"),
+    ("log.csv", f"{HEADING}20,{10**30},2,20,1,9,30,100\n".encode(), "window 1: short 1e.30 cannot be"),
+    ("log.csv", f"{HEADING}{'ü,' * 7}1\n".encode("latin-1"), "log.csv:2: feed_um_s is 'ü': give a number"),
+    ("log.csv", b"\x00\xff" * 500, "column feed_um_s is missing"),
+    ("log.parquet", b"\x00\xff" * 500, "is not a Parquet file"),
+    ("log.csv", f"{HEADING[:-1]},höhe\n".encode("latin-1"), "no windows in it"),
 ])  # fmt: skip
 def test_what_is_no_log_is_refused_in_one_line(tmp_path, name, content, said):
     file = tmp_path / name

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edmsim import controllers
-from edmsim.controllers.feed.guarded_hold import GuardedHold, stream_share
+from edmsim.controllers.feed.adaptive_hold import GuardedHold, stream_share
 from edmsim.controllers.feed.law import ServoLaw
 from edmsim.controllers.feed.periods import heat_per_ignition_s
 from edmsim.controllers.protocols import WindowObservation, tell

@@ -8,12 +8,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.board import Board, Faults, Optocouplers
+from edmsim.controllers.mcu.board import (
+    DROPS_BELOW_V,
+    NAMES,
+    WIRE_BREAK,
+    X_END,
+    Y_END,
+    Board,
+    DropOut,
+    Faults,
+    Optocouplers,
+    SafetySwitches,
+    SerialNoise,
+)
 from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
 from edmsim.controllers.mcu.chips.dac import Dac, PulseGeneratorLine, PulseSettings
 from edmsim.controllers.mcu.chips.display import CLEAR, CTRL, READ_KEYS, SHIFT, Kdc8279, write_digit
-from edmsim.controllers.mcu.chips.faults import DROPS_BELOW_V, DropOut, SerialNoise
-from edmsim.controllers.mcu.chips.switches import NAMES, WIRE_BREAK, X_END, Y_END, SafetySwitches
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.errors import InputError
 

@@ -6,14 +6,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.board import Board, LineOrder
+from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END, Board, LineOrder
 from edmsim.controllers.mcu.chips import bus, pic, ppi
 from edmsim.controllers.mcu.chips.dac import PulseSettings
-from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.poscal import poscal
-from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, ENTRY_T, LOAD_T, PULSE_T
+from edmsim.controllers.mcu.firmware.timers import CPU_HZ, ENTRY_T, LOAD_T, PULSE_T
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import WindowObservation, make
+from edmsim.controllers.mcu.computer import before_corner
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.generator_control import before_corner
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation

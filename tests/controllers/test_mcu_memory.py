@@ -8,9 +8,8 @@ from edmsim.controllers.mcu.chips import bus, pic, uart
 from edmsim.controllers.mcu.chips.cpu import CARRY, SIGN, ZERO, A, B, Cpu8085, D, E, NoCodeError
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum
-from edmsim.controllers.mcu.dialogue.main_program import ProgramStore
+from edmsim.controllers.mcu.dialogue.main_program import Move, ProgramStore, Setting
 from edmsim.controllers.mcu.dialogue.monitor import punch, read_tape
-from edmsim.controllers.mcu.dialogue.part_program import Move, Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.optimise import Settings, State
 from edmsim.errors import InputError

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from edmsim.controllers import WindowObservation, make
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.firmware.optimise import ALARM, State, fraction, optimise
-from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, POSCAL_BOUND_T, poscal_t_states
+from edmsim.controllers.mcu.firmware.timers import CPU_HZ, MAX_FEED_UM_S, POSCAL_BOUND_T, poscal_t_states
 from edmsim.errors import InputError
 
 SETTINGS = CountsController().settings(MAX_FEED_UM_S)

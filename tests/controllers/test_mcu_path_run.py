@@ -8,12 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from edmsim.controllers.mcu.board import NAMES, STOP_BUTTON
 from edmsim.controllers.mcu.chips.bus import TIMERS
-from edmsim.controllers.mcu.chips.switches import NAMES, STOP_BUTTON
-from edmsim.controllers.mcu.computer import EMERGENCY, Computer
+from edmsim.controllers.mcu.computer import EMERGENCY, Computer, PathRun
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, ENTRY_T, LOAD_T, POSITI_T, PULSE_T, RETURN_T
-from edmsim.controllers.mcu.path_run import PathRun
+from edmsim.controllers.mcu.firmware.timers import CPU_HZ, ENTRY_T, LOAD_T, POSITI_T, PULSE_T, RETURN_T
 from edmsim.controllers.planner.registry import make_planner
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine

@@ -101,6 +101,8 @@ Number = wrong(update=lambda self, window: 5.0)
 Text = wrong(update=lambda self, window: FeedCommand("5"))
 Never = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=math.nan))
 Early = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=-1.0))
+Unset = wrong(update=lambda self, window: FeedCommand(5.0, t_on_us=math.nan))
+Spelt = wrong(update=lambda self, window: FeedCommand(5.0, t_period_us="90"))
 Coded = wrong(update=lambda self, window: FeedCommand(5.0, 5))
 Unwritable = wrong(snapshot=lambda self: {"most": {1.0}})
 
@@ -139,6 +141,7 @@ def test_a_policy_conforms_and_so_may_an_own_one():
     (Fast, "50 um/s where the machine runs 33.3375"), (Number, "answered 5.0: it must return a FeedCommand"),
     (Forgetful, "does not go on from its snapshot"), (Unwritable, "snapshot that JSON cannot hold"),
     (Text, "a feed of '5' um/s"), (Never, "calculation time of nan s"), (Early, "calculation time of -1.0 s"),
+    (Unset, "on-time nan us; None keeps"), (Spelt, "period '90' us"),
     (Coded, "the alarm 5: give the reason in words"),
     (object, "is not a feed controller: it has no name, reset, update, snapshot, restore"),
 ])  # fmt: skip
@@ -180,6 +183,8 @@ def test_what_a_file_does_not_have_is_refused(law, rest, message):
 
 @pytest.mark.parametrize(("text", "message"), [
     ("def law(:", r"law.py:1: is not Python: invalid syntax"), ("x = 1\ny = x / 0\n", r"law.py:2: .*ZeroDivision"),
+    ("class Half:\n    name = reset = update = snapshot = restore = ''\n    def __init__(self): 1 / 0\n",
+     r"law.py:3: Half cannot be made: ZeroDivisionError"),
     ("import lathe_of_nobody", r"law.py:1: fails when it is run: ModuleNotFoundError"), ("", "the file has no class"),
 ])  # fmt: skip
 def test_a_file_that_cannot_be_run_is_one_line(law, text, message):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.firmware import arithmetic
+from edmsim.controllers.mcu.firmware import poscal as routines
 from edmsim.controllers.mcu.firmware.poscal import SINE, look_up, poscal, positi, resolve, velocm
 from edmsim.controllers.planner.kinds import lengthened
 from edmsim.errors import InputError
@@ -86,19 +86,19 @@ def test_positi_counts_2_um_and_wraps_or_stops_at_the_end(position, direction): 
 
 
 def test_reduc2_halves_once_more_and_verm_refuses_more_than_8_bits():  # T-A2, T-64
-    assert arithmetic.reduc2(182, 255) == (91, 127)
+    assert routines.reduc2(182, 255) == (91, 127)
     for pair in [(256, 1), (1, 256), (-1, 0)]:
         with pytest.raises(InputError, match=f"0..255, not {pair[0]} and {pair[1]}"):
-            arithmetic.verm(*pair)
+            routines.verm(*pair)
 
 
 @pytest.mark.parametrize("sequence", [
     [2, 1, 2, 2], [25, 13, 7, 5, 5], [10_000, 5_000, 2_501, 1_252, 630, 323, 177, 117, 101, 100, 100], [65_535, 0, 0],
 ])  # fmt: skip
 def test_sqrt_takes_the_worked_steps(monkeypatch, sequence):  # T-G5
-    divisors, divide, root = [], arithmetic.divide, arithmetic.sqrt(sequence[0])
-    monkeypatch.setattr(arithmetic, "divide", lambda dividend, by: divisors.append(by) or divide(dividend, by))
-    assert arithmetic.sqrt.py_func(sequence[0]) == root
+    divisors, divide, root = [], routines.divide, routines.sqrt(sequence[0])
+    monkeypatch.setattr(routines, "divide", lambda dividend, by: divisors.append(by) or divide(dividend, by))
+    assert routines.sqrt.py_func(sequence[0]) == root
     assert [sequence[0], *divisors, root] == sequence
 
 

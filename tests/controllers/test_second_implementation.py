@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from edmsim.controllers.mcu.firmware import arithmetic, poscal
+from edmsim.controllers.mcu.firmware import poscal
 
 ALL_WORDS = np.arange(65_536, dtype=np.int64)
 
@@ -75,7 +75,7 @@ def called(routine, *columns):
 
 
 def test_sqrt_of_every_word():  # T-67, T-G1, T-G2, T-G3, T-G7
-    np.testing.assert_array_equal(called(arithmetic.sqrt, ALL_WORDS), text_sqrt(ALL_WORDS))
+    np.testing.assert_array_equal(called(poscal.sqrt, ALL_WORDS), text_sqrt(ALL_WORDS))
     assert text_sqrt(ALL_WORDS, passes=True).max() == 11
     error = text_sqrt(ALL_WORDS[:-1]) - np.sqrt(ALL_WORDS[:-1])
     assert (error.argmin(), error.min()) == (65_279, pytest.approx(-0.4976, abs=5e-5))
@@ -102,24 +102,24 @@ def test_without_the_1_that_is_added_roots_below_a_square_never_settle():  # T-G
 
 def test_verm_of_every_pair_of_bytes_and_square():  # T-64, T-65
     a, b = np.divmod(ALL_WORDS, 256)
-    np.testing.assert_array_equal(called(arithmetic.verm, a, b), np.multiply.outer(*[np.arange(256)] * 2).ravel())
-    np.testing.assert_array_equal(called(arithmetic.square, np.arange(256)), np.arange(256) ** 2)
+    np.testing.assert_array_equal(called(poscal.verm, a, b), np.multiply.outer(*[np.arange(256)] * 2).ravel())
+    np.testing.assert_array_equal(called(poscal.square, np.arange(256)), np.arange(256) ** 2)
 
 
 def test_divide_of_every_boundary_by_every_boundary():  # T-66, T-A3
     near = np.array(boundaries())
     a, b = (grid.ravel() for grid in np.meshgrid(near, near))
-    np.testing.assert_array_equal(called(arithmetic.divide, a, b), text_divide(a, b))
+    np.testing.assert_array_equal(called(poscal.divide, a, b), text_divide(a, b))
 
 
 def test_subsgn_and_reduc_at_every_boundary():  # T-62, T-63, T-A2
     near = np.array(boundaries())
     a, b = (grid.ravel() for grid in np.meshgrid(near, near))
-    np.testing.assert_array_equal(called(arithmetic.subsgn, a, b).T, text_subsgn(a, b))
-    np.testing.assert_array_equal(called(arithmetic.reduc, a, b).T, text_reduc(a, b))
+    np.testing.assert_array_equal(called(poscal.subsgn, a, b).T, text_subsgn(a, b))
+    np.testing.assert_array_equal(called(poscal.reduc, a, b).T, text_reduc(a, b))
     others = np.roll(ALL_WORDS, 12_345)
-    np.testing.assert_array_equal(called(arithmetic.reduc, ALL_WORDS, others).T, text_reduc(ALL_WORDS, others))
-    np.testing.assert_array_equal(called(arithmetic.subsgn, ALL_WORDS, others).T, text_subsgn(ALL_WORDS, others))
+    np.testing.assert_array_equal(called(poscal.reduc, ALL_WORDS, others).T, text_reduc(ALL_WORDS, others))
+    np.testing.assert_array_equal(called(poscal.subsgn, ALL_WORDS, others).T, text_subsgn(ALL_WORDS, others))
 
 
 @pytest.mark.slow

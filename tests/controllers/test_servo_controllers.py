@@ -8,7 +8,7 @@ from edmsim import controllers
 from edmsim.controllers import WindowObservation
 from edmsim.errors import InputError
 from edmsim.job.cut import make_controller
-from edmsim.plant.window import PulseWindow
+from edmsim.machine.pulse_window import PulseWindow
 
 MAX_FEED = 100.0
 WINDOW_S = 0.0255

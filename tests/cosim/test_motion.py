@@ -1,7 +1,5 @@
 """Evenly spaced steps, and a planner's: at the asked speed, either way, however the windows are cut."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -118,7 +116,7 @@ class Lines:
 
 
 def planned(command, lines=None, rest_until_ns=0):
-    return PlannerMotion(Clockwork(), lines, 7.0, rest_until_ns, command, 50.0, along_x())  # type: ignore[arg-type]
+    return PlannerMotion(Clockwork(), lines, 7.0, rest_until_ns, command, 50.0, along_x())
 
 
 def along_x():
@@ -194,7 +192,7 @@ def test_no_steps_are_not_driven():
 
 def test_the_guides_take_their_lateral_offset_before_they_go_along_the_path():
     offset = along_x()
-    motion = PlannerMotion(Clockwork(), None, 0.0, 0, FeedCommand(20.0, offset_um=6.0), 50.0, offset)  # type: ignore[arg-type]
+    motion = PlannerMotion(Clockwork(), None, 0.0, 0, FeedCommand(20.0, offset_um=6.0), 50.0, offset)
     assert motion.plan(0, 1_000, certain=True) == [Step(0, 1, 1), Step(0, 0, 1)]
     assert offset.lateral_um == (0.0, 2.0)
 

@@ -1,7 +1,5 @@
 """Observers see every window before anything is decided, change nothing, and are saved; why a machine stops."""
 
-from __future__ import annotations
-
 import itertools
 from typing import ClassVar
 
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import FeedCommand
-from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.laws import FixedController
 from edmsim.cosim.observers import Observer
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open

@@ -1,7 +1,5 @@
 """A controller meets the same plant in a cut, in an evaluation and in an environment: one contract between them."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import gymnasium as gym

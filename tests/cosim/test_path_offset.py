@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edmsim.controllers.feed.fixed import FixedController
 from edmsim.controllers.planner.lateral_offset import PathOffset
-from edmsim.controllers.protocols import FeedCommand
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -58,31 +58,19 @@ def test_it_goes_on_where_it_was_saved():
     assert second.lateral_um == first.lateral_um == (0.0, 2.0)
 
 
-class Lateral:
-    """A controller that feeds evenly, beside the path."""
+class Lateral(FixedController):
+    """Feeds evenly beside the path, and does not look at its parameters."""
 
     name = "lateral"
 
-    def __init__(self, offset_um):
-        self.offset_um = offset_um
-
-    def reset(self, max_feed_um_s):
-        return FeedCommand(20.0, offset_um=self.offset_um)
-
-    def update(self, window):
-        return FeedCommand(20.0, offset_um=self.offset_um)
-
-    def snapshot(self):
-        return {}
-
-    def restore(self, state):
+    def __post_init__(self):
         pass
 
 
 def simulation(offset_um):
     machine = Machine.load(height_mm=5.0)
     path = plan_path(PUNCH, auto_offset_mm=machine.auto_offset_mm)
-    return Simulation(machine, path, Lateral(offset_um), seed=1, resolution="fast")
+    return Simulation(machine, path, Lateral(20.0, offset_um), seed=1, resolution="fast")
 
 
 def test_a_cut_offsets_the_guides_laterally_and_counts_along_the_path():

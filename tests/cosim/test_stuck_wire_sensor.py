@@ -39,8 +39,8 @@ def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot):
     unnoticed.run()
     assert (noticed.outcome, unnoticed.outcome) == ("wire-break", "finished")
     assert unnoticed.reason == f"{noticed.reason}; {UNNOTICED}"
-    rows = unnoticed.observers[0].to_arrow().to_pandas()  # type: ignore[attr-defined]
-    broke = len(noticed.observers[0].to_arrow())  # type: ignore[attr-defined]
+    rows = unnoticed.observers[0].to_arrow().to_pandas()
+    broke = len(noticed.observers[0].to_arrow())
     before, after = rows[:broke], rows[broke:]
     assert before["spark"].sum() > 0
     assert set(after["open"]) == {255}
@@ -65,7 +65,7 @@ def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot):
     assert second.run() == first.run() == "finished"
     assert second.plant.time_ns == first.plant.time_ns
     assert second.plant.commanded_um == first.plant.commanded_um
-    one, other = (cut.observers[0].to_arrow().to_pandas() for cut in (first, second))  # type: ignore[attr-defined]
+    one, other = (cut.observers[0].to_arrow().to_pandas() for cut in (first, second))
     assert one.equals(other)
 
 
@@ -84,7 +84,6 @@ def test_the_wire_threaded_for_the_next_contour_cuts_again(hot):
 def test_the_time_limit_of_a_cut_without_a_wire_is_reported_as_well(hot):
     cut = straight_cut(hot, stuck_wire_sensor=True, max_time_s=40.0)
     assert cut.run() == "time-limit"
-    assert cut.reason is not None
     assert UNNOTICED in cut.reason
     assert cut.reason.endswith("the time limit of 40 s of machine time was reached")
 

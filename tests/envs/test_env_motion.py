@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, PLANNER, addresses, advance, done
+from edmsim.controllers.planner.registry import Course
 from edmsim.envs import path_follower as motion
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine

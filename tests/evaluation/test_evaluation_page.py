@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from edmsim.errors import InputError
 from edmsim.evaluation.compare import leaderboard
 from edmsim.evaluation.table import draw_returns, markdown_table, write_page
 
@@ -23,13 +22,3 @@ def test_a_page_has_the_table_and_a_row_of_the_figure_for_every_controller(tmp_p
     assert shown[-1] == "oracle"
     dots = [line for line in axes.lines if len(line.get_xdata()) == len(made.seeds)]
     assert sorted(dots[-1].get_xdata()) == sorted(cut.total_return for cut in made.results["oracle"])
-
-
-def test_a_page_is_markdown(tmp_path):
-    from typer.testing import CliRunner
-
-    from edmsim.cli.app import app
-
-    found = CliRunner().invoke(app, ["evaluate", "edmsim/GapFeed-v2", "--page", str(tmp_path / "page.html")])
-    assert isinstance(found.exception, InputError)
-    assert "written as .md" in str(found.exception)

@@ -1,7 +1,5 @@
 """The search for the highest stable cutting rate: what it holds, what ends it, and what it refuses."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any

@@ -3,9 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from typer.testing import CliRunner
 
-from edmsim.cli import app as cli
 from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology
@@ -35,7 +33,6 @@ def answer_through(job, at):
     table = job.technology([at]).table(at.height_mm, len(at.passes))
     for number, (one, offset_mm) in enumerate(zip(table.settings, table.offsets_mm, strict=True), 1):
         cut = answer(job, one, number, offset_mm, None)
-        assert cut.record.wall is not None
         wall = replace(cut.record.wall, mean_um=cut.record.wall.mean_um - job.seed // technology.NEXT_SEED)
         cuts.append(cut._replace(record=replace(cut.record, wall=wall)))
     return cuts
@@ -154,27 +151,22 @@ def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path, monk
         Search(Job("tool-steel", passes=3), messages.append, journal).run()
 
 
-def test_the_command_writes_a_technology_and_adds_heights(tmp_path):
-    file, runner = tmp_path / "steel.toml", CliRunner()
-    for height in ("30", "20"):
-        done = runner.invoke(
-            cli.app, ["tune", "technology", "tool-steel", "--height", height, "--passes", "2", "--out", str(file)]
-        )
-        assert done.exit_code == 0, done.output
+def test_the_command_writes_a_technology_and_adds_heights(edmsim, tmp_path):
+    file = tmp_path / "steel.toml"
+    for height in (30, 20):
+        words = ("tune", "technology", "tool-steel", "--height", height, "--passes", 2, "--out", file)
+        assert edmsim(*words).status == 0
     found = read_technology(file)
     assert [at.height_mm for at in found.heights] == [20.0, 30.0]
     assert found.table(25.0, 2).offsets_mm[-1] == pytest.approx(0.150)
     assert not file.with_suffix(".runs.jsonl").exists()
     assert found.source.endswith("tune technology tool-steel --height 20 --passes 2 and --height 30 --passes 2")
     before = file.read_bytes()
-    again = runner.invoke(
-        cli.app, ["tune", "technology", "tool-steel", "--height", "20", "--passes", "2", "--out", str(file)]
-    )
-    assert again.exit_code == 0, again.output
+    assert edmsim(*words).status == 0
     assert file.read_bytes() == before
-    other = runner.invoke(cli.app, ["tune", "technology", "copper", "--passes", "1", "--out", str(file)])
-    assert isinstance(other.exception, InputError)
-    assert "holds a technology for material tool-steel, not copper" in str(other.exception)
+    other = edmsim("tune", "technology", "copper", "--passes", 1, "--out", file)
+    assert other.status == 2
+    assert "holds a technology for material tool-steel, not copper" in other.err
 
 
 def test_a_technology_is_valid_toml_whatever_its_files_are_called(tmp_path):

@@ -124,8 +124,6 @@ def test_a_wire_on_its_path_has_no_error_within_reach_and_says_why_there_is_one_
     against, within = (
         worst_place([contour()], [found], [left], [None], reachable=reachable) for reachable in (False, True)
     )
-    assert against is not None
-    assert within is not None
     assert (against.x_mm, against.y_mm, against.why) == (2.0, 2.0, "out of reach")
     assert against.error_um == pytest.approx(LEFT_UM, abs=1.0)
     assert within.error_um == 0.0
@@ -143,7 +141,6 @@ def test_the_largest_error_says_what_lies_there(place_mm, why):
     shares = np.zeros((5, len(found.s_mm)))
     shares[3] = -30.0
     worst = worst_place([contour()], [found], [np.zeros(len(found.s_mm))], [shares], reachable=True)
-    assert worst is not None
     assert (worst.error_um, worst.why, worst.made_by) == (-30.0, why, "wire")
 
 
@@ -170,14 +167,19 @@ def test_elements_are_the_lines_of_the_program():
         assert (row.mean_um, row.rms_um, row.low_um, row.high_um) == pytest.approx((2.0,) * 4)
 
 
-@pytest.mark.parametrize("turn", [math.tau, 2.0])
-def test_an_arc_has_its_radius(turn):
+@pytest.mark.parametrize(("turn", "high_mm", "kind"), [
+    (math.tau, 1.5, "arc"), (2.0, 1.5, "arc"), (2.0, 1.4, "curve"), (math.tau, 1.4, "curve"), (2.0, 0.0, "line"),
+])  # fmt: skip
+def test_an_arc_has_its_radius(turn, high_mm, kind):
     angle = np.linspace(0, turn, 60)
-    points = 1.5 * np.column_stack([np.cos(angle), np.sin(angle)]) + 20.0
+    points = np.column_stack([1.5 * np.cos(angle), high_mm * np.sin(angle)]) + 20.0
     arc = WireContour(np.round(points * 1e3).astype(np.int64), 0, points, False, "left", elements=((1, 4),) * 59)
     s = np.linspace(0, 1.5 * turn, 100)
     found = ProfileError(np.zeros((100, 2)), s, np.zeros((2, 100)), np.zeros(100, bool))
     (row,) = element_errors(1, arc, found, np.zeros(100))
-    assert (row.kind, row.line) == ("arc", 4)
-    assert row.radius_mm == pytest.approx(1.5, abs=1e-6)
-    assert row.length_mm == pytest.approx(1.5 * turn, rel=1e-3)
+    assert (row.kind, row.line) == (kind, 4)
+    if kind == "arc":
+        assert row.radius_mm == pytest.approx(1.5, abs=1e-6)
+        assert row.length_mm == pytest.approx(1.5 * turn, rel=1e-3)
+    else:
+        assert row.radius_mm is None

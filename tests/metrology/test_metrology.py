@@ -13,7 +13,7 @@ from edmsim.errors import InputError
 from edmsim.metrology.edges import contour as kerf_polygons
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import kerf_width, width_stats
-from edmsim.metrology.profile import corners, profile_error
+from edmsim.metrology.profile import corners, depth_in_blank, profile_error
 from edmsim.metrology.roughness import ra_over_depth, roughness_um
 from edmsim.plant.workpiece.kerf_field import FULL, TILE, KerfField, Stock
 from edmsim.program.path import WireContour
@@ -241,6 +241,8 @@ def test_the_blank_own_edges_are_left_out():
     assert 3.15 <= x.min() < 3.2
     assert not ((x > 4.6) & (x < 5.4)).any()
     assert profile.stats()["max"] < 0.6
+    places = np.array([(3.2, 5.0), (8.9, 5.0), (5.0, 8.7), (6.0, 3.05), (5.0, 4.5), (5.0, 4.1), (2.0, 5.0)])
+    assert depth_in_blank(stock, places) == pytest.approx([0.2, 0.1, 0.3, 0.05, 0.1, -0.3, -1.0])
 
 
 def test_loose_grains_in_the_kerf_are_no_walls():

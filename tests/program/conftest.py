@@ -1,24 +1,17 @@
 """Programs and drawings made and read back."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import ezdxf
 import pytest
 
 from edmsim.program import load_program
 from edmsim.program.dxf import read_dxf
-from edmsim.program.outline import Program
 
 
 @pytest.fixture
-def read(tmp_path: Path) -> Callable[..., Program]:
+def read(tmp_path):
     """Return a function that reads G-code; it is in ``part.ngc`` then."""
 
-    def read_text(text: str | bytes, **options: Any) -> Program:
+    def read_text(text, **options):
         file = tmp_path / "part.ngc"
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
         return load_program(file, **options)
@@ -27,11 +20,11 @@ def read(tmp_path: Path) -> Callable[..., Program]:
 
 
 @pytest.fixture
-def drawing(tmp_path: Path) -> Callable[..., Program]:
+def drawing(tmp_path):
     """Return a function that draws with a callback and reads the drawing back."""
 
-    def make(draw: Callable[[Any], object], units: int = 4, version: str = "R2010") -> Program:
-        document = ezdxf.new(version)  # type: ignore[attr-defined]
+    def make(draw, units=4, version="R2010"):
+        document = ezdxf.new(version)
         document.units = units
         draw(document.modelspace())
         file = tmp_path / "drawing.dxf"
@@ -42,10 +35,10 @@ def drawing(tmp_path: Path) -> Callable[..., Program]:
 
 
 @pytest.fixture
-def own_text(tmp_path: Path) -> Callable[..., Program]:
+def own_text(tmp_path):
     """Return a function that reads a drawing given as text: lines of its entities, or all of them as bytes."""
 
-    def read(entities: str | bytes, before: str = "") -> Program:
+    def read(entities, before=""):
         file = tmp_path / "own.dxf"
         head = "0 SECTION 2 HEADER 9 $ACADVER 1 AC1009 0 ENDSEC"
         if isinstance(entities, str):

@@ -1,7 +1,5 @@
 """The pages of the dialects: their programs are read, and their tables name the words that the code knows."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -17,13 +15,13 @@ PASSES = {"index": 2, "sodick": 2, "mitsubishi": 2, "skd2": 2, "fanuc": 2}
 TAPERED = {"sodick", "fanuc", "charmilles", "linuxcnc"}
 
 
-def first_cells(page: str) -> str:
+def first_cells(page):
     rows = [line for line in page.splitlines() if line.startswith("| ")]
     return "\n".join(re.split(r" \| ", row)[0] for row in rows)
 
 
 @pytest.mark.parametrize("name", [*NAMES, "index"])
-def test_the_program_of_a_page_is_read_as_its_dialect(name: str, tmp_path: Path) -> None:
+def test_the_program_of_a_page_is_read_as_its_dialect(name, tmp_path):
     (text,) = re.findall(r"```text\n(.*?)```", (DOCS / f"{name}.md").read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "part.nc").write_text(text)
     offsets = {"D1": 0.195} if name == "charmilles" else {}
@@ -35,7 +33,7 @@ def test_the_program_of_a_page_is_read_as_its_dialect(name: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_page_names_the_words_of_its_dialect(name: str) -> None:
+def test_a_page_names_the_words_of_its_dialect(name):
     dialect = DIALECTS[name]
     cells = first_cells((DOCS / f"{name}.md").read_text(encoding="utf-8"))
     if name != "freecad":  # its table has the switches of the post
@@ -49,7 +47,7 @@ def test_a_page_names_the_words_of_its_dialect(name: str) -> None:
         assert ("G4" in cells) == dialect.dwells_in_ms
 
 
-def test_the_index_names_every_dialect_and_every_setting() -> None:
+def test_the_index_names_every_dialect_and_every_setting():
     page = (DOCS / "index.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| \[?`(\w+)`\]?", page.split("## Which")[0], re.MULTILINE)) == set(DIALECTS)
     table = page.split("| setting")[1].split("\n\n")[0]

@@ -1,9 +1,6 @@
 """Programs as FreeCAD's post for wire EDM writes them: whatever its switches, one contour is read."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,10 +11,6 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.program.gcode import read_gcode
-from edmsim.program.outline import Program
-
-Point = tuple[int, int]
-Move = tuple[str, Point, Point | None]
 
 
 @dataclass(frozen=True)
@@ -43,11 +36,11 @@ class Switches:
     signs: bool
 
     @property
-    def per_unit(self) -> int:
+    def per_unit(self):
         """Steps of the grid in a unit: 0.001 mm, or 0.0001 inch."""
         return 10_000 if self.inches else 1000
 
-    def number(self, steps: int) -> str:
+    def number(self, steps):
         places = 4 if self.inches and self.scale == 1 else self.places
         text = f"{steps / self.per_unit * self.scale:.{places}f}"
         if self.signs and steps >= 0:
@@ -55,15 +48,15 @@ class Switches:
         return text.zfill(self.digits + (text[0] in "+-")) if self.digits else text
 
 
-def written(moves: list[Move], how: Switches) -> str:
+def written(moves, how):
     """Write moves as the post does; the first leads to the contour from X0 Y0."""
-    lines: list[str] = []
+    lines = []
 
-    def line(*words: str, ended: bool = True) -> None:
+    def line(*words, ended=True):
         number = [f"N{10 * len(lines) + 110}"] if how.numbers else []
         lines.append(how.space.join([*number, *words]) + how.line_end * ended)
 
-    def comment(text: str) -> None:
+    def comment(text):
         line(f"{how.comment_sign}({text})", ended=False)
 
     if how.header:
@@ -95,7 +88,7 @@ def written(moves: list[Move], how: Switches) -> str:
     return how.newline.join([*lines, ""])
 
 
-def rounded_rectangle(corner: Point, width: int, height: int, radius: int) -> list[Move]:
+def rounded_rectangle(corner, width, height, radius):
     """Return the moves to and round a rectangle with four round corners, clockwise from its lower side."""
     x, y = corner
     x2, y2, r = x + width, y + height, radius
@@ -120,10 +113,10 @@ switches = st.builds(
 
 
 @pytest.fixture(scope="module")
-def read(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Switches], Program]:
+def read(tmp_path_factory):
     folder = tmp_path_factory.mktemp("freecad")
 
-    def read_text(text: str, how: Switches) -> Program:
+    def read_text(text, how):
         file = folder / "part.nc"
         file.write_bytes(text.encode())
         return read_gcode(file, dialect="auto" if how.header or how.comments else "freecad")
@@ -136,10 +129,7 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Switches], 
     how=switches, whole=st.booleans(), corner=st.tuples(st.integers(100, 5000), st.integers(100, 5000)),
     width=st.integers(2001, 20_000), height=st.integers(2001, 20_000), radius=st.integers(20, 900),
 )  # fmt: skip
-def test_whatever_its_switches_one_contour_is_read(
-    read: Callable[[str, Switches], Program], how: Switches, whole: bool, corner: Point, width: int, height: int,
-    radius: int,
-) -> None:
+def test_whatever_its_switches_one_contour_is_read(read, how, whole, corner, width, height, radius):
     if how.inches and not (how.units or how.comments):
         return  # nothing in it tells of inches: read as mm, as its page says
     if whole and how.scale == 1000:
@@ -169,7 +159,7 @@ PLAIN = Switches(
 BOX = rounded_rectangle((1000, 1000), 8000, 5000, 500)
 
 
-def test_whole_um_with_leading_zeros_signs_and_no_blanks(read: Callable[[str, Switches], Program]) -> None:
+def test_whole_um_with_leading_zeros_signs_and_no_blanks(read):
     how = Switches(**{
         **vars(PLAIN), "space": "", "scale": 1000, "places": 0, "digits": 6, "signs": True, "two_digits": True,
         "relative": True, "line_end": "*", "units": False,
@@ -182,16 +172,14 @@ def test_whole_um_with_leading_zeros_signs_and_no_blanks(read: Callable[[str, Sw
     assert math.isclose(program.outlines[0].points_mm[0, 0], 5.0)
 
 
-def test_a_line_end_that_some_lines_lack_is_a_word_that_is_not_known(
-    read: Callable[[str, Switches], Program],
-) -> None:
+def test_a_line_end_that_some_lines_lack_is_a_word_that_is_not_known(read):
     text = written(BOX, Switches(**{**vars(PLAIN), "line_end": "*"}))
     spoilt = text.replace("*\n", "\n", 4)
     with pytest.raises(InputError, match="unknown word"):
         read(spoilt, PLAIN)
 
 
-def test_feeds_are_not_scaled(read: Callable[[str, Switches], Program]) -> None:
+def test_feeds_are_not_scaled(read):
     how = Switches(**{**vars(PLAIN), "scale": 1000, "places": 0})
     text = written(BOX, how).replace("Y1000\n", "Y1000 F2.5\n", 1)
     assert any("feed F2.5 mm/min is not used" in notice for notice in read(text, how).notices)

@@ -1,12 +1,7 @@
 """What CAD programs and scripts write besides plain lines: polylines of every kind, annotations, damaged files."""
 
-from __future__ import annotations
-
 import itertools
 import random
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import ezdxf
 import numpy as np
@@ -14,34 +9,30 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.program.dxf import read_dxf
-from edmsim.program.outline import Program
-
-CASES = Path(__file__).parents[3] / "shared/data/cases"
-Reading = Callable[..., Program]
 
 INSERT = " 0 INSERT 8 0 2 B 10 1 20 1"
 CORNERS = [(0, 0), (10, 0), (10, 6), (0, 6)]
 
 
-def line(start: tuple[float, float], end: tuple[float, float], order: tuple[int, ...] = (10, 20, 11, 21)) -> str:
+def line(start, end, order=(10, 20, 11, 21)):
     value = {10: start[0], 20: start[1], 11: end[0], 21: end[1]}
     return " 0 LINE 8 0 " + " ".join(f"{code} {value[code]}" for code in order)
 
 
-def rectangle(order: tuple[int, ...] = (10, 20, 11, 21)) -> str:
+def rectangle(order=(10, 20, 11, 21)):
     return "".join(line(a, b, order) for a, b in itertools.pairwise([*CORNERS, CORNERS[0]]))
 
 
-def size(program: Program) -> list[float]:
+def size(program):
     (outline,) = program.outlines
     return [float(extent) for extent in np.ptp(outline.points_mm, axis=0).round(2)]
 
 
-def block_of(entity: str) -> str:
+def block_of(entity):
     return f"0 SECTION 2 BLOCKS 0 BLOCK 8 0 2 B 70 0 10 0 20 0 {entity} 0 ENDBLK 8 0 0 ENDSEC"
 
 
-def polyline(flags: int, vertices: list[tuple[float, ...]]) -> str:
+def polyline(flags, vertices):
     """Return a POLYLINE; a vertex is x, y, z and its flags."""
     body = "".join(f" 0 VERTEX 8 0 10 {x} 20 {y} 30 {z} 70 {f}" for x, y, z, f in vertices)
     return f" 0 POLYLINE 8 0 66 1 10 0 20 0 30 0 70 {flags}{body} 0 SEQEND 8 0"
@@ -57,7 +48,7 @@ CURVE = [(0.0, 0.0, 0.0, 8), (10.0, 0.0, 0.0, 8), (10.0, 6.0, 0.0, 8), (0.0, 6.0
     (9, [(x, y, 4.0, 32) for x, y, _, _ in CURVE]), (9, [(x, y, 4.0 + 1e-9 * x, 32) for x, y, _, _ in CURVE]),
     (13, [*[(x, y, 7.0, 48) for x, y, _, _ in FRAME], *[(x, y, 4.0, 40) for x, y, _, _ in CURVE]]),
 ])  # fmt: skip
-def test_polylines_are_drawn_by_their_flags(own_text: Reading, flags: int, vertices: list[tuple[float, ...]]) -> None:
+def test_polylines_are_drawn_by_their_flags(own_text, flags, vertices):
     """What only controls a spline (16) is not drawn; what fits it (8) or a curve (1) is; 3D at one height is flat."""
     assert size(own_text(polyline(flags, vertices))) == [10, 6]
 
@@ -68,15 +59,13 @@ def test_polylines_are_drawn_by_their_flags(own_text: Reading, flags: int, verti
     (64, [(0.0, 0.0, 0.0, 192), (10.0, 0.0, 0.0, 192)], "a polyface mesh cannot be cut"),
     (5, FRAME, "a POLYLINE holds only what controls its spline"),
 ])  # fmt: skip
-def test_other_polylines_are_refused_by_name(
-    own_text: Reading, flags: int, vertices: list[tuple[float, ...]], named: str
-) -> None:
+def test_other_polylines_are_refused_by_name(own_text, flags, vertices, named):
     with pytest.raises(InputError, match=named):
         own_text(rectangle() + polyline(flags, vertices))
 
 
-def test_the_arcs_of_mirrored_polylines_keep_their_side(drawing: Reading) -> None:
-    def draw(space: Any) -> None:
+def test_the_arcs_of_mirrored_polylines_keep_their_side(drawing):
+    def draw(space):
         slot = [(0, 0, 0), (10, 0, 1), (10, 4, 0), (0, 4, 0)]
         space.add_lwpolyline(slot, format="xyb", close=True, dxfattribs={"extrusion": (0, 0, -1)})
 
@@ -87,7 +76,7 @@ def test_the_arcs_of_mirrored_polylines_keep_their_side(drawing: Reading) -> Non
 
 @pytest.mark.parametrize("kind", ["3DFACE", "SOLID", "TRACE", "3DSOLID", "REGION", "BODY", "MLINE", "MESH", "NEW"])
 @pytest.mark.parametrize("where", ["model space", "block", "stretched block"])
-def test_what_cannot_be_cut_is_refused_by_its_name(own_text: Reading, kind: str, where: str) -> None:
+def test_what_cannot_be_cut_is_refused_by_its_name(own_text, kind, where):
     corners = " ".join(f"1{k} {x} 2{k} {y} 3{k} 0" for k, (x, y) in enumerate(CORNERS))
     entity = f" 0 {kind} 8 0 {corners}"
     drawn = entity if where == "model space" else INSERT + " 41 2" * (where != "block")
@@ -99,7 +88,7 @@ def test_what_cannot_be_cut_is_refused_by_its_name(own_text: Reading, kind: str,
     "ACAD_TABLE", "LARGE_RADIAL_DIMENSION", "ARC_DIMENSION", "DIMENSION", "MTEXT", "HATCH", "MPOLYGON", "LEADER",
     "MULTILEADER", "ARCALIGNEDTEXT", "OLEFRAME", "WIPEOUT",
 ])  # fmt: skip
-def test_annotations_are_left_out_with_a_notice(own_text: Reading, kind: str) -> None:
+def test_annotations_are_left_out_with_a_notice(own_text, kind):
     entity = f" 0 {kind} 8 0 10 3 20 3 30 0"
     for drawn in (entity, INSERT + " 41 2"):
         program = own_text(rectangle() + drawn, block_of(entity) if drawn != entity else "")
@@ -109,7 +98,7 @@ def test_annotations_are_left_out_with_a_notice(own_text: Reading, kind: str) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("order", list(itertools.permutations((10, 20, 11, 21))))
-def test_codes_come_in_any_order(own_text: Reading, order: tuple[int, ...]) -> None:
+def test_codes_come_in_any_order(own_text, order):
     program = own_text(rectangle(order))
     assert size(program) == [10, 6]
     assert sum("irregular" in notice for notice in program.notices) <= 1
@@ -126,7 +115,7 @@ def test_codes_come_in_any_order(own_text: Reading, order: tuple[int, ...]) -> N
     ("0 SPLINE 8 0 70 8 71 1 72 4 73 2 40 0 40 0 40 1 40 1 10 0 10 10 20 0 20 0" + line((10, 0), (10, 6))
      + line((10, 6), (0, 0)), [10, 6]),
 ])  # fmt: skip
-def test_so_do_those_of_every_kind(own_text: Reading, entities: str, extent: list[float]) -> None:
+def test_so_do_those_of_every_kind(own_text, entities, extent):
     assert size(own_text(entities)) == pytest.approx(extent, abs=0.01)
 
 
@@ -145,14 +134,14 @@ IRREGULAR = {
 
 
 @pytest.mark.parametrize("data", IRREGULAR.values(), ids=list(IRREGULAR))
-def test_irregular_files_are_recovered_with_one_notice(own_text: Reading, data: bytes) -> None:
+def test_irregular_files_are_recovered_with_one_notice(own_text, data):
     assert data != TEXT
     program = own_text(data)
     assert size(program) == [10, 6]
     assert sum("the drawing is irregular" in notice for notice in program.notices) == 1
 
 
-def test_the_librarys_warnings_are_one_notice(own_text: Reading, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_librarys_warnings_are_one_notice(own_text, capfd):
     program = own_text(TEXT.replace(b"LINE\n", b"LINE\n5\n21\n"))
     assert size(program) == [10, 6]
     (message,) = [notice for notice in program.notices if "irregular" in notice]
@@ -160,7 +149,7 @@ def test_the_librarys_warnings_are_one_notice(own_text: Reading, capfd: pytest.C
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_drawing_without_a_header_is_in_mm(own_text: Reading) -> None:
+def test_a_drawing_without_a_header_is_in_mm(own_text):
     program = own_text(TEXT[TEXT.index(b"0\nSECTION\n2\nENTITIES") :])
     assert size(program) == [10, 6]
     assert "the drawing sets no unit ($INSUNITS): it is read as mm" in program.notices
@@ -185,28 +174,19 @@ OTHERS = {
 
 
 @pytest.mark.parametrize(("data", "message"), OTHERS.values(), ids=list(OTHERS))
-def test_what_is_no_whole_drawing_is_refused_in_plain_words(own_text: Reading, data: bytes, message: str) -> None:
+def test_what_is_no_whole_drawing_is_refused_in_plain_words(own_text, data, message):
     with pytest.raises(InputError) as caught:
         own_text(data)
     assert caught.match(message)
+    assert "\n" not in str(caught.value)
     for python in ("Error", "Invalid", "object", "None", "Traceback", "b'"):
         assert python not in caught.value.reason
 
 
 @pytest.mark.parametrize("version", ["R12", "R2010"])
-def test_binary_drawings_are_read(tmp_path: Path, version: str) -> None:
-    document = ezdxf.new(version)  # type: ignore[attr-defined]
+def test_binary_drawings_are_read(tmp_path, version):
+    document = ezdxf.new(version)
     document.header["$INSUNITS"] = 4
     document.modelspace().add_circle((0, 0), 3)
     document.saveas(tmp_path / "own.dxf", fmt="bin")
     assert size(read_dxf(tmp_path / "own.dxf")) == pytest.approx([6, 6], abs=0.01)
-
-
-def test_the_cases_of_the_collection(capfd: pytest.CaptureFixture[str]) -> None:
-    if not CASES.is_dir():
-        pytest.skip("the collection of cases is not there")
-    expected = {"26-flat-3d-polyline": [10, 10], "28-x-before-y": [10, 6], "31-handles-twice": [10, 6]}
-    assert {name: size(read_dxf(CASES / f"{name}.dxf")) for name in expected} == expected
-    with pytest.raises(InputError, match="a 3DFACE cannot be cut"):
-        read_dxf(CASES / "30-face-in-a-drawing.dxf")
-    assert capfd.readouterr() == ("", "")

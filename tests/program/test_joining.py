@@ -1,13 +1,8 @@
 """Short, repeated and doubled entities of drawings: joined away, removed, cut once."""
 
-from __future__ import annotations
-
 import math
 import warnings
-from collections.abc import Callable, Sequence
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,33 +10,28 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.program.dxf import read_dxf
 from edmsim.program.entities import Chain, joined_contours, without_duplicates
-from edmsim.program.outline import JOIN_TOLERANCE_MM, Program
+from edmsim.program.outline import JOIN_TOLERANCE_MM
 from edmsim.program.path import plan_path
 
-CASES = Path(__file__).parents[3] / "shared/data/cases"
-Drawing = Callable[..., Program]
-Points = Sequence[tuple[float, float]]
 
-
-def lines(space: Any, corners: Points) -> None:
+def lines(space, corners):
     """Draw a closed contour of loose lines."""
     for start, end in pairwise([*corners, corners[0]]):
         space.add_line(start, end)
 
 
-def sizes(program: Program) -> list[tuple[float, float]]:
+def sizes(program):
     return [tuple(np.ptp(outline.points_mm, axis=0).round(2).tolist()) for outline in program.outlines]
 
 
-def three_sides(space: Any, gap_mm: float = 0.0) -> None:
+def three_sides(space, gap_mm=0.0):
     """Draw a square of 10 mm whose lower right corner is missing: from (9.998, 0) to (10, 0.002), or farther."""
     for start, end in pairwise([(10, 0.002 + gap_mm), (10, 10), (0, 10), (0, 0), (9.998 - gap_mm, 0)]):
         space.add_line(start, end)
 
 
-CORNERS: dict[str, Callable[[Any], object]] = {
+CORNERS = {
     "LINE": lambda m: m.add_line((9.998, 0), (10, 0.002)),
     "ARC": lambda m: m.add_arc((9.998, 0.002), 0.002, -90, 0),
     "ELLIPSE": lambda m: m.add_ellipse((9.998, 0.002), (0.002, 0), 1, -math.pi / 2, 0),
@@ -53,7 +43,7 @@ CORNERS: dict[str, Callable[[Any], object]] = {
 
 @pytest.mark.parametrize("gap_mm", [0.0, 0.003])
 @pytest.mark.parametrize("kind", CORNERS)
-def test_what_is_shorter_than_the_tolerance_is_joined_away(drawing: Drawing, kind: str, gap_mm: float) -> None:
+def test_what_is_shorter_than_the_tolerance_is_joined_away(drawing, kind, gap_mm):
     """The ends it lies between are then up to 5 um apart, and the tolerance at either end more."""
     program = drawing(lambda m: [three_sides(m, gap_mm), CORNERS[kind](m)])
     assert sizes(program) == [(10, 10)]
@@ -61,17 +51,17 @@ def test_what_is_shorter_than_the_tolerance_is_joined_away(drawing: Drawing, kin
     assert any(f"within 0.005 mm is joined away, as ends within it are: 1 {kind}" in n for n in program.notices)
 
 
-def test_without_anything_between_ends_that_far_apart_are_open(drawing: Drawing) -> None:
+def test_without_anything_between_ends_that_far_apart_are_open(drawing):
     with pytest.raises(InputError, match=r"a contour is open: a gap of 0\.008 mm"):
         drawing(lambda m: three_sides(m, 0.004))
 
 
 @pytest.mark.parametrize("step_mm", [0.0, 0.0001, 0.002])
-def test_short_lines_in_a_row_lead_on(drawing: Drawing, step_mm: float) -> None:
+def test_short_lines_in_a_row_lead_on(drawing, step_mm):
     """Of 3 um each, with gaps between them: together they are no longer short."""
     low = np.arange(5) * (0.003 + step_mm)
 
-    def draw(space: Any) -> None:
+    def draw(space):
         for y in low:
             space.add_line((10, y), (10, y + 0.003))
         for start, end in pairwise([(10, low[-1] + 0.003 + step_mm), (10, 10), (0, 10), (0, 0), (10, 0)]):
@@ -83,11 +73,11 @@ def test_short_lines_in_a_row_lead_on(drawing: Drawing, step_mm: float) -> None:
 
 
 @pytest.mark.parametrize("as_polyline", [False, True])
-def test_a_circle_of_short_lines_stays_a_circle(drawing: Drawing, as_polyline: bool) -> None:
+def test_a_circle_of_short_lines_stays_a_circle(drawing, as_polyline):
     angle = np.linspace(0, math.tau, 700, endpoint=False)
     circle = [(0.4 * math.cos(a), 0.4 * math.sin(a)) for a in angle]
 
-    def draw(space: Any) -> None:
+    def draw(space):
         if as_polyline:
             space.add_lwpolyline(circle, close=True)
         else:
@@ -98,8 +88,8 @@ def test_a_circle_of_short_lines_stays_a_circle(drawing: Drawing, as_polyline: b
     assert np.hypot(*np.diff(outline.points_mm, axis=0).T).max() < 0.011
 
 
-def test_what_touches_nothing_is_left_out_with_a_notice(drawing: Drawing) -> None:
-    def draw(space: Any) -> None:
+def test_what_touches_nothing_is_left_out_with_a_notice(drawing):
+    def draw(space):
         lines(space, [(0, 0), (10, 0), (10, 10), (0, 10)])
         space.add_circle((3, 3), 0.003)
         space.add_line((6, 6), (6.004, 6))
@@ -110,8 +100,8 @@ def test_what_touches_nothing_is_left_out_with_a_notice(drawing: Drawing) -> Non
     assert any("1 CIRCLE, 2 LINE" in notice for notice in program.notices)
 
 
-def test_a_third_line_that_is_not_short_still_branches(drawing: Drawing) -> None:
-    def draw(space: Any) -> None:
+def test_a_third_line_that_is_not_short_still_branches(drawing):
+    def draw(space):
         lines(space, [(0, 0), (10, 0), (10, 0.002), (10, 10), (0, 10)])
         space.add_line((10, 0.002), (12, 3))
 
@@ -120,10 +110,10 @@ def test_a_third_line_that_is_not_short_still_branches(drawing: Drawing) -> None
 
 
 @pytest.mark.parametrize("scale", [{}, {"xscale": 2.0, "rotation": 20.0}, {"xscale": -1.0}, {"yscale": 0.5}])
-def test_in_blocks_too_arcs_of_equal_angles_are_points(drawing: Drawing, scale: dict[str, float]) -> None:
+def test_in_blocks_too_arcs_of_equal_angles_are_points(drawing, scale):
     """So BricsCAD and TrueView draw them; the DXF library makes full circles of them, or ellipses when it scales."""
 
-    def draw(space: Any) -> None:
+    def draw(space):
         block = space.doc.blocks.new("PART")
         lines(block, [(0, 0), (10, 0), (10, 0.002), (10, 10), (0, 10)])
         block.add_arc((5, 5), 2, 30, 30)
@@ -136,7 +126,7 @@ def test_in_blocks_too_arcs_of_equal_angles_are_points(drawing: Drawing, scale: 
     assert "3 ARC of no length left out" in program.notices
 
 
-def test_an_arc_from_0_to_360_is_a_circle(drawing: Drawing) -> None:
+def test_an_arc_from_0_to_360_is_a_circle(drawing):
     assert sizes(drawing(lambda m: m.add_arc((0, 0), 3, 0, 360))) == [(6, 6)]
 
 
@@ -150,7 +140,7 @@ REPEATS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("corners", REPEATS.values(), ids=list(REPEATS))
-def test_repeated_points_leave_no_trace(drawing: Drawing, tmp_path: Path, corners: Points) -> None:
+def test_repeated_points_leave_no_trace(drawing, tmp_path, corners):
     for draw in (
         lambda m: m.add_lwpolyline(corners, close=True),
         lambda m: m.add_polyline2d(corners, close=True),
@@ -167,8 +157,8 @@ def test_repeated_points_leave_no_trace(drawing: Drawing, tmp_path: Path, corner
 
 
 @pytest.mark.parametrize("at_mm", [0.0, 1.5875, 0.0025, 0.0075, 0.00249999])
-def test_a_line_drawn_twice_is_cut_once_wherever_it_lies(drawing: Drawing, at_mm: float) -> None:
-    def draw(space: Any) -> None:
+def test_a_line_drawn_twice_is_cut_once_wherever_it_lies(drawing, at_mm):
+    def draw(space):
         lines(space, [(at_mm + x, at_mm + y) for x, y in [(0, 0), (5, 0), (5, 3), (0, 3)]])
         space.add_line((at_mm + 5 - 1e-9, at_mm - 1e-9), (at_mm + 1e-9, at_mm - 1e-9))
 
@@ -178,7 +168,7 @@ def test_a_line_drawn_twice_is_cut_once_wherever_it_lies(drawing: Drawing, at_mm
 
 
 SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
-TWICE: dict[str, Callable[[Any], object]] = {
+TWICE = {
     "other start and direction": lambda m: [
         m.add_lwpolyline(SQUARE, close=True), m.add_lwpolyline([*SQUARE[1::-1], *SQUARE[:1:-1]], close=True)],
     "polyline and lines": lambda m: [m.add_lwpolyline(SQUARE, close=True), lines(m, SQUARE)],
@@ -190,19 +180,19 @@ TWICE: dict[str, Callable[[Any], object]] = {
 
 
 @pytest.mark.parametrize("draw", TWICE.values(), ids=list(TWICE))
-def test_what_is_drawn_twice_is_cut_once(drawing: Drawing, draw: Callable[[Any], object]) -> None:
+def test_what_is_drawn_twice_is_cut_once(drawing, draw):
     program = drawing(draw)
     assert len(program.outlines) == 1
     assert any("drawn twice" in notice for notice in program.notices)
 
 
-def test_neighbours_and_other_ways_between_the_same_ends_are_no_duplicates(drawing: Drawing) -> None:
+def test_neighbours_and_other_ways_between_the_same_ends_are_no_duplicates(drawing):
     both = drawing(lambda m: [m.add_arc((0, 0), 5, 0, 180), m.add_arc((0, 0), 5, 180, 360)])
     assert sizes(both) == [(10, 10)]
     assert len(drawing(lambda m: [m.add_circle((0, 0), 5), m.add_circle((0, 0), 5.02)]).outlines) == 2
 
 
-def chain(points: Points, place: int = 0) -> Chain:
+def chain(points, place=0):
     return Chain.of([np.array(piece, np.float64) for piece in pairwise(points)], place)
 
 
@@ -212,9 +202,7 @@ def chain(points: Points, place: int = 0) -> Chain:
     corners=st.lists(st.integers(0, 40), min_size=4, max_size=12, unique=True),
     noise=st.integers(0, 2**32 - 1), radius_mm=st.sampled_from([0.05, 1.0, 30.0]),
 )  # fmt: skip
-def test_lines_in_any_order_with_noise_short_ones_between_and_copies_join(
-    corners: list[int], noise: int, radius_mm: float
-) -> None:
+def test_lines_in_any_order_with_noise_short_ones_between_and_copies_join(corners, noise, radius_mm):
     """A polygon on a circle; each corner is left open by up to 4 um, bridged by a short line, or drawn exactly.
 
     Corners lie further apart than what is joined of both reaches: what ends there could belong to either.
@@ -237,19 +225,3 @@ def test_lines_in_any_order_with_noise_short_ones_between_and_copies_join(
     far = [np.hypot(*(contour.points - corner).T).min() for corner in points]
     assert max(far) < 0.008
     assert len(contour.points) == len(points) + 1
-
-
-def test_the_cases_of_the_collection() -> None:
-    if not CASES.is_dir():
-        pytest.skip("the collection of cases is not there")
-    expected = {
-        "20-line-of-2-um": (10.0, 10.0, "joined away"),
-        "21-arc-of-radius-0": (10.0, 10.0, "1 ARC of no length left out"),
-        "23-closed-polyline-repeats-its-start": (10.0, 10.0, ""),
-        "25-drawn-twice-with-noise": (4.7625, 3.175, "twice"),
-    }
-    for name, (width, height, notices) in expected.items():
-        program = read_dxf(CASES / f"{name}.dxf")
-        (outline,) = program.outlines
-        assert np.ptp(outline.points_mm, axis=0) == pytest.approx((width, height), abs=1e-6), name
-        assert notices in "; ".join(program.notices), name

@@ -1,10 +1,7 @@
 """Passes of a contour: offsets, tab, overlap, the way to and fro, and passes that a program has."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,27 +9,27 @@ import shapely
 
 from edmsim.cosim.passes import legs_of
 from edmsim.errors import InputError
-from edmsim.program.outline import Corners
 from edmsim.program.passes import PassPlan
-from edmsim.program.path import CutPath, WireContour, load_program, plan_path
+from edmsim.program.path import load_program, plan_path
 from edmsim.program.taper import GuideHeights
 
 SQUARE = "G21 G90\nG0 X-1.5 Y2\nG41 G1 X0\n{}G40\nM2\n"
 ROUND = "Y4\nX4\nY0\nX0\nY2\n"
+AROUND = SQUARE.format(ROUND)
 OFFSETS_MM = (0.25, 0.2, 0.15)
 
 
-def plan(folder: Path, text: str = SQUARE.format(ROUND), passes: PassPlan | None = None, **settings: Any) -> CutPath:
+def plan(folder, text=AROUND, passes=None, **settings):
     file = folder / "a.ngc"
     file.write_text(text)
     return plan_path(file, auto_offset_mm=0.2, passes=passes, **settings)
 
 
-def of_square(folder: Path, offsets_mm: tuple[float, ...] = OFFSETS_MM, **plan_options: Any) -> WireContour:
+def of_square(folder, offsets_mm=OFFSETS_MM, **plan_options):
     return plan(folder, passes=PassPlan(offsets_mm, **plan_options)).contours[0]
 
 
-def test_rough_forward_trims_to_and_fro_then_the_tab(tmp_path: Path) -> None:
+def test_rough_forward_trims_to_and_fro_then_the_tab(tmp_path):
     """The order of shops: the profile without the tab, to and fro, a stop, the tab with the rough condition first."""
     contour = of_square(tmp_path, tab_mm=1.5)
     rows = [(p.number, p.piece, p.reversed, p.stops_before, p.frees) for p in contour.passes]
@@ -45,7 +42,7 @@ def test_rough_forward_trims_to_and_fro_then_the_tab(tmp_path: Path) -> None:
         np.testing.assert_array_equal(before.points_um[-1], now.points_um[0])  # the wire stays threaded
 
 
-def test_every_pass_keeps_its_offset(tmp_path: Path) -> None:
+def test_every_pass_keeps_its_offset(tmp_path):
     contour = of_square(tmp_path)
     edge = shapely.LineString(contour.nominal_mm)
     for one in contour.passes:
@@ -53,7 +50,7 @@ def test_every_pass_keeps_its_offset(tmp_path: Path) -> None:
         assert shapely.distance(edge, places).min() == pytest.approx(one.offset_um * 1e-3, abs=1.5e-3)
 
 
-def test_the_tab_stays_until_its_own_passes(tmp_path: Path) -> None:
+def test_the_tab_stays_until_its_own_passes(tmp_path):
     contour = of_square(tmp_path, tab_mm=1.5)
     around = 16.0
     rough, tab = contour.passes[0], contour.passes[3]
@@ -65,7 +62,7 @@ def test_the_tab_stays_until_its_own_passes(tmp_path: Path) -> None:
     assert contour.passes[5].length_mm > contour.passes[4].length_mm > tab.length_mm
 
 
-def test_without_a_tab_passes_go_all_round(tmp_path: Path) -> None:
+def test_without_a_tab_passes_go_all_round(tmp_path):
     contour = of_square(tmp_path, tab_mm=0.0)
     assert [(p.number, p.reversed, p.frees) for p in contour.passes] == [
         (1, False, True), (2, True, False), (3, False, False),
@@ -73,7 +70,7 @@ def test_without_a_tab_passes_go_all_round(tmp_path: Path) -> None:
     assert all(p.length_mm > 16.0 for p in contour.passes)
 
 
-def test_one_offset_is_one_pass(tmp_path: Path) -> None:
+def test_one_offset_is_one_pass(tmp_path):
     path = plan(tmp_path, passes=PassPlan((0.2,)))
     assert path.passes == 1
     assert path.contours[0].passes == ()
@@ -81,10 +78,11 @@ def test_one_offset_is_one_pass(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("offsets_mm", [(0.25, 0.2), (0.25, 0.2, 0.15)])
-def test_points_are_on_the_grid_and_within_the_table(tmp_path: Path, offsets_mm: tuple[float, ...]) -> None:
-    contour = plan(tmp_path, passes=PassPlan(offsets_mm), grid_um=2).contours[0]
-    for way in contour.ways_um:
+def test_points_are_on_the_grid_and_within_the_table(tmp_path, offsets_mm):
+    fine, contour = (plan(tmp_path, passes=PassPlan(offsets_mm), grid_um=um).contours[0] for um in (1, 2))
+    for way, fine_way in zip(contour.ways_um, fine.ways_um, strict=True):
         assert not (way % 2).any()
+        np.testing.assert_allclose(np.ptp(way, axis=0), np.ptp(fine_way, axis=0), atol=2.0)
         assert way.min() >= 0
         assert way.max() <= 65_000
 
@@ -93,7 +91,7 @@ def test_points_are_on_the_grid_and_within_the_table(tmp_path: Path, offsets_mm:
 @pytest.mark.parametrize(
     "begin", ["X-1.5 Y2\nG41 G1 X0\nY4\nX4\nY0\nX0\nY2", "X-1 Y-1\nG41 G1 X0 Y0\nY4\nX4\nY0\nX0"]
 )
-def test_no_way_from_one_pass_to_the_next_cuts_a_corner(tmp_path: Path, tab_mm: float, begin: str) -> None:
+def test_no_way_from_one_pass_to_the_next_cuts_a_corner(tmp_path, tab_mm, begin):
     """Where a tab ends just behind an outer corner, the wire goes round it to the next pass, not straight there."""
     offsets_mm = (0.27, 0.203, 0.158, 0.14)
     text = f"G21 G90\nG0 {begin}\nG40\nM2\n"
@@ -107,7 +105,7 @@ def test_no_way_from_one_pass_to_the_next_cuts_a_corner(tmp_path: Path, tab_mm: 
 
 
 @pytest.mark.parametrize("tab_mm", [0.0, 1.5])
-def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path: Path, tab_mm: float) -> None:
+def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path, tab_mm):
     text = SQUARE.format("Y3\nG4 P2.5\nY4\nX4\nY0\nX0\nY2\n")
     contour = plan(tmp_path, text, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm)).contours[0]
     profile = [one for one in contour.passes if one.piece == "profile"]
@@ -128,16 +126,19 @@ def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path: Path, tab_m
         assert leg.part_side == (other[contour.part_side] if leg.cut_pass.reversed else contour.part_side)
 
 
-def test_dwells_of_a_program_stay_in_its_passes(tmp_path: Path) -> None:
-    """On the way to the first pass, and within the second alone."""
+def test_dwells_of_a_program_stay_in_its_passes(tmp_path):
+    """On the way to each pass, and within the second alone."""
     back = "Y0\nX4\nG4 P3\nY4\nX0\nY2\n"
     text = "G21 G90\nD1=0.25\nD2=0.2\nG0 X-1.5 Y2\nG41 D1 G1 X-1\nG4 P1\nX0\n" + ROUND + "G40\n"
-    contour = plan(tmp_path, text + AGAIN.format("G42", "D2", back) + "M2\n").contours[0]
+    again = AGAIN.format("G42", "D2", back).replace("Y2\n", "Y2\nG4 P2\n", 1)
+    contour = plan(tmp_path, text + again + "M2\n").contours[0]
     first, second = contour.passes
     assert [seconds for _, seconds in first.dwells] == [1.0]
-    assert first.dwells[0][0] <= first.approach_moves
-    assert [seconds for _, seconds in second.dwells] == [3.0]
-    place = second.points_um[second.dwells[0][0]] * 1e-3 - contour.nominal_mm[0]
+    place = first.points_um[first.dwells[0][0]] * 1e-3 - contour.nominal_mm[0]
+    np.testing.assert_allclose(place, (-1.0, 0.25))  # beside the way, as G41 says
+    assert [seconds for _, seconds in second.dwells] == [2.0, 3.0]
+    assert second.dwells[0][0] == second.approach_moves  # the wire is threaded: it waits where this pass begins
+    place = second.points_um[second.dwells[1][0]] * 1e-3 - contour.nominal_mm[0]
     np.testing.assert_allclose(place, (4.2, -2.0), atol=0.21)
 
 
@@ -146,9 +147,7 @@ GUIDES = GuideHeights(-10.0, 20.0, 10.0, 30.0)
 
 @pytest.mark.parametrize("corners", ["conical", "sharp"])
 @pytest.mark.parametrize("angle_deg", [3.0, -3.0])
-def test_passes_of_a_leaning_wire_keep_their_offsets_at_every_height(
-    tmp_path: Path, angle_deg: float, corners: Corners
-) -> None:
+def test_passes_of_a_leaning_wire_keep_their_offsets_at_every_height(tmp_path, angle_deg, corners):
     """Beside a wall that leans by a, a wire's centre is its offset over cos a away in a horizontal plane."""
     contour = plan(
         tmp_path, passes=PassPlan(OFFSETS_MM, tab_mm=1.2), taper_deg=angle_deg, corners=corners, guides=[GUIDES]
@@ -163,7 +162,6 @@ def test_passes_of_a_leaning_wire_keep_their_offsets_at_every_height(
             wall = shapely.LineString(contour.at_height(z).nominal_mm)
             way = one.at_height(z).points_um[one.approach_moves :] * 1e-3
             assert wall.distance(shapely.LineString(way)) == pytest.approx(one.offset_um * 1e-3 / cosine, abs=3e-3)
-        assert leg.lead_um is not None
         np.testing.assert_array_equal(leg.lead_um[-1], one.lean.upper_um[-1])
     for before, now in pairwise(contour.passes):
         np.testing.assert_array_equal(before.points_um[-1], now.points_um[0])
@@ -171,7 +169,7 @@ def test_passes_of_a_leaning_wire_keep_their_offsets_at_every_height(
 
 
 @pytest.mark.parametrize("corners", ["conical", "sharp"])
-def test_every_place_of_a_leaning_wall_is_passed_by_every_pass(tmp_path: Path, corners: Corners) -> None:
+def test_every_place_of_a_leaning_wall_is_passed_by_every_pass(tmp_path, corners):
     contour = plan(
         tmp_path, passes=PassPlan(OFFSETS_MM, tab_mm=1.2), taper_deg=3.0, corners=corners, guides=[GUIDES]
     ).contours[0]
@@ -185,7 +183,7 @@ def test_every_place_of_a_leaning_wall_is_passed_by_every_pass(tmp_path: Path, c
             assert shapely.distance(places, lines).max() < OFFSETS_MM[number - 1] * corner_mm + 3e-3
 
 
-def test_the_passes_of_two_contours_go_round_as_often(tmp_path: Path) -> None:
+def test_the_passes_of_two_contours_go_round_as_often(tmp_path):
     file = Path(__file__).parents[2] / "examples" / "square_to_round.dxf"
     program = load_program(file, upper_layer="UPPER")
     path = plan_path(program, auto_offset_mm=0.2, passes=PassPlan(OFFSETS_MM), guides=[GUIDES])
@@ -198,13 +196,13 @@ def test_the_passes_of_two_contours_go_round_as_often(tmp_path: Path) -> None:
 AGAIN = "G0 X-1.5 Y2\n{} G1 X0 {}\n{}G40\n"
 
 
-def twice(first_mm: float, second_mm: float, code: str = "G41", way: str = ROUND) -> str:
+def twice(first_mm, second_mm, code="G41", way=ROUND):
     """Return a program that cuts a square, and again under a code and along a way."""
     head = f"G21 G90\nD1={first_mm}\nD2={second_mm}\n"
     return head + AGAIN.format("G41", "D1", ROUND) + AGAIN.format(code, "D2", way) + "M2\n"
 
 
-def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path: Path) -> None:
+def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path):
     """Forward with G41 at D1, back on the same edge with G42 at D2."""
     path = plan(tmp_path, twice(0.25, 0.2, "G42", "Y0\nX4\nY4\nX0\nY2\n"))
     assert len(path.contours) == 1
@@ -212,7 +210,7 @@ def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path: Path) -> None:
     assert path.contours[0].offset_um == 200.0
 
 
-def test_the_part_on_the_other_side_is_another_cut(tmp_path: Path) -> None:
+def test_the_part_on_the_other_side_is_another_cut(tmp_path):
     text = "G21 G90\nD1=0.25\nD2=0.2\n" + AGAIN.format("G41", "D1", ROUND) + "G0 X2 Y2\nG42 G1 X0 D2\n" + ROUND
     assert len(plan(tmp_path, text + "G40\nM2\n").contours) == 2
 
@@ -230,26 +228,26 @@ def test_the_part_on_the_other_side_is_another_cut(tmp_path: Path) -> None:
         ({"after_tab": "glue"}, "after_tab is 'glue': the machine can stop before the tab, or cut on"),
     ],
 )
-def test_what_cannot_be_cut_is_refused_in_one_line(tmp_path: Path, options: dict[str, Any], named: str) -> None:
+def test_what_cannot_be_cut_is_refused_in_one_line(tmp_path, options, named):
     with pytest.raises(InputError) as refused:
         of_square(tmp_path, options.pop("offsets_mm", OFFSETS_MM), **options)
     assert named in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
-def test_passes_want_an_edge(tmp_path: Path) -> None:
-    text = SQUARE.format(ROUND).replace("G41 ", "")
+def test_passes_want_an_edge(tmp_path):
+    text = AROUND.replace("G41 ", "")
     with pytest.raises(InputError, match="passes run beside an edge: use G41 or G42"):
         plan(tmp_path, text, passes=PassPlan(OFFSETS_MM))
 
 
-def test_offsets_of_a_program_may_not_grow(tmp_path: Path) -> None:
+def test_offsets_of_a_program_may_not_grow(tmp_path):
     with pytest.raises(InputError, match="the offset grows from pass 1 to pass 2") as refused:
         plan(tmp_path, twice(0.2, 0.25))
     assert refused.value.line == 14
 
 
-def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_rough_pass(tmp_path: Path) -> None:
+def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_rough_pass(tmp_path):
     """On an arc a trim stays before the corner's point, and rounds it (row "error of an outer corner")."""
     sharp = "Y4\nX4\nY0\nX2\nY-3\nX0\nY2\n"  # with an inner corner, and one that is sharper than a right angle
     contour = plan(tmp_path, SQUARE.format(sharp), passes=PassPlan(OFFSETS_MM, tab_mm=0.0)).contours[0]
@@ -267,7 +265,7 @@ def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_ro
     np.testing.assert_allclose(places, rough.offset_um * 1e-3, atol=2e-3)
 
 
-def test_a_programs_own_trims_go_round_as_its_rough_pass_does(tmp_path: Path) -> None:
+def test_a_programs_own_trims_go_round_as_its_rough_pass_does(tmp_path):
     contour = plan(tmp_path, twice(0.25, 0.2)).contours[0]
     edge = shapely.LineString(contour.nominal_mm)
     for one in contour.passes:

@@ -106,14 +106,8 @@ def test_a_punch_by_hand(plan):
     length = np.hypot(*np.diff(cut_points(contour), axis=0).T).sum()
     assert length == pytest.approx(36 + math.tau * OFFSET_MM, abs=0.01)
     assert path.offset_um == pytest.approx(155)
-
-
-def test_line_numbers_follow_the_program(plan):
-    (contour,) = plan(PUNCH).contours
-    lines = contour.line_numbers
-    assert lines[0] == 2
-    assert sorted(set(lines)) == [2, 3, 4, 5, 6, 7]
-    assert list(lines) == sorted(lines)
+    assert list(dict.fromkeys(contour.line_numbers)) == [2, 3, 4, 5, 6, 7]
+    assert list(contour.line_numbers) == sorted(contour.line_numbers)
 
 
 def test_a_program_without_approach_gets_one_on_the_waste_side_and_says_so(plan):
@@ -167,6 +161,7 @@ def test_without_compensation_the_wire_is_as_programmed(plan, thread, part_side,
     drawn = cut_points(contour) - np.array(path.origin_mm)
     assert drawn == pytest.approx(np.array([[5, 0], [0, 0], [0, 8], [10, 8], [10, 0], [5, 0]]))
     assert contour.part_side == part_side
+    assert list(dict.fromkeys(line for _, line in contour.elements)) == [3, 4, 5, 6, 7]
     size = np.ptp(contour.nominal_mm, axis=0)
     sign = -1 if inside else 1
     assert size == pytest.approx([10 + sign * 2 * OFFSET_MM, 8 + sign * 2 * OFFSET_MM], abs=1e-6)
@@ -187,7 +182,7 @@ def test_an_open_slot(plan):
 
 
 def test_dwells_stay_at_their_corner_next_to_the_edge(plan):
-    path = plan(PUNCH.replace("X0\n", "X2.5\nG4 P2\nX0\nG4 X3\n", 1).replace("G41", "G4 P1\nG41", 1))
+    path = plan(PUNCH.replace("X0\n", "X2.5\nG4 P2\nX0\nG4 X3\n", 1).replace("G41", "G4 P1\nG1 X4\nG41", 1))
     (contour,) = path.contours
     spots = [(contour.points_um[i] / 1000 - np.array(path.origin_mm)).tolist() for i, _ in contour.dwells]
     assert [seconds for _, seconds in contour.dwells] == [1, 2, 3]
@@ -310,6 +305,15 @@ def test_bad_settings_are_refused(plan, settings, word):
         plan(PUNCH, **settings)
 
 
+@pytest.mark.parametrize("name", ["part.ngc", "part.dxf"])
+def test_missing_files_and_directories_are_refused(tmp_path, name):
+    with pytest.raises(InputError, match="no such file"):
+        load_program(tmp_path / name)
+    (tmp_path / name).mkdir()
+    with pytest.raises(InputError, match="directory"):
+        load_program(tmp_path / name)
+
+
 def test_other_suffixes_are_refused(plan):
     with pytest.raises(InputError, match=r"unknown suffix '\.step'"):
         plan(PUNCH, name="part.step")
@@ -323,8 +327,8 @@ def test_a_text_that_does_not_read_as_a_program_is_refused(plan):
 def test_options_of_the_other_kind_of_file_are_refused():
     with pytest.raises(InputError, match=r"a\.ngc: layers: a drawing has this, leave it out here"):
         load_program("a.ngc", layers=["0"])
-    with pytest.raises(InputError, match=r"a\.dxf: ignore and dialect: G-code has this"):
-        load_program("a.dxf", ignore=["M77"], dialect="sodick")
+    with pytest.raises(InputError, match=r"a\.dxf: ignore and offsets and dialect and conditions: G-code has this"):
+        load_program("a.dxf", ignore=["M77"], offsets="a.toml", dialect="sodick", conditions="b.toml")
 
 
 @pytest.mark.parametrize("suffix", [".ngc", ".NC", ".gcode", ".ISO", ".txt"])
@@ -332,9 +336,3 @@ def test_the_suffix_chooses_the_reader(tmp_path, suffix):
     file = tmp_path / f"part{suffix}"
     file.write_text(PUNCH)
     assert load_program(file).outlines[0].closed
-
-
-def test_the_same_program_gives_the_same_path(plan):
-    first, second = plan(PUNCH), plan(PUNCH)
-    assert np.array_equal(first.contours[0].points_um, second.contours[0].points_um)
-    assert first.notices == second.notices

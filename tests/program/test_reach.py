@@ -1,9 +1,6 @@
 """What the wire cannot make is named before the cut, with place and radius."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +13,7 @@ from edmsim.program.path import plan_path
 OFFSET_MM = 0.155
 
 
-def notices(folder: Path, corner: str) -> list[str]:
+def notices(folder, corner):
     """Plan an opening of 10 by 10 mm whose lower right corner is cut as given, and say what the wire cannot make."""
     file = folder / "opening.ngc"
     file.write_text(f"G92 X5 Y5\nG41 D1 G1 X5 Y0\n{corner}\nY10\nX0\nY0\nX5\nG40\nM02\n")
@@ -24,7 +21,7 @@ def notices(folder: Path, corner: str) -> list[str]:
     return [notice for notice in notices if "wire and gap" in notice]
 
 
-def test_a_small_inner_radius_is_named_with_its_place(tmp_path: Path) -> None:
+def test_a_small_inner_radius_is_named_with_its_place(tmp_path):
     radius, corners = notices(tmp_path, "X9.9\nG3 X10 Y0.1 I0 J0.1\nG1")
     assert radius.startswith("the inner radius of 0.100 mm at X9.9")
     assert "(line 4)" in radius
@@ -32,17 +29,17 @@ def test_a_small_inner_radius_is_named_with_its_place(tmp_path: Path) -> None:
     assert corners.startswith("3 sharp inner corners become an inner radius of 0.155 mm")
 
 
-def test_a_radius_that_the_wire_makes_is_not_named(tmp_path: Path) -> None:
+def test_a_radius_that_the_wire_makes_is_not_named(tmp_path):
     (corners,) = notices(tmp_path, "X9.8\nG3 X10 Y0.2 I0 J0.2\nG1")
     assert corners.startswith("3 sharp inner corners")
 
 
-def test_a_groove_narrower_than_the_wire_is_named(tmp_path: Path) -> None:
+def test_a_groove_narrower_than_the_wire_is_named(tmp_path):
     groove, _ = notices(tmp_path, "X7\nY-0.05\nX7.2\nY0\nX10")
     assert groove.startswith("the contour is narrower than wire and gap, 0.310 mm, at X7")
 
 
-def test_outer_corners_and_an_offset_of_0_leave_nothing(tmp_path: Path) -> None:
+def test_outer_corners_and_an_offset_of_0_leave_nothing(tmp_path):
     file = tmp_path / "punch.ngc"
     file.write_text("G92 X5 Y-2\nG42 D1 G1 X5 Y0\nX10\nY10\nX0\nY0\nX5\nG40\nM02\n")
     for offset in (OFFSET_MM, 0.0):
@@ -50,7 +47,7 @@ def test_outer_corners_and_an_offset_of_0_leave_nothing(tmp_path: Path) -> None:
 
 
 @given(half_deg=st.floats(10.0, 80.0), offset_mm=st.floats(0.02, 0.3))
-def test_a_sharp_corner_keeps_what_a_circle_in_it_leaves(half_deg: float, offset_mm: float) -> None:
+def test_a_sharp_corner_keeps_what_a_circle_in_it_leaves(half_deg, offset_mm):
     half = math.radians(half_deg)
     edge = 5 * np.array([(math.cos(half), math.sin(half)), (0.0, 0.0), (math.cos(half), -math.sin(half))])
     away = offset_mm / math.sin(half)

@@ -1,9 +1,5 @@
 """Offsets by register, from the program or a file; subprograms in place of their calls."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,22 +9,17 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.program import load_program, plan_path
-from edmsim.program.outline import Program
-from edmsim.program.path import CutPath
 from edmsim.program.tables import checked_offsets, read_offsets
 
 SQUARE = "G21 G92 X5 Y-2.\n{}\nG41 {} G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
 
 
-def plan(folder: Path, text: str, offset: str | float = "auto", table: str | None = None) -> CutPath:
+def plan(folder, text, offset="auto", table=None):
     (folder / "a.ngc").write_text(text)
     if table is not None:
         (folder / "table.toml").write_text(table)
     program = load_program(folder / "a.ngc", offsets=None if table is None else folder / "table.toml")
     return plan_path(program, offset, auto_offset_mm=0.2)
-
-
-Read = Callable[..., Program]
 
 
 @pytest.mark.parametrize(
@@ -47,9 +38,7 @@ Read = Callable[..., Program]
         ("G20 G10 P1 R0.01\nG21", "H1", None, 254.0),
     ],
 )
-def test_the_register_is_the_offset(
-    tmp_path: Path, define: str, call: str, table: str | None, offset_um: float
-) -> None:
+def test_the_register_is_the_offset(tmp_path, define, call, table, offset_um):
 
 
     path = plan(tmp_path, SQUARE.format(define, call), table=table)
@@ -60,14 +49,14 @@ def test_the_register_is_the_offset(
     assert wire.distance(edge) == pytest.approx(offset_um, abs=1.0)
 
 
-def test_whole_um_count_for_registers_as_well(tmp_path: Path) -> None:
+def test_whole_um_count_for_registers_as_well(tmp_path):
     text = SQUARE.replace("-2.", "-2000").replace("Y-2\n", "Y-2000\n").format("D1=155", "D1")
     for short, long in (("X5", "X5000"), ("Y8", "Y8000"), ("X10", "X10000")):
         text = text.replace(f"{short}\n", f"{long}\n").replace(f"{short} ", f"{long} ")
     assert plan(tmp_path, text).offset_um == pytest.approx(155.0)
 
 
-def test_an_offset_that_was_requested_wins_with_a_notice(tmp_path: Path) -> None:
+def test_an_offset_that_was_requested_wins_with_a_notice(tmp_path):
     path = plan(tmp_path, SQUARE.format("D1=0.155", "D1"), offset=0.16)
     assert path.offset_um == 160.0
     assert "the offset is 0.16 mm, as requested, not the 0.155 mm of the register" in path.notices
@@ -86,7 +75,7 @@ M02
 """
 
 
-def test_contours_have_the_offsets_of_their_registers(tmp_path: Path) -> None:
+def test_contours_have_the_offsets_of_their_registers(tmp_path):
     path = plan(tmp_path, TWO_HOLES.format(x="X5.", second="D2"))
     assert path.offset_um is None
     assert [contour.offset_um for contour in path.contours] == [160.0, 200.0]
@@ -99,12 +88,12 @@ def test_contours_have_the_offsets_of_their_registers(tmp_path: Path) -> None:
     assert "the offset is 0.18 mm, as requested, not the 0.16, 0.2 mm of the register" in requested.notices
 
 
-def test_a_register_that_is_set_again_holds_from_there(tmp_path: Path) -> None:
+def test_a_register_that_is_set_again_holds_from_there(tmp_path):
     path = plan(tmp_path, TWO_HOLES.format(x="X5.", second="G10 L12 P1 R0.2\nG1 D1").replace("G42 G10", "G42\nG10"))
     assert [contour.offset_um for contour in path.contours] == [160.0, 200.0]
 
 
-def test_the_same_edge_at_a_larger_offset_is_refused(tmp_path: Path) -> None:
+def test_the_same_edge_at_a_larger_offset_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"the offset grows from pass 1 to pass 2, 0\.16 to 0\.2 mm") as refused:
         plan(tmp_path, TWO_HOLES.format(x="X0", second="D2"))
     assert refused.value.line == 8
@@ -124,7 +113,7 @@ def test_the_same_edge_at_a_larger_offset_is_refused(tmp_path: Path) -> None:
         (SQUARE.format("G10 L12 P1 R12.", "D1"), 2, "the offset D1 is 12 mm"),
     ],
 )
-def test_registers_that_make_no_sense(tmp_path: Path, text: str, line: int, named: str) -> None:
+def test_registers_that_make_no_sense(tmp_path, text, line, named):
     with pytest.raises(InputError, match=named) as refused:
         plan(tmp_path, text)
     assert refused.value.line == line
@@ -135,7 +124,7 @@ def test_registers_that_make_no_sense(tmp_path: Path, text: str, line: int, name
     [("D1 is 0.1", "lines as D1 = 0.155"), ("X1 = 0.1", "'X1'"), ("D1 = 'thick'", "'thick'"), ("D1 = -1", "-1"),
      ("D1 = true", "True"), ("D1 = nan", "nan")],
 )  # fmt: skip
-def test_tables_that_make_no_sense(tmp_path: Path, text: str, named: str) -> None:
+def test_tables_that_make_no_sense(tmp_path, text, named):
     (tmp_path / "table.toml").write_text(text)
     with pytest.raises(InputError, match=named):
         read_offsets(tmp_path / "table.toml")
@@ -145,21 +134,16 @@ def test_tables_that_make_no_sense(tmp_path: Path, text: str, named: str) -> Non
 
 @pytest.mark.slow
 @given(st.dictionaries(st.integers(0, 9999), st.floats(0, 10), max_size=20))
-def test_a_table_is_read_as_it_is_written(tmp_path_factory: pytest.TempPathFactory, table: dict[int, float]) -> None:
+def test_a_table_is_read_as_it_is_written(tmp_path_factory, table):
     file = tmp_path_factory.mktemp("table") / "table.toml"
     file.write_text("".join(f"h{number:04} = {value!r}\n" for number, value in table.items()))
     assert read_offsets(file) == checked_offsets({f"H{number}": value for number, value in table.items()})
 
 
-def test_a_drawing_has_no_registers(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="G-code has this"):
-        load_program(tmp_path / "a.dxf", offsets=tmp_path / "table.toml")
-
-
 HOLE = "G91 G1 X1.5\nG3 X0 Y0 I-1.5 J0\nG0 X3.5\n"
 
 
-def test_a_subprogram_is_cut_where_and_as_often_as_it_is_called(read: Read) -> None:
+def test_a_subprogram_is_cut_where_and_as_often_as_it_is_called(read):
     called = read(f"%\nO1\nG92 X0 Y0\nG42 D1\nM98 P100 L3\nM30\nO0100\n{HOLE}M99\n%\n")
     spelt = read("G92 X0 Y0\nG42 D1\n" + 3 * HOLE + "M30\n")
     assert len(called.outlines) == 3
@@ -170,7 +154,7 @@ def test_a_subprogram_is_cut_where_and_as_often_as_it_is_called(read: Read) -> N
     assert called.outlines[2].line_numbers[0] == 9
 
 
-def test_subprograms_call_others_and_idle_ones_are_named(read: Read) -> None:
+def test_subprograms_call_others_and_idle_ones_are_named(read):
     text = f"G92 X0 Y0\nM98 P1\nM2\nO1\nM98 P2\nM98 P2\nM99\nO2\n{HOLE}M99\nO3\nG4 P1\nM99\n"
     program = read(text)
     assert len(program.outlines) == 2
@@ -195,24 +179,24 @@ def test_subprograms_call_others_and_idle_ones_are_named(read: Read) -> None:
         ("M98 P1\nM2\nO1\nV3\nM99\n", 4, "unknown word 'V3'"),
     ],
 )
-def test_calls_that_make_no_sense(read: Read, text: str, line: int, named: str) -> None:
+def test_calls_that_make_no_sense(read, text, line, named):
     with pytest.raises(InputError, match=named) as refused:
         read(text)
     assert refused.value.line == line
 
 
-def test_calls_of_calls_do_not_grow_without_end(read: Read) -> None:
+def test_calls_of_calls_do_not_grow_without_end(read):
     text = "M98 P1 L999\nM2\n" + "".join(f"O{k}\nM98 P{k + 1} L999\nM99\n" for k in range(1, 9)) + "O9\nG4 P1\nM99\n"
     with pytest.raises(InputError, match="too many"):
         read(text)
 
 
-def test_without_calls_what_stands_behind_the_end_is_left_out_as_ever(read: Read) -> None:
+def test_without_calls_what_stands_behind_the_end_is_left_out_as_ever(read):
     program = read("G92 X0 Y0\nG1 X5\nM2\nO1\nanything\n")
     assert any("text after the end of the program" in notice for notice in program.notices)
 
 
-def test_a_contour_that_crosses_itself_says_so_and_where(read: Read) -> None:
+def test_a_contour_that_crosses_itself_says_so_and_where(read):
     eight = "G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX0 Y8\nX-4 Y12\nX0 Y16\nX4 Y12\nX0 Y8\nX-4 Y4\nX0 Y0\nG40\nM2\n"
     with pytest.raises(InputError, match=r"has met itself at X0\.000 Y8\.000 \(lines 5 and 8\)"):
         read(eight)

@@ -1,7 +1,5 @@
 """Tapered walls in closed form: mitres, cones, cylinders, the ellipse, guides, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -77,6 +75,8 @@ def test_guides_stand_where_the_wire_would_pass_them():
     # |UV| = (z_U - z_L) tan a, along both axes at a corner
     assert np.abs(np.abs(lead) - 30_000 * math.tan(math.radians(3.0))).max() <= 1.0
     assert (contour.lean.upper_um[0] == 0).all()  # threaded upright
+    slant = contour.way.slant[contour.lead_in_moves :]
+    np.testing.assert_allclose(slant, 1 / math.cos(math.radians(3.0)), atol=2e-6)
     on_face = contour.at_height(0.0).points_um[contour.lead_in_moves :]
     ring = shapely.LinearRing(contour.lean.wall.at(0.0) * 1e3)
     gaps = ring.distance(shapely.points((on_face[1:] + on_face[:-1]) / 2))

@@ -1,6 +1,7 @@
 """The cut face of a wall in closed form, as a mesh, and the contour of a part at any height."""
 
 import csv
+import dataclasses
 import math
 
 import numpy as np
@@ -48,6 +49,12 @@ def test_a_face_follows_the_wall_slice_by_slice(scene):
     assert np.abs(at).max() == pytest.approx(SIDE_MM / 2 - LEAN_MM * 0.4 + LEFT_UM * 1e-3, abs=2e-3)
 
 
+def outwards(mesh):
+    """Mean sign of the normals of a mesh along the way out of its middle."""
+    out = mesh.triangles_center - mesh.bounds.mean(axis=0)
+    return float(np.sign(np.einsum("ij,ij->i", out, mesh.face_normals)).mean())
+
+
 def test_stl_is_in_mm_and_gltf_in_metres_with_y_upwards(scene, tmp_path):
     write_faces(scene, tmp_path / "face.stl")
     mesh = trimesh.load(tmp_path / "face.stl")
@@ -56,8 +63,20 @@ def test_stl_is_in_mm_and_gltf_in_metres_with_y_upwards(scene, tmp_path):
     assert mesh.area == pytest.approx(4 * (SIDE_MM - LEAN_MM) * HEIGHT_MM * slant, rel=0.02)
     write_faces(scene, tmp_path / "face.glb")
     shown = trimesh.load(tmp_path / "face.glb")
-    np.testing.assert_allclose(np.ptp(shown.bounds, axis=0)[1], HEIGHT_MM * 1e-3)
+    wide_mm = SIDE_MM + 2e-3 * LEFT_UM
+    np.testing.assert_allclose(np.ptp(shown.bounds, axis=0) * 1e3, (wide_mm, HEIGHT_MM, wide_mm), atol=4e-3)
     (geometry,) = shown.geometry.values()
+    assert [round(outwards(one), 1) for one in (mesh, geometry)] == [1.0, 1.0]  # it is turned, not mirrored
+    (edge,), (walls,), away = scene.maps, scene.walls_mm, np.array([20.0, 0.0])
+    other = dataclasses.replace(edge, nominal_mm=edge.nominal_mm + away, points_mm=edge.points_mm + away)
+    both = dataclasses.replace(
+        scene, maps=(edge, other), walls_mm=(walls, tuple(wall + away for wall in walls)),
+        cut_edges_mm=tuple((*lines, *(line + away for line in lines)) for lines in scene.cut_edges_mm),
+    )
+    write_faces(both, tmp_path / "both.stl")
+    two = trimesh.load(tmp_path / "both.stl")
+    assert two.area == pytest.approx(2 * mesh.area, rel=1e-3)
+    assert np.ptp(two.bounds, axis=0)[0] == pytest.approx(20.0 + wide_mm, abs=4e-3)
     assert geometry.visual.kind == "vertex"
 
 
@@ -75,7 +94,5 @@ def test_what_cannot_be_written_is_one_line(scene, tmp_path):
         write_contour(scene, tmp_path / "part.dxf", 6.0)
     with pytest.raises(InputError, match=r"written as \.stl \.glb"):
         write_faces(scene, tmp_path / "face.obj")
-    import dataclasses
-
     with pytest.raises(InputError, match="no cut face"):
         write_faces(dataclasses.replace(scene, cut_edges_mm=()), tmp_path / "face.stl")

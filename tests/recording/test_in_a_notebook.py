@@ -3,6 +3,7 @@
 import base64
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -12,6 +13,7 @@ from PIL import Image
 import edmsim
 from edmsim.errors import InputError
 from edmsim.program.path import CutPath, WireContour
+from edmsim.recording.scene import PassFace, Terrace
 from edmsim.recording.stores import traces
 
 PNG = b"\x89PNG"
@@ -25,7 +27,7 @@ def result(cut):
     path = CutPath((contour,), cut.scene.stock_mm, 0.5, (20.0, 20.0), (), "rectangle.ngc")
     field = None
     return edmsim.CutResult(
-        cut.report, cut.windows, path, field, cut.frames, cut.scene, cut.closeups, cut.machine  # type: ignore[arg-type]
+        cut.report, cut.windows, path, field, cut.frames, cut.scene, cut.closeups, cut.machine
     )
 
 
@@ -57,14 +59,14 @@ def test_a_result_shows_its_table_and_its_picture(result):
 @pytest.mark.parametrize("name", ["profile", "corner", "kerf-section"])
 def test_a_figure_shows_by_itself(result, name):
     figure = result.plot() if name == "profile" else result.plot(name)
-    assert figure._repr_png_().startswith(PNG)  # type: ignore[attr-defined]
+    assert figure._repr_png_().startswith(PNG)
 
 
 def test_a_figure_that_is_not_there_is_reported(result):
     with pytest.raises(InputError, match=r"no figure 'kerf'; there are: profile, profile-error, .*wire-spectrum$"):
         result.plot("kerf")
     with pytest.raises(InputError, match=r"slice_index cannot be 2\.5: give int \| None"):
-        result.contour(2.5)  # type: ignore[arg-type]
+        result.contour(2.5)
 
 
 @pytest.mark.slow
@@ -97,7 +99,20 @@ def test_samples_need_a_time_between_them(result, tmp_path, every_us):
 
 
 def test_pictures_are_in_the_coordinates_of_the_program(result):
-    assert result.scene.in_program().extent_mm()[:2] == (-1.0, -1.0)  # the start hole, a millimetre off the corner
+    (edge,), line = result.scene.maps, np.array([(21.0, 23.0), (22.0, 24.0)])
+    scene = replace(result.scene, stop_mm=(30.0, 26.0), walls_mm=((line, line),), terraces=(Terrace((line,), 8.0),),
+                    pass_faces=(PassFace(0, 1.0, 1.0, line, np.zeros((1, 2))),))  # fmt: skip
+    moved = scene.in_program()
+    assert moved.extent_mm()[:2] == (-1.0, -1.0)  # the start hole, a millimetre off the corner
+    assert (moved.stop_mm, moved.stock_mm) == ((10.0, 6.0), (-5.0, -5.0, 15.0, 11.0))
+    assert [(c.x_mm, c.y_mm) for c in moved.corners[:2]] == [(0.0, 0.0), (10.0, 0.0)]
+    for now, before in (
+        (moved.maps[0].nominal_mm, edge.nominal_mm), (moved.maps[0].points_mm, edge.points_mm),
+        (moved.cut_edges_mm[4][0], scene.cut_edges_mm[4][0]), (moved.starts_mm, scene.starts_mm),
+        (moved.holes_mm[:, :2], scene.holes_mm[:, :2]), *((wall, line) for wall in moved.walls_mm[0]),
+        (moved.terraces[0].outlines_mm[0], line), (moved.pass_faces[0].points_mm, line),
+    ):  # fmt: skip
+        np.testing.assert_allclose(now, before - 20.0, atol=1e-12)
     assert result.plot("profile-error").axes[0].get_xlabel() == "X of the program, mm"
     assert result.report["corners"][0]["program_x_mm"] == 0.0
     assert result.report["corners"][0]["x_mm"] == 20.0

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.laws import FixedController
 from edmsim.cosim.simulation import Simulation
 from edmsim.job.result import recorders_for
 from edmsim.machine.machine import Machine

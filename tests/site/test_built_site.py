@@ -52,7 +52,7 @@ def site():
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     index = (SITE / "searchindex.js").read_text(encoding="utf-8")
-    names = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\)", index)[1])["docnames"]  # type: ignore[index]
+    names = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\)", index)[1])["docnames"]
     return {SITE / f"{name}.html": (SITE / f"{name}.html").read_text(encoding="utf-8") for name in names}
 
 

@@ -24,10 +24,8 @@ def giving_up(tmp_path):
     """A controller that fails in its first window, as a sweep names it."""
     file = tmp_path / "giving_up.py"
     file.write_text(
-        "from typing import ClassVar\n\nfrom edmsim.controllers import FeedCommand\n\n\nclass Own:\n"
-        "    name: ClassVar[str] = 'own'\n\n    def reset(self, max_feed_um_s):\n        return FeedCommand(5.0)\n\n"
-        "    def update(self, window):\n        raise RuntimeError('out of ideas')\n\n"
-        "    def snapshot(self):\n        return {}\n\n    def restore(self, state):\n        pass\n"
+        "from edmsim.controllers.feed.fixed import FixedController\n\n\nclass Own(FixedController):\n"
+        "    name = 'own'\n\n    def update(self, window):\n        raise RuntimeError('out of ideas')\n"
     )
     return f"{file}:Own"
 

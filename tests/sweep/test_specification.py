@@ -56,7 +56,6 @@ def test_everything_is_combined_with_everything(line, short):
               for run in runs}  # fmt: skip
     assert len(points) == 4
     bounds = Machine.load().uncertain()["gap.deionisation_us"].range
-    assert bounds is not None
     for tension, speed, (name, value) in points:
         assert name == "gap.deionisation_us"
         assert 8 <= tension <= 12

@@ -307,9 +307,7 @@ def test_entries_of_mappings_are_swept_in_environments():
 
 
 @pytest.mark.slow
-def test_a_killed_driver_leaves_no_process_and_nothing_is_done_twice(
-    two_controllers, tmp_path: Path
-):
+def test_a_killed_driver_leaves_no_process_and_nothing_is_done_twice(two_controllers, tmp_path):
     spec = two_controllers.model_copy(update={"seeds": list(range(15))})
     file = tmp_path / "sweep.json"
     file.write_text(spec.model_dump_json())

@@ -79,7 +79,7 @@ def test_a_population_exploits_and_explores_on_two_nodes(nodes, short_training, 
 def test_a_lost_node_loses_nothing(nodes, line, short, giving_up, tmp_path):
     from edmsim.runs import Cluster
 
-    spec = Specification(program=[str(line)], seeds=10, settings={**short, "max_time_s": 3.0})
+    spec = Specification(program=[str(line)], seeds=5, settings={**short, "max_time_s": 3.0})
     spec = Specification.model_validate({**spec.model_dump(), "grid": {"controller": ["counts", giving_up]}})
     engine = Cluster(nodes.address)
     assert engine.count == 2
@@ -88,11 +88,11 @@ def test_a_lost_node_loses_nothing(nodes, line, short, giving_up, tmp_path):
         if progress.made == 3:
             nodes.remove_node(nodes.second, allow_graceful=False)
 
-    assert sweep(spec, tmp_path / "ray", engine=engine, watch=watch) == SweepProgress(20, 20, 20, 10)
+    assert sweep(spec, tmp_path / "ray", engine=engine, watch=watch) == SweepProgress(10, 10, 10, 5)
     sweep(spec, tmp_path / "here")
     there, here = (read(tmp_path / name).drop_columns(["wall_time_s", "host"]) for name in ("ray", "here"))
     assert there.equals(here)
-    assert len(set(there["id"].to_pylist())) == 20
+    assert len(set(there["id"].to_pylist())) == 10
 
 
 @pytest.mark.slow

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import HOLDS_OUTPUT, SampleFunction
 from edmsim.controllers.axis.drive import Screw, axis_row, new_record, restart
 from edmsim.controllers.axis.eanpos import registers as at
+from edmsim.controllers.axis.eanpos.moves import warn
 from edmsim.controllers.axis.eanpos.sample import eanpos_sample, start_refused
 from edmsim.controllers.axis.parameters import Registers
 from edmsim.errors import InputError
+from edmsim.numeric import whole
 
 ALIASES = {
     "prsdir": "prmdir", "prsvvel": "prsvel", "sprsvvel": "sprsvel", "feedforward": "feedfw", "folterr": "follerr",
@@ -69,15 +71,15 @@ class Parameters(Registers):
     def __init__(self, owner: Eanpos) -> None:
         super().__init__(owner, {name: (k, *_SIZES[_TABLE[name]["size"]]) for k, name in enumerate(at.PARAMETERS)})
 
-    def __setitem__(self, name: str, value: int) -> None:
-        name, value = parameter_name(name), _fitting(name, value)
+    def __setitem__(self, name: str, value: float) -> None:
+        name, value = parameter_name(name), self.fitting(name, value)
         entry, reg, (place, *_) = _TABLE[name], self._reg, self._place(name)
         if not all(_holds(reg, condition) for condition in entry["write"]):
-            _warn(reg, at.NOT_WRITTEN, place)
+            warn(reg, at.NOT_WRITTEN, place)
             return
         least, greatest = (self[limit] if isinstance(limit, str) else limit for limit in entry["limits"])
         if not least <= value <= greatest:
-            _warn(reg, at.OUT_OF_LIMITS, place)
+            warn(reg, at.OUT_OF_LIMITS, place)
         reg[place] = value
         reg[at.WRITTEN] |= _SIGNALS.get(name, 0)
 
@@ -128,14 +130,6 @@ def _known(name: str, names: tuple[str, ...], what: str) -> str:
     return found
 
 
-def _fitting(name: str, value: float) -> int:
-    """Return a value as a whole number that fits into its parameter's size."""
-    low, high = _SIZES[_TABLE[parameter_name(name)]["size"]]
-    if not (abs(value) < np.inf and value == int(value) and low <= value <= high):
-        raise InputError(f"{name} is {value}; it must be a whole number {low} to {high}")
-    return int(value)
-
-
 def _holds(reg: NDArray[np.int64], condition: str) -> bool:
     """Say whether a condition of the manual's table for a write holds."""
     fulfilled = {
@@ -143,10 +137,6 @@ def _holds(reg: NDArray[np.int64], condition: str) -> bool:
         "calibration": reg[at.ST_CAL] == 1, "never": False,
     }  # fmt: skip
     return bool(fulfilled[condition])
-
-
-def _warn(reg: NDArray[np.int64], code: int, value: int) -> None:
-    reg[at.ST_WARNING], reg[at.WRNCODE], reg[at.WRNVALUE] = 1, code, value
 
 
 class Eanpos:
@@ -193,7 +183,7 @@ class Eanpos:
     ) -> None:  # fmt: skip
         self.motor: NDArray[np.void] | None = axis_row("analogue") if motor is None else motor
         tcamp = at.DEVICE["tcamp_ms"] if tcamp_ms is None else tcamp_ms
-        if not 1 <= tcamp <= at.DEVICE["greatest_tcamp_ms"]:
+        if whole(tcamp) is None or not 1 <= tcamp <= at.DEVICE["greatest_tcamp_ms"]:
             raise InputError(f"TCamp is {tcamp} ms; it must be 1 to {at.DEVICE['greatest_tcamp_ms']}")
         self.record: NDArray[np.void] = new_record((tcamp * 1_000_000, 1))
         self.record["index_ns"], self.record["lines"] = at.DEVICE["index_ns"], HOLDS_OUTPUT
@@ -208,7 +198,7 @@ class Eanpos:
         self.parameters = Parameters(self)
         self.states = States(self)
         for name, value in (parameters or {}).items():
-            reg[at.PARAMETERS.index(parameter_name(name))] = _fitting(name, value)
+            reg[at.PARAMETERS.index(parameter_name(name))] = self.parameters.fitting(name, value)
         self._switch_on()
 
     def _switch_on(self) -> None:

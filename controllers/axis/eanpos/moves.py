@@ -425,7 +425,9 @@ def _goal(reg: Words, real: Reals) -> float:
 
 @exactly_compiled
 def shift(reg: Words, real: Reals, numerator: int, always: bool) -> bool:
-    """Put another count under the axis; False, unless `always`, where it cannot stop at its target any more."""
+    """Put another count under the axis; False without a resolution, or, unless `always`, where it cannot stop."""
+    if reg[at.PULSE] <= 0:
+        return False
     by = (numerator - reg[at.NUMERATOR]) / reg[at.PULSE]
     bound = _is_bound(reg)
     if bound and not always and _epicycloid_ends(reg):
@@ -486,8 +488,7 @@ def take_writes(reg: Words, real: Reals) -> None:
     reg[at.WRITTEN] = 0
     if written & at.NEW_RESOLUTION:
         check_resolution(reg, real)
-        if reg[at.PULSE] > 0:
-            shift(reg, real, reg[at.POSIT] * reg[at.PULSE], True)
+        shift(reg, real, reg[at.POSIT] * reg[at.PULSE], True)
     if written & at.NEW_POSIT and reg[at.PULSE] > 0:
         target = reg[at.POSIT]
         reg[at.POSIT] = reg[at.NUMERATOR] // reg[at.PULSE]
@@ -502,9 +503,3 @@ def take_writes(reg: Words, real: Reals) -> None:
         _take_setvel(reg, real)
     if written & at.NEW_RAMPS:
         _take_ramps(reg, real)
-
-
-@exactly_compiled
-def refuse(reg: Words, command: int) -> None:
-    """Note that a command's conditions failed; the value is its number in order of priority, from 1 (ours)."""
-    warn(reg, at.NOT_EXECUTED, command + 1)

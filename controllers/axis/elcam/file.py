@@ -1,4 +1,4 @@
-"""TOML files of ELCAM tables: errors of a machine's axes, and cams for its upper guide.
+"""TOML files of ELCAM tables, errors of a machine's axes and cams for its upper guide, and their steps in a cut.
 
 ::
 
@@ -25,7 +25,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -35,8 +35,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, AllowInfNan, BaseModel, Field, Strict, StrictBool, ValidationError
 
-from edmsim.controllers.axis.elcam.module import BUFFER_VARIABLE, CamPlace, Elcam, TableAccess
-from edmsim.controllers.axis.elcam.registers import DATA, CallStatus, Descriptor, Error, Function, Mode
+from edmsim.controllers.axis.elcam.module import BUFFER_VARIABLE, CallStatus, CamPlace, Descriptor, Elcam, TableAccess
+from edmsim.controllers.axis.elcam.table import DATA, CamTable, Error, Function, Mode
+from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError, invalid_entry
 from edmsim.files import read_toml
 
@@ -283,3 +284,121 @@ def _load(at: TableAccess, table: ErrorTable | Cam) -> CallStatus:
             mode |= Mode.INTERPOLATE_ROWS if table.rows.interpolated else Mode(0)
     at.load((table.points * (1.0, unit_mm)).tobytes())
     return at.write_int(Function.MODE, mode)
+
+
+# The tables between a planner and motors: steps are added or left out to compensate errors, and step cam followers. A
+# stepping motor reports no position to correct, so the error is added to its setpoint ("G3-ElCam Interface", chapter
+# 2.2.1), in whole steps. An axis of the upper guide that follows a cam has only these steps.
+
+_AXES = range(len(NAMES))
+_PATH = PLACES.index(PATH)
+
+
+class StepCompensation:
+    """Offset between a planner's steps and the motors: tables of `load_tables` move these by `offset_um`."""
+
+    def __init__(self, elcam: Elcam, step_um: float) -> None:
+        self._places = [axis for axis in elcam.axes if isinstance(axis, CamPlace)]
+        if len(self._places) != len(PLACES):
+            raise InputError("the tables must be those of load_tables: they belong to a control with axes of its own")
+        self._elcam = elcam
+        self._step_um = step_um
+        self._extra = [0] * len(NAMES)
+
+    @property
+    def offset_um(self) -> tuple[float, float]:
+        """Extra steps of x and y in um."""
+        return self._extra[0] * self._step_um, self._extra[1] * self._step_um
+
+    @property
+    def upper_um(self) -> tuple[float, float]:
+        """Positions of the u and v motors."""
+        return self._extra[2] * self._step_um, self._extra[3] * self._step_um
+
+    def begin(
+        self, position_um: tuple[float, float], path_um: float = 0.0, lead_um: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[float, float]:
+        """Be at a place of the program and its path, without steps to there; return where x and y are then."""
+        for k, um in enumerate((*position_um, *lead_um, path_um)):
+            self._put(k, um * 1e-3)
+        self._extra = self._steps_due()
+        return position_um[0] + self.offset_um[0], position_um[1] + self.offset_um[1]
+
+    def motor_steps(self, steps: Sequence[Step], path_um: float = 0.0) -> list[Step]:
+        """Return the steps that the motors are to make for those of the program, which lead to a length of path."""
+        made: list[Step] = []
+        path_mm, end_mm = self._places[_PATH].setpoint, path_um * 1e-3
+        for number, (time_ns, axis, direction) in enumerate(steps, 1):
+            self._put(axis, self._places[axis].setpoint + direction * self._step_um * 1e-3)
+            self._put(_PATH, path_mm + (end_mm - path_mm) * number / len(steps))
+            due = self._steps_due()
+            for k in _AXES:
+                count = due[k] - self._extra[k] + (direction if k == axis else 0)
+                made += [Step(time_ns, k, 1 if count > 0 else -1)] * abs(count)
+            self._extra = due
+        return made
+
+    def _put(self, k: int, place_mm: float) -> None:
+        place = self._places[k]
+        place.setpoint = place.actual = place_mm
+
+    def _steps_due(self) -> list[int]:
+        """Return the steps beyond those of the program; followers come first, as errors may depend on them."""
+        cams = self._elcam.follow()
+        for k, place_mm in cams.items():
+            self._put(k, place_mm)
+        return [round((cams.get(k, 0.0) + self._elcam.compensation(k)) * 1e3 / self._step_um) for k in _AXES]
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what changes, fit for JSON."""
+        return {
+            "places": [place.setpoint for place in self._places], "extra": list(self._extra),
+            "directions": {str(k): table.direction for k, table in self._elcam.tables.items()},
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue where `snapshot` was taken, with the same tables."""
+        for k, place_mm in enumerate(state["places"]):
+            self._put(k, place_mm)
+        self._extra = list(state["extra"])
+        for k, direction in state["directions"].items():
+            self._elcam.tables[int(k)].go_on(direction, self._elcam.axes[self._elcam.tables[int(k)].master].setpoint)
+
+
+_STEEPEST_WIRE = 0.1
+"""The upper guide may lead by this share of the guides' distance (ours): the gap is computed slice by slice, as if
+each were upright, which holds for small angles."""
+_PLACES = 1000  # places of its master at which a cam is evaluated, besides its points (ours)
+
+
+def check_cams(elcam: Elcam, contours_um: Sequence[NDArray[np.int64]], guide_distance_mm: float) -> None:
+    """Refuse a cam that leads the upper guide too far on a way: which axis, how far, and how far it may go."""
+    points_mm = np.concatenate(contours_um) * 1e-3
+    length_mm = sum(float(np.hypot(*np.diff(points, axis=0).T).sum()) for points in contours_um) * 1e-3
+    ranges = {0: points_mm[:, 0], 1: points_mm[:, 1], len(PLACES) - 1: np.array([0.0, length_mm])}
+    most_mm = _STEEPEST_WIRE * guide_distance_mm
+    for table in elcam.tables.values():
+        if not table.leads:
+            continue
+        places = ranges[table.master]
+        place_mm, lead_mm = _furthest(table, float(places.min()), float(places.max()))
+        if lead_mm > most_mm:
+            raise InputError(
+                f"the cam of {NAMES[table.axis]} leads the upper guide {lead_mm:.3f} mm away from the lower one, at "
+                f"{PLACES[table.master]} {place_mm:.3f} mm; between guides {guide_distance_mm:g} mm apart it may be "
+                f"{most_mm:.3f} mm"
+            )
+
+
+def _furthest(table: CamTable, low_mm: float, high_mm: float) -> tuple[float, float]:
+    """Return where a master in some range leads its follower furthest away from 0, and how far (mm)."""
+    own = table.points[: table.size_master, 0]
+    period = own[-1] - own[0]
+    first, last = (np.floor((end - own[0]) / period) for end in (low_mm, high_mm))
+    passes = np.unique([first, first + 1, last - 1, last])
+    corners = (own[None, :] + passes[:, None] * period).ravel()
+    corners = corners[(corners > low_mm) & (corners < high_mm)]
+    places = np.concatenate([corners, np.linspace(low_mm, high_mm, _PLACES)])
+    lead = np.abs([table.follow(place, 0.0) for place in places.tolist()])
+    k = int(np.argmax(lead))
+    return float(places[k]), float(lead[k])

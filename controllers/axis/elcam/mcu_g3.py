@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import SampleFunction, carray, sample
 from edmsim.controllers.axis.drive import axis_row, new_record
 from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.axis.elcam.registers import DATA, Function, Mode
-from edmsim.controllers.axis.elcam.table import blend
+from edmsim.controllers.axis.elcam.table import DATA, Function, Mode, blend
 from edmsim.errors import InputError
 
 CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9  # interpolator's cycle

@@ -19,28 +19,104 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from edmsim.controllers.axis.elcam.registers import (
-    ACCESS,
-    DATA,
-    KNOWN,
-    CallStatus,
-    Descriptor,
-    Error,
-    Function,
-    LoadStatus,
-    Mode,
-    ObjectAnswer,
-    version_of,
-)
-from edmsim.controllers.axis.elcam.table import CamTable
+from edmsim.controllers.axis.elcam.table import DATA, CamTable, Error, Function, Mode
 from edmsim.errors import InputError
 from edmsim.numeric import whole
 
 __all__ = ["CamPlace", "Elcam", "Function", "Mode", "TableAccess"]
+
+# The object interface: addresses, functions and answers (tables 1 and 2, chapter 2.7).
+
+
+@dataclass(frozen=True)
+class Descriptor:
+    """An object's address."""
+
+    bus: int  # 1200 for ELCAM
+    device: int  # 1 for a table; 0 with index 30 for the switch of the compensation of all tables
+    index: int  # number of the table, 0 or more, chosen by the user
+    sub_index: int  # a `Function`
+
+
+class Access(NamedTuple):
+    """How a function is called."""
+
+    kind: type[int] | type[float]
+    rights: str  # of "r" and "w"
+    name: str = ""  # attribute of `CamTable` that it reads, and writes unless the module does more; empty for none
+    while_running: bool = False  # whether it is written while the table runs (ours: only rows are forbidden there)
+    since: str = ""  # key in the data of the version from which on the firmware has it; empty for all
+
+
+ACCESS: dict[Function, Access] = {
+    Function.ERROR: Access(int, "rw", while_running=True),
+    Function.RESET: Access(int, "rw", while_running=True),
+    Function.BUFFER_SIZE: Access(int, "rw"),
+    Function.AXIS: Access(int, "rw", "axis"),
+    Function.MASTER: Access(int, "rw", "master"),
+    Function.GAIN: Access(float, "rw", "gain", while_running=True),
+    Function.PHASE: Access(float, "rw", "phase", while_running=True),
+    Function.SHIFT: Access(float, "rw", "shift", while_running=True),
+    Function.MODE: Access(int, "rw", while_running=True),
+    Function.ADD_MASTER: Access(float, "w"),
+    Function.ADD_FOLLOW: Access(float, "w"),
+    Function.SIZE_MASTER: Access(int, "r", "size_master"),
+    Function.SIZE_FOLLOW: Access(int, "r", "size_follow"),
+    Function.ROW_AXIS: Access(int, "rw", "row_axis"),
+    Function.ROW_START: Access(float, "rw", "row_start"),
+    Function.ROW_END: Access(float, "rw", "row_end"),
+    Function.ROW_COUNT: Access(int, "rw", "row_count"),
+    Function.TARGET_POSITION: Access(float, "r", since="target_position"),
+    Function.MEMORY_ADDRESS: Access(int, "r", "physical_address"),
+    Function.TABLE_SIZE: Access(int, "w", since="computer_memory"),
+    Function.COMPENSATION: Access(int, "rw", since="compensation"),
+    Function.INTERPOLATE_ROWS: Access(int, "rw", while_running=True),
+    Function.PHYSICAL_ADDRESS: Access(int, "rw", "physical_address", since="computer_memory"),
+}
+"""Every function of a table's object."""
+
+
+KNOWN = Mode(0x1FF)  # all bits of MODE
+
+
+class CallStatus(IntEnum):
+    """Status of a call of the object interface; all but BUSY and LOCKED are ours."""
+
+    OK = 0
+    REFUSED = 1  # no such object or right, an invalid number, or what its register forbids; nothing has changed
+    BUSY = 2  # not while the table runs
+    LOCKED = 16  # "Error 10 hex": the precision cannot change any more
+
+
+class LoadStatus(IntEnum):
+    """Status of loading a whole table (chapter 2.7)."""
+
+    OK = 0
+    NO_ACCESS = 1
+    SIZE = 2
+    REBOOTED = 3
+    NO_ADDRESS = 4
+    NO_MEMORY = 5
+    SYSTEM = 6
+    NOT_WHOLE = 7
+
+
+class ObjectAnswer(NamedTuple):
+    """Result of a reading call; the value is valid only with `CallStatus.OK`."""
+
+    status: CallStatus
+    value: float
+
+
+def version_of(text: str) -> tuple[int, ...]:
+    """Return a version as numbers that compare."""
+    return tuple(int(part) for part in text.split("."))
+
 
 # Memory for cam tables: in the control (chapter 1 of the ELCAM document) and in the computer (chapter 2.8).
 

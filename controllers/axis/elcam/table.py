@@ -11,12 +11,78 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from enum import IntEnum, IntFlag
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.axis.elcam.registers import Error, Mode
+from edmsim.controllers.axis.drive import data_of
+
+# Functions of the object interface and bits of the registers: "G3-ElCam Interface" of the MCU-G3, tables 2 to 4.
+
+DATA: dict[str, Any] = data_of("mcu_g3")  # tables of ``models/drives/mcu_g3.toml``
+
+
+class Function(IntEnum):
+    """Values of ``sub_index`` of a table's object (table 2); in brackets the document's name."""
+
+    ERROR = 1
+    RESET = 2
+    BUFFER_SIZE = 3  # greatest number of points, those of all rows (BUFSIZE)
+    AXIS = 4
+    """Number of the axis that follows, or is compensated."""
+    MASTER = 5
+    GAIN = 6
+    PHASE = 7  # shift of the points along the master (PHASE)
+    SHIFT = 8  # shift of the points along the follower (SHIFT)
+    MODE = 10
+    ADD_MASTER = 11
+    ADD_FOLLOW = 12
+    SIZE_MASTER = 13
+    SIZE_FOLLOW = 14
+    ROW_AXIS = 15  # number of the axis that chooses the row (MLAXIS)
+    ROW_START = 16  # its place at row 0 (MLSTART, MasterLineStart)
+    ROW_END = 17  # its place at the last row (MLEND, MasterLineEnd)
+    ROW_COUNT = 18  # number of rows; 0 for a table without (MLCOUNT, MasterLineCount)
+    TARGET_POSITION = 19  # where the follower ought to be now (CALC TARGET POSITION)
+    MEMORY_ADDRESS = 20
+    TABLE_SIZE = 21  # points of a table in the computer's memory (SetTabSize)
+    COMPENSATION = 30  # whether the table is one of errors to compensate (AxisCompensationMode)
+    INTERPOLATE_ROWS = 31
+    PHYSICAL_ADDRESS = 300
+
+
+class Error(IntFlag):
+    """Bits of the register ERROR (table 3)."""
+
+    MEMORY = 1 << 8
+    SIZE = 1 << 9
+    SIZE_MASTER = 1 << 10
+    SIZE_FOLLOW = 1 << 11
+    MASTER = 1 << 12
+    NOT_ASCENDING = 1 << 13
+    ROW_TABLE = 1 << 14
+    ROW_AXIS = 1 << 15
+    ROW_SIZE = 1 << 16
+    ROW_START = 1 << 17
+    ROW_END = 1 << 18
+
+
+class Mode(IntFlag):
+    """Bits of the register MODE (table 4)."""
+
+    RUN = 1
+    ACTUAL = 1 << 1  # the master's actual value is looked up, not its setpoint (RpModeTable)
+    ACTUAL_ROW = 1 << 2  # the same of the axis that chooses the row (RpModeLine)
+    ROWS = 1 << 3  # set by the system: the table has rows (MultiDimTable)
+    SINGLE = 1 << 4  # points are numbers of 32 bits (SinglePrecision)
+    COMPENSATION = 1 << 5
+    INTERPOLATE_ROWS = 1 << 6
+    AUXILIARY = 1 << 7  # with ACTUAL: a stepper's own encoder is its actual value (AuxModeTable)
+    AUXILIARY_ROW = 1 << 8
+
+
 
 
 @dataclass

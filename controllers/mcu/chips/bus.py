@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
+from edmsim.controllers.mcu.firmware.poscal import BYTE, WORD
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 

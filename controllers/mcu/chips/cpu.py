@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from edmsim.controllers.mcu.chips.bus import EPROM, Bus
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
+from edmsim.controllers.mcu.firmware.poscal import BYTE, WORD
 from edmsim.errors import InputError
 
 B, C, D, E, H, L, M, A = range(8)  # registers in the order of the instructions; M is the byte that H and L point at

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE
+from edmsim.controllers.mcu.firmware.poscal import BYTE
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 

@@ -13,11 +13,9 @@ from collections.abc import Callable
 from edmsim.controllers.mcu.chips.display import BANK, BLANK, SHIFT, write_digit
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.dialogue.line_input import SEPARATORS
-from edmsim.controllers.mcu.dialogue.main_program import MachinePort
-from edmsim.controllers.mcu.dialogue.part_program import Move, Setting, check_speed
+from edmsim.controllers.mcu.dialogue.main_program import MachinePort, Move, Setting, check_speed
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.arithmetic import WORD
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 

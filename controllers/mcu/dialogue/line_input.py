@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.computer import Streams
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.memory_map import LINE_LENGTH
+from edmsim.controllers.mcu.firmware.poscal import WORD
 from edmsim.errors import InputError
 
 BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12

@@ -15,16 +15,186 @@ select which of its words apply: the codes of t(i) and t(p), and the speed. ``00
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from edmsim.controllers.mcu.chips.bus import Bus
-from edmsim.controllers.mcu.chips.dac import PulseSettings, time_text
-from edmsim.controllers.mcu.dialogue import part_program
-from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, skip
+from edmsim.controllers.mcu.chips.dac import MOST_CODE, PulseSettings, time_text
+from edmsim.controllers.mcu.dialogue.line_input import SEPARATORS, InputBuffer, getnum, gnumhx, skip
 from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.memory_map import PROGRAM_ENTRIES
+from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.errors import InputError
+
+# The words of a path: an operator types them before START, and the host minicomputer sends them as a program.
+# The thesis says that programs come from the host through the second serial channel (4.1), without an example; the
+# lines are ours. They use the terminal's words, so the host can send all that you can type::
+#     * a punch                       (a comment)
+#     TI 30 TP 100 SPEED 100          settings from this place on
+#     NEW 33000 32500                 a straight move, um
+#     CW 33500 32000 33000 32000      an arc to a place about a centre; CCW the other way round
+#     END
+
+LAST_WORD, COMMENT = b"END", b"*"
+
+
+class Move(NamedTuple):
+    """A way to a new position in um: straight, or about a centre."""
+
+    end_um: tuple[int, int]
+    centre_um: tuple[int, int] | None = None
+    clockwise: bool = False
+
+    def __str__(self) -> str:
+        """Return the line that would be typed."""
+        if self.centre_um is None:
+            return f"NEW {self.end_um[0]} {self.end_um[1]}"
+        word = "CW" if self.clockwise else "CCW"
+        return f"{word} {self.end_um[0]} {self.end_um[1]} {self.centre_um[0]} {self.centre_um[1]}"
+
+
+class Setting(NamedTuple):
+    """Codes of V(t(i)) and V(t(p)), 0..511, and the cutting speed in units, 1..127; None leaves one as it is."""
+
+    t_i: int | None = None
+    t_p: int | None = None
+    speed: int | None = None
+
+    def __str__(self) -> str:
+        """Return the line that would be typed."""
+        pulses = [f"{word} {code:02X}H" for word, code in (("TI", self.t_i), ("TP", self.t_p)) if code is not None]
+        return " ".join(pulses + ([] if self.speed is None else [f"SPEED {self.speed}"]))
+
+
+Entry = Move | Setting
+
+
+def read_word(buffer: InputBuffer) -> str:
+    """Read the letters (and question marks) at the pointer, after separators; empty at the end of the line."""
+    skip(buffer)
+    word = ""
+    while chr(buffer.waiting).isalpha() or buffer.waiting == ord("?"):
+        word += chr(buffer.waiting)
+        buffer.advance()
+    return word
+
+
+def until_separator(text: bytes) -> bytes:
+    """Return what stands before the first separator."""
+    return re.split(rb"[%b]" % re.escape(SEPARATORS), text)[0]
+
+
+def is_code(text: bytes) -> bool:
+    """Say whether a text is a code, hexadecimal digits and an H; the codes from AH on begin like a word."""
+    return re.fullmatch(rb"[0-9A-F]+H", text) is not None
+
+
+def read_number(buffer: InputBuffer) -> int:
+    """Read a decimal number of 16 bits that ends where it should: at a separator or the end of the line."""
+    column, written = buffer.column, buffer.rest
+    number = getnum(buffer)
+    if buffer.waiting and buffer.waiting not in SEPARATORS:
+        found = until_separator(written)
+        raise InputError(f"a decimal number must stand at column {column}, not {found.decode('ascii')}")
+    return number
+
+
+def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
+    """Read `count` decimal numbers of 16 bits, separated; `what` names them in an error."""
+    numbers: list[int] = []
+    while len(numbers) < count:
+        if not skip(buffer):
+            raise InputError(f"{what} is wanted")
+        numbers.append(read_number(buffer))
+    return numbers
+
+
+def at_end(buffer: InputBuffer) -> None:
+    """Refuse what is left of a line; raises `InputError` if anything but separators is left."""
+    if skip(buffer):
+        raise InputError(f"{buffer.rest.decode('ascii')} is more than is wanted here")
+
+
+def read_move(word: str, buffer: InputBuffer) -> Move:
+    """Read the numbers of NEW, CW or CCW and the end of the line."""
+    if word == "NEW":
+        x, y = read_numbers(buffer, 2, "NEW x y")
+        at_end(buffer)
+        return Move((x, y))
+    x, y, xc, yc = read_numbers(buffer, 4, f"{word} x y and the centre's x y")
+    at_end(buffer)
+    return Move((x, y), (xc, yc), word == "CW")
+
+
+def read_setting(word: str, buffer: InputBuffer, pulses: PulseSettings) -> Setting:
+    """Read one or more of TI, TP and SPEED with their numbers: decimal us, or hexadecimal codes (``4DH``)."""
+    found: dict[str, int] = {}
+    while word:
+        if word == "SPEED":
+            found["speed"] = check_speed(read_numbers(buffer, 1, f"SPEED 1 to {MAX_SPEED} in units")[0])
+        elif word == "TI":
+            found["t_i"] = read_code(buffer, pulses.code_of_t_i, "TI in us or as a code 0H to 1FFH")
+        elif word == "TP":
+            found["t_p"] = read_code(buffer, pulses.code_of_t_p, "TP in us or as a code 0H to 1FFH")
+        else:
+            raise InputError(f"{word} cannot stand beside settings; TI, TP and SPEED can")
+        word = read_word(buffer)
+    at_end(buffer)
+    return Setting(**found)
+
+
+def check_speed(units: int) -> int:
+    """Return a cutting speed; raises `InputError` if it is invalid."""
+    if not 1 <= units <= MAX_SPEED:
+        raise InputError(f"SPEED is 1 to {MAX_SPEED} units, not {units}")
+    return units
+
+
+def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> int:
+    """Read a time in us, turned into its code, or the code itself."""
+    if not skip(buffer):
+        raise InputError(f"{what} is wanted")
+    number = until_separator(buffer.rest)
+    if not number.endswith(b"H"):
+        return code_of(read_number(buffer))
+    code = gnumhx(buffer)
+    buffer.advance()  # the H
+    if code > MOST_CODE:
+        raise InputError(f"a code is 0H to {MOST_CODE:X}H, not {code:X}H")
+    return code
+
+
+def read_program(lines: Iterable[bytes], pulses: PulseSettings) -> list[Entry]:
+    """Read the host's lines, in capitals, up to END; an error names its line."""
+    entries: list[Entry] = []
+    for number, text in enumerate(lines, 1):
+        if text.strip() == LAST_WORD:
+            if not any(isinstance(entry, Move) for entry in entries):
+                raise InputError("the host's program moves nothing")
+            return entries
+        try:
+            entry = _read_line(InputBuffer(text), pulses)
+        except InputError as error:
+            raise InputError(f"line {number} of the host's program: {error.reason}") from None
+        if entry is not None:
+            entries.append(entry)
+        if len(entries) > PROGRAM_ENTRIES:
+            raise InputError(f"line {number} of the host's program is one more than the {PROGRAM_ENTRIES} that fit")
+    raise InputError("the host's program ends without END")
+
+
+def _read_line(buffer: InputBuffer, pulses: PulseSettings) -> Entry | None:
+    if not skip(buffer) or buffer.rest.startswith(COMMENT):
+        return None
+    word = read_word(buffer)
+    if word in ("NEW", "CW", "CCW"):
+        return read_move(word, buffer)
+    if word in ("TI", "TP", "SPEED"):
+        return read_setting(word, buffer, pulses)
+    raise InputError(f"{word or buffer.rest.decode('ascii')} is not one of NEW, CW, CCW, TI, TP, SPEED, END")
+
 
 # The machine's state for its operator, and how STATUS prints it.
 
@@ -50,7 +220,7 @@ class Status(NamedTuple):
     voltage_V: float  # mean over the gap
     current_A: float
     time_s: float
-    move: part_program.Move | None  # of the cut under way
+    move: Move | None  # of the cut under way
 
     @property
     def erosion(self) -> int:
@@ -58,7 +228,7 @@ class Status(NamedTuple):
         return max(self.counted - self.short - self.open, 0)
 
 
-def describe(status: Status, target: part_program.Move | None) -> str:
+def describe(status: Status, target: Move | None) -> str:
     """What STATUS prints; where a cut is under way its move, wherever that was given, else the new position."""
     x, y = status.position
     return "\n".join(
@@ -212,15 +382,15 @@ class ProgramStore:
         self._first = first
         self._most = most
 
-    def write(self, entries: Sequence[part_program.Entry]) -> None:
+    def write(self, entries: Sequence[Entry]) -> None:
         """Put a program into memory."""
         data = b"".join(map(_bytes_of, entries)) + bytes([END])
         for offset, byte in enumerate(data):
             self._memory.write(self._first + offset, byte)
 
-    def read(self) -> list[part_program.Entry]:
+    def read(self) -> list[Entry]:
         """The program in memory; raises `InputError` if the bytes are not a program."""
-        entries: list[part_program.Entry] = []
+        entries: list[Entry] = []
         address = self._first
         while kind := self._memory.read(address):
             if len(entries) == self._most:
@@ -228,20 +398,20 @@ class ProgramStore:
             if kind in _WORDS:
                 words = [self._memory.word(address + 1 + 2 * k) for k in range(_WORDS[kind])]
                 centre = (words[2], words[3]) if len(words) == 4 else None
-                entries.append(part_program.Move((words[0], words[1]), centre, kind == CLOCKWISE))
+                entries.append(Move((words[0], words[1]), centre, kind == CLOCKWISE))
                 address += 1 + 2 * len(words)
             elif kind & ~0x07 == SETTING:
                 words = [self._memory.word(address + 1 + 2 * k) for k in range(3)]
                 known = (word if kind >> k & 1 else None for k, word in enumerate(words))
-                entries.append(part_program.Setting(*known))
+                entries.append(Setting(*known))
                 address += 1 + 2 * len(words)
             else:
                 raise InputError(f"the program's byte at {address:04X}H is {kind:02X}H, which begins no entry")
         return entries
 
 
-def _bytes_of(entry: part_program.Entry) -> bytes:
-    if isinstance(entry, part_program.Setting):
+def _bytes_of(entry: Entry) -> bytes:
+    if isinstance(entry, Setting):
         kind = SETTING | sum((value is not None) << k for k, value in enumerate(entry))
         words = [value or 0 for value in entry]
     else:
@@ -263,10 +433,10 @@ class MachinePort(Protocol):
     def set_position(self, position: tuple[int, int]) -> None:
         """Set the position counters."""
 
-    def set(self, setting: part_program.Setting) -> None:
+    def set(self, setting: Setting) -> None:
         """Take over codes and speed."""
 
-    def cut(self, program: Sequence[part_program.Entry]) -> None:
+    def cut(self, program: Sequence[Entry]) -> None:
         """Start timers and machine along a path."""
 
     def go_on(self) -> None:
@@ -321,7 +491,7 @@ def _alone(do: Callable[[], None]) -> Callable[[InputBuffer], None]:
     """Return what obeys a word that stands alone on its line."""
 
     def word(buffer: InputBuffer) -> None:
-        part_program.at_end(buffer)
+        at_end(buffer)
         do()
 
     return word
@@ -329,8 +499,8 @@ def _alone(do: Callable[[], None]) -> Callable[[InputBuffer], None]:
 
 def _switched(word: str, on: str, off: str, buffer: InputBuffer) -> bool:
     """Read which of two words follows another, and the end of the line."""
-    found = part_program.read_word(buffer)
-    part_program.at_end(buffer)
+    found = read_word(buffer)
+    at_end(buffer)
     if found not in (on, off):
         raise InputError(f"{word} {on} or {word} {off} is wanted")
     return found == on
@@ -367,13 +537,13 @@ class MainProgram:
         return tuple(self._words)
 
     @property
-    def target(self) -> part_program.Move | None:
+    def target(self) -> Move | None:
         """The new position; None while none was given, or what stands there was altered to none."""
         try:
             found = self._new_place.read()
         except InputError:
             return None
-        return found[0] if found and isinstance(found[0], part_program.Move) else None
+        return found[0] if found and isinstance(found[0], Move) else None
 
     @property
     def prompt(self) -> str:
@@ -392,15 +562,15 @@ class MainProgram:
         self._question = None
         if not waits:
             return
-        self._word = part_program.read_word(buffer)
+        self._word = read_word(buffer)
         if self._word not in self._words:
             found = self._word or buffer.rest.decode("ascii")
             raise InputError(f"{found} is not a word of this machine; HELP shows them")
         self._words[self._word](buffer)
 
     def _help(self, buffer: InputBuffer) -> None:
-        word = part_program.read_word(buffer)
-        part_program.at_end(buffer)
+        word = read_word(buffer)
+        at_end(buffer)
         if word and ALIASES.get(word, word) not in WORDS:
             raise InputError(f"there is no help on {word}; there is on {' '.join(WORDS)}")
         self._say(WORDS[ALIASES.get(word, word)] if word else JOB)
@@ -413,15 +583,15 @@ class MainProgram:
             now = self._machine.status()
             self._say("POSITION X {} Y {} {}".format(*now.position, now.unit))
             return
-        x, y = part_program.read_numbers(buffer, 2, "POS x y")
-        part_program.at_end(buffer)
+        x, y = read_numbers(buffer, 2, "POS x y")
+        at_end(buffer)
         self._machine.set_position((x, y))
 
     def _new(self, buffer: InputBuffer) -> None:
-        self._new_place.write([part_program.read_move(self._word, buffer)])
+        self._new_place.write([read_move(self._word, buffer)])
 
     def _set(self, buffer: InputBuffer) -> None:
-        self._machine.set(part_program.read_setting(self._word, buffer, self._machine.pulse_settings))
+        self._machine.set(read_setting(self._word, buffer, self._machine.pulse_settings))
         now = self._machine.status()
         self._say(f"{pulses(now)}   SPEED {now.speed}")
 
@@ -438,19 +608,19 @@ class MainProgram:
         sign = -1 if buffer.waiting == ord("-") else 1
         if buffer.waiting in b"+-":
             buffer.advance()
-        way = sign * part_program.read_number(buffer)
-        part_program.at_end(buffer)
+        way = sign * read_number(buffer)
+        at_end(buffer)
         self._machine.jog(axis, way)
 
     def _wait(self, buffer: InputBuffer) -> None:
-        seconds = part_program.read_number(buffer) if skip(buffer) else None
-        part_program.at_end(buffer)
+        seconds = read_number(buffer) if skip(buffer) else None
+        at_end(buffer)
         self._desk.wait(seconds)
 
     def _load(self) -> None:
-        program = part_program.read_program(self._desk.host_lines(), self._machine.pulse_settings)
+        program = read_program(self._desk.host_lines(), self._machine.pulse_settings)
         self._program.write(program)
-        moves = sum(isinstance(entry, part_program.Move) for entry in program)
+        moves = sum(isinstance(entry, Move) for entry in program)
         self._say(f"LOADED: {moves} MOVES, {len(program) - moves} SETTINGS")
 
     def _list(self) -> None:
@@ -483,7 +653,7 @@ class MainProgram:
         """Whether a line answers the question; a word ends the questions instead, but for yes and no."""
         if self._question == _START:
             return buffer.rest.strip() in (b"Y", b"YES", b"N", b"NO")
-        if self._question in (_T_I, _T_P) and part_program.is_code(part_program.until_separator(buffer.rest)):
+        if self._question in (_T_I, _T_P) and is_code(until_separator(buffer.rest)):
             return True
         return not chr(buffer.waiting).isalpha()
 
@@ -505,24 +675,24 @@ class MainProgram:
         """Take an answer over; t(i) waits for t(p), as the two may not be set independently (row T-34)."""
         pulse_settings = self._machine.pulse_settings
         if question == _T_I:
-            t_i = part_program.read_code(buffer, pulse_settings.code_of_t_i, "t(i) in us")
-            part_program.at_end(buffer)
+            t_i = read_code(buffer, pulse_settings.code_of_t_i, "t(i) in us")
+            at_end(buffer)
             self._t_i = t_i
         elif question == _T_P:
-            t_p = part_program.read_code(buffer, pulse_settings.code_of_t_p, "t(p) in us")
-            part_program.at_end(buffer)
+            t_p = read_code(buffer, pulse_settings.code_of_t_p, "t(p) in us")
+            at_end(buffer)
             self._set_pulses(t_p)
         elif question == _SPEED:
-            self._machine.set(part_program.read_setting("SPEED", buffer, pulse_settings))
+            self._machine.set(read_setting("SPEED", buffer, pulse_settings))
         elif question == _NEW:
-            self._new_place.write([part_program.read_move("NEW", buffer)])
+            self._new_place.write([read_move("NEW", buffer)])
         else:
             self._pos(buffer)
 
     def _set_pulses(self, t_p: int | None) -> None:
         """Set both; a pair that is refused is asked for again."""
         try:
-            self._machine.set(part_program.Setting(self._t_i, t_p))
+            self._machine.set(Setting(self._t_i, t_p))
         except InputError:
             self._question = _T_I
             raise

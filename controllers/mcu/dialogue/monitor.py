@@ -21,7 +21,7 @@ from edmsim.controllers.mcu.chips import bus
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.dialogue.line_input import CANCEL, LINE_FEED, RETURN, SPACE, normal
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
+from edmsim.controllers.mcu.firmware.poscal import BYTE, WORD
 from edmsim.errors import InputError
 
 RECORD_BYTES = 16  # bytes in a record that is punched, as Intel's own programs punch them

@@ -13,8 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.mcu.firmware.arithmetic import WORD, sqrt, subsgn
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, resolve
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD, resolve, sqrt, subsgn
 from edmsim.errors import InputError
 
 Point = tuple[int, int]

@@ -14,8 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from edmsim.controllers.mcu.firmware.arithmetic import WORD
-from edmsim.controllers.mcu.firmware.tstates import ADD_T, FRACTION_T, MULTIPLY_T, POSCAL_BOUND_T, READ_OUT_T
+from edmsim.controllers.mcu.firmware.poscal import WORD
+from edmsim.controllers.mcu.firmware.timers import ADD_T, FRACTION_T, MULTIPLY_T, POSCAL_BOUND_T, READ_OUT_T
 
 TICK_NS = 100_000  # system tick: 0.1 ms (ours), so that a word holds 6.5 s, more than twice the longest window
 SHARE = 255 << 8  # a share of 1: all 255 pulses

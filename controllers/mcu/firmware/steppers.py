@@ -13,10 +13,8 @@ from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips import pic, pit
 from edmsim.controllers.mcu.chips.bus import CPORT2, TIMERS
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware import tstates
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD, subsgn
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Displacement, Unit, positi, resolve, unit_um, velocm
-from edmsim.controllers.mcu.firmware.timers import TIMER_COUNT, TickClock, reload_count
+from edmsim.controllers.mcu.firmware import poscal, timers
+from edmsim.controllers.mcu.firmware.poscal import BYTE, STEP_UM, WORD, Displacement, Unit, subsgn, velocm
 from edmsim.controllers.protocols import Step
 from edmsim.snapshots import Snapshots
 
@@ -36,10 +34,10 @@ class Steppers(Snapshots):
         self.free_ns = 0  # when the main program has done what it computes; interrupts put that off
         self.unit: Unit = unit
         self._serve = serve
-        self._half_step = STEP_UM // unit_um(unit) // 2
+        self._half_step = STEP_UM // poscal.unit_um(unit) // 2
         self._wrap = wrap
         self._aim = None
-        self._clock = TickClock()
+        self._clock = timers.TickClock()
         self._tick = -1  # that of time 0 is to come
         self._last_tick = [0, 0]
         lines = board.lines
@@ -75,8 +73,8 @@ class Steppers(Snapshots):
         self.lead_to(x, y)
         dx, x_direction = subsgn(x, bus.word(at.XPOS))
         dy, y_direction = subsgn(y, bus.word(at.YPOS))
-        self._aim = resolve(dx, dy, x_direction * heading, y_direction * heading, self._wrap)
-        cost = tstates.poscal_t_states(dx, dy, bus.word(at.MAXVEL))
+        self._aim = poscal.resolve(dx, dy, x_direction * heading, y_direction * heading, self._wrap)
+        cost = timers.poscal_t_states(dx, dy, bus.word(at.MAXVEL))
         self.t_states += cost
         return cost
 
@@ -102,7 +100,7 @@ class Steppers(Snapshots):
                 if not self._to_go(area, velocity):
                     velocity = 0
                 elif not bus.word(area + at.VELOCITY):
-                    self._load(axis, reload_count(abs(velocity)))
+                    self._load(axis, timers.reload_count(abs(velocity)))
             bus.store(area + at.VELOCITY, velocity)
 
     def begin(self, x: int, y: int, heading: int = 1) -> int:
@@ -115,7 +113,7 @@ class Steppers(Snapshots):
 
     def busy(self, t_states: int) -> None:
         """Let the main program compute for so long."""
-        self.free_ns = self.board.now_ns + tstates.nanoseconds(t_states)
+        self.free_ns = self.board.now_ns + timers.nanoseconds(t_states)
 
     def run_until(self, end_ns: int, to_the_end: bool = True) -> None:
         """Let the timers run up to a time, or the move's end, and serve interrupts; a routine begun is finished."""
@@ -146,9 +144,9 @@ class Steppers(Snapshots):
             waited = max(tick - self._last_tick[axis], 1)
             self._last_tick[axis] = tick
             # whole rounds of the counter are waited before the rest is loaded
-            bus.store(area + at.ROUNDS, (waited - 1) // TIMER_COUNT)
+            bus.store(area + at.ROUNDS, (waited - 1) // timers.TIMER_COUNT)
             self._load(axis, waited)
-            if board.timers.counters[axis].run(waited & WORD or TIMER_COUNT):
+            if board.timers.counters[axis].run(waited & WORD or timers.TIMER_COUNT):
                 board.interrupts.request(pic.X_STEPPER + axis)
             if not self._serve():
                 return
@@ -160,20 +158,20 @@ class Steppers(Snapshots):
         move of the program's own an axis at its target gets the speed 0, and its next interrupt does nothing.
         """
         area = at.AREAS[axis]
-        self._spend(tstates.ENTRY_T)
+        self._spend(timers.ENTRY_T)
         velocity = self.signed(area + at.VELOCITY)
         if not velocity:
             return
         if self.own:
-            self._load(axis, reload_count(abs(velocity)))
-        self._spend(tstates.LOAD_T + tstates.PULSE_T)
+            self._load(axis, timers.reload_count(abs(velocity)))
+        self._spend(timers.LOAD_T + timers.PULSE_T)
         direction, pulse = self._bits[axis]
         bus = self.board.bus
         bus.write(CPORT2, direction << 1 | (velocity > 0))
         bus.write(CPORT2, pulse << 1 | 1)
         bus.write(CPORT2, pulse << 1)
-        bus.store(area, positi(bus.word(area), 1 if velocity > 0 else -1, self._wrap, self.unit))
-        self._spend(tstates.POSITI_T + tstates.RETURN_T)
+        bus.store(area, poscal.positi(bus.word(area), 1 if velocity > 0 else -1, self._wrap, self.unit))
+        self._spend(timers.POSITI_T + timers.RETURN_T)
         if self.own and not self._to_go(area, velocity):
             bus.store(area + at.VELOCITY, 0)
 
@@ -182,7 +180,7 @@ class Steppers(Snapshots):
         self.t_states += t_states
         if not self.own:
             return  # a planner's times are those of the edges
-        before_ns, spent_ns = self.board.now_ns, tstates.nanoseconds(t_states)
+        before_ns, spent_ns = self.board.now_ns, timers.nanoseconds(t_states)
         if self.free_ns > before_ns:
             self.free_ns += spent_ns
         self._pass(before_ns + spent_ns, self._clock.before(before_ns + spent_ns + 1))

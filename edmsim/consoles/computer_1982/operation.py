@@ -6,18 +6,14 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 
 from edmsim.consoles.computer_1982.rig import END_SWITCHES, Point, Rig, lay_out
-from edmsim.controllers.mcu.board import Board
+from edmsim.controllers.mcu.board import STOP_BUTTON, Board
 from edmsim.controllers.mcu.chips.dac import PulseSettings
 from edmsim.controllers.mcu.chips.display import CTRL, SCAN_NS, SHIFT
-from edmsim.controllers.mcu.chips.switches import STOP_BUTTON
-from edmsim.controllers.mcu.computer import OFF
+from edmsim.controllers.mcu.computer import OFF, set_tension
 from edmsim.controllers.mcu.dialogue.front_panel import KEYS, FrontPanel, read_keys
-from edmsim.controllers.mcu.dialogue.main_program import Status
-from edmsim.controllers.mcu.dialogue.part_program import Entry, Setting
+from edmsim.controllers.mcu.dialogue.main_program import Entry, Setting, Status
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.arithmetic import WORD
-from edmsim.controllers.mcu.firmware.generator_control import set_tension
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD
 from edmsim.errors import InputError
 
 HELD_NS, RELEASED_NS = 60_000_000, 40_000_000  # how long a key is held, and until the next one (ours: a quick typist)

@@ -11,31 +11,28 @@ import numpy as np
 
 from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
-from edmsim.controllers.mcu.board import Board, Faults
+from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END, Board, Faults, SafetySwitches
 from edmsim.controllers.mcu.chips.dac import PulseSettings
-from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END, SafetySwitches
-from edmsim.controllers.mcu.computer import EMERGENCY, Computer
+from edmsim.controllers.mcu.computer import EMERGENCY, Computer, PathRun
 from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
-from edmsim.controllers.mcu.dialogue.part_program import Entry, Move, Setting
+from edmsim.controllers.mcu.dialogue.main_program import Entry, Move, Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arcs import arc_points
-from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982, unit_for, unit_um
-from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
-from edmsim.controllers.mcu.firmware.tstates import seconds
-from edmsim.controllers.mcu.path_run import PathRun
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD, check_1982, unit_for, unit_um
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED, seconds
 from edmsim.controllers.planner.kinds import LITERAL
 from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, open_V
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.constants import table_mechanics
 from edmsim.plant.plant import Plant
-from edmsim.plant.window import PlantError, PulseWindow
+from edmsim.plant.window import PlantError
 
 Point = tuple[int, int]  # a place by the position counters, in um or steps
 

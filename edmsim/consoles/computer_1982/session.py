@@ -22,11 +22,9 @@ from rich.text import Text
 from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, Pipe, is_terminal
 from edmsim.consoles.computer_1982.operation import LEGEND, TOGGLE, Operation
 from edmsim.consoles.computer_1982.rig import END_SWITCHES, Rig
-from edmsim.controllers.mcu.board import Faults
+from edmsim.controllers.mcu.board import WIRE_BREAK, DropOut, Faults, SerialNoise
 from edmsim.controllers.mcu.chips import bus
 from edmsim.controllers.mcu.chips.display import BANK
-from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
-from edmsim.controllers.mcu.chips.switches import WIRE_BREAK
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.dialogue import line_input
 from edmsim.controllers.mcu.dialogue.front_panel import FIELDS

@@ -33,7 +33,7 @@ from edmsim.plant.kernel.state import GRID, IGNITION_PULSE, ISO_ENERGETIC, ISO_P
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
-    from edmsim.plant.window import PulseWindow
+    from edmsim.machine.pulse_window import PulseWindow
 
 
 _MODES = {"iso-pulse": ISO_PULSE, "iso-energetic": ISO_ENERGETIC, "ignition-pulse": IGNITION_PULSE}

@@ -8,8 +8,7 @@ import edmsim
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import REFUSED, choose_faults
-from edmsim.controllers.mcu.board import Faults
-from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.board import DropOut, Faults, SerialNoise
 from edmsim.controllers.mcu.firmware import memory_map as at
 
 from .conftest import run_script

@@ -36,6 +36,13 @@ def test_the_example_homes_and_places():
     assert device.parameters["wrncode"] == 0
 
 
+def test_files_of_another_editor_are_read(tmp_path):
+    copies = [tmp_path / file.name for file in FILES]
+    for file, copy in zip(FILES, copies, strict=True):
+        copy.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    assert Station.of_files(*copies, "analogue").control.line == station().control.line
+
+
 @pytest.mark.slow
 def test_it_tells_what_changes():
     said = []

@@ -164,6 +164,12 @@ def test_parameters_are_refused_alike():
     drive = Uhu()
     with pytest.raises(InputError, match="proportional_gain is 65536; it must be a whole number 0 to 65535"):
         drive.parameters["proportional_gain"] = 65536
+    for name, value in (("cycle", "63"), ("cycle", None), ("proportional_gain", np.nan)):
+        with pytest.raises(InputError, match="must be a whole number 0 to 65535"):
+            drive.parameters[name] = value
+    for name, value, said in (("encoder_sense", 0, "1 or -1"), ("pwm_Hz", 0, "1 to"), ("pwm_Hz", "9", "1 to")):
+        with pytest.raises(InputError, match=said):
+            Uhu(law={name: value})
     with pytest.raises(InputError, match="cannot be taken away"):
         del drive.parameters["cycle"]
     with pytest.raises(InputError, match="has no 'gain'; it has proportional_gain"):

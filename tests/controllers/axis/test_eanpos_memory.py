@@ -157,6 +157,18 @@ def test_the_resolution_has_limits(measure, pulse, fine):  # Q-3, Q-A1
     assert (p.error == 4) == (not fine)
 
 
+def test_without_a_resolution_the_count_stays():  # any value is accepted
+    p = Positioner(ready=False, pulse=0)
+    p["delta"] = 3
+    p.do("INIT", "DELCNT")
+    assert (p.error, p["wrncode"], p["wrnvalue"]) == (4, 1, 19)  # resolution; DELCNT was not executed
+    p["pulse"] = 40000
+    p.do("RSERR", "LOOPON")
+    p.do("START")
+    p.run(4.0)
+    assert p["posit"] == 2000
+
+
 def test_full_travel_at_the_finest_resolution():
     p = Positioner(measure=935, pulse=999999, maxpos=999999, minpos=-999999)
     p["posit"] = 999999

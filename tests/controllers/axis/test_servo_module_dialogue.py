@@ -267,6 +267,16 @@ def test_z_before_reset_aborts_a_paused_recording():  # M-32
     assert bench.received("x") == b""
 
 
+def test_a_new_recording_ends_the_dump_of_the_one_before():  # M-30
+    bench = locked(on_bench(loop_divider=9))
+    say(bench, "Z157")
+    bench.run(128 * 32 / 1220.7 + 0.05)
+    sent = bench.received("x")
+    assert 0 < sent.count(b"\r\n") < 128
+    assert say(bench, "Z24").endswith("Recorder ON")
+    assert dumped(bench, 0.6) == [0] * 128
+
+
 def test_an_answer_during_the_dump_is_a_transmit_error():  # M-18
     bench = on_bench()
     say(bench, "Z24")

@@ -236,6 +236,13 @@ def test_g_moves_nothing_while_the_output_is_off(counts):  # U-30, U-46, M-A21
     assert abs(count(bench) - place - 300) <= 2
 
 
+def test_a_move_right_behind_a_reset_is_made():  # U-30, U-31; GU-7: both are answered
+    bench = tuned(cycle=200, error_limit=5000)  # an interval takes longer than the line
+    assert bench.talk(b"R\rG100\r").endswith(b"OK\r\n>")
+    bench.run(0.5)
+    assert abs(count(bench) - 100) <= 2
+
+
 def test_r_clears_the_integrator():  # U-31, U-A25
     """A steady torque has filled it; after R the motor gives way at first, as a loop does that begins."""
     bench = tuned(integral_gain=100, error_limit=5000)

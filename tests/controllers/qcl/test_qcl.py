@@ -184,6 +184,7 @@ def test_a_loop_without_wait_ends_its_pass():
     ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is not a value"),
     ("a = 1.5", "is not a word of QCL"),
     ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
+    ("IF a\nELSE\nELSE\nENDIF", "ELSE without IF"),
     ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),
 ])  # fmt: skip
 def test_a_wrong_statement_is_refused(line, reason):
