@@ -114,12 +114,9 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
         _check_with(make, counts)
 
 
-def turns_knobs(make: Callable[[], protocols.FeedController], max_feed_um_s: float) -> bool:
-    """Return whether a controller changes the generator's setting after windows of any kind."""
-    machine = Machine.load()
-    commands = [command for counts in _every_kind() for command in _Rehearsal(make(), max_feed_um_s).run(counts)]
-    settings = {(command.t_on_us, command.t_period_us) for command in commands}
-    return not settings <= {(on, period) for on in (None, machine.t_on_us) for period in (None, machine.t_period_us)}
+def rehearsed(make: Callable[[], protocols.FeedController], max_feed_um_s: float) -> list[protocols.FeedCommand]:
+    """Return what a controller commands after windows of any kind on the usual machine."""
+    return [command for counts in _every_kind() for command in _Rehearsal(make(), max_feed_um_s).run(counts)]
 
 
 def _every_kind() -> tuple[Counts, ...]:

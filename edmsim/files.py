@@ -114,10 +114,11 @@ def check_suffix(file: Path, what: str, *suffixes: str) -> str:
 
 @contextmanager
 def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
-    """Keep a folder, which is made, to this process; the lock goes with it, however it ends.
+    """Keep a folder to this process; the lock goes with it, and a folder made for it into which nothing came.
 
     Raises `InputError` if the folder cannot be written to, or another process or thread, called `who`, works on it.
     """
+    made = not folder.exists()
     make_writable(folder)
     file = folder / _LOCK
     from filelock import FileLock, Timeout
@@ -134,6 +135,9 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
         with suppress(OSError):
             file.unlink(missing_ok=True)
         lock.release()
+        if made:
+            with suppress(OSError):
+                folder.rmdir()
 
 
 @contextmanager

@@ -43,9 +43,11 @@ def test_a_feed_is_commanded_as_itself_or_as_a_change(action, expected):
     assert found[0] == pytest.approx(expected / scale)
 
 
-def test_knobs_that_are_not_there_cannot_be_turned():
-    with pytest.raises(InputError, match="this environment has none"):
-        action_of("edmsim/GapFeed-v2")
+def test_knobs_and_offsets_that_are_not_there_are_refused():
+    lateral = FeedCommand(9.0, None, *FIRST_US, offset_um=1.0)
+    for command, named in ((EXPECTED, "turns the generator's knobs"), (lateral, "commands an offset")):
+        with pytest.raises(InputError, match=f"{named}, and this environment has none"):
+            action_of("edmsim/GapFeed-v2", command=command)
 
 
 def test_actions_end_at_one():
