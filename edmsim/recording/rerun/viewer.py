@@ -193,6 +193,7 @@ def _started(*options: str) -> subprocess.Popen[bytes]:
 def _end(process: subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
+        process.wait()
 
 
 class LiveViewer:
