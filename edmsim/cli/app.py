@@ -1,7 +1,5 @@
 """The command line: its commands, the version, and how errors end it."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from collections.abc import Callable

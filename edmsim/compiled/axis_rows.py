@@ -10,8 +10,6 @@ own (`DRIVE`) and its axis' (`AXIS`). It reads setpoint, encoder and switches an
         drive.command = min(max((drive.setpoint - axis.count) / 1024.0, -1.0), 1.0)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Protocol

@@ -4,8 +4,6 @@ The folder is named after a digest of every file that compiles something, of all
 Each file in it ends with a digest of itself: damaged machine code is compiled again and never run.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import os

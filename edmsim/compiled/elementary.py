@@ -5,8 +5,6 @@ memory and back. These few lines are compiled into the loop instead: the series 
 of the exponential, and a root to 3 % with the series of what it lacks, as exact as a simulated spark needs.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Decorators that compile functions with numba, without the GIL, and cache the code."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, ParamSpec, TypeVar, cast

@@ -1,7 +1,5 @@
 """Addresses in compiled code: memory as rows or groups of arrays, and calls of functions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

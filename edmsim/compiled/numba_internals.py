@@ -3,8 +3,6 @@
 `tests/plant/test_numba_internals.py` names each of them, so that a release of numba that changes one says so there.
 """
 
-from __future__ import annotations
-
 import functools
 import io
 import secrets

@@ -4,8 +4,6 @@ Draw ``n`` under a key is the splitmix64 output function (Steele, Lea, Flood, OO
 ``key + n * gamma``: it depends on nothing but the key and the count.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

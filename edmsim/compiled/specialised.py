@@ -9,8 +9,6 @@ Both are done by a process of its own that does nothing else: the liberties of `
 the order would depend on what the process had compiled before.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import gc

@@ -8,8 +8,6 @@ the operations.
 In compiled code a vector is made by `load`, goes back by `store`, and knows ``+ - * /`` with others and with numbers.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from typing import Any, cast

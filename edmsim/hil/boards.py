@@ -1,7 +1,5 @@
 """The boards of open machines: Powercore V2 and V3 of Rack Robotics, and PULSER of the Spark project."""
 
-from __future__ import annotations
-
 import math
 import re
 from abc import abstractmethod

@@ -4,8 +4,6 @@ The model's edges are vertical, and voltage and current are 0 between pulses. Wi
 at its instant; with one, voltage and current pass a first-order filter before.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 import wave

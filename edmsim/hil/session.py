@@ -5,8 +5,6 @@ not read, output that does not fit into the buffer is lost, and further lines ar
 it has to wait, as with a USB port. So the other side cannot block the gap.
 """
 
-from __future__ import annotations
-
 import select
 import time
 from collections import deque

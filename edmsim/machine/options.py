@@ -4,8 +4,6 @@ An option is an attribute of a class below: name (it ends in the unit), type, de
 it, and in ``Annotated`` its limits, the names it may have, and how the command line spells it.
 """
 
-from __future__ import annotations
-
 import inspect
 import os
 import re

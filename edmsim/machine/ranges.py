@@ -4,8 +4,6 @@ A range in a machine, wire or material file bounds what is known of a constant. 
 are what its operator may set, and are left alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import TypeVar

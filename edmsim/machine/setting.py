@@ -1,7 +1,5 @@
 """The setting of a set-up: the operator's options or else the files' constants, and their checks."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

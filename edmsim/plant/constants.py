@@ -1,16 +1,14 @@
 """Converts a machine's constants to the numbers and units of the pulse loop."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.machine.machine import mjcf_version
+from edmsim.machine.machine import Machine, mjcf_version
 from edmsim.machine.setting import (
     WINDOW_PULSES,
     flushing_Pa,
@@ -42,10 +40,6 @@ from edmsim.plant.mechanics.mujoco_table import DriveSetup, FullMechanics, Table
 from edmsim.plant.mechanics.string_modes import modes_with
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
-
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-
 
 RAY_RANGE_UM = 110.0
 """Rays end this far from the wire's surface (ours: the pull on what lies beyond is 1 % of that at 20 um)."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of, refuses_wrong_types
+from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from
 from edmsim.plant import constants
@@ -52,8 +53,6 @@ from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
 if TYPE_CHECKING:
     import shapely
-
-    from edmsim.machine.machine import Machine
 
 MECHANICS = ("modal", "mujoco")  # integrators of table and wire
 _OF_WIRE, _CHANGING = lasting(Arrays, CHANGING), lasting(Arrays, WALL, CHANGING)

@@ -1,28 +1,22 @@
 """Checks of a plant's snapshot before it is restored, because compiled code has no bounds checks."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.vectors import GAPS
 from edmsim.errors import InputError
-from edmsim.machine.machine import own_mjcf_text
+from edmsim.machine.machine import Machine, own_mjcf_text
 from edmsim.plant.kernel.declare import ArraySizes
 from edmsim.plant.kernel.state import BARE
 from edmsim.plant.workpiece.kerf_field import FULL
 
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-
 _Snapshot = Mapping[str, NDArray[Any]]
 
 _MOST = 1 << 62  # counts and times (ns) stay below this: a hundred years
-
 
 _STATED = {"name", "wire_name", "material_name", "generator_name", "t_on_us", "t_period_us"}
 """What of a set-up changes with the pulse setting, which a snapshot holds, or only names what else it says."""

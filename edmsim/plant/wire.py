@@ -6,8 +6,6 @@ wire at the discharge, the current heats it, water cools it, and the running wir
 Structure of the heat balance after the ETH model (SPARC, MIT licence) and Schacht (KU Leuven 2004).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Arcs: centres found from what a program gives, as finely as it writes its numbers; chords; extent as drawn."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The dialects of G-code: a record for each, and how the dialect of a program is recognised."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ LWPOLYLINE, and POLYLINE in two dimensions or at one height; splines also closed
 at the ends.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

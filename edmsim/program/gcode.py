@@ -7,8 +7,6 @@ move says where the wire is; later ones shift the coordinates. What is cut betwe
 passes, and each of them into approach, edge, overlap and lead-out.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

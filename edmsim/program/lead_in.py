@@ -1,7 +1,5 @@
 """The way from a start hole to a contour: one of our choice, and whether a program's own spares the part."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """What a part program draws, before any wire: outlines in mm, from G-code runs or DXF contours; none may cross."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal

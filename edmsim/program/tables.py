@@ -1,7 +1,5 @@
 """Tables that a program refers to: offset registers and machining conditions, in the program or a user's file."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping

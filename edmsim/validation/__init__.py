@@ -1,7 +1,5 @@
 """Validation: compare the plant with published facts, one row per fact."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from importlib import import_module
 

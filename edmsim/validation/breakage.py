@@ -4,8 +4,6 @@ The limit is measured as Sato et al. did: the pause is shortened step by step un
 feed follows the pulses, and the largest mean current it had held is noted, short-circuit pulses left out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """Craters of single discharges: shape, volume against current, and scatter."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

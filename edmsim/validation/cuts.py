@@ -1,7 +1,5 @@
 """Rows on the result of a cut: kerf, gaps, removal per charge and energy, cutting rate, thickness estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Rows on debris in the gap: gap width by pulse energy, delays in debris, sizes of debris."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Closed forms of gas, film, added mass and magnetic force: the compiled loop against its laws."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

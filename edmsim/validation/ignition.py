@@ -4,8 +4,6 @@ The wire hangs in the middle of a round hole. A hole faces the whole girth of th
 holds for the half that faces a front, so half the reference height makes the reference area.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Rows on the wire's position: lag of rough cuts, experiments that would determine it, trim pulses along a wall."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """Rows on pulse classes, ignition delay and debris in a cut: effects of the settings on the pulse trains."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

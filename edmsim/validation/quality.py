@@ -1,7 +1,5 @@
 """Rows on the part's quality and the wire's motion: roughness, vibration, corner error."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

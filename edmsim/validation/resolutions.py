@@ -1,7 +1,5 @@
 """Rows on resolution: the default cut at `fast`, `default` and `fine`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

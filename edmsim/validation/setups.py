@@ -1,7 +1,5 @@
 """Set-ups that several checks use: changed constants, a straight cut at fixed feed, a hole of known gap."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rows on shorts: their causes, their effect on the rate, and how a cut ends in them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

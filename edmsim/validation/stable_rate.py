@@ -4,8 +4,6 @@ The rate is searched as `edmsim.evaluation.stable_rate` does it, by shortening t
 cut jams or the generator gives no more, on the production machine as it is loaded.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

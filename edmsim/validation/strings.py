@@ -1,7 +1,5 @@
 """The wire as a string between its guides: static lag, frequencies, and the electrostatic pull on it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

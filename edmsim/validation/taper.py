@@ -5,8 +5,6 @@ does to a path, whole um and motor steps of 2 um, is in it; what an upright wall
 error.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The dielectric: bridging by debris, flushing, and the leakage through the gap."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ the pulse's period, the full one before every time step of MuJoCo for that step.
 where its steps lead it, and rings.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """A plant's drives: their rows in the memory of the pulse loop, and their part of a snapshot."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol

@@ -4,19 +4,15 @@
 AxisFault(axis='x', fault='stuck', at_s=2.5)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from edmsim.compiled.axis_rows import FAULT_IN, PHASE_A, PHASE_B
 from edmsim.errors import InputError
 from edmsim.plant.axes.board import NEVER, hold_in_reset
-
-if TYPE_CHECKING:
-    from edmsim.plant.kernel.state import Axes
+from edmsim.plant.kernel.state import Axes
 
 
 class AxisFault(NamedTuple):
@@ -55,7 +51,7 @@ def _stall(axes: Axes, k: int) -> None:
     axes.drives["stalled_until_ns"][k] = NEVER
 
 
-FAULTS = MappingProxyType[str, Callable[["Axes", int], None]]({
+FAULTS = MappingProxyType[str, Callable[[Axes, int], None]]({
     "stuck": _stick,
     "swapped": _swap,
     "unplugged": _unplug,

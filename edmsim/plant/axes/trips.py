@@ -1,7 +1,5 @@
 """The reasons for which axes stopped, in words: from the drives, and from table and wire."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

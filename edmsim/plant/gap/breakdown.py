@@ -21,8 +21,6 @@ gone since the voltage came, as ``exp(-(v t / l)^2)``.
 Other voltages scale the gap to equal field (``g * 80 V / V``).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

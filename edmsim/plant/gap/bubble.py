@@ -6,8 +6,6 @@ three us. Then the gas escapes through the edges, and pushes with what pressure 
 Derivation, figure and uncertainty: ``docs/theory/gas.md``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ permanent gas collects there until the jets have flushed it out. The water that 
 with it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, NamedTuple
 

@@ -5,8 +5,6 @@ through the kerf on its way, so the flow past a slice falls linearly from the no
 both push alike. Debris is a volume share of the gap's water, one number per slice.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -12,14 +12,13 @@ integrates the gap voltage of the working pulses. In the pauses it switches a se
 polarity and through a large resistor, until the integral is back at 0 or the pause is over.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Equalising
 from edmsim.machine.setting import (
     arc_share,
@@ -30,11 +29,7 @@ from edmsim.machine.setting import (
     short_current_A,
 )
 from edmsim.plant.kernel.state import GRID, IGNITION_PULSE, ISO_ENERGETIC, ISO_PULSE, Timing
-
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-    from edmsim.plant.window import PulseWindow
-
+from edmsim.plant.window import PulseWindow
 
 _MODES = {"iso-pulse": ISO_PULSE, "iso-energetic": ISO_ENERGETIC, "ignition-pulse": IGNITION_PULSE}
 _IDLE_V = 1e-3

@@ -1,7 +1,5 @@
 """The outcome of a pulse, open, spark, arc or short, from the gaps along the rays, contact and breakdown."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

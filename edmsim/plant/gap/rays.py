@@ -1,7 +1,5 @@
 """The rays of a slice: distances from the wire to the metal all around it, traced, and receding with every crater."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Water: its properties at the temperature of the gap, and its pressure under a flushing nozzle."""
 
-from __future__ import annotations
-
 import math
 
 REFERENCE_K = 293.15

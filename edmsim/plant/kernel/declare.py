@@ -10,8 +10,6 @@ are, how long it is along every direction, and how long it lasts:
 Everything else is made from this by name, so that fields cannot be mistaken for each other.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Effects of a discharge: crater, heat, debris; and the check whether the wire breaks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

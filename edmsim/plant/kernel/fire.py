@@ -3,8 +3,6 @@
 Lengths are um, times us, and SI otherwise; modal coordinates are um sqrt(kg).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

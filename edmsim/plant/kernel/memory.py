@@ -5,8 +5,6 @@ sizes are constants of the compiled code, one version per resolution, so that it
 and the way back from it to the groups follow from the declarations (see `declare`).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple

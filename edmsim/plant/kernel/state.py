@@ -1,7 +1,5 @@
 """The data of the pulse loop: constants, arrays, and the numbers that change from pulse to pulse."""
 
-from __future__ import annotations
-
 from typing import Annotated, NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ applied after every pulse, implicitly, so that no gap is too narrow for it, and 
 the wire moves. How much a film resists is taken from the pull, in the ratio that the rays give when they are traced.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

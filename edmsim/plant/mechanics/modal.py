@@ -1,7 +1,5 @@
 """Motion of wire and table: exact propagators of the modes, their tables, steps of the table, contact."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

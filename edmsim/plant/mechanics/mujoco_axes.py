@@ -3,8 +3,6 @@
 `edmsim.plant.mechanics.mujoco_loop` steps the machine with its wire, pulse by pulse; the drives' bench its table.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 

@@ -6,8 +6,6 @@ straight from node to node, and ``table_q[axis]`` is where carriage and rotor ar
 say, both in um of travel, ``table_v[axis]`` in um/s.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Modes of a machine with any wire: the file is linearised once, and the modes of other wires follow by formula."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import pickle

@@ -1,18 +1,13 @@
 """Workpieces before the cut: a block in front of the wire, a slot, and a wavy wall beside the wire."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
-
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
 
 SLOT_UM = 400.0  # length of the slot behind the wire (ours: the wire's rays do not reach its open end)
 SLOT_GAP_UM = 30.0

@@ -4,8 +4,6 @@ A crater's area in the metal of its slice is shared among the rays in its width,
 itself is carved before they are traced again, ray by ray, so that a cell is looked up once for all discharges since.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
