@@ -396,8 +396,7 @@ def _edge_section(moves: Sequence[CutMove]) -> tuple[int, int]:
 
 def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
     if end <= begin:
-        reason = "after the approach no move is left to cut: program one more"
-        raise InputError(reason, line=run.moves[end - 1].line)
+        raise InputError("after the approach no move is left to cut: program one more", line=run.moves[end - 1].line)
     if run.moves[begin].side is None or end - begin < 3 or run.one_of_several:  # a tab is left there
         return
     vertices = vertices_of(run)
@@ -541,23 +540,24 @@ def read_gcode(
         If an arc or a contour is invalid, or the dialect unknown; names file and line.
     """
     path = Path(file)
-    text = read_text(path)
+    text, ignored = read_text(path), Ignored.of(ignore)
     found, dialect_notices = dialects.dialect_of(text, dialect)
-    read = _read(text, path, Ignored.of(ignore), found)
-    blocks, unused = expanded(read.main, read.behind, str(path))
-    notices = [*read.notices, *unused]
-    in_inches = found is dialects.FREECAD and dialects.has_inch_comment(text)
-    units, unit_notices = units_of(blocks, str(path), found, in_inches)
-    registers = OffsetRegisters(offsets or {}, registers_set(blocks), str(path))
-    two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
-    control = Interpreter(units, rounding_of(blocks, units), registers, str(path), found, two_planes)
-    if found is dialects.LINUXCNC:
-        control.state = replace(control.state, planes_mm=_planes_mm(text, units, str(path)))
-    for block in blocks:
-        control.run_block(block)
     with located(path):
+        read = _read(text, ignored, found)
+        blocks, unused = expanded(read.main, read.behind)
+        notices = [*read.notices, *unused]
+        in_inches = found is dialects.FREECAD and dialects.has_inch_comment(text)
+        units, unit_notices = units_of(blocks, found, in_inches)
+        registers = OffsetRegisters(offsets or {}, registers_set(blocks))
+        two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
+        control = Interpreter(units, rounding_of(blocks, units), registers, found, two_planes)
+        if found is dialects.LINUXCNC:
+            control.state = replace(control.state, planes_mm=_planes_mm(text, units))
+        for block in blocks:
+            with located(line=block.line):
+                control.run_block(block)
         outlines = _outlines(control, notices)
-    settings = settings_for(control.called, conditions or {}, read.conditions, str(path))
+        settings = settings_for(control.called, conditions or {}, read.conditions)
     dialect_notices += _condition_notices(control.called, settings)
     dialect_notices += _plane_notices(outlines, control)
     notices = sorted([*dialect_notices, *unit_notices, *control.notices.texts(), *notices], key=_line_of)
@@ -565,20 +565,20 @@ def read_gcode(
     return Program(tuple(outlines), tuple(notices), str(path), name, read.conditions, settings)
 
 
-def _planes_mm(text: str, units: Units, file: str) -> tuple[float, float | None]:
+def _planes_mm(text: str, units: Units) -> tuple[float, float | None]:
     """Return the heights of the planes of X Y and of U V that comments name; the workpiece's faces if they do not."""
     heights = dialects.plane_heights(dialects.comments_of(text))
     if not {"XY", "UV"} <= heights.keys():
         return 0.0, None
     if heights["XY"] == heights["UV"]:
-        raise InputError("the comments give the planes of X Y and of U V one height: two planes have two", file)
+        raise InputError("the comments give the planes of X Y and of U V one height: two planes have two")
     return heights["XY"] * units.at_start_mm, heights["UV"] * units.at_start_mm
 
 
-def _read(text: str, path: Path, ignored: Ignored, dialect: dialects.Dialect) -> ProgramBlocks:
+def _read(text: str, ignored: Ignored, dialect: dialects.Dialect) -> ProgramBlocks:
     """Split a program into blocks; where words are unknown, say which dialects know them all."""
     try:
-        return read_blocks(text, str(path), ignored, dialect)
+        return read_blocks(text, ignored, dialect)
     except UnknownWordsError as error:
         others = [other for other in dialects.DIALECTS.values() if other is not dialect]
         knowing = [other.name for other in others if _reads(text, ignored, other)]
@@ -586,12 +586,12 @@ def _read(text: str, path: Path, ignored: Ignored, dialect: dialects.Dialect) ->
             raise
         found = [(word, line) for word, lines in error.words.items() for line in lines]
         hint = f"; known to --dialect {' or '.join(knowing)}"
-        raise UnknownWordsError(sorted(found, key=lambda item: item[1]), str(path), hint) from None
+        raise UnknownWordsError(sorted(found, key=lambda item: item[1]), hint) from None
 
 
 def _reads(text: str, ignored: Ignored, dialect: dialects.Dialect) -> bool:
     try:
-        read_blocks(text, "", ignored, dialect)
+        read_blocks(text, ignored, dialect)
     except InputError:
         return False
     return True
