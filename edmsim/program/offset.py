@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError, located
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
+from edmsim.program.outline import Outline, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
 QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
@@ -311,7 +311,7 @@ class OffsetOutline:
 
 
 def offset_outline(
-    program: Program, outline: Outline, offset_mm: float, notices: list[str], past_mm: float | None = None
+    outline: Outline, offset_mm: float, notices: list[str], past_mm: float | None = None
 ) -> OffsetOutline:
     """Return an outline with its path at an offset; adds what the wire cannot reach to the notices."""
     points = outline.points_mm
@@ -323,17 +323,15 @@ def offset_outline(
             notices.append(f"{outline.name} is cut as written; no edge lies at the offset beside it, so its profile "
                            "is measured from the wire's centre")
             return OffsetOutline(outline, points, points, 0.0)
-    with of_outline(program, outline):
+    with of_outline(outline):
         path = offset_edge(points, outline.wire_side, offset_mm, outline.closed, past_mm)
         notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
     return OffsetOutline(outline, path, points, offset_mm)
 
 
-def leaning_outline(
-    program: Program, outline: Outline, offset_mm: float, guides: GuideHeights | None
-) -> OffsetOutline:
+def leaning_outline(outline: Outline, offset_mm: float, guides: GuideHeights | None) -> OffsetOutline:
     """Return a tapered outline with the wire's way at an offset."""
-    with of_outline(program, outline):
+    with of_outline(outline):
         if guides is None:
             raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
                              "whose file has guides.upper_travel_mm")
@@ -369,12 +367,12 @@ def _dwell_mm(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
     return float(line.project(shapely.Point(points[i] + across)))
 
 
-def of_outline(program: Program, outline: Outline) -> AbstractContextManager[None]:
+def of_outline(outline: Outline) -> AbstractContextManager[None]:
     """Give input errors raised inside the outline's name and, if they have none, its line."""
-    return located(program.source, outline.line, outline.name)
+    return located(line=outline.line, name=outline.name)
 
 
-def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
+def keep_apart(legs: Sequence[OffsetOutline]) -> None:
     """Refuse compensated contours so near each other that cutting one would cut into the other."""
     shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
     for leg in shut:
@@ -384,7 +382,7 @@ def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
             if distance < leg.offset_mm - _SEPARATION_MM:
                 pair = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
                 reason = f"the wire's centre would pass {distance:.3f} mm from it, not {leg.offset_mm:.4f} mm"
-                raise InputError(f"{pair}: {reason}; move them apart", source, leg.outline.line)
+                raise InputError(f"{pair}: {reason}; move them apart", line=leg.outline.line)
 
 
 def away(leg: OffsetOutline) -> Floats:
