@@ -88,7 +88,9 @@ def arc_points(
     radius = max(abs(first), abs(last))
     if radius > FARTHEST_MM:
         raise InputError(f"the arc's radius of {radius:.3g} mm is beyond {FARTHEST_MM:g} mm: draw a line")
-    count = max(math.ceil(sweep / _chord_angle(radius)), 8 if full else 1, chords)
+    sagitta = CHORD_TOLERANCE_UM / 1000
+    chord_angle = 2 * math.acos(1 - sagitta / radius) if radius > sagitta else math.pi / 2
+    count = max(math.ceil(sweep / chord_angle), 8 if full else 1, chords)
     begin, growth, angle = abs(first), abs(last) - abs(first), cmath.phase(first)
     shares = [i / count for i in range(1, count)]
     points = [centre + cmath.rect(begin + share * growth, angle + turn * share * sweep) for share in shares]
@@ -98,11 +100,6 @@ def arc_points(
 def line_points(start: complex, end: complex, chords: int) -> list[complex]:
     """Return the points of a line after its start, up to and with its end, in `count` equal chords."""
     return [*(start + (end - start) * i / chords for i in range(1, chords)), end]
-
-
-def _chord_angle(radius: float) -> float:
-    sagitta = CHORD_TOLERANCE_UM / 1000
-    return 2 * math.acos(1 - sagitta / radius) if radius > sagitta else math.pi / 2
 
 
 def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:

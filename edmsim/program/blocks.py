@@ -298,14 +298,10 @@ def read_blocks(text: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramB
         raise UnknownWordsError(reader.unknown)
     if not blocks:
         raise InputError("the program is empty: no word of G-code in it")
-    return ProgramBlocks(blocks, behind, [*reader.notices, *_left_out(lines, last)], reader.table.values)
-
-
-def _left_out(lines: list[str], last: int) -> list[str]:
-    for number, raw in enumerate(lines[last:], last + 1):
-        if raw.strip(" \t%\x1a"):
-            return [f"line {number}: text after the end of the program (line {last}) is left out"]
-    return []
+    left_out = next((number for number in range(last, len(lines)) if lines[number].strip(" \t%\x1a")), None)
+    if left_out is not None:
+        reader.notices.append(f"line {left_out + 1}: text after the end of the program (line {last}) is left out")
+    return ProgramBlocks(blocks, behind, reader.notices, reader.table.values)
 
 
 def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block | None:
@@ -476,7 +472,7 @@ def _scale(blocks: Sequence[Block], unit_mm: float) -> tuple[float, list[str]]:
 def _metric_unit(blocks: Sequence[Block], has_inches: bool) -> tuple[float, list[str]]:
     """Decide between mm and whole um: um if no coordinate has a point and the table is too small for mm."""
     extent = 0.0 if has_inches else _extent(blocks)
-    pointed = [block for block in blocks if _is_pointed(block)]
+    pointed = [block for block in blocks if block.pointed and ("G", 4) not in block.codes]  # a dwell's X is a time
     if extent == 0 or pointed:
         return 1.0, _mixed_notices(blocks, pointed, extent)
     span = f"no coordinate has a decimal point and they span {extent:g}"
@@ -498,11 +494,6 @@ def _mixed_notices(blocks: Sequence[Block], pointed: Sequence[Block], extent: fl
     if extent > LEAST_WHOLE_UM:
         raise InputError(f"{mixed}: too much in mm; write all with decimal points, or all in whole um", line=line)
     return [f"line {line}: {mixed}: all are read as mm"]
-
-
-def _is_pointed(block: Block) -> bool:
-    """Whether a length has a decimal point; the X of a dwell is a time."""
-    return block.pointed and ("G", 4) not in block.codes
 
 
 def _extent(blocks: Sequence[Block]) -> float:

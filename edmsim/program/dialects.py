@@ -104,7 +104,7 @@ _LINE_END = re.compile(r"(?<![^\d.\s()])[^\d.\s()]++$")
 _MARKS = r"[^\w\s%/();#\[]"
 # every blank and mark is looked at once: a line of nothing but blanks would else take hours
 _MARKED_COMMENT = re.compile(rf"(?<!\s)(?:\s++|(?=N)|(?<!{_MARKS}))(?:N\d++)?+\s*+{_MARKS}++\s*+(?=\()")
-_INCHES = re.compile(r"\(machine:[^)]*\bin/min\)", re.IGNORECASE)
+INCHES = re.compile(r"\(machine:[^)]*\bin/min\)", re.IGNORECASE)
 
 
 def without_line_ends(lines: Sequence[str]) -> list[str]:
@@ -118,11 +118,6 @@ def without_line_ends(lines: Sequence[str]) -> list[str]:
         line.rstrip()[: -len(end)] if line.rstrip().endswith(end) else line for line in lines
     ]  # fmt: skip
     return [_MARKED_COMMENT.sub("", line) for line in cut]
-
-
-def has_inch_comment(text: str) -> bool:
-    """Say whether its comments name inches as the unit."""
-    return _INCHES.search(text) is not None
 
 
 # LinuxCNC with four axes, as cutters of foam with a hot wire have them: U V are coordinates of the upper plane.

@@ -192,7 +192,7 @@ def first_loop(
             met = abs(vertices[j] - vertices[k]) <= join_mm
             closing = _cross(vertices[k] - vertices[first], vertices[j] - vertices[first])
             area = abs(swept[k - first] - swept[j - first] + closing) / 2
-            if met and area > _LEAST_AREA_MM2 / 2 and _encloses(vertices[j], moves[j:k]):
+            if met and area > _LEAST_AREA_MM2 / 2 and _enclosed_mm2(vertices[j], moves[j:k]) > _LEAST_AREA_MM2:
                 return j, k
         known = by_cell.setdefault((column, row), [])
         if not any(vertices[j] == vertices[k] and abs(swept[j - first] - swept[k - first]) < _SAME for j in known):
@@ -292,8 +292,8 @@ def _swept(start: complex, moves: Sequence[CutMove]) -> list[float]:
     return swept
 
 
-def _encloses(start: complex, moves: Sequence[CutMove]) -> bool:
-    return abs(signed_area(array_of([*points_of(start, moves), start]))) > _LEAST_AREA_MM2
+def _enclosed_mm2(start: complex, moves: Sequence[CutMove]) -> float:
+    return abs(signed_area(array_of([*points_of(start, moves), start])))
 
 
 UNCLEAR_GAP_MM = 0.5
@@ -306,7 +306,8 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     # before it is the program's own approach. What follows and runs along the edge is overlap; what then leaves
     # it is a lead-out. Neither is cut, for the contour is done. Without a loop the edge is open; if
     # compensation was switched on at the thread point its first move is the approach
-    (first, last), count = _edge_section(run.moves), len(run.moves)
+    count, under = len(run.moves), [i for i, move in enumerate(run.moves) if move.side]
+    first, last = (under[0], under[-1] + 1) if under else (0, count)
     run, loop = closed_run(run, first, last)
     last += len(run.moves) - count  # a move may have been split
     side = run.moves[first].side
@@ -344,8 +345,7 @@ def closes_on_itself(moves: Sequence[CutMove], start: complex, join_mm: float) -
     if loop is None:
         return False
     begin, around = vertices[loop[0]], moves[loop[0] : loop[1]]
-    area_mm2 = abs(signed_area(array_of([*points_of(begin, around), begin])))
-    return area_mm2 > join_mm * length_of(begin, around)
+    return _enclosed_mm2(begin, around) > join_mm * length_of(begin, around)
 
 
 def _overlap(run: Run, begin: int, end: int) -> int:
@@ -386,14 +386,6 @@ def _refuse_more_than_a_lead_out(run: Run, first: int, edge: tuple[int, int], le
     raise InputError(f"{follow} after {met}: {remedy}", line=line)
 
 
-def _edge_section(moves: Sequence[CutMove]) -> tuple[int, int]:
-    """Return the range of moves under compensation, or all moves if there is none."""
-    compensated = [i for i, move in enumerate(moves) if move.side]
-    if not compensated:
-        return 0, len(moves)
-    return compensated[0], compensated[-1] + 1
-
-
 def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
     if end <= begin:
         raise InputError("after the approach no move is left to cut: program one more", line=run.moves[end - 1].line)
@@ -427,6 +419,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
     leading = _longest([run.start, *(move.points[-1] for move in moves)], moves, 0, begin)
     cutting = _longest(vertices, moves, begin, end)
     assert cutting is not None
+    passed = np.cumsum([0, *(len(move.points) for move in moves[:end])])
     ramp_end = sum(len(move.points) for move in moves[: first + 1]) if begin > first else len(approach) - 1
     return Outline(
         points_mm=edge,
@@ -437,7 +430,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         approach_mm=array_of(approach[:-1]),
         approach_lines=tuple(approach_lines),
         compensated_from=len(approach) - 1 if side is None else ramp_end,
-        dwells=_dwells(run, end),
+        dwells=tuple((int(passed[min(done, end)]), seconds) for done, seconds in run.dwells),
         needs_lead_in=len(approach) == 1 and (closed or side is not None) and not run.continues,
         elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
         offset_mm=offset and offset.mm,
@@ -501,12 +494,6 @@ def _part_side(edge: NDArray[np.float64], closed: bool, side: Side | None, appro
     return "left" if (signed_area(edge) > 0) != from_inside else "right"
 
 
-def _dwells(run: Run, end: int) -> tuple[tuple[int, float], ...]:
-    """Return the dwells by point; one after the end of the edge is kept at its end."""
-    counts = np.cumsum([0, *(len(move.points) for move in run.moves[:end])])
-    return tuple((int(counts[min(done, end)]), seconds) for done, seconds in run.dwells)
-
-
 def read_gcode(
     file: str | Path, ignore: Sequence[str] = (), offsets: Mapping[str, float] | None = None,
     dialect: str = dialects.AUTO, conditions: Mapping[str, Mapping[str, float]] | None = None,
@@ -546,7 +533,7 @@ def read_gcode(
         read = _read(text, ignored, found)
         blocks, unused = expanded(read.main, read.behind)
         notices = [*read.notices, *unused]
-        in_inches = found is dialects.FREECAD and dialects.has_inch_comment(text)
+        in_inches = found is dialects.FREECAD and dialects.INCHES.search(text) is not None
         units, unit_notices = units_of(blocks, found, in_inches)
         registers = OffsetRegisters(offsets or {}, registers_set(blocks))
         two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
@@ -560,7 +547,8 @@ def read_gcode(
         settings = settings_for(control.called, conditions or {}, read.conditions)
     dialect_notices += _condition_notices(control.called, settings)
     dialect_notices += _plane_notices(outlines, control)
-    notices = sorted([*dialect_notices, *unit_notices, *control.notices.texts(), *notices], key=_line_of)
+    notices = [*dialect_notices, *unit_notices, *control.notices.texts(), *notices]
+    notices.sort(key=lambda notice: int((re.findall(r"^line (\d+):", notice) or ["0"])[0]))
     name = None if found is dialects.ISO else found.name
     return Program(tuple(outlines), tuple(notices), str(path), name, read.conditions, settings)
 
@@ -611,12 +599,6 @@ def _plane_notices(outlines: Sequence[Outline], control: Interpreter) -> list[st
     if any(taper.upper_mm is not None for taper in leaning):
         return ["the heights of the two planes are not in the program: they are the workpiece's lower and upper face"]
     return ["the height of the program's plane is not in the program: it is the workpiece's lower face"]
-
-
-def _line_of(notice: str) -> int:
-    """Return the line that a notice is about; 0 if it is about the whole program."""
-    found = re.match(r"line (\d+):", notice)
-    return int(found[1]) if found else 0
 
 
 def _outlines(control: Interpreter, notices: list[str]) -> list[Outline]:

@@ -335,18 +335,12 @@ class Interpreter:
         else:
             self._move(block, rapid=0 in g_codes)
         if not _STOPS.isdisjoint(block.codes):
-            self._note_stop()
+            run = self.runs[-1 if self.runs[-1].motions or len(self.runs) == 1 else -2]  # what was cut last
+            run.stops.append(len(run.motions))
         if any(code == ("M", 50) or self.dialect.action_of(code) == "cut off" for code in block.codes):
             # at the end of its block, as M0 and M2
             self.cut_off = block.line
             self._begin_contour()
-
-    def _note_stop(self) -> None:
-        """Let what was cut last be followed by a stop."""
-        run = self.runs[-1]
-        if not run.motions and len(self.runs) > 1:
-            run = self.runs[-2]
-        run.stops.append(len(run.motions))
 
     def _take_dialect(self, block: Block) -> Block:
         """Take condition, feed, taper and planes of a block; return it without the words of the last two."""

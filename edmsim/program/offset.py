@@ -63,7 +63,8 @@ def _ring(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -
     )
     if grown.is_empty:
         raise InputError(too_narrow(distance_mm, "no path is left"))
-    pieces = _pieces(grown)
+    # the polygons it has fallen into, or its pockets; none if it is one ring
+    pieces = getattr(grown, "geoms", None) or [shapely.Polygon(ring) for ring in grown.interiors]
     if pieces:
         spot = min(pieces, key=lambda piece: piece.area).representative_point()
         what = f"the path falls into pieces, one about X{spot.x:.3f} Y{spot.y:.3f}"
@@ -138,13 +139,6 @@ def too_narrow(distance_mm: float, what: str) -> str:
     """Say of a contour that the wire does not fit it, and what to do."""
     remedy = "take a thinner wire or a smaller offset"
     return f"the contour is too narrow for an offset of {distance_mm:.4f} mm: {what}; {remedy}"
-
-
-def _pieces(grown: shapely.Polygon | shapely.MultiPolygon) -> list[shapely.Polygon]:
-    """Return the polygons an offset contour has fallen into, or its pockets; none if it is one ring."""
-    if isinstance(grown, shapely.MultiPolygon):
-        return list(grown.geoms)
-    return [shapely.Polygon(ring) for ring in grown.interiors]
 
 
 def _turned_to(ring: Floats, target: Floats, corner: Floats) -> Floats:

@@ -283,17 +283,14 @@ def offset_surface(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
     if side is None or offset_mm == 0:
         return wall
     slope, sign = wall.slope, _wire_sign(side)
+    closed = all(np.allclose(line[0], line[-1], atol=1e-6) for line in (wall.lower_mm, wall.upper_mm))
     lines = []
     for points, other in ((wall.lower_mm, wall.upper_mm), (wall.upper_mm, wall.lower_mm)):
         normals = left_normals(points)
         still = ~normals.any(axis=1)
         normals[still] = left_normals(other)[still]
-        lines.append(points + _offsets(normals, slope, sign * offset_mm, _closes(wall)))
+        lines.append(points + _offsets(normals, slope, sign * offset_mm, closed))
     return replace(wall, lower_mm=lines[0], upper_mm=lines[1])
-
-
-def _closes(wall: Ruled) -> bool:
-    return all(np.allclose(line[0], line[-1], atol=1e-6) for line in (wall.lower_mm, wall.upper_mm))
 
 
 def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> Floats:
@@ -598,24 +595,24 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
     refuse_crossings(wire, guides.height_mm)
     refuse_gouges(wall, wire, offset_mm, guides.height_mm)
     refuse_out_of_reach(wire, guides)
-    wall, wire = _without_standstill(wall, wire)
-    return wall, wire
+    return _without_standstill(wall, wire)
 
 
-def _without_standstill(*surfaces: Ruled) -> tuple[Ruled, ...]:
+def _without_standstill(wall: Ruled, wire: Ruled) -> tuple[Ruled, Ruled]:
     """Leave out points at which nothing moves; the surfaces go with each other point by point."""
-    steps = [np.hypot(*np.diff(line, axis=0).T) for of in surfaces for line in (of.lower_mm, of.upper_mm)]
+    steps = [np.hypot(*np.diff(line, axis=0).T) for of in (wall, wire) for line in (of.lower_mm, of.upper_mm)]
     chosen = np.concatenate([[True], np.max(steps, axis=0) > _NOTHING_MM])
     place, chords = np.cumsum(chosen) - 1, chosen[1:]
-    return tuple(
+    wall, wire = (
         replace(
             of, lower_mm=of.lower_mm[chosen], upper_mm=of.upper_mm[chosen],
             elements=tuple(np.array(of.elements)[chords].tolist()),
             line_numbers=tuple(np.array(of.line_numbers)[chords].tolist()),
             vertices=tuple(place[list(of.vertices)].tolist()),
         )
-        for of in surfaces
+        for of in (wall, wire)
     )
+    return wall, wire
 
 
 # The way of a wire that may lean: where its guides go, where it is at every height, and how long its path is.
