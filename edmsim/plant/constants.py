@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,16 +60,12 @@ def _patch_m2(machine: Machine, res: Resolution) -> float:
     return around * machine.height_mm * 1e-3 / res.slices
 
 
-def _reference_m2(machine: Machine) -> float:
-    """Active front area the t50 law is taken to hold for: half the wire's girth times the height."""
-    gap = machine.base.gap
-    return math.pi / 2 * gap.reference_wire_um.value * 1e-6 * gap.reference_height_mm.value * 1e-3
-
-
 def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
     """Breakdown constants of one ray."""
     gap = machine.base.gap
-    share = _patch_m2(machine, res) / _reference_m2(machine)
+    # active front area the t50 law is taken to hold for: half the wire's girth times the height
+    reference_m2 = math.pi / 2 * gap.reference_wire_um.value * 1e-6 * gap.reference_height_mm.value * 1e-3
+    share = _patch_m2(machine, res) / reference_m2
     scale = 1.0 / (math.log(2) * share)
     width, field = gap.critical_width_um.value, open_V / gap.reference_voltage_V.value
     primed_per_um2 = share / (4 * PRIMED_SPAN * (width * field) ** 2)
@@ -109,9 +105,12 @@ def _kerf_um(machine: Machine) -> float:
 
 def constants(machine: Machine, res: Resolution) -> Constants:
     """Numbers of the loop that do not depend on the generator's setting."""
-    base, gap, water, spark, gas = (
-        machine.base, machine.base.gap, machine.base.dielectric, machine.base.discharge, machine.base.gas,
-    )  # fmt: skip
+    base, water, spark = machine.base, machine.base.dielectric, machine.base.discharge
+    parts = (base.gap, spark, base.gas, base.cooling, base.table, machine.wire)
+    # those that the loop takes as they are, by the same names
+    as_given: dict[str, Any] = {
+        name: constant.value for part in parts for name, constant in part if name in Constants._fields
+    }
     radius = machine.wire_diameter_um / 2
     slice_um = machine.height_mm * 1e3 / res.slices
     slice_m = slice_um * 1e-6
@@ -119,6 +118,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
     flow, wake, bends = flushing(machine), _wake_jets(machine), guide_bends(machine)
     return Constants(
+        **as_given,
         radius_um=radius,
         slice_um=slice_um,
         cell_um=res.cell_um,
@@ -131,24 +131,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         * VACUUM_PERMITTIVITY_F_M,
         leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
         supply_ohm=resistance_ohm(machine),
-        formative_us=gap.formative_us.value,
-        formative_sd_us=gap.formative_sd_us.value,
-        primed_scale_us=gap.primed_scale_us.value,
-        primed_shape=gap.primed_shape.value,
-        deionisation_us=gap.deionisation_us.value,
-        chaining=gap.chaining.value,
-        bridge_base=gap.bridge_base.value,
-        bridge_per_um=gap.bridge_per_um.value,
-        bridge_ceiling=gap.bridge_ceiling.value,
-        bridge_steepness=gap.bridge_steepness.value,
-        crater_cv=spark.crater_cv.value,
         crater_cube=6.0 / (math.pi * spark.crater_flatness.value),
-        short_removal_share=spark.short_removal_share.value,
-        short_push_share=spark.short_push_share.value,
-        shielding=gas.shielding.value,
-        dryness=gas.dryness.value,
-        pumping=gas.pumping.value,
-        ejection=gas.ejection.value,
         film_um3_kg_s=water.film_stirring.value
         * 12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
         film_from_um=front,
@@ -160,23 +143,18 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         suction_N=AMBIENT_PA * machine.wire_diameter_um * 1e-6 * slice_m,
         magnetic_N_A2=machine.material.magnetic_share.value
         * VACUUM_PERMEABILITY_N_A2 / (2 * _kerf_um(machine) * 1e-6) * slice_m,
-        spot_gain=spark.spot_gain.value,
-        spot_us=spark.spot_us.value,
-        wire_heat_share=base.cooling.wire_heat_share.value,
         lower_flow_us=flow.lower_m_s / slice_m * 1e-6,
         upper_flow_us=flow.upper_m_s / slice_m * 1e-6,
         lower_wake_us=wake.lower_m_s / slice_m * 1e-6,
         upper_wake_us=wake.upper_m_s / slice_m * 1e-6,
         cavity_um3=math.pi * radius * slice_um * water.side_gap_um.value,
         wake_um3=_kerf_um(machine) * water.wake_mm.value * 1e3 * slice_um,
-        gas_um3_J=gas.permanent_share.value / AMBIENT_PA * 1e18,
+        gas_um3_J=base.gas.permanent_share.value / AMBIENT_PA * 1e18,
         tension_N=machine.tension,
         strength_N=machine.breaking_force,
-        half_strength_K=machine.wire.half_strength_K.value,
         water_K=water.temperature_K.value,
         worn_share_per_um3_us=spark.wear_ratio.value
         / (wire_speed_m_s(machine) * math.pi * radius**2),
-        step_um=base.table.step_um.value,
         guides_um=machine.guide_distance_mm * 1e3,
         lower_bend_um=1e3 * (bends.stiff_mm + bends.lower_error_mm),
         upper_bend_um=1e3 * (bends.stiff_mm - bends.upper_error_mm),

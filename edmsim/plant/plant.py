@@ -16,8 +16,8 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from
 from edmsim.plant import constants
+from edmsim.plant.axes import faults
 from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
-from edmsim.plant.axes.faults import FAULTS
 from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.constants import GeneratorSettings
@@ -387,7 +387,7 @@ class Plant:
 
     def break_axis(self, axis: str, fault: str) -> None:
         """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.faults.FAULTS`."""
-        FAULTS[fault](self._drives.axes, AXIS_NAMES.index(axis))
+        faults.break_axis(self._drives.axes, AXIS_NAMES.index(axis), fault)
 
     def watch_pulses(self) -> None:
         """Record every pulse from the next window on (`last_pulses`); the cut stays the same, bit for bit."""

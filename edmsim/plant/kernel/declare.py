@@ -12,7 +12,6 @@ Everything else is made from this by name, so that fields cannot be mistaken for
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
@@ -53,18 +52,11 @@ class ArraySizes(NamedTuple):
     levels: int = 0
 
 
-@dataclass(frozen=True)
 class Stored:
     """Shape and lifetime of a declared array: numbers or names of `ArraySizes`; elements that its type cannot say."""
 
-    shape: tuple[int | str, ...]
-    life: int
-    record: np.dtype[np.void] | None
-
     def __init__(self, *shape: int | str, life: int = FIXED, record: np.dtype[np.void] | None = None) -> None:
-        object.__setattr__(self, "shape", shape)
-        object.__setattr__(self, "life", life)
-        object.__setattr__(self, "record", record)
+        self.shape, self.life, self.record = shape, life, record
 
     def lengths(self, sizes: ArraySizes) -> tuple[int, ...]:
         """Return the shape in numbers."""

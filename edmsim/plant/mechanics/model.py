@@ -7,7 +7,8 @@ equilibrium and returns its modes. Every number of the modal plant is read from 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -38,6 +39,14 @@ _ALLOWED: dict[str, tuple[float, float, str]] = {
 }
 
 
+def check_allowed(parts: object, of: str, allowed: Mapping[str, tuple[float, float, str]]) -> None:
+    """Refuse attributes that no part can have, by least and greatest value and unit; most often a unit is wrong."""
+    for name, (low, high, unit) in allowed.items():
+        value = getattr(parts, name)
+        if not low <= value <= high:  # also refuses nan
+            raise InputError(f"{of} {name} is {value!r}; it must be {low:g} to {high:g} {unit}")
+
+
 @dataclass(frozen=True)
 class WireSetup:
     """The wire between its two guides."""
@@ -53,12 +62,7 @@ class WireSetup:
     slot_mass_kg_m: float = 0.0  # mass of that water per metre of the slot
 
     def __post_init__(self) -> None:
-        """Refuse values no wire can have; most often a wrong unit."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            low, high, unit = _ALLOWED[field.name]
-            if not low <= value <= high:  # also refuses nan
-                raise InputError(f"wire {field.name} is {value!r}; it must be {low:g} to {high:g} {unit}")
+        check_allowed(self, "wire", _ALLOWED)
 
     @property
     def line_density(self) -> float:

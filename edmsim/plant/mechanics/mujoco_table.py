@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import ctypes
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import EdmsimError
 from edmsim.plant.mechanics import mjcf
-from edmsim.plant.mechanics.model import MODEL_FILE, ModalModel, WireSetup, at_heights, machine_spec, reduce_model
+from edmsim.plant.mechanics.model import (
+    MODEL_FILE,
+    ModalModel,
+    WireSetup,
+    at_heights,
+    check_allowed,
+    machine_spec,
+    reduce_model,
+)
 from edmsim.plant.mechanics.mujoco_axes import FullLink
 
 if TYPE_CHECKING:
@@ -39,12 +47,7 @@ class DriveSetup:
     backlash_m: float  # play of a nut on its screw in m; 0 for a preloaded one
 
     def __post_init__(self) -> None:
-        """Refuse values no drive can have; most often a wrong unit."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            low, high, unit = _ALLOWED[field.name]
-            if not low <= value <= high:  # also refuses nan
-                raise InputError(f"drive {field.name} is {value!r}; it must be {low:g} to {high:g} {unit}")
+        check_allowed(self, "drive", _ALLOWED)
 
 
 class TableMechanics:
