@@ -8,15 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.machine import setting
 from edmsim.machine.machine import Machine, mjcf_version
-from edmsim.machine.setting import (
-    WINDOW_PULSES,
-    flushing_Pa,
-    guide_bends,
-    resistance_ohm,
-    standoffs_mm,
-    wire_speed_m_s,
-)
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
@@ -116,21 +109,21 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     slice_m = slice_um * 1e-6
     patch = _patch_m2(machine, res)
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
-    flow, wake, bends = flushing(machine), _wake_jets(machine), guide_bends(machine)
+    flow, wake, bends = flushing(machine), _wake_jets(machine), setting.guide_bends(machine)
     return Constants(
         **as_given,
         radius_um=radius,
         slice_um=slice_um,
         cell_um=res.cell_um,
         range_um=RAY_RANGE_UM,
-        trace_pulses=res.trace_windows * WINDOW_PULSES,
+        trace_pulses=res.trace_windows * setting.WINDOW_PULSES,
         carve_before_um=max(CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS * 2 * math.pi * radius / res.rays),
         patch_m2=patch,
         permittivity_F_m=water.permittivity.value
         * permittivity_ratio(water.gap_temperature_K.value)
         * VACUUM_PERMITTIVITY_F_M,
         leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
-        supply_ohm=resistance_ohm(machine),
+        supply_ohm=setting.resistance_ohm(machine),
         crater_cube=6.0 / (math.pi * spark.crater_flatness.value),
         film_um3_kg_s=water.film_stirring.value
         * 12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
@@ -154,7 +147,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         strength_N=machine.breaking_force,
         water_K=water.temperature_K.value,
         worn_share_per_um3_us=spark.wear_ratio.value
-        / (wire_speed_m_s(machine) * math.pi * radius**2),
+        / (setting.wire_speed_m_s(machine) * math.pi * radius**2),
         guides_um=machine.guide_distance_mm * 1e3,
         lower_bend_um=1e3 * (bends.stiff_mm + bends.lower_error_mm),
         upper_bend_um=1e3 * (bends.stiff_mm - bends.upper_error_mm),
@@ -174,7 +167,7 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
         kelvin_per_J=1 / (volumetric * section * slice_m),
         cooling_m2K_J=girth / (volumetric * section) * 1e-6,
         conduction_per_us=wire.conductivity_W_mK.value / volumetric / slice_m**2 * 1e-6,
-        run_per_us=wire_speed_m_s(machine) / slice_m * 1e-6,
+        run_per_us=setting.wire_speed_m_s(machine) / slice_m * 1e-6,
         joule_K_per_A2_us=joule_W_m_per_A2 / (volumetric * section) * 1e-6,
         resistance_per_K=wire.resistivity_per_K.value,
         water_K=machine.base.dielectric.temperature_K.value,
@@ -292,7 +285,7 @@ def flushing(machine: Machine) -> Jets:
 
 def faces_Pa(machine: Machine) -> tuple[float, float]:
     """Pressures of the flushing at the workpiece's lower and upper face: those set, less what the stand-offs take."""
-    water, set_Pa, standoff_mm = machine.base.dielectric, flushing_Pa(machine), standoffs_mm(machine)
+    water, set_Pa, standoff_mm = machine.base.dielectric, setting.flushing_Pa(machine), setting.standoffs_mm(machine)
     lower, upper = (
         face_Pa(pressure, distance, water.nozzle_mm.value, water.nozzle_flow_l_min.value)
         for pressure, distance in zip(set_Pa, standoff_mm, strict=True)
