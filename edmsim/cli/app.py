@@ -32,7 +32,6 @@ app = typer.Typer(
 )
 _UsageError: Any = typer.BadParameter.__base__  # of click, which newer releases of typer hold inside themselves
 
-
 COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "": ("", {
         "cut": cut.cut, "check": cut.check, "view": cut.view, "report": cut.report, "train": learn.train,

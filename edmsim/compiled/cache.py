@@ -85,8 +85,7 @@ def _drop_unused(root: Path) -> None:
             shutil.rmtree(other, ignore_errors=True)
 
 
-folder = _cache_folder()
-"""Where machine code is kept."""
+folder = _cache_folder()  # where machine code is kept
 
 
 def signed(content: bytes) -> bytes:

@@ -11,8 +11,7 @@ import numpy as np
 
 from edmsim.compiled.jit import compiled
 
-_ROOT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)
-"""Bits of the root of 1/2: mantissas are taken from there to the root of 2."""
+_ROOT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # bits of the root of 1/2: mantissas are taken from there to that of 2
 _MANTISSA_BITS = np.int64(52)
 _BIAS = np.int64(1023)
 _LN2 = math.log(2.0)

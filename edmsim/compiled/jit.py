@@ -16,8 +16,7 @@ _OPTIONS: dict[str, Any] = {
     "nogil": True, "fastmath": FAST, "error_model": "numpy", "no_cfunc_wrapper": True, **INLINED,
 }
 _CALLED: dict[str, Any] = {"forceinline": False}
-apart: set[str] = set()
-"""Names of the functions that `compiled_apart` has made, with their modules'."""
+apart: set[str] = set()  # names of the functions that `compiled_apart` has made, with their modules'
 _whole_program: dict[str, Any] = {}
 _count = 0
 

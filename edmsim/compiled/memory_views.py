@@ -137,5 +137,4 @@ def _calling(typingctx: Any, function: Any, first: Any, second: Any) -> Any:
     return types.void(types.int64, types.int64, types.int64), generate
 
 
-call_with_two: Any = intrinsic(_calling)
-"""Call ``void function(void *, void *)``; takes three addresses (int64)."""
+call_with_two: Any = intrinsic(_calling)  # call ``void function(void *, void *)``; takes three addresses (int64)

@@ -184,7 +184,6 @@ def _by_type(self: Any, arguments: Any, named: Any) -> Any:
 
 _resolve = dispatcher._DispatcherBase.get_call_template
 
-
 _resolved: dict[tuple[Any, ...], Any] = {}
 _resolve_function = types.Function.get_call_type
 

@@ -38,7 +38,6 @@ def _counting(_typing: Any, bits: Any) -> Any:
 
 _heads: Any = intrinsic(_counting)
 
-
 _COINS = 48
 _PART_BITS = np.uint64(64 - _COINS)
 _PART_MASK = np.uint64(2 ** (64 - _COINS) - 1)

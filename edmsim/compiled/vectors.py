@@ -19,10 +19,8 @@ from numba.extending import intrinsic, overload, register_model
 from edmsim.compiled.jit import FAST, compiled
 from edmsim.compiled.numba_internals import cgutils, datamodel
 
-GAPS, COORDINATES = 16, 4
-"""Numbers of a vector of float32, and of float64."""
-PACK, EACH = 5, 3
-"""Slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none."""
+GAPS, COORDINATES = 16, 4  # numbers of a vector of float32, and of float64
+PACK, EACH = 5, 3  # slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none
 
 
 @compiled
@@ -176,7 +174,6 @@ _arithmetic("fadd", operator.add, operator.iadd)
 _arithmetic("fsub", operator.sub)
 _arithmetic("fmul", operator.mul)
 _arithmetic("fdiv", operator.truediv)
-
 
 highest = _lane_by_lane(
     lambda builder, left, right: builder.select(builder.fcmp_ordered(">", left, right), left, right)

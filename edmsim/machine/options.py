@@ -87,8 +87,7 @@ def as_text(file: Any) -> Any:
     return os.fspath(file) if isinstance(file, os.PathLike) else file
 
 
-TextOrPath = Annotated[str, BeforeValidator(as_text)]
-"""A text, a file's name perhaps, which may be given as a path."""
+TextOrPath = Annotated[str, BeforeValidator(as_text)]  # a text, a file's name perhaps, which may be given as a path
 
 
 class PartOptions(Options):

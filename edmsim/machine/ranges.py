@@ -16,10 +16,8 @@ from edmsim.machine.setting import check
 
 _SetUp = TypeVar("_SetUp", bound=SetUp)
 
-LOG_FROM_RATIO = 3.0
-"""A positive range whose ends are this far apart or more says an order, and is drawn log-uniformly (ours)."""
-MOST_DRAWS = 100
-"""Set-ups drawn before giving up on one that can run (ours: at 5 % that can, 99 of 100 calls succeed)."""
+LOG_FROM_RATIO = 3.0  # a positive range with ends this far apart says an order, and is drawn log-uniformly (ours)
+MOST_DRAWS = 100  # set-ups drawn before giving up (ours: where 5 % can run, 99 of 100 calls succeed)
 
 
 def uncertain(machine: SetUp) -> dict[str, Constant]:

@@ -34,16 +34,14 @@ from edmsim.plant.mechanics.string_modes import modes_with
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
-RAY_RANGE_UM = 110.0
-"""Rays end this far from the wire's surface (ours: the pull on what lies beyond is 1 % of that at 20 um)."""
+RAY_RANGE_UM = 110.0  # rays end so far from the wire (ours: the pull on what lies beyond is 1 % of that at 20 um)
 CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 """How far before a ray's edge its wall is looked for, at least, and in ray spacings (ours): between rays it may stand
 nearer, the more the further they are apart, and what is not reached stays in the kerf."""
 LEAST_ENERGY_J = 1e-9
 """Energy of a discharge below which its gas has no life to speak of (ours); a generator switched off has none."""
 LEAST_PARTICLE_UM = 0.05  # debris is taken to be no finer than this in the mean (ours: it then ignites nothing)
-JET_REACH_MM = 3.0
-"""A jet has turned into the kerf over this height from the face, half of a nozzle's usual bore (ours)."""
+JET_REACH_MM = 3.0  # a jet turns into the kerf over this height from the face, half of a nozzle's usual bore (ours)
 PRIMED_SPAN = 3.0  # the chance of a primed site ends this many widths above the critical gap
 
 

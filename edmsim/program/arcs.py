@@ -16,8 +16,7 @@ from edmsim.program.outline import JOIN_TOLERANCE_MM
 
 SAME_PLACE_MM = 1e-6  # places closer than this many mm differ by numerical noise only
 
-RADIUS_TOLERANCE_MM = 0.005
-"""Least allowed difference in mm between the start and end radius of an arc (ours: rounding of some um)."""
+RADIUS_TOLERANCE_MM = 0.005  # least allowed difference of an arc's two radii (ours: rounding of some um)
 
 COARSEST_MM = 0.0254
 """Numbers written more coarsely than this, 0.001 inch, are taken as exact (ours: no program for a wire rounds so)."""
@@ -52,8 +51,7 @@ def rounding_of(blocks: Sequence[Block], units: Units) -> Rounding:
     return Rounding(max((mm for mm in written if mm <= COARSEST_MM * (1 + 1e-9)), default=0.0))
 
 
-CHORD_TOLERANCE_UM = 1.0
-"""Largest distance in um between a curve and its chords (ours: below the 2 um step of the axes, row T-16)."""
+CHORD_TOLERANCE_UM = 1.0  # between a curve and its chords (ours: below the 2 um step of the axes, row T-16)
 
 
 def radii(start: complex, end: complex, centre: complex) -> tuple[float, float]:

@@ -193,7 +193,6 @@ SODICK = Dialect(
     ),
 )  # fmt: skip
 
-
 DIALECTS = {
     dialect.name: dialect for dialect in (SODICK, MITSUBISHI, SKD2, CHARMILLES, FANUC, LINUXCNC, FREECAD, ISO)
 }  # fmt: skip

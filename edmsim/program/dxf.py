@@ -395,11 +395,9 @@ def _property(entity: Any, name: str, default: Any) -> Any:
 UNIT_MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 0.001, 14: 100.0}
 """Millimetres per drawing unit by the header's $INSUNITS (DXF reference, code 70)."""
 
-UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "mil": 9, "um": 13}
-"""Names of units, with their codes in the header."""
+UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "mil": 9, "um": 13}  # names, with their codes in the header
 
-LEAST_EXTENT_MM = 0.5
-"""A drawing that spans less has another unit than it says (ours: nothing smaller is cut with a wire)."""
+LEAST_EXTENT_MM = 0.5  # a drawing that spans less has another unit (ours: nothing smaller is cut with a wire)
 
 
 def read_dxf(

@@ -296,8 +296,7 @@ def _enclosed_mm2(start: complex, moves: Sequence[CutMove]) -> float:
     return abs(signed_area(array_of([*points_of(start, moves), start])))
 
 
-UNCLEAR_GAP_MM = 0.5
-"""A compensated G-code contour whose ends miss each other by less is refused as not closed (ours)."""
+UNCLEAR_GAP_MM = 0.5  # a compensated contour whose ends miss each other by less is refused as not closed (ours)
 
 
 def outline_of(run: Run) -> tuple[Outline, list[str]]:

@@ -27,11 +27,9 @@ from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
 QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
 
-SIMPLIFY_MM = 0.00025
-"""Points are dropped where the path moves by less than this many mm (ours: below the whole um to follow)."""
+SIMPLIFY_MM = 0.00025  # points are dropped where the path moves by less (ours: below the whole um to follow)
 
-REACH_TOLERANCE_MM = 0.002
-"""An edge counts as cut where the wire path comes this close (mm) to the offset from it (ours)."""
+REACH_TOLERANCE_MM = 0.002  # an edge counts as cut where the path comes so close to the offset from it (ours)
 
 _ON_RING_MM = 1e-6
 _MOST_MITRE = 1e3

@@ -28,8 +28,7 @@ AfterTab = Literal["stop", "cut"]
 Piece = Literal["profile", "tab"]
 
 TAB_MM = 1.5  # usual length of a tab: shops leave 1 to 2 mm
-OVERLAP_MM = 0.1
-"""How far a pass goes on over what another one has cut, at the ends of a tab and of a closed contour (ours)."""
+OVERLAP_MM = 0.1  # how far a pass goes on over cut metal, at the ends of a tab and of a closed contour (ours)
 MOST_PASSES = 9  # more passes than any technology has (ours)
 
 
@@ -214,8 +213,7 @@ class _Leg(NamedTuple):
     back: bool
 
 
-LINK_MM = 1e-3
-"""A way from one pass to the next may come so much nearer to the part than both (ours: a um of the grid)."""
+LINK_MM = 1e-3  # a way from one pass to the next may come so much nearer to the part than both (ours: a um)
 
 
 def _linked(legs: Sequence[_Leg]) -> list[Stretch]:

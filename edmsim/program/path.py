@@ -94,8 +94,7 @@ def _spread(points: Floats, chords: int) -> Floats:
     return interpolated(np.linspace(0.0, passed[-1], chords + 1), passed, points)
 
 
-GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
-"""File suffixes read as G-code; ``.dxf`` is read as a drawing."""
+GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")  # read as G-code; ``.dxf`` is a drawing
 
 
 def load_program(

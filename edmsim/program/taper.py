@@ -30,11 +30,9 @@ Stop = tuple[int, float]  # at which point of a way the wire waits, and how many
 MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
 SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
 _MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
-GOUGE_MM = 0.01
-"""A wire that comes nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)."""
+GOUGE_MM = 0.01  # a wire nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)
 _NOTHING_MM = 1e-9
-_HEIGHTS = 5
-"""Heights of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)."""
+_HEIGHTS = 5  # of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)
 
 
 class GuideHeights(NamedTuple):

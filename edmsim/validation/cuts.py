@@ -58,8 +58,7 @@ def production() -> Machine:
     return rig.with_(t_period_us=rig.t_on_us + PAUSE_US)
 
 
-PAUSE_PERIODS_US = (100.0, 150.0, 250.0)
-"""Periods of the same pulse: from the default pause to three times as long (ours)."""
+PAUSE_PERIODS_US = (100.0, 150.0, 250.0)  # of the same pulse, with up to three times the default pause (ours)
 
 
 def pauses(seeds: Sequence[int]) -> list[Row]:

@@ -149,12 +149,10 @@ def _with_on_time(machine: Machine, t_on_us: float) -> Machine:
 
 # --- lag over the height ---
 
-HEIGHTS_MM, RISES_TO_MM = (10.0, 20.0, 40.0, 80.0, 120.0), 80.0
-"""Heights at which the wire must lag, and up to which ever more."""
+HEIGHTS_MM, RISES_TO_MM = (10.0, 20.0, 40.0, 80.0, 120.0), 80.0  # where the wire must lag, and up to which ever more
 DRUM_MM = 40.0
 DEFAULT_HEIGHTS_MM = (10.0, 40.0, 80.0)
-PRODUCTION_S = 20.0
-"""Machine time in which production cuts settle, and are measured (ours: both travel by more than the wire)."""
+PRODUCTION_S = 20.0  # in which production cuts settle, and are measured (ours: both travel by more than the wire)
 FEW = 4  # seeds of these cuts (ours: the signs of whole micrometres are asked for)
 
 

@@ -90,8 +90,7 @@ def vibration(seeds: Sequence[int]) -> list[Row]:
 
 CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0  # piece and feed of the corner (ours: a lag of some 20 um)
 SLOW_UM_S = CORNER_FEED_UM_S / 2  # feed of the corner that should be undercut less (ours)
-TURNS = 12
-"""Seeds of the corners at two feeds."""
+TURNS = 12  # seeds of the corners at two feeds
 # ours. Half a um, half of the path's grid, is the least effect looked for, and its half is the interval. The
 # differences of four seeds in tool steel had a standard deviation of 0.35 um: 2.20 x 0.35 / sqrt(12) = 0.22 um
 BEFORE_UM, AFTER_UM = 320.0, 320.0  # travel before and after the corner: eight lags each or more

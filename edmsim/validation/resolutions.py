@@ -10,8 +10,7 @@ from edmsim.validation.setups import feed_within
 
 SAME = "the model's own claim: a resolution changes the price of a cut and not the cut"
 NOTE = "docs/convergence.md#convergence"
-FEED_UM_S = 28.0
-"""Fixed feed, if it is within the capacity: three quarters of what the gap takes, where shorts begin (ours)."""
+FEED_UM_S = 28.0  # fixed feed, if within capacity: three quarters of what the gap takes, where shorts begin (ours)
 SETTLE_S, CUT_S = 6.0, 8.0  # machine time in which the cut settles, and is measured (ours: 200 um)
 SHARE = 0.1  # share of `fine`'s figure by which another resolution may differ from it
 

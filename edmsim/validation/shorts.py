@@ -24,8 +24,7 @@ MEMORY = "from memory, no table was retrieved: below 10 % in stable cutting"
 PARTS = "no source separates the causes of shorts"
 NOTE = "docs/theory/emergence.md#classes-of-pulses"
 
-FEEDS_UM_S = (10.0, 20.0, 28.0)
-"""Fixed feeds from three quarters of the pulses open to the first crowd of shorts (ours)."""
+FEEDS_UM_S = (10.0, 20.0, 28.0)  # from three quarters of the pulses open to the first crowd of shorts (ours)
 NO_FILM: Mapping[str, float] = {
     "base.dielectric.viscosity_Pa_s": 1e-9,
     "base.dielectric.flushing_pressure_Pa": 0.03,

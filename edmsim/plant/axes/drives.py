@@ -24,7 +24,6 @@ from edmsim.plant.kernel.state import Axes
 AXIS_NAMES = ("x", "y", "u", "v")
 """The machine's axes: x and y of the lower guide, u and v of the upper guide relative to it."""
 
-
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
 _LOOK_NS = 10_000_000  # how often it is looked whether a rapid is over (ours)
 

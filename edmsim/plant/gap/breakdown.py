@@ -68,8 +68,7 @@ class GapLaw(NamedTuple):
 
 
 _LN2 = math.log(2.0)
-PULL_GAP_FLOOR_UM = 1.0
-"""The electrostatic pressure of a ray is not followed below this gap (ours: asperities touch before)."""
+PULL_GAP_FLOOR_UM = 1.0  # the pull of a ray is not followed below this gap (ours: asperities touch before)
 
 
 class BlockLaw(NamedTuple):

@@ -90,8 +90,7 @@ def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float
     return Jets(share, speed_m_s(lower_Pa, share), speed_m_s(upper_Pa, 1.0 - share))
 
 
-EINSTEIN = 2.5
-"""Rise of a liquid's viscosity with its share of particles, relative to the clean liquid's (Einstein, 1906)."""
+EINSTEIN = 2.5  # rise of a liquid's viscosity with its share of particles, over the clean one's (Einstein, 1906)
 
 
 @compiled

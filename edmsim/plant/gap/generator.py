@@ -25,8 +25,7 @@ from edmsim.plant.kernel.state import GRID, IGNITION_PULSE, ISO_ENERGETIC, ISO_P
 from edmsim.plant.window import PulseWindow
 
 _MODES = {"iso-pulse": ISO_PULSE, "iso-energetic": ISO_ENERGETIC, "ignition-pulse": IGNITION_PULSE}
-_IDLE_V = 1e-3
-"""Voltage of a generator switched off: nothing next to any gap voltage, but no 0 to divide by."""
+_IDLE_V = 1e-3  # voltage of a generator switched off: nothing next to any gap voltage, but no 0 to divide by
 
 
 def _removal_mm3_J(machine: Machine) -> float:

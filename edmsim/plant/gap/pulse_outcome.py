@@ -15,10 +15,8 @@ from edmsim.plant.gap.rays import gap_of, meets_metal, moved, narrowest_now, pla
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import place_slice, place_wire, push_out
 
-LEFT_UM = 0.1
-"""An overlap so small is left: the next contact is felt 2 um before the metal (ours)."""
-MOST_TRIES = 64
-"""A delay that the flow has put off so often does not end within the wait (ours: by then it has passed)."""
+LEFT_UM = 0.1  # an overlap so small is left: the next contact is felt 2 um before the metal (ours)
+MOST_TRIES = 64  # a delay put off so often by the flow does not end within the wait (ours: by then it has passed)
 MOST_SWEEPS = 8
 """Greatest number of sweeps over the slices that push the wire out; what is left is judged at the window's end
 (ours)."""

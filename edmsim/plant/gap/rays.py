@@ -44,8 +44,7 @@ def places(rays: int) -> int:
     return filled(rays, GAPS)
 
 
-_PACK, _EACH, _OTHERS = np.uint64(PACK), np.uint64(EACH), np.uint64(GAPS - EACH)
-"""Unsigned: divisions by them cost half."""
+_PACK, _EACH, _OTHERS = np.uint64(PACK), np.uint64(EACH), np.uint64(GAPS - EACH)  # unsigned: divisions cost half
 
 
 @compiled
@@ -160,14 +159,10 @@ def rays_with(gaps_um: ArrayLike, angles: ArrayLike) -> Rays:
     return rays
 
 
-OVERLAP_UM = 8.0
-"""How far inside the wire's surface a ray begins, so that overlap with metal is seen."""
-AHEAD_UM = 6.0
-"""A known edge is looked for again from this far before where it is expected (metal only recedes)."""
-KNOWN_MOVE_UM = 20.0
-"""Known edges are of use only while the wire moved less than this since."""
-BARE_UM = np.float32(0.5 * NO_METAL_UM)
-"""A gap beyond this is that of a ray that meets no metal."""
+OVERLAP_UM = 8.0  # how far inside the wire's surface a ray begins, so that overlap with metal is seen
+AHEAD_UM = 6.0  # a known edge is looked for again from this far before where it is expected (metal only recedes)
+KNOWN_MOVE_UM = 20.0  # known edges are of use only while the wire moved less than this since
+BARE_UM = np.float32(0.5 * NO_METAL_UM)  # a gap beyond this is that of a ray that meets no metal
 BLIND_PULSES = 32 * WINDOW_PULSES
 """Pulses until a ray that met no metal is traced again: what comes within its range at the feed of
 such a machine is then still far away."""

@@ -17,8 +17,7 @@ from edmsim.plant.mechanics.modal import project
 from edmsim.plant.wire import HeatLaw, add_currents, heat_step, spot_K, strength_share
 from edmsim.plant.workpiece.craters import share_crater
 
-KERF_SHARE = 0.5
-"""A wire is in a kerf, and not along a wall, where metal faces this share of its girth (ours)."""
+KERF_SHARE = 0.5  # a wire is in a kerf, and not along a wall, where metal faces this share of its girth (ours)
 PLACE_SD_UM = 2000.0
 """Standard deviation of the height at which a discharge is located (ours). That its current divides between two
 contacts as the wire's resistances do, and so tells its height, is the method of Shoda, Kaneko, Nishimura, Kunieda and

@@ -33,8 +33,7 @@ _RECORDS: dict[str, Any] = {
     "constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing,
 }
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
-_COUNTED = "tiles", "index_side", "pulses", "levels"
-"""Lengths of `ArraySizes` that change while a plant is at work."""
+_COUNTED = "tiles", "index_side", "pulses", "levels"  # lengths of `ArraySizes` that change while a plant is at work
 _TABLE = np.dtype(
     [(name, "i8") for name in _COUNTED]
     + [(name, entries_of(kind)) for name, kind in _GROUPS.items()]

@@ -11,14 +11,10 @@ from edmsim.plant.kernel.declare import CHANGING, WALL, Stored, on_lines
 
 Array = NDArray[np.float64]
 
-TILE = 32
-"""Cells along the side of a tile of the kerf field."""
-GRID = 1000
-"""Steps of the propagators' time grid over the longest period."""
-OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3
-"""Classes of a pulse."""
-ISO_PULSE, ISO_ENERGETIC, IGNITION_PULSE = 0, 1, 2
-"""Modes of the pulse generator."""
+TILE = 32  # cells along the side of a tile of the kerf field
+GRID = 1000  # steps of the propagators' time grid over the longest period
+OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3  # classes of a pulse
+ISO_PULSE, ISO_ENERGETIC, IGNITION_PULSE = 0, 1, 2  # modes of the pulse generator
 
 STATE = on_lines(
     ("time_ns", "i8"),
@@ -90,16 +86,13 @@ PULSE = np.dtype(
 )
 """One pulse of the log."""
 
-NO_METAL_UM = 1.0e6
-"""Distance of a ray that meets no metal: so far that it takes no part in anything."""
-BARE = 2
-"""What `broken` is (1 if the wire broke) once the machine goes on without it."""
+NO_METAL_UM = 1.0e6  # distance of a ray that meets no metal: so far that it takes no part in anything
+BARE = 2  # what `broken` is (1 if the wire broke) once the machine goes on without it
 FINE, NO_TILES, STEP_WRONG, STEP_EARLY, BROKEN, NOT_FINITE, OUTSIDE, INSIDE = range(8)
 """How a window ended: as it should; not started: tiles of the field missing, an invalid step event, a step out of
 order, or the wire broken before; stopped: NaN or infinite state, the wire beyond its guides, the wire deeper in the
 metal than its rays reach."""
-TILED_UM = 64.0
-"""The field has all the tiles a window may need as long as the wire is within this of where they were made."""
+TILED_UM = 64.0  # the field has the tiles of a window while the wire is within this of where they were made
 
 
 class Constants(NamedTuple):

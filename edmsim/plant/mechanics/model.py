@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ALIKE = 1e-8
-"""By how much of its greatest entry a matrix of the wire may differ between x and y: the noise of differences."""
+_ALIKE = 1e-8  # share of its greatest entry by which a matrix of the wire may differ between x and y: noise
 MODEL_FILE = "agiecut_dem15.xml"  # the machine in `edmsim.models`
 
 _ALLOWED: dict[str, tuple[float, float, str]] = {

@@ -26,7 +26,6 @@ from edmsim.plant.mechanics.mujoco_axes import FullLink
 if TYPE_CHECKING:
     import mujoco
 
-
 Array = NDArray[np.float64]
 
 _ALLOWED: dict[str, tuple[float, float, str]] = {

@@ -10,10 +10,8 @@ from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 
 SLOT_UM = 400.0  # length of the slot behind the wire (ours: the wire's rays do not reach its open end)
-SLOT_GAP_UM = 30.0
-"""Gap all round the wire at the slot's end (ours: a little wider than what cuts settle at in front)."""
-BLOCK_UM = 1000.0
-"""How far a wavy wall goes on before and behind what is needed of it (ours: beyond what the wire's rays reach)."""
+SLOT_GAP_UM = 30.0  # gap round the wire at the slot's end (ours: a little wider than what cuts settle at in front)
+BLOCK_UM = 1000.0  # how far a wavy wall goes on before and behind what is needed of it (ours: beyond the rays' reach)
 _SCALLOP_UM = 20.0  # spacing of the holes that make up a slot: their cusps stay below half a um
 _FRONT_GAP_UM = 30.0  # gap between the wire and a block in front of it (ours)
 

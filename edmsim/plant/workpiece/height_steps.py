@@ -18,7 +18,6 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-
 _BETWEEN = 1e-6  # parts of a cell up to which an edge counts as one of two cells; far above rounding
 
 
