@@ -99,7 +99,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     base, water, spark = machine.base, machine.base.dielectric, machine.base.discharge
     parts = (base.gap, spark, base.gas, base.cooling, base.table, machine.wire)
     # those that the loop takes as they are, by the same names
-    as_given: dict[str, Any] = {
+    same_names: dict[str, Any] = {
         name: constant.value for part in parts for name, constant in part if name in Constants._fields
     }
     radius = machine.wire_diameter_um / 2
@@ -109,7 +109,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
     flow, wake, bends = flushing(machine), _wake_jets(machine), setting.guide_bends(machine)
     return Constants(
-        **as_given,
+        **same_names,
         radius_um=radius,
         slice_um=slice_um,
         cell_um=res.cell_um,
