@@ -43,17 +43,13 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def compiled_apart(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function that is called, not inlined: what few pulses need.
-
-    It leaves the loop around it as it is, and LLVM takes the less time the smaller its functions are.
-    """
+    """Compile a function that is called, not inlined: what few pulses need."""
+    # it leaves the loop around it as it is, and LLVM takes the less time the smaller its functions are
     apart.add(f"{function.__module__}.{function.__qualname__}")
     return cast("Callable[_P, _R]", _made(function, _CALLED))
 
 
 def exactly_compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile what runs a few times per window: every operation is rounded as it is written.
-
-    Functions are called and not inlined, which takes a fraction of the time to compile.
-    """
+    """Compile what runs a few times per window: every operation is rounded as it is written."""
+    # functions are called and not inlined, which takes a fraction of the time to compile
     return cast("Callable[_P, _R]", _made(function, {**_CALLED, "fastmath": False}))

@@ -189,10 +189,8 @@ _resolve_function = types.Function.get_call_type
 
 
 def _resolve_once(self: Any, context: Any, arguments: Any, named: Any) -> Any:
-    """Resolve a call of one of numba's own functions, once for each set of types of numbers and arrays.
-
-    As it stands numba tries some sixty ways to add whenever two numbers are added, and again for other constants.
-    """
+    """Resolve a call of one of numba's own functions, once for each set of types of numbers and arrays."""
+    # as it stands numba tries some sixty ways to add whenever two numbers are added, and again for other constants
     if named or not all(isinstance(argument, types.Number | types.Boolean | types.Array) for argument in arguments):
         return _resolve_function(self, context, arguments, named)
     call = self, context, tuple([types.unliteral(argument) for argument in arguments])
@@ -295,12 +293,9 @@ def address_of(function: Any, *kinds: Any) -> int:
 
 
 def call_returning(kind: Any) -> Callable[..., Any]:
-    """Return what calls, in compiled code, a function at an `address_of` with a tuple of its arguments.
-
-    Code that calls a large function in this way is compiled without it. The arguments must have the types that the
-    address is for.
-    """
-
+    """Return what calls, in compiled code, a function at an `address_of` with a tuple of its arguments."""
+    # code that calls a large function in this way is compiled without it. The arguments must have the types that the
+    # address is for
     @intrinsic
     def call(_typingctx: Any, _function: Any, arguments: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -319,12 +314,9 @@ def call_returning(kind: Any) -> Callable[..., Any]:
 
 @contextmanager
 def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
-    """Let numba translate functions to LLVM's language and no further, and report each one by its name.
-
-    As it stands numba links each function with all it calls, optimises that and makes machine code of it, again for
-    each function that calls it.
-    """
-
+    """Let numba translate functions to LLVM's language and no further, and report each one by its name."""
+    # as it stands numba links each function with all it calls, optimises that and makes machine code of it, again for
+    # each function that calls it
     def finalize(self: Any) -> None:
         self._raise_if_finalized()
         self._finalized = True

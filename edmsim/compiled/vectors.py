@@ -274,10 +274,8 @@ def _rows(builder: Any, vectors: Any) -> list[Any]:
 
 @_operation
 def store_sums(_typing: Any, sums: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Write the sums of four vectors of float32 over each slice's lanes to its row of `sums` (slices, 4).
-
-    Returns the sum of the rows. Slices that the array does not have are left out.
-    """
+    """Write the sums of four vectors of float32 over each slice's lanes to its row of `sums` (slices, 4)."""
+    # returns the sum of the rows. Slices that the array does not have are left out
     kind = _VECTORS[types.float64]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:

@@ -57,10 +57,8 @@ def sample(machine: _SetUp, rng: np.random.Generator, only: Iterable[str] | None
 
 
 def value_at(bounds: tuple[float, float], share: float) -> float:
-    """Return the value below which `share` (0..1) of the draws from a range lie.
-
-    Uniform from end to end; log-uniform where the range is positive and spans a factor of `LOG_FROM_RATIO`.
-    """
+    """Return the value below which `share` (0..1) of the draws from a range lie."""
+    # uniform from end to end; log-uniform where the range is positive and spans a factor of `LOG_FROM_RATIO`
     low, high = bounds
     is_order = low > 0 and high / low >= LOG_FROM_RATIO
     value = low * (high / low) ** share if is_order else low + (high - low) * share

@@ -95,10 +95,8 @@ def least_period_us(machine: SetUp, t_on_us: float) -> float:
 
 
 def held_period_us(machine: SetUp) -> float:
-    """Shortest period at which a wire carries no higher mean current density than at the generator's own setting.
-
-    That setting, with the wire's usual diameter, is one that holds: from the start hole on, at usual heights.
-    """
+    """Shortest period at which a wire carries no higher mean current density than at the generator's own setting."""
+    # that setting, with the wire's usual diameter, is one that holds: from the start hole on, at usual heights
     own = machine.generator
     usual = machine.model_copy(update={
         "t_on_us": own.t_on_us.value, "t_period_us": own.t_period_us.value, **dict.fromkeys(Choices.model_fields),
@@ -130,10 +128,8 @@ def wire_speed_m_s(machine: SetUp) -> float:
 
 
 def flushing_Pa(machine: SetUp) -> tuple[float, float]:
-    """Pressures set for the lower and the upper nozzle over the surroundings; the machine's own is that of both.
-
-    What is left of them at the workpiece is `edmsim.plant.constants.faces_Pa`.
-    """
+    """Pressures set for the lower and the upper nozzle over the surroundings; the machine's own is that of both."""
+    # what is left of them at the workpiece is `edmsim.plant.constants.faces_Pa`
     own = machine.base.dielectric.flushing_pressure_Pa
     return _in_force(machine.flushing_lower_Pa, own), _in_force(machine.flushing_upper_Pa, own)
 

@@ -535,10 +535,8 @@ def _own_lead_in(
     starts: Sequence[Floats], away: Floats, faces: Sequence[BaseGeometry], offset_mm: float, length_mm: float,
     hole_radius_mm: float,
 ) -> tuple[Floats, list[str]]:
-    """Choose a thread point off the contour, on the waste side.
-
-    The contour begins at one of `starts` on each face of the workpiece, on the first away from the part.
-    """
+    """Choose a thread point off the contour, on the waste side."""
+    # the contour begins at one of `starts` on each face of the workpiece, on the first away from the part
     # straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
     # shorter; the wire keeps the offset from every edge of each face, the hole its radius and a clearance
     start = starts[0]

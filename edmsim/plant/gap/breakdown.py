@@ -126,10 +126,8 @@ def sum_pack(
     rays: Rays, pack: int, sx: Any, sy: Any, law: BlockLaw, gain: Any, pull: Any, debris: Any,
     sums: NDArray[np.float64], near: Any,
 ) -> Any:
-    """Sum the rays of a pack of slices as `slice_sums` does, by vectors with what it takes for each of them.
-
-    Returns the sum over the slices, and no less than the greatest primed weights and `near`.
-    """
+    """Sum the rays of a pack of slices as `slice_sums` does, by vectors with what it takes for each of them."""
+    # returns the sum over the slices, and no less than the greatest primed weights and `near`
     one = np.float32(1.0)
     rate = primed = particles = pull_x = pull_y = spread(np.float32(0.0))
     for at in range(0, rays.packed_blocks[pack] * GAPS, GAPS):

@@ -60,12 +60,10 @@ def vent_time_us(power_W: float, gap_um: float, law: BubbleLaw) -> float:
 
 @compiled
 def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: BubbleLaw) -> float:
-    """Impulse that the bubble of a discharge gives the wire where liquid fills the slit.
-
-    The water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``; what escapes adds
-    ``k (20 um / g)`` times half of the energy that the gas holds then, and ``k (20 um / g) P - F0`` as long as the
-    discharge burns on.
-    """
+    """Impulse that the bubble of a discharge gives the wire where liquid fills the slit."""
+    # the water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``; what escapes adds ``k
+    # (20 um / g)`` times half of the energy that the gas holds then, and ``k (20 um / g) P - F0`` as long as the
+    # discharge burns on
     if power_W <= 0.0:
         return 0.0
     # one root, and no division that waits for the gap

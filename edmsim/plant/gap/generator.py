@@ -84,11 +84,9 @@ class OppositePulses(NamedTuple):
 def opposite_pulses(
     window: PulseWindow, timing: Timing, circuit: Equalising, leakage_S: float
 ) -> OppositePulses:
-    """Work out the equalising pulses that a window's working pulses call for.
-
-    What a pause has no room for, later ones of the window make up for. No pulse follows a short circuit: the
-    generator has seen that there is no gap to hold a voltage.
-    """
+    """Work out the equalising pulses that a window's working pulses call for."""
+    # what a pause has no room for, later ones of the window make up for. No pulse follows a short circuit: the
+    # generator has seen that there is no gap to hold a voltage
     duration_us = window.duration_ns * 1e-3
     supply_V, resistance_ohm = circuit.voltage_V.value, circuit.resistance_ohm.value
     voltage_V = supply_V / (1.0 + resistance_ohm * leakage_S)

@@ -114,10 +114,8 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
 def touch(
     state: NDArray[np.void], a: Arrays, position: Array, contact: Array
 ) -> tuple[int, int]:
-    """Slice and place of the deepest contact; the wire is pushed out of the metal where it overlaps.
-
-    The deepest slice comes first, and with the wire's new shape the others, up and down.
-    """
+    """Slice and place of the deepest contact; the wire is pushed out of the metal where it overlaps."""
+    # the deepest slice comes first, and with the wire's new shape the others, up and down
     deepest, slice_, place = deepest_contact(a, position, contact)
     if deepest >= -LEFT_UM:
         return slice_, place
@@ -183,10 +181,8 @@ def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
 def _await(
     state: NDArray[np.void], a: Arrays, sums: Array, rate: float, wait_us: float
 ) -> tuple[float, int, float]:
-    """Delay of the long branch in us, its slice, and what of a drawn sum is left there.
-
-    Thinning: breakdowns come at the summed rate; one is put off if the water has carried away what prepared it.
-    """
+    """Delay of the long branch in us, its slice, and what of a drawn sum is left there."""
+    # thinning: breakdowns come at the summed rate; one is put off if the water has carried away what prepared it
     delay, per_rate = 0.0, 1.0 / max(rate, 1e-30)
     for _ in range(MOST_TRIES):
         delay -= logarithm(draw(state)) * per_rate

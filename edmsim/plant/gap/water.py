@@ -33,11 +33,9 @@ M3_S_OF_L_MIN = 1e-3 / 60
 
 
 def face_Pa(set_Pa: float, standoff_mm: float, bore_mm: float, flow_l_min: float) -> float:
-    """Return the pressure at the workpiece's face over the surroundings.
-
-    Off the workpiece the water escapes through the curtain between the nozzle's rim and the face, without losses:
-    what drives the pump's flow through there is left, and the stagnation pressure of the free jet.
-    """
+    """Return the pressure at the workpiece's face over the surroundings."""
+    # off the workpiece the water escapes through the curtain between the nozzle's rim and the face, without losses:
+    # what drives the pump's flow through there is left, and the stagnation pressure of the free jet
     bore_m = bore_mm * 1e-3
     curtain_m2 = math.pi * bore_m * standoff_mm * 1e-3
     if curtain_m2 == 0.0:

@@ -112,10 +112,8 @@ def lasting(group: type, *lives: int) -> tuple[str, ...]:
 
 
 def allocate(group: type[_Group], sizes: ArraySizes, **numbers: float) -> _Group:
-    """Return a group with its plain numbers, its arrays full of zeros, each from the beginning of a cache line on.
-
-    A vector of sixteen gaps that is not on a line of its own takes two reads.
-    """
+    """Return a group with its plain numbers, its arrays full of zeros, each from the beginning of a cache line on."""
+    # a vector of sixteen gaps that is not on a line of its own takes two reads
     stored_at, end = [], 0
     for name, dtype, stored in fields_of(group):
         if stored is not None:

@@ -145,10 +145,8 @@ def short_circuit(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
     bubble: BubbleLaw, position: Array, s: int, k: int,
 ) -> float:
-    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge.
-
-    Returns the impulse of the metal that melts: a share of what the bubble of the same energy gives at 20 um.
-    """
+    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge."""
+    # returns the impulse of the metal that melts: a share of what the bubble of the same energy gives at 20 um
     window[0].charge_A_us += t.short_A * t.on_us
     feed_current(a, s if s >= 0 else a.shape.shape[0] // 2, t.current_form * t.short_A**2 * t.on_us)
     if s < 0:
@@ -180,11 +178,9 @@ def log_pulse(
 def _load_steadily(
     a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array
 ) -> None:
-    """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets.
-
-    The force acts along the pull on a slice. The jets leave to the open side of a kerf and push the wire there; along
-    a wall they have turned away before, and the water behind the wire is that of the bath.
-    """
+    """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets."""
+    # the force acts along the pull on a slice. The jets leave to the open side of a kerf and push the wire there;
+    # along a wall they have turned away before, and the water behind the wire is that of the bath
     per_A2_us = c.magnetic_N_A2 * 1e6 / dt_us
     for s in range(sums.shape[0]):
         pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
@@ -201,10 +197,8 @@ def _load_steadily(
 def propagate_heat(
     state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array, current2_us: Array, forces: Array
 ) -> None:
-    """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks.
-
-    `current2_us` and `forces` are room for the currents and, in the third and fourth column, for the steady forces.
-    """
+    """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks."""
+    # `current2_us` and `forces` are room for the currents and, in the third and fourth column, for the steady forces
     dt = state[0].heat_wait_us
     add_currents(a, current2_us)
     heat_step(a, heat, current2_us, dt)

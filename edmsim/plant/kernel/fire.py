@@ -239,12 +239,10 @@ def fire_window(
     log: NDArray[np.void],
     count: int,
 ) -> int:
-    """Fire `count` pulses; stop early if the wire breaks or an axis has to. Steps happen at their own times.
-
-    The pulses are written to `log` if that has room for them, or none at all if it is empty. With a `link`, MuJoCo
-    moves wire and table through it, otherwise the modes move by `p`; numba leaves out what the other would need.
-    Returns how the window ended (`FINE` and its neighbours in `state`).
-    """
+    """Fire `count` pulses; stop early if the wire breaks or an axis has to. Steps happen at their own times."""
+    # the pulses are written to `log` if that has room for them, or none at all if it is empty. With a `link`, MuJoCo
+    # moves wire and table through it, otherwise the modes move by `p`; numba leaves out what the other would need.
+    # Returns how the window ended (`FINE` and its neighbours in `state`)
     if state[0].broken != 0:
         return BROKEN
     if _lacks_tiles(state):

@@ -122,11 +122,9 @@ time, channel and value in a row), number of events, and pulses to fire; the cal
 
 @functools.cache
 def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Callable[[int, int], None]:
-    """Return the compiled window of one resolution; with `full`, MuJoCo moves wire and table, the wire's nodes.
-
-    It takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
-    plant and a thousand run the same machine code, so that a plant's bits do not depend on its company.
-    """
+    """Return the compiled window of one resolution; with `full`, MuJoCo moves wire and table, the wire's nodes."""
+    # it takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
+    # plant and a thousand run the same machine code, so that a plant's bits do not depend on its company
     return specialised(fire_full_windows if full else fire_windows, slices, rays, coordinates)
 
 

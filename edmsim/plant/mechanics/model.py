@@ -110,12 +110,10 @@ class ModalModel:
 
 
 def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel:
-    """Return the machine's MuJoCo model with this wire in it.
-
-    Nodes, segments, upper arm, the drawn workpiece and the time step (half the limit of stability) follow the wire.
-    Joints are ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower guide up,
-    actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad).
-    """
+    """Return the machine's MuJoCo model with this wire in it."""
+    # nodes, segments, upper arm, the drawn workpiece and the time step (half the limit of stability) follow the wire.
+    # Joints are ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower guide up,
+    # actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad)
     return cast("mujoco.MjModel", machine_spec(wire, model_file).compile())
 
 
@@ -187,11 +185,9 @@ def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
 
 
 def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
-    """Linearise a machine at its tensioned equilibrium and return its modes.
-
-    The modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps its
-    diagonal in modal coordinates; `ModalModel.neglected_damping` is the largest part dropped.
-    """
+    """Linearise a machine at its tensioned equilibrium and return its modes."""
+    # the modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps its
+    # diagonal in modal coordinates; `ModalModel.neglected_damping` is the largest part dropped
     node_heights, guide_distance = wire_heights(model)
     linear, blocks = machine_at_rest(model, len(node_heights))
     return reduced(linear, blocks, node_heights, guide_distance, n_modes, slice_heights_m)

@@ -105,10 +105,8 @@ def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
 
 @functools.cache
 def _dsygvd() -> Callable[[Array, Array], tuple[Array, Array, int]]:
-    """Return what scipy.linalg.eigh calls, without its checks, as draws need it often.
-
-    Its module is loaded without the package around it, whose arrays of other libraries take a tenth of a second.
-    """
+    """Return what scipy.linalg.eigh calls, without its checks, as draws need it often."""
+    # its module is loaded without the package around it, whose arrays of other libraries take a tenth of a second
     name = "scipy.linalg._flapack"
     lapack: Any = sys.modules.get(name)
     if lapack is None:

@@ -55,10 +55,8 @@ class FullLink(NamedTuple):
 
 @compiled
 def sound(link: FullLink) -> bool:
-    """Whether every number MuJoCo is about to step from is finite and has a meaning.
-
-    MuJoCo itself would write a warning into a file for what is refused here.
-    """
+    """Whether every number MuJoCo is about to step from is finite and has a meaning."""
+    # MuJoCo itself would write a warning into a file for what is refused here
     for axis in range(2):
         for m in range(link.wire.shape[1]):
             dof = link.wire[axis, m]
@@ -94,10 +92,8 @@ def _drive(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
 
 @compiled
 def _rub(link: FullLink, axis: int, travel_m: float) -> None:
-    """Carry friction on over a travel: Dahl's law, exact for a travel in one direction.
-
-    ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' bending z, here as a share of the largest.
-    """
+    """Carry friction on over a travel: Dahl's law, exact for a travel in one direction."""
+    # ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' bending z, here as a share of the largest
     left = math.exp(-abs(travel_m) / link.presliding_m)
     toward = 1.0 if travel_m > 0.0 else -1.0
     link.friction_share[axis] = toward + (link.friction_share[axis] - toward) * left

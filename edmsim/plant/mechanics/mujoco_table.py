@@ -167,10 +167,8 @@ def _address_of_step() -> int:
 
 
 def _timestep(model: mujoco.MjModel) -> Array:
-    """Return a view of the model's time step, which the bindings give as a copy only.
-
-    Gravity, of which there is a view, stands a few numbers behind it. A place counts if it follows two changes.
-    """
+    """Return a view of the model's time step, which the bindings give as a copy only."""
+    # gravity, of which there is a view, stands a few numbers behind it. A place counts if it follows two changes
     gravity = model.opt.gravity.__array_interface__["data"][0]
     before = model.opt.timestep
     for back in range(1, 17):
@@ -227,10 +225,8 @@ class FullMechanics(TableMechanics):
 
 
 def _stable_step(modes: ModalModel) -> float:
-    """Return the longest time step in s at which no mode grows.
-
-    Semi-implicit Euler with explicit damping c = 2 zeta omega is stable up to ``omega^2 dt^2 + 2 c dt = 4``.
-    """
+    """Return the longest time step in s at which no mode grows."""
+    # semi-implicit Euler with explicit damping c = 2 zeta omega is stable up to ``omega^2 dt^2 + 2 c dt = 4``
     omega = np.concatenate([modes.wire_omega, modes.table_omega.ravel()])
     damping = 2 * np.concatenate([modes.wire_zeta, modes.table_zeta.ravel()]) * omega
     return float(np.min((np.sqrt(damping**2 + 4 * omega**2) - damping) / omega**2))

@@ -25,11 +25,9 @@ def block_in_front(machine: Machine, x_um: float) -> Stock:
 def wavy_wall(
     wall_um: tuple[float, float], length_um: float, wave_um: float, spacing_um: float, shift_um: float
 ) -> Stock:
-    """Return a block whose upper edge along +x is a row of shallow arcs, as a coarse pass may leave it.
-
-    `wall_um` is half way between the deepest and the highest of its waves, `wave_um` from the bottom of an arc to the
-    ridge between two, `shift_um` where along x the arcs begin.
-    """
+    """Return a block whose upper edge along +x is a row of shallow arcs, as a coarse pass may leave it."""
+    # `wall_um` is half way between the deepest and the highest of its waves, `wave_um` from the bottom of an arc to
+    # the ridge between two, `shift_um` where along x the arcs begin
     x, y = wall_um
     radius = spacing_um**2 / (8 * wave_um)
     centres = np.arange(x - BLOCK_UM + shift_um, x + length_um + BLOCK_UM, spacing_um)

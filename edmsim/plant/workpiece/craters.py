@@ -28,10 +28,8 @@ def crater_diameter(volume: float, c: Constants) -> float:
 
 @compiled
 def _section(x: float, reach: float, curve: float) -> float:
-    """Area of a crater from its middle to `x`, over its mean depth, in ray spacings; ``curve = 1 / (3 reach^2)``.
-
-    A half ellipsoid, averaged over the height of its slice, is ``1.5 (1 - (x / reach)^2)`` of its mean depth.
-    """
+    """Area of a crater from its middle to `x`, over its mean depth, in ray spacings; ``curve = 1 / (3 reach^2)``."""
+    # a half ellipsoid, averaged over the height of its slice, is ``1.5 (1 - (x / reach)^2)`` of its mean depth
     inside = min(max(x, -reach), reach)
     return 1.5 * (inside - inside * inside * inside * curve)
 
@@ -55,10 +53,8 @@ def _metal_covered(
 
 @compiled_apart
 def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
-    """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth.
-
-    `jitter` (-0.5..0.5 ray spacings) lets many of them cover the wall evenly. False if there was no metal.
-    """
+    """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth."""
+    # `jitter` (-0.5..0.5 ray spacings) lets many of them cover the wall evenly. False if there was no metal
     if volume <= 0.0:
         return False
     n_rays = a.ray_cosine.shape[0]
@@ -113,10 +109,8 @@ def _carve_ray(
 
 @compiled
 def carve(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float) -> float:
-    """Carve what lies on the rays from the field; returns the volume in um3 that found no metal.
-
-    `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees.
-    """
+    """Carve what lies on the rays from the field; returns the volume in um3 that found no metal."""
+    # `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees
     part = c.cell_um**2 / FULL
     missed = 0.0
     for s in range(a.shape.shape[0]):

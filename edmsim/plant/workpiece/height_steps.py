@@ -66,10 +66,8 @@ class Relief:
 
     def metal(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
               ) -> NDArray[np.float64] | None:
-        """Share (0..1) of square cells that each slice has metal in, (n_slices, len(x), len(y)); exact.
-
-        None if every slice has metal everywhere in them.
-        """
+        """Share (0..1) of square cells that each slice has metal in, (n_slices, len(x), len(y)); exact."""
+        # None if every slice has metal everywhere in them
         import shapely
 
         half = cell_um / 2
