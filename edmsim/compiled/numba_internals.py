@@ -114,12 +114,9 @@ def _link_with_parts(self: Any, library: Any) -> None:
 
 
 class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """A function translated into LLVM's language and no further.
-
-    As it stands numba optimises each function with all it calls and makes machine code of it, again for each function
-    that calls it.
-    """
-
+    """A function translated into LLVM's language and no further."""
+    # as it stands numba optimises each function with all it calls and makes machine code of it, again for each
+    # function that calls it
     add_linking_library = _link_with_parts
 
     def finalize(self) -> None:
@@ -142,11 +139,8 @@ class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
 
 
 class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """A function with its parts, in machine code, which are optimised together, and not each before as well.
-
-    What runs a few times per window gains nothing from LLVM's other passes, which take as long as the rest of it.
-    """
-
+    """A function with its parts, in machine code, which are optimised together, and not each before as well."""
+    # what runs a few times per window gains nothing from LLVM's other passes, which take as long as the rest of it
     add_linking_library = _link_with_parts
 
     def _optimize_functions(self, _module: Any) -> None:
@@ -237,12 +231,9 @@ def _quickly() -> Iterator[None]:
 
 
 class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
-    """A function that gets machine code of its own only when Python calls it, not when compiled code does.
-
-    Nine of ten are parts of others. But what is compiled with liberties always gets it: rounded otherwise within
-    another function, its bits would depend on what was compiled before.
-    """
-
+    """A function that gets machine code of its own only when Python calls it, not when compiled code does."""
+    # nine of ten are parts of others. But what is compiled with liberties always gets it: rounded otherwise within
+    # another function, its bits would depend on what was compiled before
     depth = 0
     """How many of these functions are being compiled, each because of the one before."""
     translated: set[tuple[Any, ...]]

@@ -199,12 +199,9 @@ class Axes(NamedTuple):
 
 
 class Arrays(NamedTuple):
-    """Arrays of one plant.
-
-    Slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`): with slices that lie nowhere, with
-    nodes that do not move. Shares of a front or of water are between 0 and 1.
-    """
-
+    """Arrays of one plant."""
+    # slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`): with slices that lie nowhere,
+    # with nodes that do not move. Shares of a front or of water are between 0 and 1
     edge_um: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]  # gap of a ray from `reference_um`
     # where the wire was when the rays were traced: as it swings, its rays look everywhere in time, also between the
     # lines they look along now
@@ -288,11 +285,8 @@ class Scratch(NamedTuple):
 
 
 class Own(NamedTuple):
-    """Rows of one plant's scalars, its kerf field, and the log of a window's pulses, empty if none is wanted.
-
-    ``levels``, the heights of the blank over a slice's, is empty where the blank is as high everywhere.
-    """
-
+    """Rows of one plant's scalars, its kerf field, and the log of a window's pulses, empty if none is wanted."""
+    # ``levels``, the heights of the blank over a slice's, is empty where the blank is as high everywhere
     state: Annotated[NDArray[np.void], Stored(1, record=STATE)]
     window: Annotated[NDArray[np.void], Stored(1, record=WINDOW)]
     tiles: Annotated[NDArray[np.uint16], Stored("tiles", "slices", TILE, TILE)]
