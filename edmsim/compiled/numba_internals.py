@@ -115,6 +115,7 @@ def _link_with_parts(self: Any, library: Any) -> None:
 
 class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
     """A function translated into LLVM's language and no further."""
+
     # as it stands numba optimises each function with all it calls and makes machine code of it, again for each
     # function that calls it
     add_linking_library = _link_with_parts
@@ -140,6 +141,7 @@ class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
 
 class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
     """A function with its parts, in machine code, which are optimised together, and not each before as well."""
+
     # what runs a few times per window gains nothing from LLVM's other passes, which take as long as the rest of it
     add_linking_library = _link_with_parts
 
@@ -232,6 +234,7 @@ def _quickly() -> Iterator[None]:
 
 class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
     """A function that gets machine code of its own only when Python calls it, not when compiled code does."""
+
     # nine of ten are parts of others. But what is compiled with liberties always gets it: rounded otherwise within
     # another function, its bits would depend on what was compiled before
     depth = 0

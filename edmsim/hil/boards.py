@@ -77,6 +77,7 @@ AMP_V_A = 0.012  # volts per ampere on AMP (Powercore V2)
 
 class PowercoreV2(Board):
     """Powercore V2: no serial line; ALRT is the share of sparks among the last 512 pulses, AMP the current."""
+
     # a current trip marks an ignition, so a short counts as a spark: the current flows in both
     name: ClassVar[str] = "powercore-v2"
     generator: ClassVar[str] = "powercore-v2"

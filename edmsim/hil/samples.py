@@ -217,6 +217,7 @@ class FrameFile(ABC):
 
 class SampleFile(FrameFile):
     """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``."""
+
     # a WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count
     def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
         self._kind = check_suffix(file, "a file of samples", ".parquet", ".wav")

@@ -114,6 +114,7 @@ class PartOptions(Options):
 
 class Choices(Options):
     """What an operator may set in place of a constant of the files; None leaves the constant in force."""
+
     # nothing but `edmsim.machine.setting` reads these: its functions return what is in force. The limits reach from
     # trim cuts to the largest roughing generators, from a wire that creeps to the 10 m/s of machines that reuse it,
     # from a nozzle that is off to pumps of 30 bar, from a nozzle on the workpiece to one that is out of the way

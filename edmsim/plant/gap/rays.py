@@ -15,6 +15,7 @@ from edmsim.plant.workpiece.kerf_field import metal_height, trace
 
 class Rays(NamedTuple):
     """Rays of every slice, in order of angle from the first of the arc on that *faces* metal."""
+
     # a ray that meets no metal takes no part in anything, so the loop works on that arc only, in blocks of
     # `vectors.GAPS`; the arrays are filled up to whole blocks. For the sums of every pulse the same rays are there a
     # second time, packed: those of five slices in one block, so that few lanes are bare and the slices' sums are

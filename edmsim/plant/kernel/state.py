@@ -200,6 +200,7 @@ class Axes(NamedTuple):
 
 class Arrays(NamedTuple):
     """Arrays of one plant."""
+
     # slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`): with slices that lie nowhere,
     # with nodes that do not move. Shares of a front or of water are between 0 and 1
     edge_um: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]  # gap of a ray from `reference_um`
@@ -286,6 +287,7 @@ class Scratch(NamedTuple):
 
 class Own(NamedTuple):
     """Rows of one plant's scalars, its kerf field, and the log of a window's pulses, empty if none is wanted."""
+
     # ``levels``, the heights of the blank over a slice's, is empty where the blank is as high everywhere
     state: Annotated[NDArray[np.void], Stored(1, record=STATE)]
     window: Annotated[NDArray[np.void], Stored(1, record=WINDOW)]

@@ -77,6 +77,7 @@ class WireSetup:
 @dataclass(frozen=True, eq=False)
 class ModalModel:
     """Table and wire as independent damped oscillators, mass-normalised."""
+
     # a wire mode's coordinate obeys ``q'' + 2 zeta omega q' + omega^2 q = wire_shape.T @ F`` for forces F (N) on the
     # slices; the wire's displacement at the slices is then ``wire_shape @ q`` (m). The same modes serve x and y. A
     # table mode obeys the same equation about ``table_participation * travel``, the place to which a commanded travel

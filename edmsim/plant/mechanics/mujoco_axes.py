@@ -20,6 +20,7 @@ from edmsim.plant.kernel.state import Array, Axes
 
 class FullLink(NamedTuple):
     """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants."""
+
     # valid as long as the model and data it was made from; `edmsim.plant.mechanics.mujoco_table.FullMechanics` keeps
     # them
     # addresses of the function and of its two arguments
