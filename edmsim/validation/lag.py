@@ -129,7 +129,10 @@ def experiments(seeds: Sequence[int]) -> list[Row]:
     """The model's predictions for the two experiments that would separate the causes of the lag."""
     steel = rough_cuts(seeds, rough_rig(ROUGH_MM))
     other = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
-    brief, long = (rough_cuts(seeds, _with_on_time(rough_rig(ROUGH_MM, NON_MAGNETIC), on)) for on in ON_TIMES_US)
+    rig = rough_rig(ROUGH_MM, NON_MAGNETIC)
+    brief, long = (
+        rough_cuts(seeds, rig.with_(t_on_us=on, t_period_us=on + rig.t_period_us - rig.t_on_us)) for on in ON_TIMES_US
+    )
     names = "{1:g} over {0:g} us".format(*ON_TIMES_US)
     return [
         _report("lag of that cut in austenitic steel less that in tool steel", EXPERIMENT,
@@ -139,12 +142,6 @@ def experiments(seeds: Sequence[int]) -> list[Row]:
         _report(f"energy per discharge of these, on-time {names}", EXPERIMENT,
                 ratios(brief, long, lambda cut: cut.energy / cut.ignitions), ""),
     ]
-
-
-def _with_on_time(machine: Machine, t_on_us: float) -> Machine:
-    """Return a set-up with another on-time and the same pause."""
-    pause = machine.t_period_us - machine.t_on_us
-    return machine.with_(t_on_us=t_on_us, t_period_us=t_on_us + pause)
 
 
 # --- lag over the height ---
@@ -158,7 +155,12 @@ FEW = 4  # seeds of these cuts (ours: the signs of whole micrometres are asked f
 
 def lag_over_height(seeds: Sequence[int]) -> list[Row]:
     """Lag of the production machine as it is loaded, its wire unbreakable, over the height; the wall's hollow."""
-    cuts = {height: [_production_cut(height, seed) for seed in seeds[:FEW]] for height in HEIGHTS_MM}
+    cuts = {}
+    for height in HEIGHTS_MM:
+        machine = altered(Machine.load("production", generator="production", height_mm=height), UNBREAKABLE)
+        cuts[height] = [
+            servo_cut(machine, seed, open_share=ROUGH_OPEN_SHARE, seconds=PRODUCTION_S) for seed in seeds[:FEW]
+        ]
     least = HEIGHTS_MM[0]
     return [
         *(_trails(f"lag of the production machine, {height:g} mm high", cuts[height]) for height in HEIGHTS_MM),
@@ -169,11 +171,6 @@ def lag_over_height(seeds: Sequence[int]) -> list[Row]:
                  low=5.0, high=20.0, simulated=[drum_um(cut) / 2 for cut in cuts[DRUM_MM]], unit="um",
                  note=f"{PAGE}#debris-and-flushing"),
     ]
-
-
-def _production_cut(height_mm: float, seed: int) -> Cut:
-    machine = altered(Machine.load("production", generator="production", height_mm=height_mm), UNBREAKABLE)
-    return servo_cut(machine, seed, open_share=ROUGH_OPEN_SHARE, seconds=PRODUCTION_S)
 
 
 def default_over_height(seeds: Sequence[int]) -> list[Row]:

@@ -29,9 +29,10 @@ ON_TIMES_US = (10.0, 30.0, 100.0)  # on-times from 1 to 10 mJ per discharge (our
 def roughness(seeds: Sequence[int]) -> list[Row]:
     """Ra from the craters of a cut, over the energy of its discharges."""
     by_on_time = {on: [_ra_and_energy(on, seed) for seed in seeds] for on in ON_TIMES_US}
+    logarithms = [np.log(cuts).T for cuts in zip(*by_on_time.values(), strict=True)]
     return [
         Row.band("roughness", "Ra over energy per discharge, exponent", ROUGHNESS, low=0.3, high=0.4,
-                 simulated=[_exponent(cuts) for cuts in zip(*by_on_time.values(), strict=True)]),
+                 simulated=[float(np.polyfit(energy, ra_um, 1)[0]) for ra_um, energy in logarithms]),
         Row.band("roughness", "Ra of a rough cut, 10 mJ per discharge", ROUGHNESS, low=2.5, high=4.0, unit="um",
                  simulated=[one.ra_um for one in by_on_time[ON_TIMES_US[-1]]], note=f"{PAGE}#roughness"),
     ]
@@ -42,11 +43,6 @@ class Roughness(NamedTuple):
 
     ra_um: float
     energy: float
-
-
-def _exponent(cuts: Sequence[Roughness]) -> float:
-    energy, ra_um = np.log([cut.energy for cut in cuts]), np.log([cut.ra_um for cut in cuts])
-    return float(np.polyfit(energy, ra_um, 1)[0])
 
 
 def _ra_and_energy(t_on_us: float, seed: int) -> Roughness:

@@ -33,17 +33,14 @@ FIGURES = (
 
 def resolutions(seeds: Sequence[int]) -> list[Row]:
     """Shorts, lag and vibration of the default cut at a fixed feed, coarse over fine."""
-    feed_um_s = feed_within(FEED_UM_S, Machine.load())
-    fast, default, fine = (_cuts(name, feed_um_s, seeds) for name in ("fast", "default", "fine"))
+    machine = Machine.load()
+    feed_um_s = feed_within(FEED_UM_S, machine)
+    fast, default, fine = (
+        [cut_straight(machine, feed_um_s, seed, settle_s=SETTLE_S, seconds=CUT_S, resolution=name) for seed in seeds]
+        for name in ("fast", "default", "fine")
+    )
     return [
         _row(figure, name, cuts, fine) for figure in FIGURES for name, cuts in (("fast", fast), ("default", default))
-    ]
-
-
-def _cuts(name: str, feed_um_s: float, seeds: Sequence[int]) -> list[Cut]:
-    machine = Machine.load()
-    return [
-        cut_straight(machine, feed_um_s, seed, settle_s=SETTLE_S, seconds=CUT_S, resolution=name) for seed in seeds
     ]
 
 
