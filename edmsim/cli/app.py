@@ -62,9 +62,7 @@ for _name, (_purpose, _commands) in COMMANDS.items():
 
 
 @app.callback(invoke_without_command=True)
-def _version(
-    version: Annotated[bool, typer.Option("--version", hidden=True)] = False,
-) -> None:
+def _version(version: Annotated[bool, typer.Option("--version", hidden=True)] = False) -> None:
     if version:
         OUT.print(__version__, highlight=False)
         raise typer.Exit

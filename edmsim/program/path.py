@@ -407,9 +407,7 @@ def plan_path(
             for face in faces:
                 for leg, lead in zip(face, leads, strict=True):
                     _check_lead(leg, lead)
-        contours = [
-            _contour_of(of_group, lead, passes, grid_um) for of_group, lead in zip(legs, leads, strict=True)
-        ]
+        contours = [_contour_of(of_group, lead, passes, grid_um) for of_group, lead in zip(legs, leads, strict=True)]
         shift = _shift_um(contours, table_um, grid_um, program.source)
         placed = tuple(_placed(contour, shift) for contour in contours)
         origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)

@@ -66,9 +66,7 @@ def vibration(seeds: Sequence[int]) -> list[Row]:
     note = f"{PAGE}#vibration"
 
     def vibration_um(machine: Machine, feed_um_s: float = FEED_UM_S) -> list[float]:
-        return [
-            cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=10.0).vibration_um for seed in seeds
-        ]
+        return [cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=10.0).vibration_um for seed in seeds]
 
     base_um = vibration_um(machine)
     changed = (

@@ -81,9 +81,7 @@ class OppositePulses(NamedTuple):
     power_W: float  # what their supply gives, averaged over the window
 
 
-def opposite_pulses(
-    window: PulseWindow, timing: Timing, circuit: Equalising, leakage_S: float
-) -> OppositePulses:
+def opposite_pulses(window: PulseWindow, timing: Timing, circuit: Equalising, leakage_S: float) -> OppositePulses:
     """Work out the equalising pulses that a window's working pulses call for."""
     # what a pause has no room for, later ones of the window make up for. No pulse follows a short circuit: the
     # generator has seen that there is no gap to hold a voltage

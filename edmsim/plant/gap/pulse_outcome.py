@@ -83,9 +83,7 @@ def sum_rays(
         covered, metal = _packed(a.covered, first), _packed(a.metal, first)
         gain, pull = (one - covered * dryness) * metal, (one - covered * shielding) * metal
         sx, sy = _packed_moves(a, position, 0, first), _packed_moves(a, position, 1, first)
-        rows, near = sum_pack(
-            rays, first // PACK, sx, sy, block, gain, pull, _packed(a.debris, first), sums, near
-        )
+        rows, near = sum_pack(rays, first // PACK, sx, sy, block, gain, pull, _packed(a.debris, first), sums, near)
         everything += rows
     touching = 0.0
     if may_touch(near, law):
@@ -111,9 +109,7 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
 
 
 @compiled_apart
-def touch(
-    state: NDArray[np.void], a: Arrays, position: Array, contact: Array
-) -> tuple[int, int]:
+def touch(state: NDArray[np.void], a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
     """Slice and place of the deepest contact; the wire is pushed out of the metal where it overlaps."""
     # the deepest slice comes first, and with the wire's new shape the others, up and down
     deepest, slice_, place = deepest_contact(a, position, contact)
@@ -178,9 +174,7 @@ def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
 
 
 @compiled
-def _await(
-    state: NDArray[np.void], a: Arrays, sums: Array, rate: float, wait_us: float
-) -> tuple[float, int, float]:
+def _await(state: NDArray[np.void], a: Arrays, sums: Array, rate: float, wait_us: float) -> tuple[float, int, float]:
     """Delay of the long branch in us, its slice, and what of a drawn sum is left there."""
     # thinning: breakdowns come at the summed rate; one is put off if the water has carried away what prepared it
     delay, per_rate = 0.0, 1.0 / max(rate, 1e-30)

@@ -122,9 +122,7 @@ def allocate(group: type[_Group], sizes: ArraySizes, **numbers: float) -> _Group
             end += -(-dtype.itemsize * math.prod(shape) // _LINE) * _LINE
     room = np.zeros(end + _LINE, np.uint8)
     room = room[-room.ctypes.data % _LINE:]
-    made: dict[str, Any] = {
-        name: np.ndarray(shape, dtype, room, start) for name, dtype, shape, start in stored_at
-    }
+    made: dict[str, Any] = {name: np.ndarray(shape, dtype, room, start) for name, dtype, shape, start in stored_at}
     return cast("_Group", cast(Any, group)(**made, **numbers))
 
 

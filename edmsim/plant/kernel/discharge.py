@@ -39,9 +39,7 @@ def _wire_at(a: Arrays, s: int, within: float) -> int:
 
 
 @compiled
-def locate(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, s: int, within: float
-) -> None:
+def locate(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, s: int, within: float) -> None:
     """Count a discharge `within` a slice in the fifth of the height where its currents put it, with their error."""
     key, count = state[0].key, np.uint64(state[0].pulses)
     height_um = (s + within * a.metal[s]) * c.slice_um
@@ -175,9 +173,7 @@ def log_pulse(
 
 
 @compiled
-def _load_steadily(
-    a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array
-) -> None:
+def _load_steadily(a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array) -> None:
     """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets."""
     # the force acts along the pull on a slice. The jets leave to the open side of a kerf and push the wire there;
     # along a wall they have turned away before, and the water behind the wire is that of the bath

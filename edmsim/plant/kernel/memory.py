@@ -29,9 +29,7 @@ _GROUPS: dict[str, Any] = {
     "own": Own, "arrays": Arrays, "propagators": Propagators, "scratch": Scratch, "axes": Axes, "link": FullLink,
     "law": GapLaw, "gas": GasLaw,
 }
-_RECORDS: dict[str, Any] = {
-    "constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing,
-}
+_RECORDS: dict[str, Any] = {"constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing}
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
 _COUNTED = "tiles", "index_side", "pulses", "levels"  # lengths of `ArraySizes` that change while a plant is at work
 _TABLE = np.dtype(

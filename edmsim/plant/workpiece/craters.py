@@ -35,9 +35,7 @@ def _section(x: float, reach: float, curve: float) -> float:
 
 
 @compiled
-def _metal_covered(
-    a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float, curve: float
-) -> float:
+def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float, curve: float) -> float:
     """How many ray spacings of metal a crater covers, the ray in the middle and `span` on either side looked at."""
     # far from bare rays nothing has to be looked at
     if middle >= span and middle + span < a.unbroken[s]:
