@@ -310,10 +310,9 @@ class Equalising(Part):
     def _holds_no_arc(self) -> Equalising:
         most_A = self.voltage_V.value / self.resistance_ohm.value
         if most_A > MOST_EQUALISING_A * (1 + 1e-9):
-            raise ValueError(
-                f"{self.voltage_V.value:g} V through {self.resistance_ohm.value:g} ohm are {most_A:.3g} A, which may "
-                f"hold an arc; equalising pulses have at most {MOST_EQUALISING_A:g} A: raise resistance_ohm"
-            )
+            raise ValueError(f"{self.voltage_V.value:g} V through {self.resistance_ohm.value:g} ohm are {most_A:.3g} "
+                             f"A, which may hold an arc; equalising pulses have at most {MOST_EQUALISING_A:g} A: "
+                             "raise resistance_ohm")
         return self
 
 

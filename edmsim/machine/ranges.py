@@ -50,10 +50,8 @@ def sample(machine: _SetUp, rng: np.random.Generator, only: Iterable[str] | None
             refused = error
         else:
             return drawn
-    raise InputError(
-        f"none of {MOST_DRAWS} machines drawn within the ranges can run, the last because {refused.reason}; "
-        "choose another setting, or draw fewer constants"
-    )
+    raise InputError(f"none of {MOST_DRAWS} machines drawn within the ranges can run, the last because "
+                     f"{refused.reason}; choose another setting, or draw fewer constants")
 
 
 def value_at(bounds: tuple[float, float], share: float) -> float:
@@ -98,10 +96,8 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     chosen: set[str] = set()
     for name in only:
         if name not in known and name not in sections:
-            raise InputError(
-                f"'{name}' is not a section or constant with a range to draw from; there are the sections "
-                f"{', '.join(sections)} and the constants {', '.join(known)}"
-            )
+            raise InputError(f"'{name}' is not a section or constant with a range to draw from; there are the "
+                             f"sections {', '.join(sections)} and the constants {', '.join(known)}")
         chosen |= sections.get(name, {name})
     return chosen
 

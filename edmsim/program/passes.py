@@ -65,15 +65,11 @@ def check_offsets(offsets_mm: Sequence[float], line: int | None = None) -> None:
         raise InputError(f"a contour is cut in 1 to {MOST_PASSES} passes, not in {len(offsets_mm)}", line=line)
     for number, (before, now) in enumerate(pairwise(offsets_mm), 1):
         if now > before:
-            raise InputError(
-                f"the offset grows from pass {number} to pass {number + 1}, {before:g} to {now:g} mm: a trim runs "
-                "nearer to the part than the pass before it",
-                line=line,
-            )
+            raise InputError(f"the offset grows from pass {number} to pass {number + 1}, {before:g} to {now:g} mm: a "
+                             "trim runs nearer to the part than the pass before it", line=line)
     if not all(math.isfinite(mm) and mm > 0 for mm in offsets_mm):
-        raise InputError(
-            f"an offset of {min(offsets_mm):g} mm leaves no room for a wire: give more than 0", line=line
-        )
+        raise InputError(f"an offset of {min(offsets_mm):g} mm leaves no room for a wire: give more than 0",
+                         line=line)
 
 
 @dataclass(frozen=True)

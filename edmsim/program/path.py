@@ -41,10 +41,8 @@ def ruled_between(below: Program, above: Program) -> Program:
     # every contour below goes with the one above whose middle is nearest; lines and arcs go with each other in
     # order, so that their beginnings lie as near to each other as they can
     if len(below.outlines) != len(above.outlines):
-        raise InputError(
-            f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as many",
-            below.source,
-        )
+        raise InputError(f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as "
+                         "many", below.source)
     left, outlines = list(above.outlines), []
     for outline in below.outlines:
         middle = shapely.centroid(shapely.LineString(outline.points_mm))
@@ -58,10 +56,8 @@ def ruled_between(below: Program, above: Program) -> Program:
 def _ruled(outline: Outline, upper: Outline) -> Outline:
     lower_pieces, upper_pieces = _pieces(outline), _pieces(upper)
     if len(lower_pieces) != len(upper_pieces):
-        raise InputError(
-            f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: draw as many, "
-            "and split a line or an arc where a corner of the other contour belongs"
-        )
+        raise InputError(f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: "
+                         "draw as many, and split a line or an arc where a corner of the other contour belongs")
     starts = np.array([piece[0] for piece in lower_pieces])
     firsts = np.array([piece[0] for piece in upper_pieces])
     by = min(range(len(firsts)), key=lambda k: float(np.hypot(*(np.roll(firsts, -k, axis=0) - starts).T).sum()))
@@ -505,9 +501,8 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
         value = math.nan
     if not 0 <= value <= GREATEST_MM:
         shown = auto_offset_mm if offset == "auto" else offset
-        raise InputError(
-            f"the offset is {shown!r}: give auto, none, or a length of 0 to {GREATEST_MM:g} mm{in_um(value)}"
-        )
+        raise InputError(f"the offset is {shown!r}: give auto, none, or a length of 0 to {GREATEST_MM:g} "
+                         f"mm{in_um(value)}")
     return value
 
 

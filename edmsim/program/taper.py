@@ -107,10 +107,8 @@ def _of_two_lines(outline: Outline, low: float, high: float) -> Ruled:
     assert outline.taper.upper_mm is not None
     upper, lower = np.asarray(outline.taper.upper_mm, np.float64), outline.points_mm
     if upper.shape != lower.shape:
-        raise InputError(
-            f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give both equal "
-            "numbers, in the same order"
-        )
+        raise InputError(f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give "
+                         "both equal numbers, in the same order")
     if outline.closed and not np.allclose(upper[0], upper[-1], atol=1e-6):
         raise InputError("the contour below is closed, and the one above is not: close it")
     count = len(lower)
@@ -257,18 +255,15 @@ def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
             near = chords.normals[neighbour % count]
             if abs(_turn(chords.normals[k], near)) > math.radians(15.0):
                 x, y = outline.points_mm[own[0]]
-                raise InputError(
-                    f"the arc at X{x:.3f} Y{y:.3f} meets its neighbour at a corner and cannot keep its radius: draw "
-                    "it tangent, or let arcs become conical", line=outline.line_numbers[k] or None,
-                )  # fmt: skip
+                raise InputError(f"the arc at X{x:.3f} Y{y:.3f} meets its neighbour at a corner and cannot keep its "
+                                 "radius: draw it tangent, or let arcs become conical",
+                                 line=outline.line_numbers[k] or None)
             ends.append(near)
         swept = sum(_turn(a, b) for a, b in zip(chords.normals[own[:-1]], chords.normals[own[1:]], strict=True))
         if abs(swept) > math.radians(_MOST_TURN_DEG):
             x, y = outline.points_mm[own[0]]
-            raise InputError(
-                f"the arc at X{x:.3f} Y{y:.3f} spans {math.degrees(abs(swept)):.0f} degrees and cannot keep its "
-                "radius: let arcs become conical", line=outline.line_numbers[own[0]] or None,
-            )  # fmt: skip
+            raise InputError(f"the arc at X{x:.3f} Y{y:.3f} spans {math.degrees(abs(swept)):.0f} degrees and cannot "
+                             "keep its radius: let arcs become conical", line=outline.line_numbers[own[0]] or None)
         shift = float(chords.shift_mm[own[0]])
         found[element] = mitre(ends[0], ends[1], shift, shift)
     return found
@@ -321,10 +316,9 @@ def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
     same = np.flatnonzero(np.array(wall.elements) == wall.elements[k])
     kind = "the arc" if len(same) > 2 else "the line"
     line = wall.line_numbers[k]
-    raise InputError(
-        f"{kind} of {what} at X{x:.3f} Y{y:.3f} vanishes at a height of {place[k]:.3f} mm: take a smaller angle, a "
-        f"{'greater radius' if kind == 'the arc' else 'longer line'}, or a lower workpiece", line=line or None,
-    )  # fmt: skip
+    raise InputError(f"{kind} of {what} at X{x:.3f} Y{y:.3f} vanishes at a height of {place[k]:.3f} mm: take a "
+                     f"smaller angle, a {'greater radius' if kind == 'the arc' else 'longer line'}, or a lower "
+                     "workpiece", line=line or None)
 
 
 def refuse_crossings(wire: Ruled, height_mm: float) -> None:
@@ -333,10 +327,8 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
         points = wire.at(z)
         steps = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-7])
         if not shapely.LineString(points[steps]).is_simple:
-            raise InputError(
-                f"the wire's way crosses itself at a height of {z:.3f} mm: take a smaller angle or offset, or draw "
-                "the contour wider"
-            )
+            raise InputError(f"the wire's way crosses itself at a height of {z:.3f} mm: take a smaller angle or "
+                             "offset, or draw the contour wider")
 
 
 def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
@@ -345,10 +337,8 @@ def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) 
         line, points = shapely.LineString(wall.at(z)), shapely.points(wire.at(z))
         into_mm = offset_mm - float(line.distance(points).min())
         if into_mm > GOUGE_MM:
-            raise InputError(
-                f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a smaller angle "
-                "or offset, or draw the contour wider"
-            )
+            raise InputError(f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a "
+                             "smaller angle or offset, or draw the contour wider")
 
 
 def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
@@ -360,12 +350,10 @@ def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
     if most > guides.travel_mm:
         angle = math.degrees(math.atan(math.hypot(*wire.slope[k])))
         least = math.degrees(math.atan(guides.travel_mm / guides.distance_mm))
-        raise InputError(
-            f"the wire would lean by {angle:.2f} degrees, and the upper guide go {most:.3f} mm along "
-            f"{'uv'[int(axis)]}: with guides {guides.distance_mm:.2f} mm apart it goes {guides.travel_mm:g} mm, "
-            f"which is {least:.2f} degrees",
-            line=wire.line_numbers[min(int(k), len(wire.line_numbers) - 1)] or None,
-        )  # fmt: skip
+        raise InputError(f"the wire would lean by {angle:.2f} degrees, and the upper guide go {most:.3f} mm along "
+                         f"{'uv'[int(axis)]}: with guides {guides.distance_mm:.2f} mm apart it goes "
+                         f"{guides.travel_mm:g} mm, which is {least:.2f} degrees",
+                         line=wire.line_numbers[min(int(k), len(wire.line_numbers) - 1)] or None)
 
 
 class _Piece(NamedTuple):

@@ -263,10 +263,8 @@ def wire_heights(model: mujoco.MjModel) -> tuple[Array, float]:
 def _checked_heights(slice_heights_m: ArrayLike, guide_distance: float) -> Array:
     heights = np.asarray(slice_heights_m, float)
     if heights.ndim != 1 or not np.all((heights > 0) & (heights < guide_distance)):
-        raise InputError(
-            f"slice heights are {heights.tolist()} m; they must be a list of heights between the guides, "
-            f"above 0 and below {guide_distance:g} m"
-        )
+        raise InputError(f"slice heights are {heights.tolist()} m; they must be a list of heights between the "
+                         f"guides, above 0 and below {guide_distance:g} m")
     return heights
 
 

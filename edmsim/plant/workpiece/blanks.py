@@ -38,10 +38,8 @@ def wavy_wall(
 def checked_stock(stock: Stock, machine: Machine) -> Stock:
     """Return a workpiece that fits its machine; `InputError` if its greatest height is not the machine's."""
     if stock.steps and stock.height_mm != machine.height_mm:
-        raise InputError(
-            f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
-            f"{machine.height_mm:g} mm; they must be the same"
-        )
+        raise InputError(f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
+                         f"{machine.height_mm:g} mm; they must be the same")
     return stock
 
 

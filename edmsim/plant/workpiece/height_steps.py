@@ -42,10 +42,8 @@ class Relief:
             if not 0 < height <= height_mm:
                 raise InputError(f"a step {height:g} mm high does not fit a workpiece of up to {height_mm:g} mm")
             if slices_below(height, height_mm, n_slices) == 0:
-                raise InputError(
-                    f"a step {height:g} mm high is lost between slices of {self.slice_mm:.3g} mm: it must be above "
-                    f"{self.slice_mm / 2:.3g} mm, or the resolution finer"
-                )
+                raise InputError(f"a step {height:g} mm high is lost between slices of {self.slice_mm:.3g} mm: it "
+                                 f"must be above {self.slice_mm / 2:.3g} mm, or the resolution finer")
             of_height.setdefault(height, []).append(region.difference(claimed))
             claimed = claimed.union(region)
         lower = sorted(height for height in of_height if height < height_mm)
