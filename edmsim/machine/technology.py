@@ -4,12 +4,10 @@ A technology is found by simulation (``edmsim tune technology``). Its passes for
 however many follow, and offsets are counted from the last pass, the one that meets the drawing.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -102,7 +100,7 @@ class AtHeight(Part):
     passes: Annotated[tuple[PassSetting, ...], Field(alias="pass", min_length=1)]
 
     @model_validator(mode="after")
-    def _offsets_fall(self) -> AtHeight:
+    def _offsets_fall(self) -> Self:
         if any(one.step_um < 0 for one in self.passes):
             raise ValueError("step_um is below 0: the offset would grow from a pass to the next")
         return self
@@ -130,7 +128,7 @@ class Technology(Part):
     heights: Annotated[tuple[AtHeight, ...], Field(alias="height", min_length=1)]  # in rising order
 
     @model_validator(mode="after")
-    def _in_order(self) -> Technology:
+    def _in_order(self) -> Self:
         if any(b.height_mm <= a.height_mm for a, b in pairwise(self.heights)):
             raise ValueError("heights must rise")
         return self

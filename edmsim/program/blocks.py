@@ -4,14 +4,12 @@ What the words do is not known here. Some cannot change a contour, some a user l
 P1000 L2 runs twice what stands between O1000 and M99 behind the end of the program.
 """
 
-from __future__ import annotations
-
 import codecs
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from edmsim.errors import InputError, located
 from edmsim.program.dialects import FREECAD, ISO, Dialect, without_line_ends
@@ -51,7 +49,7 @@ class Ignored:
     words: frozenset[tuple[str, float]] = frozenset()
 
     @classmethod
-    def of(cls, listed: Sequence[str]) -> Ignored:
+    def of(cls, listed: Sequence[str]) -> Self:
         """Read words as ``G51``, or letters as ``U``; raises `InputError` at others, and at what makes a contour."""
         letters, words = set(), set()
         for text in listed:

@@ -3,11 +3,10 @@
 I J count from an arc's start, as usual, or are coordinates; an arc whose ends meet may be a full circle.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 from edmsim.errors import InputError
 from edmsim.program.arcs import (
@@ -137,7 +136,7 @@ class Reading:
         above = upper.points(len(points), self.centre, bool(self.full))
         return tuple(self._lower(len(above))), tuple(above)
 
-    def decided(self, full: bool) -> Reading:
+    def decided(self, full: bool) -> Self:
         """Take one of two readings, and say so."""
         apart_um = abs(self.motion.end - self.motion.start) * 1e3
         read = "a full circle" if full else "the short arc between them"

@@ -8,13 +8,11 @@ point that is the offset away from both sides, and leaves the fillet every round
 radius and gap cannot make, inner corners, small radii, grooves, is found, too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import shapely
@@ -290,14 +288,14 @@ class OffsetOutline:
         """The part's edge."""
         return shapely.LineString(self.nominal)
 
-    def at_height(self, height_mm: float) -> OffsetOutline:
+    def at_height(self, height_mm: float) -> Self:
         """Return what it is at a height over the workpiece's lower face."""
         if self.surfaces is None:
             return self
         wall, wire = self.surfaces
         return replace(self, path=wire.at(height_mm), nominal=wall.at(height_mm), surfaces=None)
 
-    def at_mid_height(self) -> OffsetOutline:
+    def at_mid_height(self) -> Self:
         """Return what it is at half the workpiece's height."""
         return self if self.guides is None else self.at_height(0.5 * self.guides.height_mm)
 

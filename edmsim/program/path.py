@@ -1,13 +1,11 @@
 """The wire path: a program read by its suffix, offset, lead-in through waste, moves in whole um on the table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import shapely
@@ -201,7 +199,7 @@ class WireContour:
         """The wire's paths in order: one per pass."""
         return tuple(one.way for one in self.passes) or (self.way,)
 
-    def at_height(self, height_mm: float) -> WireContour:
+    def at_height(self, height_mm: float) -> Self:
         """Return the contour of a leaning wire at a height as that of a vertical wire, in whole um.
 
         Its offset is that in the plane, where the wall leans most.
@@ -215,7 +213,7 @@ class WireContour:
             passes=tuple(one.at_height(height_mm) for one in self.passes),
         )
 
-    def at_mid_height(self) -> WireContour:
+    def at_mid_height(self) -> Self:
         """Return the contour at half the workpiece's height, which pictures and reports use."""
         return self if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
 
