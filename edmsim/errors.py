@@ -80,7 +80,7 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
         yield
     except InputError as error:
         error.reason = one_line(f"{name}: {error.reason}") if name else error.reason
-        error.file, error.line = error.file or (file and str(file)), error.line or line
+        error.file, error.line = error.file or (None if file is None else str(file)), error.line or line
         raise
 
 
