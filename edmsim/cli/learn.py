@@ -1,7 +1,5 @@
 """Commands of policies and controllers: train, dataset, evaluate."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from pathlib import Path

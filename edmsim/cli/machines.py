@@ -140,9 +140,8 @@ def gap(
 
     is_run = not (serial is None and samples is None and log is None)
     if not is_run and delays is None and fmu is None:
-        raise InputError(
-            "give --serial BOARD for ports, --samples, --log, --delays or --fmu FILE for files; see edmsim gap --help"
-        )
+        raise InputError("give --serial BOARD for ports, --samples, --log, --delays or --fmu FILE for files; see "
+                         "edmsim gap --help")
     if serial is None and speed is not None:
         raise InputError("--speed is that of ports: give --serial BOARD")
     if serial is not None and feed is not None:

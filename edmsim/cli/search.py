@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from edmsim.sweep.run import SweepProgress
     from edmsim.sweep.specification import Specification
 
-
 Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
 ProcessCount = Annotated[
     int | None, typer.Option("--processes", help="Processes on this computer; default: one per processor.")

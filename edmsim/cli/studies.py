@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     _Result = tuple[Mapping[str, object], RenderableType]
     """In numbers, and as a table."""
 
-
 _BY_LOG = Unset("Default: as in the log.")
 
 

@@ -1,7 +1,5 @@
 """A table of ignition delays over gap and voltage, for circuit simulators."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Writes the gap as an FMU: ``edmsim gap --fmu``."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from pathlib import Path

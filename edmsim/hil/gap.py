@@ -3,8 +3,6 @@
 A window of 255 pulses would be longer than the interval in which a board updates its outputs.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
