@@ -114,12 +114,13 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
         _check_with(make, counts)
 
 
-def turns_knobs(make: Callable[[], protocols.FeedController], max_feed_um_s: float) -> bool:
-    """Return whether a controller changes the generator's setting after windows of any kind."""
-    machine = Machine.load()
-    commands = [command for counts in _every_kind() for command in _Rehearsal(make(), max_feed_um_s).run(counts)]
-    settings = {(command.t_on_us, command.t_period_us) for command in commands}
-    return not settings <= {(on, period) for on in (None, machine.t_on_us) for period in (None, machine.t_period_us)}
+def rehearsed(make: Callable[[], protocols.FeedController], max_feed_um_s: float) -> list[protocols.FeedCommand]:
+    """Return what a controller commands on the usual machine after windows of any kind, and a lost wire."""
+    commands: list[protocols.FeedCommand] = []
+    for counts in _every_kind():
+        rehearsal = _Rehearsal(make(), max_feed_um_s)
+        commands += [*rehearsal.run(counts), rehearsal.lose_wire(), *rehearsal.run(counts)]
+    return commands
 
 
 def _every_kind() -> tuple[Counts, ...]:
@@ -136,7 +137,7 @@ class _Rehearsal:
 
     def __init__(self, controller: protocols.FeedController, max_feed_um_s: float = MAX_FEED_UM_S) -> None:
         self.controller = controller
-        self.windows, self.path_um = 0, 0.0
+        self.windows, self.path_um, self._max_feed_um_s = 0, 0.0, max_feed_um_s
         protocols.tell(controller, Machine.load(), _PATH_UM, 0.0)
         self.command = protocols.check_command(controller.name, controller.reset(max_feed_um_s))
 
@@ -149,6 +150,13 @@ class _Rehearsal:
             self._show(short, open_)
             commands.append(self.command)
         return commands
+
+    def lose_wire(self) -> protocols.FeedCommand:
+        """Return the command for the first window of the next wire."""
+        again = self.controller
+        lost = again.wire_lost() if isinstance(again, protocols.SeesBreaks) else again.reset(self._max_feed_um_s)
+        self.command = protocols.check_command(again.name, lost)
+        return self.command
 
     def _show(self, short: int, open_: int) -> None:
         self.windows += 1

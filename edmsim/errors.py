@@ -79,8 +79,9 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
     try:
         yield
     except InputError as error:
-        reason = f"{name}: {error.reason}" if name else error.reason
-        raise InputError(reason, error.file or file, error.line or line) from None
+        error.reason = one_line(f"{name}: {error.reason}") if name else error.reason
+        error.file, error.line = error.file or (None if file is None else str(file)), error.line or line
+        raise
 
 
 def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

@@ -90,8 +90,16 @@ def read_toml(file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
         raise InputError(f"not {what}: {error}", file) from None
 
 
-def make_writable(folder: Path) -> None:
-    """Make a folder and see that it can be written to; raises `InputError` if not."""
+def folder_of(name: str | Path) -> Path:
+    """Return the folder that a user names; raises `InputError` for an empty name, which `Path` allows."""
+    if name == "":
+        raise InputError("the folder has no name: '.' is the present one")
+    return Path(name)
+
+
+def make_writable(name: str | Path) -> Path:
+    """Return a folder that is made and can be written to; raises `InputError` if not."""
+    folder = folder_of(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".edmsim-write-test"
@@ -100,6 +108,7 @@ def make_writable(folder: Path) -> None:
     except (OSError, ValueError) as error:  # a ValueError for a name with a NUL
         why = getattr(error, "strerror", None) or error
         raise InputError(f"the output folder cannot be written to: {why}", folder) from None
+    return folder
 
 
 def check_suffix(file: Path, what: str, *suffixes: str) -> str:
@@ -114,10 +123,11 @@ def check_suffix(file: Path, what: str, *suffixes: str) -> str:
 
 @contextmanager
 def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
-    """Keep a folder, which is made, to this process; the lock goes with it, however it ends.
+    """Keep a folder to this process; the lock goes with it, and a folder made for it into which nothing came.
 
     Raises `InputError` if the folder cannot be written to, or another process or thread, called `who`, works on it.
     """
+    made = not folder.exists()
     make_writable(folder)
     file = folder / _LOCK
     from filelock import FileLock, Timeout
@@ -134,6 +144,9 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
         with suppress(OSError):
             file.unlink(missing_ok=True)
         lock.release()
+        if made:
+            with suppress(OSError):
+                folder.rmdir()
 
 
 @contextmanager

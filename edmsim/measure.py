@@ -24,7 +24,7 @@ from edmsim.controllers import from_text
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.axis.elcam.file import ErrorTable, StepCompensation, load_tables
 from edmsim.cosim.simulation import Progress, Simulation
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
 from edmsim.geometry import arc_lengths
 from edmsim.job.cut import guides_of
 from edmsim.machine.machine import Machine
@@ -228,6 +228,7 @@ class _Bench:
         return round(um / self._step_um) * self._step_um
 
 
+@refuses_wrong_types
 def measure_table(
     machine: Machine, *, interval_mm: float | None = None, runs: int | None = None, seed: int = 0,
     compensation: Elcam | None = None,

@@ -73,6 +73,27 @@ def whole_from(name: str, value: object, least: int | None = None) -> int:
     return number
 
 
+def above_zero(name: str, value: float, most: float = math.inf) -> None:
+    """Refuse an argument that is not a number above 0 and at most `most`."""
+    number = real(value)
+    if number is None or not (0 < number <= most and math.isfinite(number)):
+        up_to = f" and at most {most:g}" if math.isfinite(most) else ""
+        raise InputError(f"{name} is {value!r}: give a number above 0{up_to}")
+
+
+def within(name: str, value: float, low: float, high: float) -> None:
+    """Refuse an argument that is not a number from `low` to `high`."""
+    number = real(value)
+    if number is None or not low <= number <= high:
+        raise InputError(f"{name} is {value!r}: give a number from {low:g} to {high:g}")
+
+
+def whole_within(name: str, value: object, low: int, high: int) -> None:
+    """Refuse an argument that is not a whole number from `low` to `high`."""
+    if not low <= whole_from(name, value) <= high:
+        raise InputError(f"{name} is {value!r}: give a whole number from {low} to {high}")
+
+
 def _for_pydantic(value: object) -> object:
     if isinstance(_scalar(value), bool | np.bool_):
         raise ValueError("must be a number, not a truth value")

@@ -93,7 +93,7 @@ def read_rows(file: Path, of: Mapping[str, Any] | None = None, texts: Sequence[s
         try:
             row = json.loads(line)
             if of is not None and number == 1:
-                _check_same(row["of"], json.loads(json.dumps(of)), file)
+                check_same(row["of"], json.loads(json.dumps(of)), file)
                 continue
             if not (isinstance(row, dict) and all(isinstance(row.get(name), str) for name in texts)):
                 raise ValueError("no row of a run")
@@ -111,7 +111,8 @@ def read_of(file: Path) -> Row:
     return found
 
 
-def _check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: Path) -> None:
+def check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: Path) -> None:
+    """Refuse a file that has the runs of something else."""
     for name, value in now.items():
         if before[name] != value:
             reason = f"it has the runs of {name} {before[name]!r}, not {value!r}"

@@ -17,9 +17,9 @@ from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from edmsim.errors import InputError, invalid_entry
+from edmsim.errors import InputError, invalid_entry, one_of
 from edmsim.machine.machine import Machine
-from edmsim.numeric import keep_plain, real, whole, whole_from
+from edmsim.numeric import keep_plain, real, whole
 from edmsim.numeric import plain as plain_number
 
 Range = float | tuple[float, float]
@@ -100,7 +100,7 @@ def check_kinds(record: object) -> None:
     for (name, _, _, meaning), hint in _declared(type(record)):  # type: ignore[arg-type]
         value = getattr(record, name)
         if get_origin(hint) is Literal:
-            one_of(name, value, get_args(hint))
+            refuse_unknown(name, value, get_args(hint))
             continue
         kinds = get_args(hint) if isinstance(hint, UnionType) else (hint,)
         if not any(_fits(value, kind) for kind in kinds):
@@ -109,31 +109,10 @@ def check_kinds(record: object) -> None:
             raise InputError(f"{name} is {value!r}: give {said} ({meaning})")
 
 
-def above_zero(name: str, value: float, most: float = math.inf) -> None:
-    """Refuse an argument that is not a number above 0 and at most `most`."""
-    number = real(value)
-    if number is None or not (0 < number <= most and math.isfinite(number)):
-        up_to = f" and at most {most:g}" if math.isfinite(most) else ""
-        raise InputError(f"{name} is {value!r}: give a number above 0{up_to}")
-
-
-def within(name: str, value: float, low: float, high: float) -> None:
-    """Refuse an argument that is not a number from `low` to `high`."""
-    number = real(value)
-    if number is None or not low <= number <= high:
-        raise InputError(f"{name} is {value!r}: give a number from {low:g} to {high:g}")
-
-
-def whole_within(name: str, value: object, low: int, high: int) -> None:
-    """Refuse an argument that is not a whole number from `low` to `high`."""
-    if not low <= whole_from(name, value) <= high:
-        raise InputError(f"{name} is {value!r}: give a whole number from {low} to {high}")
-
-
-def one_of(name: str, value: str, known: Sequence[str]) -> None:
+def refuse_unknown(name: str, value: str, known: Sequence[str]) -> None:
     """Refuse an argument that is not among those there are."""
     if value not in known:
-        raise InputError(f"unknown {name} {value!r}; there are: {', '.join(known)}")
+        raise InputError(f"unknown {name} {value!r}; there are: {one_of(value, known)}")
 
 
 def ends_of(name: str, value: Range) -> tuple[float, float]:
@@ -188,7 +167,7 @@ def plain(item: Any) -> Any:
 def _only_known(name: str, value: Mapping[str, Any], known: list[str]) -> None:
     for key in value:
         if key not in known:
-            raise InputError(f"{name} has no entry {key!r}; it has {', '.join(known)}")
+            raise InputError(f"{name} has no entry {key!r}; it has {one_of(key, known)}")
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
@@ -214,7 +193,7 @@ def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -
     found = dict(options or {})
     for name in found:
         if name not in known:
-            raise InputError(f"reset has no option {name!r}; it has {', '.join(known)}")
+            raise InputError(f"reset has no option {name!r}; it has {one_of(name, known)}")
     machine = found.get("machine")
     if machine is not None and not isinstance(machine, Machine):
         raise InputError(f"the option machine is {machine!r}: give an edmsim.Machine")

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments, within
+from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
@@ -18,6 +18,7 @@ from edmsim.envs.task import Family
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG
 from edmsim.machine.machine import Machine
+from edmsim.numeric import within
 from edmsim.plant.workpiece.blanks import started_slot
 
 SHARPEST_DEG = 160.0

@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
-from edmsim.controllers.user_controllers import turns_knobs
-from edmsim.envs.arguments import checked_actions, checked_options, one_of, plain
+from edmsim.controllers.user_controllers import rehearsed
+from edmsim.envs.arguments import checked_actions, checked_options, plain, refuse_unknown
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import whole_from
 
@@ -65,10 +66,12 @@ def as_action(
     octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
     octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
     if not family.knobs and any(octaves.values()):
-        raise _no_knobs(controller)
+        raise _has_no(controller, "turns the generator's knobs")
     entries += [octaves[name] / family.setting_octaves for name in family.knobs]
     if family.offset_um is not None:
         entries.append(command.offset_um / family.offset_um)
+    elif command.offset_um:
+        raise _has_no(controller, "commands an offset")
     return np.clip(np.array(entries, np.float32), -1.0, 1.0)
 
 
@@ -77,12 +80,16 @@ def check_acts(family: Family, name: str) -> None:
     controller = from_text(name)
     if family.action == "servo":
         target_share(controller)
-    if not family.knobs and turns_knobs(lambda: from_text(name), family.greatest_feed_um_s):
-        raise _no_knobs(controller)
+    usual, commands = Machine.load(), rehearsed(lambda: from_text(name), family.greatest_feed_um_s)
+    settings_us = {each_us for command in commands for each_us in (command.t_on_us, command.t_period_us)}
+    if not family.knobs and not settings_us <= {None, usual.t_on_us, usual.t_period_us}:
+        raise _has_no(controller, "turns the generator's knobs")
+    if family.offset_um is None and any(command.offset_um for command in commands):
+        raise _has_no(controller, "commands an offset")
 
 
-def _no_knobs(controller: FeedController) -> InputError:
-    return InputError(f"{controller.name} turns the generator's knobs, and this environment has none: leave it out")
+def _has_no(controller: FeedController, what: str) -> InputError:
+    return InputError(f"{controller.name} {what}, and this environment has none: leave it out")
 
 
 def target_share(controller: FeedController) -> float:
@@ -197,15 +204,34 @@ def _first(infos: dict[str, Any]) -> dict[str, Any]:
 _ONLY = np.zeros(1, np.int64)
 
 
-class _PlainSpec:
+class _Changes:
+    """Arguments that `change` replaces, also in the specification that Gymnasium notes."""
+
+    family: EnvArguments
+    spec: gym.envs.registration.EnvSpec | None
+    _batch: Engine
+
     def __setattr__(self, name: str, value: Any) -> None:
-        """Keep the specification that Gymnasium notes in a form that JSON can write."""
+        """Keep the specification in a form that JSON can write."""
         if name == "spec" and value is not None:
             value.kwargs = plain(value.kwargs)
         super().__setattr__(name, value)
 
+    def change(self, **options: Any) -> None:
+        """Change arguments of the next episodes, for a curriculum; an episode that runs keeps its own.
 
-class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+        Parameters
+        ----------
+        **options
+            Arguments to change; those that make spaces or plants cannot change (see `EnvArguments.changed`).
+        """
+        self.family = self.family.changed(**options)
+        self._batch.change(self.family)
+        if self.spec is not None:
+            self.spec.kwargs |= plain(options)
+
+
+class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Cut metal. A step is a window of 255 pulses, all windows that begin within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`. The subclasses describe
@@ -325,17 +351,6 @@ class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         from edmsim.envs.recorder import EpisodeRecorder
 
         return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
-
-    def change(self, **options: Any) -> None:
-        """Change arguments of the next episodes, for a curriculum; an episode that runs keeps its own.
-
-        Parameters
-        ----------
-        **options
-            Arguments to change; those that make spaces or plants cannot change (see `EnvArguments.changed`).
-        """
-        self.family = self.family.changed(**options)
-        self._batch.change(self.family)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image (height, width, 3), or show it; None without a render mode.
@@ -463,7 +478,7 @@ class SubEnvView:
 Flags = NDArray[np.bool_]
 
 
-class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """Many cuts at once. A step is a window of 255 pulses, all windows within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``.
@@ -520,7 +535,7 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
             threads = whole_from("threads", threads, 1)
         self.family: EnvArguments = arguments_with(task, **options)
         self.render_mode = check_render_mode(render_mode)
-        one_of("autoreset_mode", plain(autoreset_mode), [m.value for m in AutoresetMode])
+        refuse_unknown("autoreset_mode", plain(autoreset_mode), [m.value for m in AutoresetMode])
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = num_envs
@@ -685,11 +700,6 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
             raise InputError(f"{len(each)} values were given for {self.num_envs} environments: give one each")
         for view, value in zip(self._views, each, strict=True):
             view.take(name, value)
-
-    def change(self, **options: Any) -> None:
-        """Change arguments of the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
-        self.family = self.family.changed(**options)
-        self._batch.change(self.family)
 
     def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:
         """Begin the next episodes in the same step; final_obs and final_info keep what the last ones showed."""

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, shows_arguments, within
+from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, shows_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario
 from edmsim.machine.machine import Machine
+from edmsim.numeric import within
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
 

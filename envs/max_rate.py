@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments, within
+from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.height_step import HeightStep
 from edmsim.envs.page import page
@@ -14,6 +14,7 @@ from edmsim.envs.reward import Weights
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
 from edmsim.machine.setting import LIMITS
+from edmsim.numeric import within
 
 PERIOD_US = 50.0
 """Period with which every wire begins, and from which the knob is turned (ours: two octaves to either side go from

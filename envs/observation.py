@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal
-from edmsim.envs.arguments import whole_within, within
 from edmsim.machine.setting import wire_speed_m_s
-from edmsim.numeric import keep_plain
+from edmsim.numeric import keep_plain, whole_within, within
 from edmsim.plant.constants import faces_Pa
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 

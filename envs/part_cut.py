@@ -55,7 +55,10 @@ class PartCut:
         assert found.table is not None
         if len(found.path.contours) != 1:
             raise InputError(f"the program has {len(found.path.contours)} contours: a part has one", program.source)
-        rows = [_tightened(one, tension_share) for one in found.table.settings]
+        rows = [
+            one.model_copy(update={"tension_N": setup.machine.tension * tension_share})
+            for one, setup in zip(found.table.settings, found.setups, strict=True)
+        ]
         self.table: PassTable = found.table._replace(settings=tuple(rows))
         self.simulation: Simulation | None = None  # None before the first step
         self.number, self.wires_lost = 1, 0  # of the pass decided on next
@@ -267,13 +270,6 @@ class PartCut:
         sums = next(one.sums for one in self.simulation.passes.records[::-1] if one.piece == "profile")
         flatness = self._setups[0].machine.base.discharge.crater_flatness.value
         return roughness_um(sums.crater_um3 / max(sums.spark + sums.arc, 1), flatness)
-
-
-def _tightened(one: PassSetting, share: float) -> PassSetting:
-    """Return a setting with a share of its tension, of the wire's own where it has none."""
-    if one.tension_N is None or share == 1.0:
-        return one
-    return one.model_copy(update={"tension_N": one.tension_N * share})
 
 
 def _changed(one: PassSetting, choice: Choice) -> PassSetting:

@@ -11,17 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from edmsim.envs.arguments import (
-    MOST_TIME_S,
-    Range,
-    above_zero,
-    argument,
-    check_kinds,
-    ends_of,
-    shows_arguments,
-    whole_within,
-    within,
-)
+from edmsim.envs.arguments import MOST_TIME_S, Range, argument, check_kinds, ends_of, shows_arguments
 from edmsim.envs.observation import Entry
 from edmsim.envs.part_cut import PartCut
 from edmsim.envs.reward import WeightsOfTerms
@@ -32,6 +22,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import values_of
 from edmsim.machine.setting import check_height
 from edmsim.machine.technology import Technology, machine_of, read_technology
+from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.resolution import resolution
 from edmsim.program.outline import Program
 from edmsim.program.path import load_program

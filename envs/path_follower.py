@@ -212,8 +212,8 @@ def follow(
             k += 1
         row.progress_um = progress_um
         row.cut_um += progress_um
-        row.area_mm2 = progress_um * 1e-3 * heights[i, k]
         row.elapsed_ns += spent_ns
+        row.area_mm2 = 0.0 if row.elapsed_ns <= row.scrap_ns else progress_um * 1e-3 * heights[i, k]
         row.step_ns += spent_ns
         row.settling_ns = row.settling_ns - spent_ns if row.settling_ns > spent_ns else 0
         row.broke = window.broken != 0

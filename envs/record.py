@@ -22,10 +22,9 @@ class RecordedEpisodes:
 
     def __init__(self, folder: str | Path, every: int, hint: str | None) -> None:
         self._every = whole_from("every", every, 1)
-        make_writable(Path(folder))
         self.folders: list[Path] = []  # written so far
         self.recorder: EpisodeRecorder | None = None  # of the episode under way, if it is recorded
-        self._folder = Path(folder)
+        self._folder = make_writable(folder)
         self._viewer: LiveViewer | None = None
         if hint is not None:
             from edmsim.recording.rerun.viewer import LiveViewer

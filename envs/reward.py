@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.envs.arguments import within
 from edmsim.envs.path_follower import DONE, RUNNING
-from edmsim.numeric import keep_plain
+from edmsim.numeric import keep_plain, within
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 REFERENCE_MM2_MIN = 30.0  # cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)

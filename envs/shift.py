@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments, within
+from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.height_step import HeightStep
 from edmsim.envs.max_rate import MaxRate
@@ -18,6 +18,7 @@ from edmsim.envs.task import ROOM_MM
 from edmsim.envs.thin_wire import ThinWire
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
+from edmsim.numeric import above_zero, within
 from edmsim.plant.workpiece.blanks import SLOT_UM
 
 TRAVEL_MM = 400.0

@@ -204,8 +204,6 @@ class SubEnvs:
             indices, rows, *code, self.planners, *path, self._height_from, self._heights, fleet.states, fleet.windows,
             _NO_STEPS,
         )
-        testing = indices[rows["elapsed_ns"][indices] <= rows["scrap_ns"][indices]]
-        rows["area_mm2"][testing] = 0.0
         self._count_errors(indices)
         if len(failed):
             rows["cause"][failed[fleet.windows["broken"][failed] == 0]] = OUT_OF_RANGE

@@ -19,22 +19,20 @@ from edmsim.envs import servo
 from edmsim.envs.arguments import (
     MOST_TIME_S,
     Range,
-    above_zero,
     argument,
     check_kinds,
     ends_of,
     machine_of,
-    one_of,
     record_of,
+    refuse_unknown,
     shows_arguments,
-    whole_within,
-    within,
 )
 from edmsim.envs.observation import EXACT, Entry, Sensors, entries
 from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario, draw_machine, names_of
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.machine.machine import Machine
+from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
 
@@ -86,7 +84,7 @@ class EnvArguments(ABC):
 
     def _check_reward(self, terms: Sequence[str]) -> None:
         for term in self.objectives:
-            one_of("objective", term, terms)
+            refuse_unknown("objective", term, terms)
         within("cost_limit", self.cost_limit, 0.0, 1e9)
 
     @classmethod
@@ -100,7 +98,7 @@ class EnvArguments(ABC):
         known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
         for name, value in arguments.items():
             if name not in known:
-                raise TypeError(f"{cls.__name__} has no argument {name!r}; it has {', '.join(known)}")
+                raise TypeError(f"{cls.__name__} has no argument {name!r}; it has {one_of(name, known)}")
             if isinstance(value, list):
                 arguments[name] = tuple(value)
         if "machine" in arguments:
@@ -209,7 +207,7 @@ class Family(EnvArguments):
         """Refuse what cannot be used, before anything is built."""
         check_kinds(self)
         resolution(self.resolution)
-        one_of("mechanics", self.mechanics, MECHANICS)
+        refuse_unknown("mechanics", self.mechanics, MECHANICS)
         self._check_numbers()
         generator.check_knobs(self.knobs)
         self._check_reward(TERMS)

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, shows_arguments, within
+from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, shows_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
@@ -16,6 +16,7 @@ from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.numeric import within
 from edmsim.plant.workpiece.blanks import wavy_wall
 from edmsim.plant.workpiece.wall import WallLine
 

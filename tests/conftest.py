@@ -77,6 +77,14 @@ def load_script():
     return load
 
 
+@pytest.fixture(scope="session", autouse=True)
+def folders_of_learners(tmp_path_factory):
+    """Let stable-baselines3 make the folder of a learner without a logger among the tests' folders."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SB3_LOGDIR", str(tmp_path_factory.getbasetemp() / "sb3"))
+        yield
+
+
 class Outcome(NamedTuple):
     """What a command left: exit status, and what it wrote to either stream."""
 
@@ -201,6 +209,7 @@ def short_training(monkeypatch):
         usual = load(env_id, algo, settings)
         replays = {"learning_starts": 40, "buffer_size": 500}
         change = {"n_steps": 32, "batch_size": 32} if algo not in ("sac", "tqc") else replays
-        return usual.model_copy(update={"num_envs": 2, "algorithm": {**usual.algorithm, **change}})
+        small = usual.network.model_copy(update={"widths": [16]})
+        return usual.model_copy(update={"num_envs": 2, "algorithm": {**usual.algorithm, **change}, "network": small})
 
     monkeypatch.setattr(hyperparameters, "load", shorter)

@@ -184,7 +184,7 @@ def test_resume_of_a_program_that_was_edited_is_refused(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         edmsim.cut(program, watch=stop_after(2), **options)
     program.write_text("G0 X0 Y0\nG1 X1.6\n")
-    with pytest.raises(InputError, match="program_sha256"):
+    with pytest.raises(InputError, match="program: not as in the interrupted cut"):
         edmsim.cut(program, resume=True, **options)
 
 

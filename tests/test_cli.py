@@ -16,6 +16,7 @@ from edmsim.calibration import read_log
 from edmsim.cli import app as cli
 from edmsim.cosim.simulation import Simulation
 from edmsim.job import checkpoint
+from edmsim.job.cut import CutProgress
 from edmsim.job.settings import CutSettings
 from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
@@ -133,17 +134,16 @@ def test_a_film_is_one_of_the_files_of_a_cut(small_cut, tmp_path, edmsim):
 
 @pytest.mark.slow
 def test_interrupted_cut_is_taken_up_again(small_punch, tmp_path, edmsim, monkeypatch):
-    step, calls = Simulation.step, []
+    calls = []
 
-    def interrupted(self):
-        calls.append(self)
+    def interrupted(self, progress):
+        calls.append(progress)
         if len(calls) == 10:
             raise KeyboardInterrupt
-        return step(self)
 
     command = ("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.5, *FAST)
     with monkeypatch.context() as patch:
-        patch.setattr(Simulation, "step", interrupted)
+        patch.setattr(CutProgress, "show", interrupted)
         outcome = edmsim(*command)
     assert (outcome.status, outcome.out) == (130, "")
     assert outcome.err.count("\n") == 1
@@ -236,6 +236,15 @@ def test_report_is_made_again_and_figures_written(small_cut, tmp_path, edmsim):
     assert outcome.status == 0
     assert str(tmp_path / "corner.png") in outcome.out
     assert (tmp_path / "corner.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", [".", "file"])
+def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path, edmsim, name):
+    (tmp_path / "file").touch()
+    outcome = edmsim("report", tmp_path / name)
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1
+    assert "report.json: no such file, the folder of a cut is needed" in outcome.err
 
 
 def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):

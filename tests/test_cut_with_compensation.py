@@ -165,11 +165,12 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
 
 @pytest.mark.slow
 def test_measure_table_writes_what_cut_reads(edmsim, tmp_path):
-    made, left, picture = tmp_path / "made.toml", tmp_path / "left.toml", tmp_path / "table.png"
+    made, left, picture = tmp_path / "made here.toml", tmp_path / "left.toml", tmp_path / "table.png"
     words = ["measure", "table", "--machine", "worn-table", "--runs", 2]
     shown = edmsim(*words, "--out", made, "--plot", picture)
     assert shown.status == 0
     assert "out of square" in shown.out
+    assert f"--compensation '{made}'" in shown.out.replace("\n", "")
     assert picture.stat().st_size > 10_000
     assert {(t.axis, t.master) for t in read_tables(made)} == {("x", "x"), ("y", "y"), ("x", "y"), ("y", "x")}
     document = json.loads(edmsim(*words, "--compensation", made, "--out", left, "--json").out)

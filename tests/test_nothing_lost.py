@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from edmsim.controllers.feed.laws import FixedController
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked, together
 from edmsim.job import checkpoint
 from edmsim.job.result import remake
 from edmsim.recording import cut_folder, scene
+from edmsim.sweep import table
 
 from .conftest import FILES, timeless
 
@@ -90,6 +92,26 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small, tmp_path):
 
 
 @pytest.mark.slow
+def test_an_error_of_a_users_code_loses_a_minute_at_most(cut_small, tmp_path, monkeypatch):
+    options = {"out": tmp_path, "controller": "fixed", **SHORT}
+    whole = cut_small(**{**options, "out": None})
+    windows, left = iter(range(10)), iter(range(40))
+
+    def careless(law, window, update=FixedController.update):
+        if next(left) == 20:
+            raise ZeroDivisionError
+        return update(law, window)
+
+    with pytest.raises(StopIteration):  # between windows all is saved
+        cut_small(watch=lambda _: next(windows), **options)
+    monkeypatch.setattr(FixedController, "update", careless)
+    with pytest.raises(ZeroDivisionError), pytest.warns(UserWarning, match=r"goes on at 0\.\d s by --resume"):
+        cut_small(resume=True, **options)
+    monkeypatch.undo()
+    assert timeless(cut_small(resume=True, **options).report) == timeless(whole.report)
+
+
+@pytest.mark.slow
 def test_one_cut_at_a_time_works_in_a_folder(cut_small, tmp_path):
     with locked(tmp_path), pytest.raises(InputError, match="another edmsim is at work in this folder"):
         cut_small(out=tmp_path, **SHORT)
@@ -122,6 +144,14 @@ def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path):
         thread.join()
     assert most == 1
     assert refused < 1200
+    assert names(tmp_path) == []
+
+
+def test_a_folder_without_a_name_is_not_the_present_one(small_cut, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for use in (small_cut.result.write, cut_folder.read_cut, table.read):
+        with pytest.raises(InputError, match="the folder has no name"):
+            use("")
     assert names(tmp_path) == []
 
 

@@ -101,7 +101,7 @@ def _sum_rays(rays: Rays, law: GapLaw, sums: NDArray[np.float64], pulses: int) -
     for pulse in range(pulses):
         for s in range(0, rays.distance.shape[0], PACK):  # the others in its block come with it
             shift = 1e-3 * (pulse % 7)
-            slice_sums(rays, s, shift, shift, law, 1.0, sums)
+            slice_sums(rays, s, shift, shift, law, sums)
             total += sums[s, 0] + sums[s, 2] + sums[s, 3]
     return total
 

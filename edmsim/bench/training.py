@@ -18,6 +18,7 @@ from edmsim.errors import InputError
 try:
     import torch
     from stable_baselines3 import PPO
+    from stable_baselines3.common.logger import Logger
     from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
 
     from edmsim.envs.sb3 import make_sb3_vec_env
@@ -88,6 +89,7 @@ class _Training:
         self.vec_env = _Timed(vec_env)
         around = VecNormalize(self.vec_env)
         self._model = PPO("MlpPolicy", around, n_steps=ROLLOUT, batch_size=BATCH, n_epochs=EPOCHS, device="cpu")
+        self._model.set_logger(Logger(None, []))  # its own leaves a folder
         self._steps = ROLLOUT * self.vec_env.num_envs
         self._model.learn(self._steps)
         self.steps_per_s = self.env_share = 0.0

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
 from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import KINDS, with_overrides
 from edmsim.machine.ranges import choose, share_of, uncertain, value_at, with_constants, with_values
+from edmsim.numeric import whole_from
 from edmsim.runs import RunTable
 
 # The set-up for the comparison with a log: the log's settings, and the user's overrides.
@@ -137,6 +138,7 @@ class Fit:
     noise: Array  # (stretches, 5): standard deviation of simulated less logged statistics by chance
 
 
+@refuses_wrong_types
 def calibrate(
     log: Log, machine: Machine, only: Sequence[str] = DEFAULT_CONSTANTS, *, seed: int = 0,
     resolution: str | None = None, table: RunTable | None = None,
@@ -167,6 +169,7 @@ def calibrate(
         If a constant is unknown, the generator refuses a setting, or the log has no steady stretch, has fewer
         statistics than constants, or determines no constant.
     """
+    seed = whole_from("seed", seed)
     if not only:
         raise InputError("there is no constant to fit: name some, or sections, as 'gap'")
     known = choose(machine, only)
@@ -364,7 +367,7 @@ def _result(search: _Search, error: Array, undetermined: dict[str, str]) -> Fit:
     constants = []
     for place, (name, bounds) in enumerate(zip(search.names, search.ranges, strict=True)):
         share = float(search.shares[place])
-        low, high = (value_at(bounds, min(max(share + side * half[place], 0.0), 1.0)) for side in (-1, 1))
+        low, high = (value_at(bounds, float(np.clip(share + side * half[place], 0.0, 1.0))) for side in (-1, 1))
         said = remark(share, float(half[place]))
         value = value_at(bounds, share)
         constants.append(FittedConstant(name, search.before[place], value, (low, high), bounds, said))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.geometry import arc_lengths
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.setting import WINDOW_PULSES
@@ -327,6 +327,7 @@ class Stretch:
         return finite_mean(self.batches, axis=0)
 
 
+@refuses_wrong_types
 def read_log(file: str | Path) -> Log:
     """Read a log.
 

@@ -15,7 +15,7 @@ from edmsim import __version__
 from edmsim.calibration.fit import Fit
 from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
-from edmsim.files import check_suffix, replacing
+from edmsim.files import make_writable, replacing
 from edmsim.machine.ranges import uncertain, with_constants
 from edmsim.plant.resolution import RESOLUTIONS
 
@@ -46,6 +46,7 @@ def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -
     machine = _with_sources(fit, log_name)
     files = files_of(fit, out, extra_files)
     models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
+    make_writable(out.parent)
     heading = f"# Fitted to {log_name} by edmsim calibrate ({__version__}).\n"
     for part, file in files.items():
         with replacing(file) as partial:
@@ -88,17 +89,6 @@ def _item(value: Any) -> Any:
         table.update({name: _item(item) for name, item in value if item is not None})
         return table
     return list(value) if isinstance(value, tuple) else value
-
-
-def check_writable(out: Path) -> None:
-    """See before the work begins that the files can be written; raises `InputError` if not."""
-    check_suffix(out, "the fitted machine", ".toml")
-    probe = out.with_name(out.name + ".part")
-    try:
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", out) from None
 
 
 def render(fit: Fit, resolution: str) -> RenderableType:

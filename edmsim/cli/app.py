@@ -1,7 +1,5 @@
 """The command line: its commands, the version, and how errors end it."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from collections.abc import Callable
@@ -34,7 +32,6 @@ app = typer.Typer(
 )
 _UsageError: Any = typer.BadParameter.__base__  # of click, which newer releases of typer hold inside themselves
 
-
 COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "": ("", {
         "cut": cut.cut, "check": cut.check, "view": cut.view, "report": cut.report, "train": learn.train,
@@ -65,9 +62,7 @@ for _name, (_purpose, _commands) in COMMANDS.items():
 
 
 @app.callback(invoke_without_command=True)
-def _version(
-    version: Annotated[bool, typer.Option("--version", hidden=True)] = False,
-) -> None:
+def _version(version: Annotated[bool, typer.Option("--version", hidden=True)] = False) -> None:
     if version:
         OUT.print(__version__, highlight=False)
         raise typer.Exit

@@ -1,7 +1,5 @@
 """Commands of a part program and its cut: cut, check, view, report."""
 
-from __future__ import annotations
-
 import shlex
 import signal
 import warnings

@@ -1,7 +1,5 @@
 """Commands of policies and controllers: train, dataset, evaluate."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from pathlib import Path
@@ -65,7 +63,7 @@ def train(
         tables = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     for table in tables:
         OUT.print(table)
-    policy = f"policy:{out / 'policy.json'}"
+    policy = shlex.quote(f"policy:{out / 'policy.json'}")
     use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"
     if is_part(resolve(env_id)):
         use = f"Compare it: edmsim evaluate {env_id} --controllers {policy}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -63,7 +64,7 @@ def table(
         return
     OUT.print(render(found))
     if out is not None:
-        print_line(f"Cut with it: edmsim cut PROGRAM --compensation {out} --out DIR")
+        print_line(f"Cut with it: edmsim cut PROGRAM --compensation {shlex.quote(str(out))} --out DIR")
 
 
 @takes(
@@ -139,9 +140,8 @@ def gap(
 
     is_run = not (serial is None and samples is None and log is None)
     if not is_run and delays is None and fmu is None:
-        raise InputError(
-            "give --serial BOARD for ports, --samples, --log, --delays or --fmu FILE for files; see edmsim gap --help"
-        )
+        raise InputError("give --serial BOARD for ports, --samples, --log, --delays or --fmu FILE for files; see "
+                         "edmsim gap --help")
     if serial is None and speed is not None:
         raise InputError("--speed is that of ports: give --serial BOARD")
     if serial is not None and feed is not None:

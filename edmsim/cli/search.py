@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from edmsim.runs import Engine
     from edmsim.sweep.run import SweepProgress
     from edmsim.sweep.specification import Specification
-
 
 Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
 ProcessCount = Annotated[
@@ -64,7 +64,7 @@ def run(
         slow_s = time.monotonic() + 2.0
         last = sweep(specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking)
     OUT.print(f"{last.done} runs, {last.made} made now, {last.failed} failed.", highlight=False)
-    print_line(f"Look at them with: edmsim sweep show {out}")
+    print_line(f"Look at them with: edmsim sweep show {shlex.quote(str(out))}")
     if last.failed:
         raise typer.Exit(STOPPED)
 
@@ -257,7 +257,8 @@ def technology(
     with replacing(file) as partial:
         partial.write_text(technology_text(job.technology(merged(known, found))), encoding="utf-8")
     journal.unlink(missing_ok=True)
-    print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {file}")
+    quoted = shlex.quote(str(file))
+    print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {quoted}")
 
 
 def drive(
@@ -279,5 +280,5 @@ def _print_values(name: str, values: dict[str, float], score: str, out: Path) ->
     listed = ",".join(f"{key}={value:g}" for key, value in values.items())
     print_line(f"{name}:{listed}\n{score}. Written: {out / BEST}")
     if (out / "policy.json").is_file():
-        policy = f"policy:{out / 'policy.json'}"
+        policy = shlex.quote(f"policy:{out / 'policy.json'}")
         print_line(f"Cut with the best policy: edmsim cut PROGRAM --controller {policy} --out DIR")

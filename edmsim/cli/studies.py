@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as codec
 import math
+import shlex
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
     _Result = tuple[Mapping[str, object], RenderableType]
     """In numbers, and as a table."""
-
 
 _BY_LOG = Unset("Default: as in the log.")
 
@@ -44,9 +44,11 @@ def calibrate(
     from edmsim import calibration
     from edmsim.calibration import comparison, output
     from edmsim.calibration import fit as fitting
+    from edmsim.files import check_suffix, make_writable
     from edmsim.runs import RunTable
 
-    output.check_writable(out)
+    check_suffix(out, "the fitted machine", ".toml")
+    make_writable(out.parent)
     table = calibration.read_log(log)
     seed = options.pop("seed")
     settings, notices = calibration.settings_for(table, **options)
@@ -70,7 +72,7 @@ def calibrate(
         sys.stdout.write(output.as_json(found, files) + "\n")
         return
     OUT.print(output.render(found, settings.resolution))
-    fitted = " ".join(f"--{part} {file}" for part, file in files.items())
+    fitted = " ".join(f"--{part} {shlex.quote(str(file))}" for part, file in files.items())
     print_line(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR")
 
 

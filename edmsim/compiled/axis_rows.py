@@ -10,8 +10,6 @@ own (`DRIVE`) and its axis' (`AXIS`). It reads setpoint, encoder and switches an
         drive.command = min(max((drive.setpoint - axis.count) / 1024.0, -1.0), 1.0)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Protocol
@@ -32,10 +30,8 @@ while they are active, which for the fault line means pulled low. Line `c` is bi
 N_CHANNELS = N_AXES + 3
 STOP_IN, FAULT_IN, ENABLE_IN = (1 << (line - N_AXES) for line in (STOP_LINE, FAULT_LINE, ENABLE_LINE))
 """Bits of ``AXIS.lines``."""
-SHARED_IN = 8
-"""Bit of ``AXIS.lines``: another drive is writing to the output that this one shares with it."""
-LOW_END, HIGH_END = 1, 2
-"""Bits of ``AXIS.ends``: the end switches that are open."""
+SHARED_IN = 8  # bit of ``AXIS.lines``: another drive is writing to the output that this one shares with it
+LOW_END, HIGH_END = 1, 2  # bits of ``AXIS.ends``: the end switches that are open
 FAULT, FREEWHEEL, FAULT_OUT, LED, ERROR_LED, HOLDS_OUTPUT = 1, 2, 4, 8, 16, 32
 """Bits of ``DRIVE.lines``: the drive reports a fault to the machine; its enable output is low, so that the bridge is
 off and the motor freewheels; its fault output is pulled low; its status LED, and its error LED, is lit; it leaves an
@@ -43,21 +39,17 @@ output that it shares with others (``AXIS.shares``) as it is."""
 NET_IN, NET_OUT = 1, 2
 """Bits of ``AXIS.wiring``: the drive's fault input hangs on the machine's fault net; its fault output pulls that net
 low through a diode. An input without the net is held high."""
-SAMPLE, WATCHDOG = 0, 1
-"""``DRIVE.event``: why the sample is called. For `WATCHDOG` no sample has run for ``watchdog_ns``."""
+SAMPLE, WATCHDOG = 0, 1  # ``DRIVE.event``: why the sample is called; the latter if none has run for ``watchdog_ns``
 FOLLOWING_ERROR, NO_COMMAND = 1, 2
 """Bits of ``AXIS.trip``: the table is too far from where the planner has it, or nowhere; the drive's command was no
 share of its supply, for which its board holds it in reset."""
 BRIDGE_DAMAGED, MAGNETS_DAMAGED, WINDING_DAMAGED = 1, 2, 4
 """Bits of ``AXIS.damage``: a current over ``bridge_A``, one over ``peak_A``, a winding warmer than ``rated_K``."""
-PHASE_A, PHASE_B = 1, 2
-"""Bits of ``AXIS.unplugged`` and of the encoder's state."""
-INDEX_WIRE = 4
-"""Bit of ``AXIS.unplugged``: the wire of the index mark."""
+PHASE_A, PHASE_B = 1, 2  # bits of ``AXIS.unplugged`` and of the encoder's state
+INDEX_WIRE = 4  # bit of ``AXIS.unplugged``: the wire of the index mark
 REFERENCE_V = 10.0
 """Largest reference voltage of a velocity amplifier, of either sign: what a ``command`` of 1 is for it."""
-SENT = 256
-"""Bytes of ``DRIVE.sent`` before the first is written over."""
+SENT = 256  # bytes of ``DRIVE.sent`` before the first is written over
 
 DRIVE = np.dtype(
     [

@@ -4,8 +4,6 @@ The folder is named after a digest of every file that compiles something, of all
 Each file in it ends with a digest of itself: damaged machine code is compiled again and never run.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import os
@@ -87,8 +85,7 @@ def _drop_unused(root: Path) -> None:
             shutil.rmtree(other, ignore_errors=True)
 
 
-folder = _cache_folder()
-"""Where machine code is kept."""
+folder = _cache_folder()  # where machine code is kept
 
 
 def signed(content: bytes) -> bytes:

@@ -5,16 +5,13 @@ memory and back. These few lines are compiled into the loop instead: the series 
 of the exponential, and a root to 3 % with the series of what it lacks, as exact as a simulated spark needs.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
 from edmsim.compiled.jit import compiled
 
-_ROOT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)
-"""Bits of the root of 1/2: mantissas are taken from there to the root of 2."""
+_ROOT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # bits of the root of 1/2: mantissas are taken from there to that of 2
 _MANTISSA_BITS = np.int64(52)
 _BIAS = np.int64(1023)
 _LN2 = math.log(2.0)

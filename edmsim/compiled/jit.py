@@ -1,7 +1,5 @@
 """Decorators that compile functions with numba, without the GIL, and cache the code."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, ParamSpec, TypeVar, cast
@@ -18,8 +16,7 @@ _OPTIONS: dict[str, Any] = {
     "nogil": True, "fastmath": FAST, "error_model": "numpy", "no_cfunc_wrapper": True, **INLINED,
 }
 _CALLED: dict[str, Any] = {"forceinline": False}
-apart: set[str] = set()
-"""Names of the functions that `compiled_apart` has made, with their modules'."""
+apart: set[str] = set()  # names of the functions that `compiled_apart` has made, with their modules'
 _whole_program: dict[str, Any] = {}
 _count = 0
 
@@ -46,17 +43,13 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def compiled_apart(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function that is called, not inlined: what few pulses need.
-
-    It leaves the loop around it as it is, and LLVM takes the less time the smaller its functions are.
-    """
+    """Compile a function that is called, not inlined: what few pulses need."""
+    # it leaves the loop around it as it is, and LLVM takes the less time the smaller its functions are
     apart.add(f"{function.__module__}.{function.__qualname__}")
     return cast("Callable[_P, _R]", _made(function, _CALLED))
 
 
 def exactly_compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile what runs a few times per window: every operation is rounded as it is written.
-
-    Functions are called and not inlined, which takes a fraction of the time to compile.
-    """
+    """Compile what runs a few times per window: every operation is rounded as it is written."""
+    # functions are called and not inlined, which takes a fraction of the time to compile
     return cast("Callable[_P, _R]", _made(function, {**_CALLED, "fastmath": False}))

@@ -1,7 +1,5 @@
 """Addresses in compiled code: memory as rows or groups of arrays, and calls of functions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -40,11 +38,9 @@ def rows_of(dtype: np.dtype[Any]) -> Any:
 
 
 def group_of(name: str, table: np.dtype[np.void], fields: dict[str, GroupField], lengths: Sequence[str]) -> Any:
-    """Return what makes a group, in compiled code, of its record in a table and a tuple of lengths.
-
-    Each of the group's fields is looked up where it is used. Handed on as a tuple of arrays, a group would be some
-    six hundred numbers in every call of every function, a third of the time to compile.
-    """
+    """Return what makes a group, in compiled code, of its record in a table and a tuple of lengths."""
+    # each of the group's fields is looked up where it is used. Handed on as a tuple of arrays, a group would be some
+    # six hundred numbers in every call of every function, a third of the time to compile
     made = _Group(name, table, fields, lengths)
 
     @intrinsic
@@ -124,11 +120,8 @@ def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[An
 
 
 def _calling(typingctx: Any, function: Any, first: Any, second: Any) -> Any:
-    """Machine code for a call of ``void function(first, second)``, all three given as addresses.
-
-    The addresses are values at run time, so machine code kept between runs stays right.
-    """
-
+    """Machine code for a call of ``void function(first, second)``, all three given as addresses."""
+    # the addresses are values at run time, so machine code kept between runs stays right
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         address = ir.IntType(8).as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [address, address])
@@ -139,5 +132,4 @@ def _calling(typingctx: Any, function: Any, first: Any, second: Any) -> Any:
     return types.void(types.int64, types.int64, types.int64), generate
 
 
-call_with_two: Any = intrinsic(_calling)
-"""Call ``void function(void *, void *)``; takes three addresses (int64)."""
+call_with_two: Any = intrinsic(_calling)  # call ``void function(void *, void *)``; takes three addresses (int64)

@@ -3,8 +3,6 @@
 `tests/plant/test_numba_internals.py` names each of them, so that a release of numba that changes one says so there.
 """
 
-from __future__ import annotations
-
 import functools
 import io
 import secrets
@@ -116,12 +114,10 @@ def _link_with_parts(self: Any, library: Any) -> None:
 
 
 class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """A function translated into LLVM's language and no further.
+    """A function translated into LLVM's language and no further."""
 
-    As it stands numba optimises each function with all it calls and makes machine code of it, again for each function
-    that calls it.
-    """
-
+    # as it stands numba optimises each function with all it calls and makes machine code of it, again for each
+    # function that calls it
     add_linking_library = _link_with_parts
 
     def finalize(self) -> None:
@@ -144,11 +140,9 @@ class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
 
 
 class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """A function with its parts, in machine code, which are optimised together, and not each before as well.
+    """A function with its parts, in machine code, which are optimised together, and not each before as well."""
 
-    What runs a few times per window gains nothing from LLVM's other passes, which take as long as the rest of it.
-    """
-
+    # what runs a few times per window gains nothing from LLVM's other passes, which take as long as the rest of it
     add_linking_library = _link_with_parts
 
     def _optimize_functions(self, _module: Any) -> None:
@@ -186,16 +180,13 @@ def _by_type(self: Any, arguments: Any, named: Any) -> Any:
 
 _resolve = dispatcher._DispatcherBase.get_call_template
 
-
 _resolved: dict[tuple[Any, ...], Any] = {}
 _resolve_function = types.Function.get_call_type
 
 
 def _resolve_once(self: Any, context: Any, arguments: Any, named: Any) -> Any:
-    """Resolve a call of one of numba's own functions, once for each set of types of numbers and arrays.
-
-    As it stands numba tries some sixty ways to add whenever two numbers are added, and again for other constants.
-    """
+    """Resolve a call of one of numba's own functions, once for each set of types of numbers and arrays."""
+    # as it stands numba tries some sixty ways to add whenever two numbers are added, and again for other constants
     if named or not all(isinstance(argument, types.Number | types.Boolean | types.Array) for argument in arguments):
         return _resolve_function(self, context, arguments, named)
     call = self, context, tuple([types.unliteral(argument) for argument in arguments])
@@ -242,12 +233,10 @@ def _quickly() -> Iterator[None]:
 
 
 class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
-    """A function that gets machine code of its own only when Python calls it, not when compiled code does.
+    """A function that gets machine code of its own only when Python calls it, not when compiled code does."""
 
-    Nine of ten are parts of others. But what is compiled with liberties always gets it: rounded otherwise within
-    another function, its bits would depend on what was compiled before.
-    """
-
+    # nine of ten are parts of others. But what is compiled with liberties always gets it: rounded otherwise within
+    # another function, its bits would depend on what was compiled before
     depth = 0
     """How many of these functions are being compiled, each because of the one before."""
     translated: set[tuple[Any, ...]]
@@ -298,12 +287,9 @@ def address_of(function: Any, *kinds: Any) -> int:
 
 
 def call_returning(kind: Any) -> Callable[..., Any]:
-    """Return what calls, in compiled code, a function at an `address_of` with a tuple of its arguments.
-
-    Code that calls a large function in this way is compiled without it. The arguments must have the types that the
-    address is for.
-    """
-
+    """Return what calls, in compiled code, a function at an `address_of` with a tuple of its arguments."""
+    # code that calls a large function in this way is compiled without it. The arguments must have the types that the
+    # address is for
     @intrinsic
     def call(_typingctx: Any, _function: Any, arguments: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -322,12 +308,9 @@ def call_returning(kind: Any) -> Callable[..., Any]:
 
 @contextmanager
 def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
-    """Let numba translate functions to LLVM's language and no further, and report each one by its name.
-
-    As it stands numba links each function with all it calls, optimises that and makes machine code of it, again for
-    each function that calls it.
-    """
-
+    """Let numba translate functions to LLVM's language and no further, and report each one by its name."""
+    # as it stands numba links each function with all it calls, optimises that and makes machine code of it, again for
+    # each function that calls it
     def finalize(self: Any) -> None:
         self._raise_if_finalized()
         self._finalized = True

@@ -4,8 +4,6 @@ Draw ``n`` under a key is the splitmix64 output function (Steele, Lea, Flood, OO
 ``key + n * gamma``: it depends on nothing but the key and the count.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -40,7 +38,6 @@ def _counting(_typing: Any, bits: Any) -> Any:
 
 _heads: Any = intrinsic(_counting)
 
-
 _COINS = 48
 _PART_BITS = np.uint64(64 - _COINS)
 _PART_MASK = np.uint64(2 ** (64 - _COINS) - 1)
@@ -49,11 +46,9 @@ _SD = math.sqrt(_COINS / 4 + 1 / 12)
 
 @compiled
 def normal(key: np.uint64, count: np.uint64) -> float:
-    """Draw number `count` under `key`: standard normal, within 0.002 of the normal distribution's shares.
-
-    The number of heads of 48 coins, and a uniform share of one more: no logarithm, root or division, and nothing that
-    the processor would have to foresee. Mean and variance are exact, and no draw lies beyond 7.1.
-    """
+    """Draw number `count` under `key`: standard normal, within 0.002 of the normal distribution's shares."""
+    # the number of heads of 48 coins, and a uniform share of one more: no logarithm, root or division, and nothing
+    # that the processor would have to foresee. Mean and variance are exact, and no draw lies beyond 7.1
     bits = mix(key + count * GAMMA)
     part = np.float64(np.int64(bits & _PART_MASK)) + 0.5
     return (np.float64(_heads(bits >> _PART_BITS)) + part / 2.0 ** (64 - _COINS) - (_COINS + 1) / 2) / _SD

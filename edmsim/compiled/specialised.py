@@ -9,8 +9,6 @@ Both are done by a process of its own that does nothing else: the liberties of `
 the order would depend on what the process had compiled before.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import gc
@@ -30,8 +28,7 @@ from filelock import FileLock
 
 from edmsim.compiled import PROGRESS, cache
 
-Parts = tuple[tuple[str, ...], ...]
-"""Functions of each part of a program with marks; none of one without."""
+Parts = tuple[tuple[str, ...], ...]  # functions of each part of a program with marks; none of one without
 _NOTICE = "edmsim compiles its pulse loop for this processor, once"
 _BAR = 30
 _PROGRAM = """
@@ -42,8 +39,7 @@ from edmsim.compiled.specialised import make
 make({folder!r}, {module!r}, {name!r}, {constants!r}, {parts!r})
 """
 """Ctrl-C reaches both processes; the one that waits stops this one."""
-_NUMBA_SHARE = 0.7
-"""Of the time, for the progress bar."""
+_NUMBA_SHARE = 0.7  # of the time, for the progress bar
 
 
 def specialised(function: Callable[..., None], *constants: int) -> Callable[..., None]:
@@ -277,8 +273,7 @@ def _machine_code(bitcode: bytes, constants: tuple[int, ...]) -> bytes:
     return bytes(machine.emit_object(made))
 
 
-PART = "edmsim_part"
-"""Name of the number (int64): 0 outside, else that of the part, counted from 1."""
+PART = "edmsim_part"  # name of the number (int64): 0 outside, else that of the part, counted from 1
 
 
 def with_marks(program: str, parts: Sequence[Sequence[str]]) -> str:

@@ -1,7 +1,5 @@
 """A faster start of a process with numba, which makes a hundred thousand objects that stay."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager

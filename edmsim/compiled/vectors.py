@@ -8,8 +8,6 @@ the operations.
 In compiled code a vector is made by `load`, goes back by `store`, and knows ``+ - * /`` with others and with numbers.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from typing import Any, cast
@@ -21,10 +19,8 @@ from numba.extending import intrinsic, overload, register_model
 from edmsim.compiled.jit import FAST, compiled
 from edmsim.compiled.numba_internals import cgutils, datamodel
 
-GAPS, COORDINATES = 16, 4
-"""Numbers of a vector of float32, and of float64."""
-PACK, EACH = 5, 3
-"""Slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none."""
+GAPS, COORDINATES = 16, 4  # numbers of a vector of float32, and of float64
+PACK, EACH = 5, 3  # slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none
 
 
 @compiled
@@ -179,7 +175,6 @@ _arithmetic("fsub", operator.sub)
 _arithmetic("fmul", operator.mul)
 _arithmetic("fdiv", operator.truediv)
 
-
 highest = _lane_by_lane(
     lambda builder, left, right: builder.select(builder.fcmp_ordered(">", left, right), left, right)
 )
@@ -279,10 +274,8 @@ def _rows(builder: Any, vectors: Any) -> list[Any]:
 
 @_operation
 def store_sums(_typing: Any, sums: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Write the sums of four vectors of float32 over each slice's lanes to its row of `sums` (slices, 4).
-
-    Returns the sum of the rows. Slices that the array does not have are left out.
-    """
+    """Write the sums of four vectors of float32 over each slice's lanes to its row of `sums` (slices, 4)."""
+    # returns the sum of the rows. Slices that the array does not have are left out
     kind = _VECTORS[types.float64]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:

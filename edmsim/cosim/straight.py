@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from edmsim.controllers import FeedController, WindowObservation, make
 from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.cycle import Cycle, EvenSteps
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.metrology.edges import metal_at
@@ -218,6 +218,7 @@ class PulseSample:
         return float(np.mean(self.kind == KINDS.index(kind)))
 
 
+@refuses_wrong_types
 def sample_pulses(
     machine: Machine, feed_um_s: float, *, seed: int = 0, pulses: int = PULSES, resolution: str = "fast"
 ) -> PulseSample:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from edmsim import __version__, models
 from edmsim.controllers import choices, from_text
+from edmsim.envs.arguments import plain
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, check_laws, cut, engine_of, episodes, is_part
@@ -124,11 +125,13 @@ def run(
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
 
+    family, arguments = find(env_id)
+
     def identity_of(job: tuple[str, int]) -> str:
-        files = digests_of([job[0], inspect.getfile(find(env_id)[0])])
+        files = digests_of([job[0], inspect.getfile(family), *arguments.values()])
         return identity({
-            "edmsim": __version__, "env_id": env_id, "controller": job[0], "seed": job[1], "resolution": resolution,
-            "record": record and str(record), "files": sorted(files.values()),
+            **plain(arguments), "edmsim": __version__, "env_id": env_id, "controller": job[0], "seed": job[1],
+            "resolution": resolution, "record": record and str(record), "files": sorted(files.values()),
         })  # fmt: skip
 
     rows = perform(

@@ -1,7 +1,5 @@
 """The boards of open machines: Powercore V2 and V3 of Rack Robotics, and PULSER of the Spark project."""
 
-from __future__ import annotations
-
 import math
 import re
 from abc import abstractmethod
@@ -78,11 +76,9 @@ AMP_V_A = 0.012  # volts per ampere on AMP (Powercore V2)
 
 
 class PowercoreV2(Board):
-    """Powercore V2: no serial line; ALRT is the share of sparks among the last 512 pulses, AMP the current.
+    """Powercore V2: no serial line; ALRT is the share of sparks among the last 512 pulses, AMP the current."""
 
-    A current trip marks an ignition, so a short counts as a spark: the current flows in both.
-    """
-
+    # a current trip marks an ignition, so a short counts as a spark: the current flows in both
     name: ClassVar[str] = "powercore-v2"
     generator: ClassVar[str] = "powercore-v2"
 
@@ -109,8 +105,7 @@ class PowercoreV2(Board):
 VERSION = "1.0.0-beta"
 SUPPLY_V, POWER_LIMIT_W, TRIP_A, MOST_INPUT_A = 48.0, 75.0, 8.0, 7.3
 """Input voltage; power above which pulses are skipped; current of a discharge; input current of a fault."""
-INTERVAL_PULSES, MOST_SUCCESS = 10, 0.8
-"""Pulses over which the success rate is taken, and the rate from which pulses are skipped."""
+INTERVAL_PULSES, MOST_SUCCESS = 10, 0.8  # for the success rate, and the rate from which pulses are skipped
 SHORTED_SKIP_S, POWER_SKIP_S, TELEMETRY_S, SAMPLE_S, BOOT_S, EDGE_S = 0.25, 0.01, 1.0, 0.01, 2.0, 1.0
 _TICK_S = 1e-6  # times are sums of floats
 INPUT_SAMPLES = 100  # samples of the input current that its average is of: a second
@@ -352,8 +347,7 @@ CKP_N_PULSE, T_IGNITION, T_IGNITION_SD, R_PULSE, R_SHORT, R_OPEN = range(0x10, 0
 TEST = 0x80
 _RANGES = {PULSE_CURRENT: (1, 80), PULSE_DUR: (5, 100), MAX_DUTY: (1, 95)}
 _INVALID = 255
-_CURRENT_CHANGE_S, _POLARITY_CHANGE_S = 0.001, 0.02
-"""How long the driver is suppressed after a change while it is active."""
+_CURRENT_CHANGE_S, _POLARITY_CHANGE_S = 0.001, 0.02  # how long the driver is suppressed after a change while active
 _IGNITION_UNIT_US, _MOST_IGNITION_US = 5.0, 1000.0
 _LEAST_PAUSE_US = 5.0  # shortest pause (manual: "a few us")
 _FRAME_US = 5000.0  # pulses of a frame take about that long (ours: hosts poll at 10 Hz to 1 kHz)

@@ -1,7 +1,5 @@
 """A table of ignition delays over gap and voltage, for circuit simulators."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -58,7 +56,7 @@ def delay_table(
     InputError
         If a voltage cannot be used, or there is nothing to draw.
     """
-    if draws < 1 or not gaps_um or not voltages_V:
+    if draws < 1 or not len(gaps_um) or not len(voltages_V):
         raise InputError("a table of delays needs gaps, voltages, and 1 or more pulses of each")
     rows: list[Delays] = []
     for open_V in voltages_V:

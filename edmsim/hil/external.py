@@ -20,10 +20,8 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.snapshots import Snapshots
 
-_FEED_WINDOWS = 40
-"""Windows over which the recorded feed is a mean (ours: in a single one there is a motor step, or none)."""
-_NEAR_UM = 1000.0
-"""The place along the path is looked for this near to where it was (ours: paths come back to where they were)."""
+_FEED_WINDOWS = 40  # windows of the mean feed that is recorded (ours: a single one has a motor step, or none)
+_NEAR_UM = 1000.0  # the place along the path is looked for so near to the last (ours: paths come back to themselves)
 
 
 class Link(Protocol):

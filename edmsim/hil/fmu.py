@@ -1,13 +1,11 @@
 """Writes the gap as an FMU: ``edmsim gap --fmu``."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.hil.gap import check_gap
 from edmsim.machine.machine import Machine
@@ -18,6 +16,7 @@ from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 _SCRIPT = Path(__file__).with_name("fmu_slave.py")
 
 
+@refuses_wrong_types
 def export_fmu(file: str | Path, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM, **machine: Any) -> float:
     """Write an FMU, FMI 3.0 for co-simulation, of a wire at the end of a slot.
 

@@ -3,8 +3,6 @@
 The file itself is packed into the FMU; it needs edmsim where it runs.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math

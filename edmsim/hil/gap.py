@@ -3,8 +3,6 @@
 A window of 255 pulses would be longer than the interval in which a board updates its outputs.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -12,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.straight import begin
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
@@ -164,6 +162,7 @@ class Gap:
         Reason why the wire is lost; empty while there is a wire.
     """
 
+    @refuses_wrong_types
     def __init__(
         self, machine: Machine, seed: int = 0, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM
     ) -> None:

@@ -1,7 +1,5 @@
 """A board with its gap and the port of the axes, without a clock."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

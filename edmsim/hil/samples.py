@@ -4,8 +4,6 @@ The model's edges are vertical, and voltage and current are 0 between pulses. Wi
 at its instant; with one, voltage and current pass a first-order filter before.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 import wave
@@ -218,11 +216,9 @@ class FrameFile(ABC):
 
 
 class SampleFile(FrameFile):
-    """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``.
+    """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``."""
 
-    A WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count.
-    """
-
+    # a WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count
     def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
         self._kind = check_suffix(file, "a file of samples", ".parquet", ".wav")
         self._sensing, self._sampler = sensing, Sampler(sensing, start_s * 1e6)

@@ -5,12 +5,10 @@ not read, output that does not fit into the buffer is lost, and further lines ar
 it has to wait, as with a USB port. So the other side cannot block the gap.
 """
 
-from __future__ import annotations
-
 import select
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from edmsim.consoles.computer_1982.devices import Interrupts
@@ -185,16 +183,15 @@ class Session:
 
     def _hear(self, now: float, timeout_s: float) -> None:
         ports = [port for port in (self.board, self.motion) if port.lines.has_room]
-        waits = any(port.lines.ready and not port.flush() for port in self._answering())
-        came = wait_for([port.terminal for port in ports], 0.0 if waits else timeout_s)
-        for port in ports:
-            if port.terminal in came:
+        answering = [self.board, self.motion] if self.rig.board.listens else [self.motion]
+        waits = any(port.lines.ready and not port.flush() for port in answering)
+        terminals = [port.terminal.fileno() for port in ports]
+        came = select.select(terminals, [], [], 0.0 if waits else timeout_s)[0]
+        for port, terminal in zip(ports, terminals, strict=True):
+            if terminal in came:
                 port.listen(time.monotonic())
             else:
                 port.lines.end_half_line(now)
-
-    def _answering(self) -> list[Port]:
-        return [self.board, self.motion] if self.rig.board.listens else [self.motion]
 
     def _speak(self, say: Callable[[str], None]) -> None:
         """Send what the board says by itself, and status lines that are due."""
@@ -208,12 +205,6 @@ class Session:
             if lost:
                 self.motion.say(f"ERROR: {lost}; THREAD threads a new wire\r\n")
                 say(lost)
-
-
-def wait_for(terminals: Sequence[PseudoTerminal], timeout_s: float) -> list[PseudoTerminal]:
-    """Return those of some pseudo-terminals from which bytes have come, after a while at the latest."""
-    found = select.select([terminal.fileno() for terminal in terminals], [], [], timeout_s)[0]
-    return [terminal for terminal in terminals if terminal.fileno() in found]
 
 
 def serve(rig: Rig, *, speed: float, seconds: float | None, say: Callable[[str], None]) -> None:

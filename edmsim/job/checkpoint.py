@@ -69,7 +69,11 @@ def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> f
 def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path) -> None:
     # digests last: a setting by name says more
     for name in sorted(stored.keys() | expected.keys(), key=lambda name: (name.endswith("sha256"), name)):
-        if stored.get(name) != expected.get(name):
-            raise InputError(
-                f"the interrupted cut was made with {name} {stored.get(name)!r}, not {expected.get(name)!r}", file
-            )
+        if stored.get(name) == expected.get(name):
+            continue
+        what = name.removesuffix("_sha256")
+        if what != name:
+            raise InputError(f"{what}: not as in the interrupted cut; undo the change, or use --overwrite", file)
+        raise InputError(
+            f"the interrupted cut was made with {name} {stored.get(name)!r}, not {expected.get(name)!r}", file
+        )

@@ -29,7 +29,7 @@ from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
-from edmsim.files import locked
+from edmsim.files import folder_of, locked
 from edmsim.job import checkpoint
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, Running
@@ -40,6 +40,7 @@ from edmsim.machine.setting import guide_bends
 from edmsim.machine.technology import PassSetting, PassTable, Technology
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
+from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.program.outline import Corners, Program
 from edmsim.program.passes import PassPlan
@@ -261,7 +262,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     if bar is not None:
         watch, enter = bar.show, bar.enter
     tell = enter or (lambda _: None)
-    folder = None if out is None else Path(out)
+    folder = None if out is None else folder_of(out)
     if running.resume and running.overwrite:
         raise InputError("you can resume or discard an interrupted cut: choose --resume or --overwrite")
     if running.resume:
@@ -437,6 +438,7 @@ class _Run:
         self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, signals
         self._before_s = self.wall_time_s = 0.0
         self._saved = time.monotonic()
+        self._held_s: float | None = None  # machine time of the checkpoint
 
     def begin(self, resume: bool, overwrite: bool) -> None:
         """Take up the folder's interrupted cut, or see that there is none to lose."""
@@ -445,6 +447,7 @@ class _Run:
         checkpoint.refuse_unstorable(self._simulation)
         if resume:
             self._before_s = self.wall_time_s = checkpoint.load(self._simulation, self._folder, self._made_with)
+            self._held_s = self._simulation.plant.time_ns * 1e-9
         elif not overwrite and (self._folder / checkpoint.NAME).exists():
             raise InputError(
                 "this folder has an interrupted cut: resume it with --resume, or discard it with --overwrite",
@@ -452,24 +455,37 @@ class _Run:
             )
 
     def to_the_end(self, watch: Callable[[Progress], None] | None) -> None:
-        """Cut; Ctrl-C and SIGTERM end it between two windows, behind a checkpoint."""
-        started = time.monotonic()
+        """Cut; Ctrl-C, SIGTERM and what `watch` raises end it between two windows, behind a checkpoint."""
+        started, between = time.monotonic(), False
 
         def turn(progress: Progress) -> None:
-            self.wall_time_s = self._before_s + time.monotonic() - started
+            nonlocal between
+            self.wall_time_s, between = self._before_s + time.monotonic() - started, True
             if watch is not None:
                 watch(progress._replace(wall_time_s=self.wall_time_s))
             if time.monotonic() - self._saved > CHECKPOINT_EVERY_S and self._simulation.outcome is None:
                 self._save()
             self._signals.raise_noted()
+            between = False
 
         try:
             self._simulation.run(turn)
-        except KeyboardInterrupt:
-            self._save()
+        except PlantError:  # it would come again
+            raise
+        except BaseException:
+            if between:
+                self._save()
+            else:
+                self._tell_unsaved()
             raise
         self._save()
         self._signals.at_once()
+
+    def _tell_unsaved(self) -> None:
+        """Say from where a cut can go on that an error, of its controller say, has stopped within a window."""
+        if self._folder is not None:
+            at = "anew, as there is no checkpoint" if self._held_s is None else f"at {self._held_s:.1f} s by --resume"
+            warnings.warn(f"{self._folder}: a cut is not saved within a window: it goes on {at}", stacklevel=2)
 
     def leave(self, result: CutResult, tell: Callable[[str], None]) -> None:
         """Write the results; only then the checkpoint has done its work."""
@@ -493,6 +509,7 @@ class _Run:
         self._saved = time.monotonic()
         try:
             checkpoint.save(self._simulation, self._folder, self._made_with, self.wall_time_s)
+            self._held_s = self._simulation.plant.time_ns * 1e-9
         except (OSError, TypeError, ValueError) as error:  # a law may put into its snapshot what JSON cannot hold
             why = getattr(error, "strerror", None) or error
             warnings.warn(

@@ -14,7 +14,7 @@ from edmsim import __version__
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.straight import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
-from edmsim.files import check_suffix, locked, make_writable, together
+from edmsim.files import check_suffix, folder_of, locked, make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine
@@ -185,14 +185,14 @@ class CutResult:
             begin), ``voltage_V``, ``current_A``, ``pulse`` (number of the pulse in its window's excerpt) and
             ``kind`` (``open``, ``spark``, ``arc`` or ``short``).
         every_us : float
-            Time between samples, above 0. Edges are vertical: the model has no rise times, lines or noise.
+            Time between samples, 0.001 or more. Edges are vertical: the model has no rise times, lines or noise.
         begin_s, end_s : float
             Only windows that end within this span of machine time.
 
         Raises
         ------
         InputError
-            If the time between samples is not above 0, or the file cannot be written.
+            If the time between samples is below 0.001 us, or the file cannot be written.
         """
         from edmsim.recording.stores import write_traces
 
@@ -227,9 +227,8 @@ class CutResult:
         from edmsim.recording.scene import write_scene
         from edmsim.recording.windows import write_windows
 
-        make_writable(Path(folder))
         tell, title = enter or (lambda _: None), self._title
-        with together(Path(folder), "report.json") as target:
+        with together(make_writable(folder), "report.json") as target:
             tell("figures")
             write_windows(self.windows, target / "windows.parquet")
             picture = profile_png(self.scene, self.windows, self.report, title)
@@ -277,7 +276,7 @@ def remake(
         raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
     cut = read_cut(directory)
     sample = sample_or_reason(cut.report, cut.windows)
-    target = Path(directory if figures is None else figures)
+    target = folder_of(directory if figures is None else figures)
     if figures is None:
         with locked(target):
             profile = profile_png(cut.scene, cut.windows, cut.report, cut.title)

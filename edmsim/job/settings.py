@@ -154,7 +154,7 @@ class CutSettings(SetUpOptions, MachineOption):
     stuck_wire_sensor: bool = False
     """The wire sensor is stuck: it misses a break, and the machine goes on without a wire."""
     axis_faults: Annotated[
-        Sequence[str], Flag("axis-fault", "AXIS:FAULT@SECONDS", many=True),
+        Words, Flag("axis-fault", "AXIS:FAULT@SECONDS", many=True),
         Names(registered("edmsim.plant.axes.faults:FAULTS"), "several at several times"),
     ] = ()
     """Fault of an axis under a drive with a loop, and its time in s: ``x:stuck@2.5``."""
@@ -230,10 +230,10 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @field_validator("axis_faults")
     @classmethod
-    def _check_axis_faults(cls, texts: Sequence[str]) -> tuple[str, ...]:
+    def _check_axis_faults(cls, texts: tuple[str, ...]) -> tuple[str, ...]:
         for text in texts:
             resolve_name("edmsim.plant.axes.faults:parse_fault")(text)
-        return tuple(texts)
+        return texts
 
     @field_validator("guide_errors_mm", mode="before")
     @classmethod
@@ -319,13 +319,6 @@ class Running(Options):
     ``EDMSIM_PROGRESS=0`` in the environment there is no bar."""
     enter: Callable[[str], None] | None = None
     """Called with the name of a phase when it begins: cutting, measuring, figures, recording."""
-
-    @field_validator("out")
-    @classmethod
-    def _check_out(cls, out: str | Path | None) -> str | Path | None:
-        if out == "":
-            raise InputError("the folder for the outputs has no name: '.' is the present one")
-        return out
 
     @classmethod
     def taken_from(cls, options: dict[str, Any]) -> Running:

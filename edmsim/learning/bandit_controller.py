@@ -53,6 +53,7 @@ class BanditController(Snapshots):
         """Set the machine and the path; called before every leg of the cut."""
         self.path_um = start_um
         self.lost_s = machine.base.table.threading_s.value + self.card.start_s
+        self.law.override(self.card.settings[0])  # it had that of the last leg
         tell(self.law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import from_text
+from edmsim.envs.arguments import plain
 from edmsim.envs.environment import EdmEnv, check_acts
-from edmsim.envs.registry import env_id_of, make_family
+from edmsim.envs.registry import env_id_of, find, make_family
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import check_controllers
 from edmsim.evaluation.episode import HELD_BACK, is_part
@@ -94,8 +95,9 @@ def record(
     for name in controllers:
         check_acts(family, name)
     env: Any = gym.make(env_id_of(env_id), **feeds, disable_env_checker=True)
+    arguments = plain(find(env_id)[1])
     with locked(out, "edmsim dataset"):
-        _keep_to(out / UNFINISHED, {"env_id": env_id, "seed": seed, "edmsim_version": __version__})
+        _keep_to(out / UNFINISHED, {**arguments, "env_id": env_id, "seed": seed, "edmsim_version": __version__})
         made = []
         for name in controllers:
             files = _episodes(env, name, steps, seed, out / UNFINISHED / _plain(name), watch)

@@ -154,10 +154,12 @@ def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
     for name, value in table.items():
         inner = before.get(name)
         before[name] = {**inner, **value} if isinstance(inner, dict) and isinstance(value, dict) else value
+    if "lagrangian" in table and usual.lagrangian is None:
+        raise InputError("the table lagrangian is for the algorithm ppo-lag: leave it out", file)
     own = table.get("algorithm")
-    if isinstance(own, dict) and (unknown := set(own) - set(usual.algorithm)):
-        known = ", ".join(usual.algorithm)
-        raise InputError(f"algorithm has no entry {', '.join(sorted(unknown))!r}; it has {known}", file)
+    if isinstance(own, dict) and (unknown := sorted(set(own) - set(usual.algorithm))):
+        known = one_of(unknown[0], usual.algorithm)
+        raise InputError(f"algorithm has no entry {', '.join(unknown)!r}; it has {known}", file)
     try:
         return Hyperparameters.model_validate(before)
     except ValidationError as error:
@@ -171,8 +173,6 @@ def _check(env_id: str, algo: str, found: Hyperparameters) -> None:
         raise InputError("recurrent-ppo needs an LSTM: give network.lstm its number of cells")
     if network.lstm is not None and algo not in RECURRENT:
         raise InputError(f"network.lstm is for {' and '.join(RECURRENT)}; the algorithm is {algo}")
-    if (found.lagrangian is not None) != (algo == "ppo-lag"):
-        raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
     try:
         with located(name="environment"):
             actions = arguments_with(env_id, **found.environment).action_names

@@ -30,10 +30,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from edmsim.controllers import from_text
-from edmsim.controllers.protocols import FeedCommand
 from edmsim.envs.sb3 import EdmVecEnv
 from edmsim.envs.task import Family
-from edmsim.errors import InputError
 from edmsim.learning.policy_file import Residual
 
 LEAST_VARIANCE = 1e-4
@@ -309,7 +307,7 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         """Begin an episode and reset the law in every sub-environment."""
         observations = self.venv.reset()
         for index, law in enumerate(self._laws):
-            self._take(index, law.begin())
+            self._feed_um_s[index] = law.begin().feed_um_s
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
@@ -323,15 +321,5 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         """Run a step, and take the laws' commands for the next one."""
         observations, rewards, done, infos = self.venv.step_wait()
         for index, law in enumerate(self._laws):
-            self._take(index, law.begin() if done[index] else law.command())
+            self._feed_um_s[index] = (law.begin() if done[index] else law.command()).feed_um_s
         return observations, rewards, done, infos
-
-    def _take(self, index: int, command: FeedCommand) -> None:
-        if command.t_on_us is not None or command.t_period_us is not None:
-            raise no_feed_alone(self.residual)
-        self._feed_um_s[index] = command.feed_um_s
-
-
-def no_feed_alone(residual: Residual) -> InputError:
-    """Return what to raise for a law that turns knobs."""
-    return InputError(f"'{residual.law}' turns the generator's knobs: a policy adds to a law that only feeds")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from edmsim.controllers.user_controllers import turns_knobs
+from edmsim.controllers.user_controllers import rehearsed
 from edmsim.envs.environment import check_acts
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.task import Family
@@ -64,8 +64,9 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
         check_acts(family, parameters.teacher)
     residual = residual_of(parameters)
     if residual is not None:
-        if turns_knobs(residual.make, family.greatest_feed_um_s):
-            raise kinds.no_feed_alone(residual)
+        commands = rehearsed(residual.make, family.greatest_feed_um_s)
+        if any((command.t_on_us, command.t_period_us) != (None, None) for command in commands):
+            raise InputError(f"'{residual.law}' turns the generator's knobs: a policy adds to a law that only feeds")
         if family.action != "speed" or family.decision_s is not None:
             raise InputError("a residual policy commands a speed every window: the environment has another action")
 

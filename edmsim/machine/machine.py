@@ -75,12 +75,6 @@ def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     return {**below, **above, **sections}
 
 
-def read_base(name: str) -> Base:
-    """Read a machine file and find the MJCF it names; see `read`."""
-    base = read(Base, "machines", name)
-    return base.model_copy(update={"model": own_mjcf(base.model, name)}) if name.endswith(".toml") else base
-
-
 def own_mjcf(name: str, file: str) -> str:
     """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours."""
     sibling = Path(file).absolute().parent / name
@@ -169,7 +163,9 @@ class Machine(SetUp):
         name = str(name)
         wire_name, diameter = _split_wire(chosen.wire)
         wire, generator = read(Wire, "wires", wire_name), read(Generator, "generators", chosen.generator)
-        base, material = read_base(name), read(Material, "materials", chosen.material)
+        base, material = read(Base, "machines", name), read(Material, "materials", chosen.material)
+        if name.endswith(".toml"):
+            base = base.model_copy(update={"model": own_mjcf(base.model, name)})
         diameter = wire.default_diameter_um.value if diameter is None else diameter
         usual_tension = wire.stress_MPa.value * (math.pi / 4 * (diameter * 1e-3) ** 2)
         machine = Machine(

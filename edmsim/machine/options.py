@@ -4,8 +4,6 @@ An option is an attribute of a class below: name (it ends in the unit), type, de
 it, and in ``Annotated`` its limits, the names it may have, and how the command line spells it.
 """
 
-from __future__ import annotations
-
 import inspect
 import os
 import re
@@ -89,8 +87,7 @@ def as_text(file: Any) -> Any:
     return os.fspath(file) if isinstance(file, os.PathLike) else file
 
 
-TextOrPath = Annotated[str, BeforeValidator(as_text)]
-"""A text, a file's name perhaps, which may be given as a path."""
+TextOrPath = Annotated[str, BeforeValidator(as_text)]  # a text, a file's name perhaps, which may be given as a path
 
 
 class PartOptions(Options):
@@ -116,14 +113,12 @@ class PartOptions(Options):
 
 
 class Choices(Options):
-    """What an operator may set in place of a constant of the files; None leaves the constant in force.
+    """What an operator may set in place of a constant of the files; None leaves the constant in force."""
 
-    Nothing but `edmsim.machine.setting` reads these: its functions return what is in force. The limits reach from
-    trim cuts to the largest roughing generators, from a wire that creeps to the 10 m/s of machines that reuse it,
-    from a nozzle that is off to pumps of 30 bar, from a nozzle on the workpiece to one that is out of the way (ours).
-    A range in the generator's file holds in their place.
-    """
-
+    # nothing but `edmsim.machine.setting` reads these: its functions return what is in force. The limits reach from
+    # trim cuts to the largest roughing generators, from a wire that creeps to the 10 m/s of machines that reuse it,
+    # from a nozzle that is off to pumps of 30 bar, from a nozzle on the workpiece to one that is out of the way
+    # (ours). A range in the generator's file holds in their place
     open_voltage_V: Annotated[Number | None, Limits(10.0, 500.0)] = None
     """Voltage until ignition in V; by default the generator's own. It also drives the discharge if the generator
     has no separate supply for it."""

@@ -1,7 +1,5 @@
 """Overrides of constants by name: the option ``constants`` of a cut."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, get_args
 

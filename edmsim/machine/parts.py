@@ -4,8 +4,6 @@ A constant has bounds here, an order or more beyond what the field knows, so tha
 a cut begins and not met in the pulse loop.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Annotated, Literal, Self
@@ -47,7 +45,7 @@ class Constant(Part):
         return entry
 
     @model_validator(mode="after")
-    def _value_in_range(self) -> Constant:
+    def _value_in_range(self) -> Self:
         if self.range is not None and not self.range[0] <= self.value <= self.range[1]:
             raise ValueError(f"value {self.value:g} lies outside its range {self.range}")
         return self
@@ -123,7 +121,7 @@ class Geometry(Optional):
         return any(self.value(name) for name in type(self).model_fields if name not in ("lead_mm", "change_per_mm"))
 
     @model_validator(mode="after")
-    def _lead_where_needed(self) -> Geometry:
+    def _lead_where_needed(self) -> Self:
         if self.lead_mm is None and (self.value("x_periodic_um") or self.value("y_periodic_um")):
             raise ValueError("a periodic error needs lead_mm, the travel of a turn of the screw")
         return self
@@ -189,7 +187,7 @@ class Gap(Part):
     bridge_steepness: Annotated[Positive, _within(1, 100000)]
 
     @model_validator(mode="after")
-    def _waits_at_every_gap(self) -> Gap:
+    def _waits_at_every_gap(self) -> Self:
         a, b, c = self.median_a_us_um2.value, self.median_b_us_um.value, self.median_c_us.value
         if b < 0 and c <= b * b / (4 * a):
             raise ValueError("the median delay a g^2 + b g + c must be above zero at every gap g: raise median_c_us")
@@ -280,7 +278,7 @@ class Surface(Part):
     dissolved_mm3_C: Annotated[Positive, _within(1e-7, 1)]
 
     @model_validator(mode="after")
-    def _affected_before_it_melts(self) -> Surface:
+    def _affected_before_it_melts(self) -> Self:
         if not self.affected_K.value < self.melting_K.value:
             raise ValueError("affected_K lies below melting_K")
         return self
@@ -307,13 +305,12 @@ class Equalising(Part):
     resistance_ohm: Annotated[Positive, _within(0.001, 100000)]
 
     @model_validator(mode="after")
-    def _holds_no_arc(self) -> Equalising:
+    def _holds_no_arc(self) -> Self:
         most_A = self.voltage_V.value / self.resistance_ohm.value
         if most_A > MOST_EQUALISING_A * (1 + 1e-9):
-            raise ValueError(
-                f"{self.voltage_V.value:g} V through {self.resistance_ohm.value:g} ohm are {most_A:.3g} A, which may "
-                f"hold an arc; equalising pulses have at most {MOST_EQUALISING_A:g} A: raise resistance_ohm"
-            )
+            raise ValueError(f"{self.voltage_V.value:g} V through {self.resistance_ohm.value:g} ohm are {most_A:.3g} "
+                             f"A, which may hold an arc; equalising pulses have at most {MOST_EQUALISING_A:g} A: "
+                             "raise resistance_ohm")
         return self
 
 
@@ -335,7 +332,7 @@ class Generator(Part):
     equalising: Equalising | None = None
 
     @model_validator(mode="after")
-    def _wait_where_needed(self) -> Generator:
+    def _wait_where_needed(self) -> Self:
         if (self.ignition_wait_us is None) != (self.mode == "iso-pulse"):
             raise ValueError("ignition_wait_us belongs to iso-energetic and ignition-pulse, and only to them")
         return self

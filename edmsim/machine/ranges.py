@@ -4,8 +4,6 @@ A range in a machine, wire or material file bounds what is known of a constant. 
 are what its operator may set, and are left alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
@@ -18,10 +16,8 @@ from edmsim.machine.setting import check
 
 _SetUp = TypeVar("_SetUp", bound=SetUp)
 
-LOG_FROM_RATIO = 3.0
-"""A positive range whose ends are this far apart or more says an order, and is drawn log-uniformly (ours)."""
-MOST_DRAWS = 100
-"""Set-ups drawn before giving up on one that can run (ours: at 5 % that can, 99 of 100 calls succeed)."""
+LOG_FROM_RATIO = 3.0  # a positive range with ends this far apart says an order, and is drawn log-uniformly (ours)
+MOST_DRAWS = 100  # set-ups drawn before giving up (ours: where 5 % can run, 99 of 100 calls succeed)
 
 
 def uncertain(machine: SetUp) -> dict[str, Constant]:
@@ -54,17 +50,13 @@ def sample(machine: _SetUp, rng: np.random.Generator, only: Iterable[str] | None
             refused = error
         else:
             return drawn
-    raise InputError(
-        f"none of {MOST_DRAWS} machines drawn within the ranges can run, the last because {refused.reason}; "
-        "choose another setting, or draw fewer constants"
-    )
+    raise InputError(f"none of {MOST_DRAWS} machines drawn within the ranges can run, the last because "
+                     f"{refused.reason}; choose another setting, or draw fewer constants")
 
 
 def value_at(bounds: tuple[float, float], share: float) -> float:
-    """Return the value below which `share` (0..1) of the draws from a range lie.
-
-    Uniform from end to end; log-uniform where the range is positive and spans a factor of `LOG_FROM_RATIO`.
-    """
+    """Return the value below which `share` (0..1) of the draws from a range lie."""
+    # uniform from end to end; log-uniform where the range is positive and spans a factor of `LOG_FROM_RATIO`
     low, high = bounds
     is_order = low > 0 and high / low >= LOG_FROM_RATIO
     value = low * (high / low) ** share if is_order else low + (high - low) * share
@@ -104,10 +96,8 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     chosen: set[str] = set()
     for name in only:
         if name not in known and name not in sections:
-            raise InputError(
-                f"'{name}' is not a section or constant with a range to draw from; there are the sections "
-                f"{', '.join(sections)} and the constants {', '.join(known)}"
-            )
+            raise InputError(f"'{name}' is not a section or constant with a range to draw from; there are the "
+                             f"sections {', '.join(sections)} and the constants {', '.join(known)}")
         chosen |= sections.get(name, {name})
     return chosen
 

@@ -1,7 +1,5 @@
 """The setting of a set-up: the operator's options or else the files' constants, and their checks."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -97,10 +95,8 @@ def least_period_us(machine: SetUp, t_on_us: float) -> float:
 
 
 def held_period_us(machine: SetUp) -> float:
-    """Shortest period at which a wire carries no higher mean current density than at the generator's own setting.
-
-    That setting, with the wire's usual diameter, is one that holds: from the start hole on, at usual heights.
-    """
+    """Shortest period at which a wire carries no higher mean current density than at the generator's own setting."""
+    # that setting, with the wire's usual diameter, is one that holds: from the start hole on, at usual heights
     own = machine.generator
     usual = machine.model_copy(update={
         "t_on_us": own.t_on_us.value, "t_period_us": own.t_period_us.value, **dict.fromkeys(Choices.model_fields),
@@ -132,10 +128,8 @@ def wire_speed_m_s(machine: SetUp) -> float:
 
 
 def flushing_Pa(machine: SetUp) -> tuple[float, float]:
-    """Pressures set for the lower and the upper nozzle over the surroundings; the machine's own is that of both.
-
-    What is left of them at the workpiece is `edmsim.plant.constants.faces_Pa`.
-    """
+    """Pressures set for the lower and the upper nozzle over the surroundings; the machine's own is that of both."""
+    # what is left of them at the workpiece is `edmsim.plant.constants.faces_Pa`
     own = machine.base.dielectric.flushing_pressure_Pa
     return _in_force(machine.flushing_lower_Pa, own), _in_force(machine.flushing_upper_Pa, own)
 
@@ -179,10 +173,8 @@ def check(machine: SetUp) -> None:
     if not low <= machine.tension <= high:
         raise InputError(f"wire tension {machine.tension:g} N is not within {low:g}..{high:g} N")
     if machine.tension >= machine.breaking_force:
-        raise InputError(
-            f"wire tension {machine.tension:g} N breaks the {machine.wire_diameter_um:g} um {machine.wire_name} wire "
-            f"at rest: it holds {machine.breaking_force:.3g} N"
-        )
+        raise InputError(f"wire tension {machine.tension:g} N breaks the {machine.wire_diameter_um:g} um "
+                         f"{machine.wire_name} wire at rest: it holds {machine.breaking_force:.3g} N")
     _check_choices(machine)
     check_pulses(machine)
 
@@ -221,10 +213,8 @@ def _check_choices(machine: SetUp) -> None:
     if shape not in PULSE_FORMS:
         raise InputError(f"unknown pulse shape '{shape}'; there are: {one_of(shape, PULSE_FORMS)}")
     if shape == "triangle" and mode == "iso-pulse":
-        raise InputError(
-            "an iso-pulse generator makes no triangles: the switch would cut them off; choose iso-energetic or "
-            "ignition-pulse, whose discharges all last t_on"
-        )
+        raise InputError("an iso-pulse generator makes no triangles: the switch would cut them off; choose "
+                         "iso-energetic or ignition-pulse, whose discharges all last t_on")
 
 
 def _check_times(machine: SetUp) -> None:
@@ -243,15 +233,12 @@ def _check_currents(machine: SetUp) -> None:
         if voltage <= burning:
             raise CombinationError(f"{name} voltage {voltage:g} V is not above the burning voltage of {burning:g} V")
     if machine.peak_current_A is not None and machine.peak_current_A > most_current_A(machine) * (1 + 1e-9):
-        raise CombinationError(
-            f"peak current {machine.peak_current_A:g} A is above the {most_current_A(machine):.4g} A that "
-            f"{supply_V(machine):g} V drive through the generator's {machine.generator.resistance_ohm.value:g} ohm "
-            f"against {burning:g} V; choose less, or a lower resistance"
-        )
+        raise CombinationError(f"peak current {machine.peak_current_A:g} A is above the "
+                               f"{most_current_A(machine):.4g} A that {supply_V(machine):g} V drive through the "
+                               f"generator's {machine.generator.resistance_ohm.value:g} ohm against {burning:g} V; "
+                               "choose less, or a lower resistance")
     limit = machine.generator.mean_current_limit_A.value
     if mean_current_A(machine) > limit + 1e-9:
-        raise CombinationError(
-            f"t_on {machine.t_on_us:g} us in t_period {machine.t_period_us:g} us draws "
-            f"{mean_current_A(machine):.2f} A, above the generator's {limit:g} A; t_period must be at least "
-            f"{least_period_us(machine, machine.t_on_us):.4g} us"
-        )
+        raise CombinationError(f"t_on {machine.t_on_us:g} us in t_period {machine.t_period_us:g} us draws "
+                               f"{mean_current_A(machine):.2f} A, above the generator's {limit:g} A; t_period must "
+                               f"be at least {least_period_us(machine, machine.t_on_us):.4g} us")

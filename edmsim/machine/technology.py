@@ -4,12 +4,10 @@ A technology is found by simulation (``edmsim tune technology``). Its passes for
 however many follow, and offsets are counted from the last pass, the one that meets the drawing.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -102,7 +100,7 @@ class AtHeight(Part):
     passes: Annotated[tuple[PassSetting, ...], Field(alias="pass", min_length=1)]
 
     @model_validator(mode="after")
-    def _offsets_fall(self) -> AtHeight:
+    def _offsets_fall(self) -> Self:
         if any(one.step_um < 0 for one in self.passes):
             raise ValueError("step_um is below 0: the offset would grow from a pass to the next")
         return self
@@ -130,7 +128,7 @@ class Technology(Part):
     heights: Annotated[tuple[AtHeight, ...], Field(alias="height", min_length=1)]  # in rising order
 
     @model_validator(mode="after")
-    def _in_order(self) -> Technology:
+    def _in_order(self) -> Self:
         if any(b.height_mm <= a.height_mm for a, b in pairwise(self.heights)):
             raise ValueError("heights must rise")
         return self
@@ -148,10 +146,9 @@ class Technology(Part):
         """
         at, notices = self._at(height_mm)
         if not 1 <= passes <= len(at.passes):
-            raise InputError(
-                f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} passes for "
-                f"{height_mm:g} mm, not {passes}: choose one of these, or find others with edmsim tune technology"
-            )
+            raise InputError(f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} "
+                             f"passes for {height_mm:g} mm, not {passes}: choose one of these, or find others with "
+                             "edmsim tune technology")
         settings = at.passes[:passes]
         offset_um = settings[-1].last_offset_um
         offsets = [offset_um]
@@ -168,11 +165,9 @@ class Technology(Part):
                 return one, ()
         listed = " and ".join(f"{mm:g}" for mm in known)
         if not known[0] / _BEYOND <= height_mm <= known[-1] * _BEYOND:
-            raise InputError(
-                f"the technology for {self.material} and the wire {self.wire} has settings for heights of {listed} "
-                f"mm, too far from {height_mm:g} mm: find some with edmsim tune technology {self.material} --height "
-                f"{height_mm:g}"
-            )
+            raise InputError(f"the technology for {self.material} and the wire {self.wire} has settings for heights "
+                             f"of {listed} mm, too far from {height_mm:g} mm: find some with edmsim tune technology "
+                             f"{self.material} --height {height_mm:g}")
         between = known[0] < height_mm < known[-1]
         how = "interpolated between" if between else "extrapolated from"
         rule = ", by power per mm of height" if len(known) == 1 else ""
@@ -246,10 +241,8 @@ def technology_for(material: str, machine: str | None = None, wire: str | None =
     if not fitting:
         chosen = "".join(f", {what} {name}" for what, name in (("machine", machine), ("wire", wire)) if name)
         ours = "; ".join(f"{one.material}, machine {one.machine}, wire {one.wire}" for one in known)
-        raise InputError(
-            f"there is no technology for {material}{chosen}; there are: {ours}. Find one with: "
-            f"edmsim tune technology {material}"
-        )
+        raise InputError(f"there is no technology for {material}{chosen}; there are: {ours}. Find one with: edmsim "
+                         f"tune technology {material}")
 
     def away(one: Technology) -> float:
         removals = [Machine.load(material=name).material.removal_mm3_J.value for name in (one.material, material)]

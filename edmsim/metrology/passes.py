@@ -149,7 +149,7 @@ def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
     gone = shapely.union_all(field.gone)
     rim = RIM_CELLS * field.cell_um
     return [
-        shapely.Polygon(piece.exterior).buffer(rim)
+        shapely.Polygon(shapely.Polygon(piece.exterior).buffer(rim).exterior)
         for piece in pieces
         if piece.area >= least_mm2 * 1e6 and not gone.contains(piece.representative_point())
     ]

@@ -1,24 +1,15 @@
 """Converts a machine's constants to the numbers and units of the pulse loop."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.machine.machine import mjcf_version
-from edmsim.machine.setting import (
-    WINDOW_PULSES,
-    flushing_Pa,
-    guide_bends,
-    resistance_ohm,
-    standoffs_mm,
-    wire_speed_m_s,
-)
+from edmsim.machine import setting
+from edmsim.machine.machine import Machine, mjcf_version
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
@@ -43,20 +34,14 @@ from edmsim.plant.mechanics.string_modes import modes_with
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-
-
-RAY_RANGE_UM = 110.0
-"""Rays end this far from the wire's surface (ours: the pull on what lies beyond is 1 % of that at 20 um)."""
+RAY_RANGE_UM = 110.0  # rays end so far from the wire (ours: the pull on what lies beyond is 1 % of that at 20 um)
 CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 """How far before a ray's edge its wall is looked for, at least, and in ray spacings (ours): between rays it may stand
 nearer, the more the further they are apart, and what is not reached stays in the kerf."""
 LEAST_ENERGY_J = 1e-9
 """Energy of a discharge below which its gas has no life to speak of (ours); a generator switched off has none."""
 LEAST_PARTICLE_UM = 0.05  # debris is taken to be no finer than this in the mean (ours: it then ignites nothing)
-JET_REACH_MM = 3.0
-"""A jet has turned into the kerf over this height from the face, half of a nozzle's usual bore (ours)."""
+JET_REACH_MM = 3.0  # a jet turns into the kerf over this height from the face, half of a nozzle's usual bore (ours)
 PRIMED_SPAN = 3.0  # the chance of a primed site ends this many widths above the critical gap
 
 
@@ -66,16 +51,12 @@ def _patch_m2(machine: Machine, res: Resolution) -> float:
     return around * machine.height_mm * 1e-3 / res.slices
 
 
-def _reference_m2(machine: Machine) -> float:
-    """Active front area the t50 law is taken to hold for: half the wire's girth times the height."""
-    gap = machine.base.gap
-    return math.pi / 2 * gap.reference_wire_um.value * 1e-6 * gap.reference_height_mm.value * 1e-3
-
-
 def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
     """Breakdown constants of one ray."""
     gap = machine.base.gap
-    share = _patch_m2(machine, res) / _reference_m2(machine)
+    # active front area the t50 law is taken to hold for: half the wire's girth times the height
+    reference_m2 = math.pi / 2 * gap.reference_wire_um.value * 1e-6 * gap.reference_height_mm.value * 1e-3
+    share = _patch_m2(machine, res) / reference_m2
     scale = 1.0 / (math.log(2) * share)
     width, field = gap.critical_width_um.value, open_V / gap.reference_voltage_V.value
     primed_per_um2 = share / (4 * PRIMED_SPAN * (width * field) ** 2)
@@ -115,46 +96,33 @@ def _kerf_um(machine: Machine) -> float:
 
 def constants(machine: Machine, res: Resolution) -> Constants:
     """Numbers of the loop that do not depend on the generator's setting."""
-    base, gap, water, spark, gas = (
-        machine.base, machine.base.gap, machine.base.dielectric, machine.base.discharge, machine.base.gas,
-    )  # fmt: skip
+    base, water, spark = machine.base, machine.base.dielectric, machine.base.discharge
+    parts = (base.gap, spark, base.gas, base.cooling, base.table, machine.wire)
+    # those that the loop takes as they are, by the same names
+    same_names: dict[str, Any] = {
+        name: constant.value for part in parts for name, constant in part if name in Constants._fields
+    }
     radius = machine.wire_diameter_um / 2
     slice_um = machine.height_mm * 1e3 / res.slices
     slice_m = slice_um * 1e-6
     patch = _patch_m2(machine, res)
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
-    flow, wake, bends = flushing(machine), _wake_jets(machine), guide_bends(machine)
+    flow, wake, bends = flushing(machine), _wake_jets(machine), setting.guide_bends(machine)
     return Constants(
+        **same_names,
         radius_um=radius,
         slice_um=slice_um,
         cell_um=res.cell_um,
         range_um=RAY_RANGE_UM,
-        trace_pulses=res.trace_windows * WINDOW_PULSES,
+        trace_pulses=res.trace_windows * setting.WINDOW_PULSES,
         carve_before_um=max(CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS * 2 * math.pi * radius / res.rays),
         patch_m2=patch,
         permittivity_F_m=water.permittivity.value
         * permittivity_ratio(water.gap_temperature_K.value)
         * VACUUM_PERMITTIVITY_F_M,
         leak_S_um=water.conductivity_uS_cm.value * 1e-4 * patch * 1e6,
-        supply_ohm=resistance_ohm(machine),
-        formative_us=gap.formative_us.value,
-        formative_sd_us=gap.formative_sd_us.value,
-        primed_scale_us=gap.primed_scale_us.value,
-        primed_shape=gap.primed_shape.value,
-        deionisation_us=gap.deionisation_us.value,
-        chaining=gap.chaining.value,
-        bridge_base=gap.bridge_base.value,
-        bridge_per_um=gap.bridge_per_um.value,
-        bridge_ceiling=gap.bridge_ceiling.value,
-        bridge_steepness=gap.bridge_steepness.value,
-        crater_cv=spark.crater_cv.value,
+        supply_ohm=setting.resistance_ohm(machine),
         crater_cube=6.0 / (math.pi * spark.crater_flatness.value),
-        short_removal_share=spark.short_removal_share.value,
-        short_push_share=spark.short_push_share.value,
-        shielding=gas.shielding.value,
-        dryness=gas.dryness.value,
-        pumping=gas.pumping.value,
-        ejection=gas.ejection.value,
         film_um3_kg_s=water.film_stirring.value
         * 12 * _gap_viscosity_Pa_s(machine) * radius**3 * 2 * math.pi / res.rays * slice_m,
         film_from_um=front,
@@ -166,23 +134,18 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         suction_N=AMBIENT_PA * machine.wire_diameter_um * 1e-6 * slice_m,
         magnetic_N_A2=machine.material.magnetic_share.value
         * VACUUM_PERMEABILITY_N_A2 / (2 * _kerf_um(machine) * 1e-6) * slice_m,
-        spot_gain=spark.spot_gain.value,
-        spot_us=spark.spot_us.value,
-        wire_heat_share=base.cooling.wire_heat_share.value,
         lower_flow_us=flow.lower_m_s / slice_m * 1e-6,
         upper_flow_us=flow.upper_m_s / slice_m * 1e-6,
         lower_wake_us=wake.lower_m_s / slice_m * 1e-6,
         upper_wake_us=wake.upper_m_s / slice_m * 1e-6,
         cavity_um3=math.pi * radius * slice_um * water.side_gap_um.value,
         wake_um3=_kerf_um(machine) * water.wake_mm.value * 1e3 * slice_um,
-        gas_um3_J=gas.permanent_share.value / AMBIENT_PA * 1e18,
+        gas_um3_J=base.gas.permanent_share.value / AMBIENT_PA * 1e18,
         tension_N=machine.tension,
         strength_N=machine.breaking_force,
-        half_strength_K=machine.wire.half_strength_K.value,
         water_K=water.temperature_K.value,
         worn_share_per_um3_us=spark.wear_ratio.value
-        / (wire_speed_m_s(machine) * math.pi * radius**2),
-        step_um=base.table.step_um.value,
+        / (setting.wire_speed_m_s(machine) * math.pi * radius**2),
         guides_um=machine.guide_distance_mm * 1e3,
         lower_bend_um=1e3 * (bends.stiff_mm + bends.lower_error_mm),
         upper_bend_um=1e3 * (bends.stiff_mm - bends.upper_error_mm),
@@ -202,7 +165,7 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
         kelvin_per_J=1 / (volumetric * section * slice_m),
         cooling_m2K_J=girth / (volumetric * section) * 1e-6,
         conduction_per_us=wire.conductivity_W_mK.value / volumetric / slice_m**2 * 1e-6,
-        run_per_us=wire_speed_m_s(machine) / slice_m * 1e-6,
+        run_per_us=setting.wire_speed_m_s(machine) / slice_m * 1e-6,
         joule_K_per_A2_us=joule_W_m_per_A2 / (volumetric * section) * 1e-6,
         resistance_per_K=wire.resistivity_per_K.value,
         water_K=machine.base.dielectric.temperature_K.value,
@@ -320,7 +283,7 @@ def flushing(machine: Machine) -> Jets:
 
 def faces_Pa(machine: Machine) -> tuple[float, float]:
     """Pressures of the flushing at the workpiece's lower and upper face: those set, less what the stand-offs take."""
-    water, set_Pa, standoff_mm = machine.base.dielectric, flushing_Pa(machine), standoffs_mm(machine)
+    water, set_Pa, standoff_mm = machine.base.dielectric, setting.flushing_Pa(machine), setting.standoffs_mm(machine)
     lower, upper = (
         face_Pa(pressure, distance, water.nozzle_mm.value, water.nozzle_flow_l_min.value)
         for pressure, distance in zip(set_Pa, standoff_mm, strict=True)

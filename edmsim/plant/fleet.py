@@ -1,7 +1,5 @@
 """Fleet: several plants advanced side by side by one compiled call per thread."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -12,36 +12,21 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of, refuses_wrong_types
+from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from
 from edmsim.plant import constants
+from edmsim.plant.axes import faults
 from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
-from edmsim.plant.axes.faults import FAULTS
 from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.constants import GeneratorSettings
 from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
+from edmsim.plant.kernel import state as loop
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
-from edmsim.plant.kernel.state import (
-    BARE,
-    BROKEN,
-    FINE,
-    GRID,
-    NO_TILES,
-    PULSE,
-    STATE,
-    STEP_EARLY,
-    STEP_WRONG,
-    TILED_UM,
-    WINDOW,
-    Arrays,
-    Propagators,
-    Scratch,
-    Timing,
-)
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
@@ -54,10 +39,8 @@ from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 if TYPE_CHECKING:
     import shapely
 
-    from edmsim.machine.machine import Machine
-
 MECHANICS = ("modal", "mujoco")  # integrators of table and wire
-_OF_WIRE, _CHANGING = lasting(Arrays, CHANGING), lasting(Arrays, WALL, CHANGING)
+_OF_WIRE, _CHANGING = lasting(loop.Arrays, CHANGING), lasting(loop.Arrays, WALL, CHANGING)
 _OVERRUN_UM = 2000.0  # a table may stand so far behind its end switches, where it is braked (ours)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
@@ -130,18 +113,18 @@ class Plant:
         coordinates = _coordinates(res, mechanics)
         self._sizes = sizes_of(res.slices, res.rays, coordinates)
         self._memory = Memory(self._sizes)
-        self._state: NDArray[np.void] = np.zeros(1, STATE)
-        self._window: NDArray[np.void] = np.zeros(1, WINDOW)
+        self._state: NDArray[np.void] = np.zeros(1, loop.STATE)
+        self._window: NDArray[np.void] = np.zeros(1, loop.WINDOW)
         self.move_rows(self._state, self._window)
         call = np.zeros(CALL, np.int64)
         self._call = memoryview(call)  # type: ignore[arg-type]
         self._call[0] = self._memory.address
         self._call_address: int = call.ctypes.data
         self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
-        self._arrays, self._propagators = allocate(Arrays, self._sizes), allocate(Propagators, self._sizes)
-        for group in (self._arrays, self._propagators, allocate(Scratch, self._sizes)):
+        self._arrays, self._propagators = allocate(loop.Arrays, self._sizes), allocate(loop.Propagators, self._sizes)
+        for group in (self._arrays, self._propagators, allocate(loop.Scratch, self._sizes)):
             self._memory.put(group)
-        self._pulses: NDArray[np.void] = np.zeros(0, PULSE)
+        self._pulses: NDArray[np.void] = np.zeros(0, loop.PULSE)
         self._memory.put_own(pulses=self._pulses)
         self._drives_follow_from: tuple[bytes, float, float] | None = None
         self._set_up(machine, drives or {})
@@ -373,14 +356,13 @@ class Plant:
         self._state["tiled_um"] = _NOWHERE_UM
         self._state["traces"] = 0
 
-    @refuses_wrong_types
     def take_out(self, piece: shapely.Polygon) -> float:
         """Remove a loose piece of metal from the workpiece, in every slice; return its volume in mm3.
 
         Parameters
         ----------
         piece : shapely.Polygon
-            In um on the table.
+            In um on the table, without holes.
         """
         taken_um2 = self.field.take_out(piece)
         self._put_field()
@@ -389,13 +371,18 @@ class Plant:
 
     def break_axis(self, axis: str, fault: str) -> None:
         """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.faults.FAULTS`."""
-        FAULTS[fault](self._drives.axes, AXIS_NAMES.index(axis))
+        if axis not in self.own_step_um:
+            raise InputError(f"there is no axis {axis!r} whose drive has a loop")
+        if fault not in faults.FAULTS:
+            raise InputError(f"there is no fault {fault!r}; there are: {one_of(fault, faults.FAULTS)}")
+        faults.break_axis(self._drives.axes, AXIS_NAMES.index(axis), fault)
 
     def watch_pulses(self) -> None:
         """Record every pulse from the next window on (`last_pulses`); the cut stays the same, bit for bit."""
-        self._pulses = np.zeros(WINDOW_PULSES, PULSE)
+        self._pulses = np.zeros(WINDOW_PULSES, loop.PULSE)
         self._memory.put_own(pulses=self._pulses)
 
+    @refuses_wrong_types
     def advance(self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES) -> PulseWindow:
         """Fire 255 pulses, or fewer.
 
@@ -433,20 +420,20 @@ class Plant:
                                  f"shape {rows.shape} and type {rows.dtype}")
             place = ctypes.addressof(ctypes.c_char.from_buffer(rows.data))  # numpy takes 1 % of a window to say where
         status = self._fire_once(place, len(rows), pulses)
-        if status == FINE:  # as most often
+        if status == loop.FINE:  # as most often
             return read_window(self._window_bytes)
-        if status == BROKEN and self._state["broken"][0] == BARE:
+        if status == loop.BROKEN and self._state["broken"][0] == loop.BARE:
             pass_window(
                 self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses
             )
             return self.window()
-        if status == NO_TILES:
+        if status == loop.NO_TILES:
             self.make_tiles()
             status = self._fire_once(place, len(rows), pulses)
-        if status in (STEP_WRONG, STEP_EARLY):
+        if status in (loop.STEP_WRONG, loop.STEP_EARLY):
             raise InputError(wrong_step(rows, self.time_ns, self._drives.axes.loops > 0))
         window = self.window()
-        if status != FINE:
+        if status != loop.FINE:
             raise self.left_validity(status, window)
         return window
 
@@ -455,8 +442,9 @@ class Plant:
 
         Until `rethread` or `reset`, all pulses of a window are open, and the axes move as in a rapid.
         """
-        self._state["broken"] = BARE
+        self._state["broken"] = loop.BARE
 
+    @refuses_wrong_types
     def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
         """Fire one pulse, for studies of single pulses; breaks of the wire are not checked.
 
@@ -481,7 +469,7 @@ class Plant:
         try:
             return self._advance(steps, 1)._replace(broken=False)
         finally:
-            self._state["broken"] = np.where(self._state["broken"] == BARE, BARE, 0)
+            self._state["broken"] = np.where(self._state["broken"] == loop.BARE, loop.BARE, 0)
 
     def _fire_once(self, steps: int, count: int, pulses: int) -> int:
         self._call[1], self._call[2], self._call[3] = steps, count, pulses
@@ -507,7 +495,7 @@ class Plant:
         shares = self._arrays.height_share, self._arrays.lean_share
         ends = [float(share[k]) for share in shares for k in (0, n - 1)]
         low, high = min(ends), max(ends)  # where the wire bends is known once its rays are traced
-        reach_um = c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um
+        reach_um = c.radius_um + c.range_um + 2 * loop.TILED_UM + self._drives.reach_um
         tiles = self.field.tiles
         self.field.allocate(x + low * u, y + low * v, reach_um, ((high - low) * u, (high - low) * v))
         if self.field.tiles is not tiles:  # it was too small, and `levels` with it
@@ -701,7 +689,7 @@ class Plant:
     @property
     def longest_window_ns(self) -> int:
         """Upper bound of a window's duration at the present setting."""
-        return self.window_ns or WINDOW_PULSES * math.ceil(self._setting.timing.grid_us * GRID * 1e3)
+        return self.window_ns or WINDOW_PULSES * math.ceil(self._setting.timing.grid_us * loop.GRID * 1e3)
 
     @property
     def removed_mm3(self) -> float:
@@ -736,13 +724,13 @@ class Plant:
         return rays
 
     @property
-    def timing(self) -> Timing:
+    def timing(self) -> loop.Timing:
         """The generator's present setting as the loop has it: voltages, currents, times."""
         return self._setting.timing
 
     def leakage_S(self) -> float:
         """Return the conductance of the water between wire and metal, by the rays as they are; 0 without a wire."""
-        if self._state["broken"][0] == BARE:
+        if self._state["broken"][0] == loop.BARE:
             return 0.0
         reach_um = np.maximum(self._arrays.distance[:, : self._arrays.edge_um.shape[1]], 1.0)
         return float((1.0 / reach_um.astype(np.float64)).sum()) * self._constants.leak_S_um
@@ -758,7 +746,7 @@ class Plant:
         """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""
         fired = sum(self._window["counts"][0].tolist()) if len(self._pulses) else 0
         # as bytes: numpy copies records field by field, which takes twenty times as long
-        return self._pulses.view(np.uint8)[: fired * PULSE.itemsize].copy().view(PULSE)
+        return self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
 
     def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
         """Return where a slice's wire was when its rays were last traced, and every ray's gap then (rays,).

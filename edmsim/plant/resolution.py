@@ -1,7 +1,5 @@
 """How finely the plant is resolved, by name."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from edmsim.errors import InputError, one_of

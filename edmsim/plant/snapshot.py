@@ -1,28 +1,22 @@
 """Checks of a plant's snapshot before it is restored, because compiled code has no bounds checks."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.vectors import GAPS
 from edmsim.errors import InputError
-from edmsim.machine.machine import own_mjcf_text
+from edmsim.machine.machine import Machine, own_mjcf_text
 from edmsim.plant.kernel.declare import ArraySizes
 from edmsim.plant.kernel.state import BARE
 from edmsim.plant.workpiece.kerf_field import FULL
 
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-
 _Snapshot = Mapping[str, NDArray[Any]]
 
 _MOST = 1 << 62  # counts and times (ns) stay below this: a hundred years
-
 
 _STATED = {"name", "wire_name", "material_name", "generator_name", "t_on_us", "t_period_us"}
 """What of a set-up changes with the pulse setting, which a snapshot holds, or only names what else it says."""
@@ -48,7 +42,6 @@ def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None
             raise InputError(f"the snapshot's {name} holds something that is not a number")
     _check_places(state, sizes)
     _check_metal(state)
-    _check_field(state)
 
 
 def _all_numbers(array: NDArray[Any]) -> bool:
@@ -76,14 +69,10 @@ def _check_places(state: _Snapshot, sizes: ArraySizes) -> None:
 
 
 def _check_metal(state: _Snapshot) -> None:
-    """Refuse heights of metal that no slice has."""
+    """Refuse heights of metal that no slice has; an index of the kerf field that leads beyond it, or twice to one."""
     for name in ("ray_metal", "metal"):
         if not np.all((state[name] >= 0.5) & (state[name] <= 1.5)):
             raise InputError(f"the snapshot's {name} is not within 0.5..1.5")
-
-
-def _check_field(state: _Snapshot) -> None:
-    """Refuse a kerf field whose index leads beyond its tiles, or twice to one."""
     tiles, index = state["field.tiles"], state["field.index"]
     if not np.array_equal(np.sort(index[index != -1]), np.arange(len(tiles))):
         raise InputError("the snapshot's kerf field is damaged: its index and its tiles do not fit")

@@ -1,10 +1,7 @@
 """The results of a window of pulses in Python, and the errors of a plant that leaves the model's range."""
 
-from __future__ import annotations
-
 import math
 import struct
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +9,9 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.pulse_window import PulseWindow
+from edmsim.plant.axes.drives import Drives
 from edmsim.plant.kernel.declare import FREE
 from edmsim.plant.kernel.state import BROKEN, GRID, INSIDE, NOT_FINITE, OPEN, OUTSIDE, WINDOW, Timing
-
-if TYPE_CHECKING:
-    from edmsim.plant.axes.drives import Drives
 
 _NAMES = tuple(name for name in WINDOW.names or () if name != FREE)
 _KINDS = [WINDOW[name] for name in _NAMES]

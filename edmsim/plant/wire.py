@@ -6,8 +6,6 @@ wire at the discharge, the current heats it, water cools it, and the running wir
 Structure of the heat balance after the ETH model (SPARC, MIT licence) and Schacht (KU Leuven 2004).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -49,11 +47,9 @@ class HeatLaw(NamedTuple):
 def heat_transfer_W_m2K(
     temperature_K: float, law: HeatLaw, convection_W_m2K: float, critical_W_m2: float, dry: float
 ) -> float:
-    """Heat flux from the wire over its temperature above the water's.
-
-    Convection up to the boiling point; then nucleate boiling, whose flux rises with the cube of the superheat
-    (Rohsenow) up to the critical one; beyond, a film of steam. `dry` is the share of front and back under gas.
-    """
+    """Heat flux from the wire over its temperature above the water's."""
+    # convection up to the boiling point; then nucleate boiling, whose flux rises with the cube of the superheat
+    # (Rohsenow) up to the critical one; beyond, a film of steam. `dry` is the share of front and back under gas
     wet = max(1.0 - law.dry_share * dry, 0.0)
     convection = convection_W_m2K * wet
     superheat = temperature_K - law.boiling_K
@@ -68,11 +64,9 @@ def heat_transfer_W_m2K(
 
 @compiled
 def add_currents(a: Arrays, current2_us: Array) -> None:
-    """Find the integral of the squared current in every slice's wire (A2 us) since heat was propagated last.
-
-    A discharge's current comes from both guides and divides as the wire's resistances do: below the discharge flows
-    the share of the height above it.
-    """
+    """Find the integral of the squared current in every slice's wire (A2 us) since heat was propagated last."""
+    # a discharge's current comes from both guides and divides as the wire's resistances do: below the discharge flows
+    # the share of the height above it
     n = a.temperature_K.shape[0]
     from_below = from_above = 0.0
     for s in range(n):
@@ -85,10 +79,8 @@ def add_currents(a: Arrays, current2_us: Array) -> None:
 
 @compiled
 def spot_K(law: HeatLaw, heat_J: float, time_us: float) -> float:
-    """Rise of a section into which heat has come for a time, ``Q / (rho c A sqrt(pi a t + d^2))``.
-
-    Conduction spreads the heat over ``sqrt(pi a t)``; a disc thinner than the wire does not give way (ours).
-    """
+    """Rise of a section into which heat has come for a time, ``Q / (rho c A sqrt(pi a t + d^2))``."""
+    # conduction spreads the heat over ``sqrt(pi a t)``; a disc thinner than the wire does not give way (ours)
     return heat_J * law.spot_K_m_J / math.sqrt(law.spot_m2 + law.spreading_m2_us * time_us)
 
 
@@ -106,10 +98,8 @@ def _conduct(temperature: Array, exchange: float) -> None:
 
 @compiled
 def heat_step(a: Arrays, law: HeatLaw, current2_us: Array, dt_us: float) -> None:
-    """Advance the slices' temperatures by a span of time, in which currents flowed (see `add_currents`).
-
-    Exact for convection, explicit for conduction, implicit upwind for the wire, which enters at the top, cold.
-    """
+    """Advance the slices' temperatures by a span of time, in which currents flowed (see `add_currents`)."""
+    # exact for convection, explicit for conduction, implicit upwind for the wire, which enters at the top, cold
     temperature = a.temperature_K
     n = temperature.shape[0]
     run = law.run_per_us * dt_us

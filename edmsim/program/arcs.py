@@ -1,7 +1,5 @@
 """Arcs: centres found from what a program gives, as finely as it writes its numbers; chords; extent as drawn."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Sequence
@@ -18,8 +16,7 @@ from edmsim.program.outline import JOIN_TOLERANCE_MM
 
 SAME_PLACE_MM = 1e-6  # places closer than this many mm differ by numerical noise only
 
-RADIUS_TOLERANCE_MM = 0.005
-"""Least allowed difference in mm between the start and end radius of an arc (ours: rounding of some um)."""
+RADIUS_TOLERANCE_MM = 0.005  # least allowed difference of an arc's two radii (ours: rounding of some um)
 
 COARSEST_MM = 0.0254
 """Numbers written more coarsely than this, 0.001 inch, are taken as exact (ours: no program for a wire rounds so)."""
@@ -54,8 +51,7 @@ def rounding_of(blocks: Sequence[Block], units: Units) -> Rounding:
     return Rounding(max((mm for mm in written if mm <= COARSEST_MM * (1 + 1e-9)), default=0.0))
 
 
-CHORD_TOLERANCE_UM = 1.0
-"""Largest distance in um between a curve and its chords (ours: below the 2 um step of the axes, row T-16)."""
+CHORD_TOLERANCE_UM = 1.0  # between a curve and its chords (ours: below the 2 um step of the axes, row T-16)
 
 
 def radii(start: complex, end: complex, centre: complex) -> tuple[float, float]:
@@ -90,7 +86,9 @@ def arc_points(
     radius = max(abs(first), abs(last))
     if radius > FARTHEST_MM:
         raise InputError(f"the arc's radius of {radius:.3g} mm is beyond {FARTHEST_MM:g} mm: draw a line")
-    count = max(math.ceil(sweep / _chord_angle(radius)), 8 if full else 1, chords)
+    sagitta = CHORD_TOLERANCE_UM / 1000
+    chord_angle = 2 * math.acos(1 - sagitta / radius) if radius > sagitta else math.pi / 2
+    count = max(math.ceil(sweep / chord_angle), 8 if full else 1, chords)
     begin, growth, angle = abs(first), abs(last) - abs(first), cmath.phase(first)
     shares = [i / count for i in range(1, count)]
     points = [centre + cmath.rect(begin + share * growth, angle + turn * share * sweep) for share in shares]
@@ -100,11 +98,6 @@ def arc_points(
 def line_points(start: complex, end: complex, chords: int) -> list[complex]:
     """Return the points of a line after its start, up to and with its end, in `count` equal chords."""
     return [*(start + (end - start) * i / chords for i in range(1, chords)), end]
-
-
-def _chord_angle(radius: float) -> float:
-    sagitta = CHORD_TOLERANCE_UM / 1000
-    return 2 * math.acos(1 - sagitta / radius) if radius > sagitta else math.pi / 2
 
 
 def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:

@@ -4,16 +4,14 @@ What the words do is not known here. Some cannot change a contour, some a user l
 P1000 L2 runs twice what stands between O1000 and M99 behind the end of the program.
 """
 
-from __future__ import annotations
-
 import codecs
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, located
 from edmsim.program.dialects import FREECAD, ISO, Dialect, without_line_ends
 from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
 from edmsim.program.tables import ConditionTable, register
@@ -51,7 +49,7 @@ class Ignored:
     words: frozenset[tuple[str, float]] = frozenset()
 
     @classmethod
-    def of(cls, listed: Sequence[str]) -> Ignored:
+    def of(cls, listed: Sequence[str]) -> Self:
         """Read words as ``G51``, or letters as ``U``; raises `InputError` at others, and at what makes a contour."""
         letters, words = set(), set()
         for text in listed:
@@ -80,7 +78,7 @@ def offered_to_ignore(words: Iterable[str]) -> list[str]:
 class UnknownWordsError(InputError):
     """A program has words that are not known here: `words` has each with its lines, `hint` says who knows them."""
 
-    def __init__(self, found: Sequence[tuple[str, int]], file: str | Path, hint: str = "") -> None:
+    def __init__(self, found: Sequence[tuple[str, int]], hint: str = "") -> None:
         self.words: dict[str, list[int]] = {}
         self.hint = hint
         for word, line in found:
@@ -95,7 +93,7 @@ class UnknownWordsError(InputError):
         idle = offered_to_ignore(self.words)
         if idle:
             reason += f", or leave out what you know to be without effect: --ignore {','.join(idle[:_MOST_NAMED])}"
-        super().__init__(reason + hint, file, found[0][1])
+        super().__init__(reason + hint, line=found[0][1])
 
 
 _KNOWN = {"G": KNOWN_G, "M": KNOWN_M}
@@ -182,11 +180,11 @@ class Block:
         """Whether the block has M2 or M30."""
         return not _END_CODES.isdisjoint(self.codes)
 
-    def add(self, letter: str, number: str, file: str) -> None:
+    def add(self, letter: str, number: str) -> None:
         """Take a letter's number, and note how finely a coordinate is written."""
         if letter in self.values:
-            raise InputError(f"the word {letter} occurs twice in one block: write it once", file, self.line)
-        self.values[letter] = _value(letter, number, file, self.line)
+            raise InputError(f"the word {letter} occurs twice in one block: write it once")
+        self.values[letter] = _value(letter, number)
         self.measure(letter, number)
 
     def measure(self, letter: str, number: str) -> None:
@@ -232,7 +230,6 @@ class ProgramBlocks(NamedTuple):
 class _Reader:
     """What blocks are read with, and all words found that are not known."""
 
-    file: str
     ignored: Ignored
     dialect: Dialect
     table: ConditionTable
@@ -241,7 +238,7 @@ class _Reader:
 
     def blocks_of(self, raw: str, line: int, labelled: bool = False) -> list[Block]:
         """Return the blocks of a line: one, none, or more where ``;`` ends blocks."""
-        if self.table.read_line(raw, line):
+        if self.table.read_line(raw):
             return []
         raw = _CALL_BY_NAME.sub(r"\1$", raw)
         parts = [_PROGRAM_NUMBER.sub(r"O\1", raw)]  # as tapes have it
@@ -267,12 +264,12 @@ class _Reader:
             self.unknown.append((name, block.line))
 
 
-def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramBlocks:
+def read_blocks(text: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramBlocks:
     """Split a program into blocks, without comments, N words, blanks and empty lines."""
     # it ends at M2 or M30, at a second %, or with the text; what stands behind M2 or M30 is read where the
     # program calls subprograms
     blocks: list[Block] = []
-    reader = _Reader(file, ignored, dialect, ConditionTable(dialect, file))
+    reader = _Reader(ignored, dialect, ConditionTable(dialect))
     lines = without_line_ends(re.split(r"\r\n|\r|\n", text))
     last = len(lines)
     for number, raw in enumerate(lines, 1):
@@ -281,7 +278,8 @@ def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) 
                 last = number
                 break
             continue
-        blocks += reader.blocks_of(raw, number)
+        with located(line=number):
+            blocks += reader.blocks_of(raw, number)
         if blocks and blocks[-1].ends_program:
             last = number
             break
@@ -291,25 +289,22 @@ def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) 
     behind: list[Block] = []
     if any(CALL in block.codes for block in blocks):
         while last < len(lines) and not lines[last].lstrip().startswith("%"):
-            behind += reader.blocks_of(lines[last], last + 1, labelled=dialect.numbered)
             last += 1
+            with located(line=last):
+                behind += reader.blocks_of(lines[last - 1], last, labelled=dialect.numbered)
     if reader.unknown:
-        raise UnknownWordsError(reader.unknown, file)
+        raise UnknownWordsError(reader.unknown)
     if not blocks:
-        raise InputError("the program is empty: no word of G-code in it", file)
-    return ProgramBlocks(blocks, behind, [*reader.notices, *_left_out(lines, last)], reader.table.values)
-
-
-def _left_out(lines: list[str], last: int) -> list[str]:
-    for number, raw in enumerate(lines[last:], last + 1):
-        if raw.strip(" \t%\x1a"):
-            return [f"line {number}: text after the end of the program (line {last}) is left out"]
-    return []
+        raise InputError("the program is empty: no word of G-code in it")
+    left_out = next((number for number in range(last, len(lines)) if lines[number].strip(" \t%\x1a")), None)
+    if left_out is not None:
+        reader.notices.append(f"line {left_out + 1}: text after the end of the program (line {last}) is left out")
+    return ProgramBlocks(blocks, behind, reader.notices, reader.table.values)
 
 
 def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block | None:
     """Return what a line holds, None if nothing; unknown words are added to those of the file."""
-    file, dialect = reader.file, reader.dialect
+    dialect = reader.dialect
     bare = "".join(_COMMENT.sub("", raw).split()).upper()
     above: str | None = None
     if dialect.upper == "colon" and ":" in bare:
@@ -322,12 +317,12 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         plane = _PLANE.match(bare, at) if dialect.planes else None
         if found is not None:
             at = found.end()
-            block.offsets.append(_offset_value(found, file, line))
+            block.offsets.append(_offset_value(found))
             block.pointed |= "." in found[3]
             continue
         if plane is not None:
             at = plane.end()
-            block.add(plane[1], plane[2], file)
+            block.add(plane[1], plane[2])
             continue
         name = _NAME.match(bare, at)
         if name is not None:
@@ -336,7 +331,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
             continue
         word = _WORD.match(bare, at)
         if word is None:
-            _refuse_no_word(bare[at:], raw, file, line)
+            _refuse_no_word(bare[at:], raw)
             reader.unknown.append((bare[at : at + _LONGEST_QUOTE], line))
             break
         at, letter, number = word.end(), word[1], word[2]
@@ -344,8 +339,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
             block.ignored.append(word[0])
         elif letter == dialect.condition and re.fullmatch(_CONDITION[letter], number):
             if block.condition is not None:
-                reason = f"{block.condition} and {word[0]} are both conditions: call one in a block"
-                raise InputError(reason, file, line)
+                raise InputError(f"{block.condition} and {word[0]} are both conditions: call one in a block")
             block.condition = word[0]
         elif letter in "GMT" and (code := code_of(letter, number, dialect)) is not None:
             # whatever ends a program elsewhere ends it as M2 does
@@ -358,13 +352,13 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         elif letter == "N":
             block.label = int(number) if labelled and number.isdigit() else None
         else:
-            block.add(letter, number, file)
+            block.add(letter, number)
     if above is not None:
         block.upper = _upper_words(above, reader, block)
     return None if block == Block(line, block.deletable) else block
 
 
-def _offset_value(found: re.Match[str], file: str, line: int) -> OffsetValue:
+def _offset_value(found: re.Match[str]) -> OffsetValue:
     """Return what ``H1=.0085+H175`` says of H1."""
     number, added = 0.0, []
     for sign, term in _ADDED.findall(found[3]):
@@ -372,13 +366,12 @@ def _offset_value(found: re.Match[str], file: str, line: int) -> OffsetValue:
         if term[0] in "DH":
             added.append((factor, register(term[0], term[1:])))
         else:
-            number += factor * _value(found[1], term, file, line)
+            number += factor * _value(found[1], term)
     return OffsetValue(register(found[1], found[2]), number, tuple(added))
 
 
 def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
     """Read the move behind a colon: X Y I J and G1, G2 or G3."""
-    line = block.line
     code: float | None = None
     values: dict[str, float] = {}
     at = 0
@@ -386,14 +379,14 @@ def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
         word = _WORD.match(above, at)
         letter, number = (word[1], word[2]) if word is not None else ("", "")
         if word is None or (letter not in _ABOVE and code_of(letter, number) not in (1, 2, 3)):
-            reader.unknown.append((above[at : word.end() if word is not None else at + _LONGEST_QUOTE], line))
+            unknown = above[at : word.end() if word is not None else at + _LONGEST_QUOTE]
+            reader.unknown.append((unknown, block.line))
             if word is None:
                 break
         elif letter in _ABOVE:
             if letter in values:
-                reason = f"the word {letter} occurs twice behind the colon: write it once"
-                raise InputError(reason, reader.file, line)
-            values[letter] = _value(letter, number, reader.file, line)
+                raise InputError(f"the word {letter} occurs twice behind the colon: write it once")
+            values[letter] = _value(letter, number)
             block.measure(letter, number)
         else:
             code = code_of(letter, number)
@@ -401,21 +394,21 @@ def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
     return UpperWords(code, values)
 
 
-def _refuse_no_word(rest: str, raw: str, file: str, line: int) -> None:
+def _refuse_no_word(rest: str, raw: str) -> None:
     """Refuse what cannot be a word where the cause is known; the rest of the line begins with it."""
     reason = next((reason for begin, reason in _NOT_READ.items() if rest.startswith(begin)), None)
     if rest.startswith("("):
         reason = ("a comment has a '(' in it: it ends at the first ')', so take the inner parentheses out"
                   if _NESTED.search(raw) else "a comment begins with '(' and is not closed: put a ')' on its line")
     if reason is not None:
-        raise InputError(reason, file, line)
+        raise InputError(reason)
 
 
-def _value(letter: str, number: str, file: str, line: int) -> float:
+def _value(letter: str, number: str) -> float:
     value = float(number)
     if abs(value) > GREATEST_NUMBER:
         quoted = f"{letter}{number[:12]}{'...' if len(number) > 12 else ''}"
-        raise InputError(f"the number of {quoted} is too large: at most {GREATEST_NUMBER:g}", file, line)
+        raise InputError(f"the number of {quoted} is too large: at most {GREATEST_NUMBER:g}")
     return value
 
 
@@ -452,45 +445,43 @@ class Units:
         return by_code.get(UNITS.get(code, code))
 
 
-def units_of(
-    blocks: Sequence[Block], file: str, dialect: Dialect = ISO, inches: bool = False
-) -> tuple[Units, list[str]]:
+def units_of(blocks: Sequence[Block], dialect: Dialect = ISO, inches: bool = False) -> tuple[Units, list[str]]:
     """Return the units of a program and notices of what was decided; `inches` where it states none."""
     codes = {UNITS.get(number, number) for block in blocks for letter, number in block.codes if letter == "G"}
     stated = codes & {_INCH, 21} or ({_INCH} if inches else set())
     if dialect is FREECAD:
-        scale, notices = _scale(blocks, file, INCH_MM if _INCH in stated else 1.0)
+        scale, notices = _scale(blocks, INCH_MM if _INCH in stated else 1.0)
         return Units(scale, frozenset(stated), INCH_MM * scale, scaled=scale != 1), notices
-    metric_mm, notices = _metric_unit(blocks, file, _INCH in stated)
+    metric_mm, notices = _metric_unit(blocks, _INCH in stated)
     return Units(metric_mm, frozenset(stated)), notices
 
 
-def _scale(blocks: Sequence[Block], file: str, unit_mm: float) -> tuple[float, list[str]]:
+def _scale(blocks: Sequence[Block], unit_mm: float) -> tuple[float, list[str]]:
     """Decide whether coordinates are in the unit or in thousandths of it, by what the table has room for."""
     extent = _extent(blocks)
     span, unit = f"the coordinates span {extent:g}", "mm" if unit_mm == 1 else "inch"
     if extent * unit_mm <= TABLE_MM:
         return 1.0, []
     if extent * unit_mm < LEAST_WHOLE_UM:
-        raise InputError(f"{span}: too much in {unit}, too little in thousandths of it; write another scale", file)
+        raise InputError(f"{span}: too much in {unit}, too little in thousandths of it; write another scale")
     return 0.001, [f"{span}: they are read in thousandths of {'a mm' if unit == 'mm' else 'an inch'}"]
 
 
-def _metric_unit(blocks: Sequence[Block], file: str, has_inches: bool) -> tuple[float, list[str]]:
+def _metric_unit(blocks: Sequence[Block], has_inches: bool) -> tuple[float, list[str]]:
     """Decide between mm and whole um: um if no coordinate has a point and the table is too small for mm."""
     extent = 0.0 if has_inches else _extent(blocks)
-    pointed = [block for block in blocks if _is_pointed(block)]
+    pointed = [block for block in blocks if block.pointed and ("G", 4) not in block.codes]  # a dwell's X is a time
     if extent == 0 or pointed:
-        return 1.0, _mixed_notices(blocks, pointed, extent, file)
+        return 1.0, _mixed_notices(blocks, pointed, extent)
     span = f"no coordinate has a decimal point and they span {extent:g}"
     if extent <= TABLE_MM:
         return 1.0, [f"{span}: they are read as mm"]
     if extent < LEAST_WHOLE_UM:
-        raise InputError(f"{span}: too much in mm, too little in um; write decimal points", file)
+        raise InputError(f"{span}: too much in mm, too little in um; write decimal points")
     return 0.001, [f"{span}: they are read as whole um"]
 
 
-def _mixed_notices(blocks: Sequence[Block], pointed: Sequence[Block], extent: float, file: str) -> list[str]:
+def _mixed_notices(blocks: Sequence[Block], pointed: Sequence[Block], extent: float) -> list[str]:
     """Say that numbers with and without a decimal point are all mm, where those without may be meant in um."""
     whole = [block for block in blocks if block.decimals == 0 and not block.pointed and ("G", 4) not in block.codes
              and any(block.values.get(axis) for axis in "XYIJR")]  # fmt: skip
@@ -499,13 +490,8 @@ def _mixed_notices(blocks: Sequence[Block], pointed: Sequence[Block], extent: fl
     line = pointed[0].line
     mixed = f"this block has a decimal point, line {whole[0].line} none, and the coordinates span {extent:g}"
     if extent > LEAST_WHOLE_UM:
-        raise InputError(f"{mixed}: too much in mm; write all with decimal points, or all in whole um", file, line)
+        raise InputError(f"{mixed}: too much in mm; write all with decimal points, or all in whole um", line=line)
     return [f"line {line}: {mixed}: all are read as mm"]
-
-
-def _is_pointed(block: Block) -> bool:
-    """Whether a length has a decimal point; the X of a dwell is a time."""
-    return block.pointed and ("G", 4) not in block.codes
 
 
 def _extent(blocks: Sequence[Block]) -> float:
@@ -528,17 +514,17 @@ def _extent(blocks: Sequence[Block]) -> float:
 _DEEPEST = 10  # calls within calls (ours: controls allow 4 to 10)
 
 
-def expanded(main: Sequence[Block], behind: Sequence[Block], file: str) -> tuple[list[Block], list[str]]:
+def expanded(main: Sequence[Block], behind: Sequence[Block]) -> tuple[list[Block], list[str]]:
     """Put subprograms, which stand behind the program's end, in place of their calls; notices name those unused."""
-    subprograms = _sections(behind, file)
+    subprograms = _sections(behind)
     blocks: list[Block] = []
     called: set[int] = set()
-    _run(main, subprograms, file, blocks, called, 0)
+    _run(main, subprograms, blocks, called, 0)
     idle = [number for number in subprograms if number not in called]
     return blocks, [f"line {subprograms[number][0].line}: nobody calls subprogram O{number}" for number in idle]
 
 
-def _sections(behind: Sequence[Block], file: str) -> dict[int, list[Block]]:
+def _sections(behind: Sequence[Block]) -> dict[int, list[Block]]:
     """Split what stands behind the program at its O numbers; a section ends with M99."""
     found: dict[int, list[Block]] = {}
     number: int | None = None
@@ -550,56 +536,54 @@ def _sections(behind: Sequence[Block], file: str) -> dict[int, list[Block]]:
             if not names and block.label is not None:
                 names = [f"N{block.label}"]
             if not names:
-                raise InputError("only subprograms may follow the end of the program: begin them with their "
-                                 "O number", file, block.line)
+                raise InputError("only subprograms may follow the end of the program: begin them with their O number",
+                                 line=block.line)
             number = int(float(names[0][1:]))
             if number in found:
-                raise InputError(f"subprogram {names[0][0]}{number} occurs twice", file, block.line)
+                raise InputError(f"subprogram {names[0][0]}{number} occurs twice", line=block.line)
             found[number] = []
         elif names:
-            raise InputError(f"subprogram O{number} has no M99 before {names[0]} begins", file, block.line)
+            raise InputError(f"subprogram O{number} has no M99 before {names[0]} begins", line=block.line)
         idle = [word for word in block.idle if word not in names]
         found[number].append(replace(block, idle=idle, codes=[code for code in block.codes if code != RETURN]))
         if RETURN in block.codes:
             number = None
     if number is not None:
-        raise InputError(f"subprogram O{number} has no M99 at its end", file, found[number][0].line)
+        raise InputError(f"subprogram O{number} has no M99 at its end", line=found[number][0].line)
     return found
 
 
 def _run(
-    blocks: Sequence[Block], subprograms: dict[int, list[Block]], file: str, out: list[Block], called: set[int],
-    depth: int,
+    blocks: Sequence[Block], subprograms: dict[int, list[Block]], out: list[Block], called: set[int], depth: int
 ) -> None:
     for block in blocks:
         if RETURN in block.codes:
             raise InputError("M99 ends a subprogram, which begins with its O number behind M2 or M30",
-                             file, block.line)
+                             line=block.line)
         if CALL not in block.codes:
             out.append(block)
             check_count(len(out))
             continue
-        number, times = _call(block, file)
+        number, times = _call(block)
         if number not in subprograms:
             there = ", ".join(f"O{known}" for known in subprograms) or "none"
             reason = f"there is no subprogram O{number} behind the end of the program; there are: {there}"
-            raise InputError(reason, file, block.line)
+            raise InputError(reason, line=block.line)
         if depth == _DEEPEST:
-            reason = f"subprogram O{number} calls itself, or calls lie over {_DEEPEST} deep"
-            raise InputError(reason, file, block.line)
+            raise InputError(f"subprogram O{number} calls itself, or calls lie over {_DEEPEST} deep", line=block.line)
         called.add(number)
         values = {letter: value for letter, value in block.values.items() if letter in "DH"}
         out.append(replace(block, codes=[code for code in block.codes if code != CALL], values=values))
         for _ in range(times):
-            _run(subprograms[number], subprograms, file, out, called, depth + 1)
+            _run(subprograms[number], subprograms, out, called, depth + 1)
 
 
-def _call(block: Block, file: str) -> tuple[int, int]:
+def _call(block: Block) -> tuple[int, int]:
     """Return which subprogram is called, and how often."""
     number, times = block.values.get("P"), block.values.get("L", 1.0)
     if number is None or not block.values.keys() <= {"P", "L", "D", "H"} or number != int(number) or number < 0:
         raise InputError("M98 needs the number of a subprogram as P, its repetitions as L, and nothing else",
-                         file, block.line)
+                         line=block.line)
     if times != int(times) or times < 1:
-        raise InputError(f"M98 with L{times:g}: give the repetitions, a whole number from 1", file, block.line)
+        raise InputError(f"M98 with L{times:g}: give the repetitions, a whole number from 1", line=block.line)
     return int(number), int(times)

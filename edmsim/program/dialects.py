@@ -1,7 +1,5 @@
 """The dialects of G-code: a record for each, and how the dialect of a program is recognised."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -106,7 +104,7 @@ _LINE_END = re.compile(r"(?<![^\d.\s()])[^\d.\s()]++$")
 _MARKS = r"[^\w\s%/();#\[]"
 # every blank and mark is looked at once: a line of nothing but blanks would else take hours
 _MARKED_COMMENT = re.compile(rf"(?<!\s)(?:\s++|(?=N)|(?<!{_MARKS}))(?:N\d++)?+\s*+{_MARKS}++\s*+(?=\()")
-_INCHES = re.compile(r"\(machine:[^)]*\bin/min\)", re.IGNORECASE)
+INCHES = re.compile(r"\(machine:[^)]*\bin/min\)", re.IGNORECASE)
 
 
 def without_line_ends(lines: Sequence[str]) -> list[str]:
@@ -120,11 +118,6 @@ def without_line_ends(lines: Sequence[str]) -> list[str]:
         line.rstrip()[: -len(end)] if line.rstrip().endswith(end) else line for line in lines
     ]  # fmt: skip
     return [_MARKED_COMMENT.sub("", line) for line in cut]
-
-
-def has_inch_comment(text: str) -> bool:
-    """Say whether its comments name inches as the unit."""
-    return _INCHES.search(text) is not None
 
 
 # LinuxCNC with four axes, as cutters of foam with a hot wire have them: U V are coordinates of the upper plane.
@@ -199,7 +192,6 @@ SODICK = Dialect(
         (r"M199(?!\d)",), (r"QAIC",), (r"G5[12](?!\d)", r"A[\d.]", r"(?<![-+])H\d{3}(?![\d=])"),
     ),
 )  # fmt: skip
-
 
 DIALECTS = {
     dialect.name: dialect for dialect in (SODICK, MITSUBISHI, SKD2, CHARMILLES, FANUC, LINUXCNC, FREECAD, ISO)

@@ -187,7 +187,10 @@ def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list
         except Exception:  # the library lets errors of any kind through, here and below
             pass
         else:
-            return found, [f"the drawing is irregular ({_summed_up(warnings)}): {_COMPARE}"] if warnings else []
+            if not warnings:
+                return found, []
+            others = f", and {len(warnings) - 1} more" if len(warnings) > 1 else ""
+            return found, [f"the drawing is irregular ({warnings[0].rstrip('. ')}{others}): {_COMPARE}"]
         if data.startswith(_BINARY_DXF):
             raise InputError(f"this binary DXF drawing is damaged: {_EXPORT}")
         drawing = regular(data)
@@ -278,11 +281,6 @@ def _heard() -> Iterator[list[str]]:
         logger.propagate = propagate
 
 
-def _summed_up(warnings: list[str]) -> str:
-    others = f", and {len(warnings) - 1} more" if len(warnings) > 1 else ""
-    return f"{warnings[0].rstrip('. ')}{others}"
-
-
 _DEEPEST = 16  # blocks within blocks (ours: deeper ones hold themselves)
 
 _MOST_NAMED = 20
@@ -324,7 +322,9 @@ class Drawn:
             raise InputError(f"the block {entity.dxf.name} lies in itself, or over {_DEEPEST} deep: explode it")
         if entity.block() is None:
             raise InputError(f"the block {entity.dxf.name} is not in the drawing: bind external references and save")
-        if self._is_frozen(layer) or _property(entity, "invisible", 0):
+        layers = self._document.layers
+        frozen = layers.has_entry(layer) and layers.get(layer).is_frozen()
+        if frozen or _property(entity, "invisible", 0):
             self.leave_out("INSERT on a layer that is off")
             return
         copies = entity.multi_insert() if entity.mcount > 1 else [entity]
@@ -337,25 +337,17 @@ class Drawn:
                 yield from self._parts(part, layer if own == "0" else own, depth + 1)
 
     def _is_cut(self, entity: Any, kind: str, layer: str) -> bool:
-        if layer.lower() == self._without:
+        layers, name = self._document.layers, layer.lower()
+        off = layers.has_entry(layer) and not (layers.get(layer).is_on() and not layers.get(layer).is_frozen())
+        if name == self._without:
             return False
-        if not self._is_shown(entity, layer):
+        if off or name == "defpoints" or _property(entity, "invisible", 0):
             self.leave_out(f"{kind} on a layer that is off")
-        elif self._layers and layer.lower() not in self._layers:
+        elif self._layers and name not in self._layers:
             self.leave_out(f"{kind} on a layer not asked for")
         else:
             return True
         return False
-
-    def _is_shown(self, entity: Any, layer: str) -> bool:
-        if layer.lower() == "defpoints" or _property(entity, "invisible", 0):
-            return False
-        layers = self._document.layers
-        return not layers.has_entry(layer) or bool(layers.get(layer).is_on() and not layers.get(layer).is_frozen())
-
-    def _is_frozen(self, layer: str) -> bool:
-        layers = self._document.layers
-        return layers.has_entry(layer) and bool(layers.get(layer).is_frozen())
 
     def _shrink_points(self) -> None:
         """Make arcs with equal angles the points that CAD programs draw: the library makes them full circles."""
@@ -403,11 +395,9 @@ def _property(entity: Any, name: str, default: Any) -> Any:
 UNIT_MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 0.001, 14: 100.0}
 """Millimetres per drawing unit by the header's $INSUNITS (DXF reference, code 70)."""
 
-UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "mil": 9, "um": 13}
-"""Names of units, with their codes in the header."""
+UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "mil": 9, "um": 13}  # names, with their codes in the header
 
-LEAST_EXTENT_MM = 0.5
-"""A drawing that spans less has another unit than it says (ours: nothing smaller is cut with a wire)."""
+LEAST_EXTENT_MM = 0.5  # a drawing that spans less has another unit (ours: nothing smaller is cut with a wire)
 
 
 def read_dxf(

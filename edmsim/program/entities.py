@@ -4,8 +4,6 @@ LWPOLYLINE, and POLYLINE in two dimensions or at one height; splines also closed
 at the ends.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -106,8 +104,7 @@ def is_short(points: Floats) -> bool:
 
 
 _NEIGHBOURS = 8
-_WIDEST_MM = 3 * JOIN_TOLERANCE_MM
-"""Two ends with something short between them: its length and the tolerance at either end."""
+_WIDEST_MM = 3 * JOIN_TOLERANCE_MM  # two ends with something short between them, and the tolerance at either end
 
 _End = tuple[int, int]  # an end of a chain: which chain, and 0 or -1
 
@@ -235,8 +232,7 @@ def spot(point: Floats) -> str:
 
 _CELL_MM = 16 * JOIN_TOLERANCE_MM
 _Box = tuple[float, float, float, float]
-_LEAST_SHARE = 0.25
-"""Lines that lie apart by more of their own extent than this are two, however short they are (ours)."""
+_LEAST_SHARE = 0.25  # lines apart by more of their own extent are two, however short they are (ours)
 
 
 def without_duplicates(chains: Sequence[Chain]) -> list[Chain]:

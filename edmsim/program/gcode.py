@@ -7,8 +7,6 @@ move says where the wire is; later ones shift the coordinates. What is cut betwe
 passes, and each of them into approach, edge, overlap and lead-out.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -194,7 +192,7 @@ def first_loop(
             met = abs(vertices[j] - vertices[k]) <= join_mm
             closing = _cross(vertices[k] - vertices[first], vertices[j] - vertices[first])
             area = abs(swept[k - first] - swept[j - first] + closing) / 2
-            if met and area > _LEAST_AREA_MM2 / 2 and _encloses(vertices[j], moves[j:k]):
+            if met and area > _LEAST_AREA_MM2 / 2 and _enclosed_mm2(vertices[j], moves[j:k]) > _LEAST_AREA_MM2:
                 return j, k
         known = by_cell.setdefault((column, row), [])
         if not any(vertices[j] == vertices[k] and abs(swept[j - first] - swept[k - first]) < _SAME for j in known):
@@ -294,12 +292,11 @@ def _swept(start: complex, moves: Sequence[CutMove]) -> list[float]:
     return swept
 
 
-def _encloses(start: complex, moves: Sequence[CutMove]) -> bool:
-    return abs(signed_area(array_of([*points_of(start, moves), start]))) > _LEAST_AREA_MM2
+def _enclosed_mm2(start: complex, moves: Sequence[CutMove]) -> float:
+    return abs(signed_area(array_of([*points_of(start, moves), start])))
 
 
-UNCLEAR_GAP_MM = 0.5
-"""A compensated G-code contour whose ends miss each other by less is refused as not closed (ours)."""
+UNCLEAR_GAP_MM = 0.5  # a compensated contour whose ends miss each other by less is refused as not closed (ours)
 
 
 def outline_of(run: Run) -> tuple[Outline, list[str]]:
@@ -308,7 +305,8 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     # before it is the program's own approach. What follows and runs along the edge is overlap; what then leaves
     # it is a lead-out. Neither is cut, for the contour is done. Without a loop the edge is open; if
     # compensation was switched on at the thread point its first move is the approach
-    (first, last), count = _edge_section(run.moves), len(run.moves)
+    count, under = len(run.moves), [i for i, move in enumerate(run.moves) if move.side]
+    first, last = (under[0], under[-1] + 1) if under else (0, count)
     run, loop = closed_run(run, first, last)
     last += len(run.moves) - count  # a move may have been split
     side = run.moves[first].side
@@ -346,8 +344,7 @@ def closes_on_itself(moves: Sequence[CutMove], start: complex, join_mm: float) -
     if loop is None:
         return False
     begin, around = vertices[loop[0]], moves[loop[0] : loop[1]]
-    area_mm2 = abs(signed_area(array_of([*points_of(begin, around), begin])))
-    return area_mm2 > join_mm * length_of(begin, around)
+    return _enclosed_mm2(begin, around) > join_mm * length_of(begin, around)
 
 
 def _overlap(run: Run, begin: int, end: int) -> int:
@@ -388,18 +385,9 @@ def _refuse_more_than_a_lead_out(run: Run, first: int, edge: tuple[int, int], le
     raise InputError(f"{follow} after {met}: {remedy}", line=line)
 
 
-def _edge_section(moves: Sequence[CutMove]) -> tuple[int, int]:
-    """Return the range of moves under compensation, or all moves if there is none."""
-    compensated = [i for i, move in enumerate(moves) if move.side]
-    if not compensated:
-        return 0, len(moves)
-    return compensated[0], compensated[-1] + 1
-
-
 def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
     if end <= begin:
-        reason = "after the approach no move is left to cut: program one more"
-        raise InputError(reason, line=run.moves[end - 1].line)
+        raise InputError("after the approach no move is left to cut: program one more", line=run.moves[end - 1].line)
     if run.moves[begin].side is None or end - begin < 3 or run.one_of_several:  # a tab is left there
         return
     vertices = vertices_of(run)
@@ -430,6 +418,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
     leading = _longest([run.start, *(move.points[-1] for move in moves)], moves, 0, begin)
     cutting = _longest(vertices, moves, begin, end)
     assert cutting is not None
+    passed = np.cumsum([0, *(len(move.points) for move in moves[:end])])
     ramp_end = sum(len(move.points) for move in moves[: first + 1]) if begin > first else len(approach) - 1
     return Outline(
         points_mm=edge,
@@ -440,7 +429,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         approach_mm=array_of(approach[:-1]),
         approach_lines=tuple(approach_lines),
         compensated_from=len(approach) - 1 if side is None else ramp_end,
-        dwells=_dwells(run, end),
+        dwells=tuple((int(passed[min(done, end)]), seconds) for done, seconds in run.dwells),
         needs_lead_in=len(approach) == 1 and (closed or side is not None) and not run.continues,
         elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
         offset_mm=offset and offset.mm,
@@ -504,12 +493,6 @@ def _part_side(edge: NDArray[np.float64], closed: bool, side: Side | None, appro
     return "left" if (signed_area(edge) > 0) != from_inside else "right"
 
 
-def _dwells(run: Run, end: int) -> tuple[tuple[int, float], ...]:
-    """Return the dwells by point; one after the end of the edge is kept at its end."""
-    counts = np.cumsum([0, *(len(move.points) for move in run.moves[:end])])
-    return tuple((int(counts[min(done, end)]), seconds) for done, seconds in run.dwells)
-
-
 def read_gcode(
     file: str | Path, ignore: Sequence[str] = (), offsets: Mapping[str, float] | None = None,
     dialect: str = dialects.AUTO, conditions: Mapping[str, Mapping[str, float]] | None = None,
@@ -543,44 +526,46 @@ def read_gcode(
         If an arc or a contour is invalid, or the dialect unknown; names file and line.
     """
     path = Path(file)
-    text = read_text(path)
+    text, ignored = read_text(path), Ignored.of(ignore)
     found, dialect_notices = dialects.dialect_of(text, dialect)
-    read = _read(text, path, Ignored.of(ignore), found)
-    blocks, unused = expanded(read.main, read.behind, str(path))
-    notices = [*read.notices, *unused]
-    in_inches = found is dialects.FREECAD and dialects.has_inch_comment(text)
-    units, unit_notices = units_of(blocks, str(path), found, in_inches)
-    registers = OffsetRegisters(offsets or {}, registers_set(blocks), str(path))
-    two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
-    control = Interpreter(units, rounding_of(blocks, units), registers, str(path), found, two_planes)
-    if found is dialects.LINUXCNC:
-        control.state = replace(control.state, planes_mm=_planes_mm(text, units, str(path)))
-    for block in blocks:
-        control.run_block(block)
     with located(path):
+        read = _read(text, ignored, found)
+        blocks, unused = expanded(read.main, read.behind)
+        notices = [*read.notices, *unused]
+        in_inches = found is dialects.FREECAD and dialects.INCHES.search(text) is not None
+        units, unit_notices = units_of(blocks, found, in_inches)
+        registers = OffsetRegisters(offsets or {}, registers_set(blocks))
+        two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
+        control = Interpreter(units, rounding_of(blocks, units), registers, found, two_planes)
+        if found is dialects.LINUXCNC:
+            control.state = replace(control.state, planes_mm=_planes_mm(text, units))
+        for block in blocks:
+            with located(line=block.line):
+                control.run_block(block)
         outlines = _outlines(control, notices)
-    settings = settings_for(control.called, conditions or {}, read.conditions, str(path))
+        settings = settings_for(control.called, conditions or {}, read.conditions)
     dialect_notices += _condition_notices(control.called, settings)
     dialect_notices += _plane_notices(outlines, control)
-    notices = sorted([*dialect_notices, *unit_notices, *control.notices.texts(), *notices], key=_line_of)
+    notices = [*dialect_notices, *unit_notices, *control.notices.texts(), *notices]
+    notices.sort(key=lambda notice: int((re.findall(r"^line (\d+):", notice) or ["0"])[0]))
     name = None if found is dialects.ISO else found.name
     return Program(tuple(outlines), tuple(notices), str(path), name, read.conditions, settings)
 
 
-def _planes_mm(text: str, units: Units, file: str) -> tuple[float, float | None]:
+def _planes_mm(text: str, units: Units) -> tuple[float, float | None]:
     """Return the heights of the planes of X Y and of U V that comments name; the workpiece's faces if they do not."""
     heights = dialects.plane_heights(dialects.comments_of(text))
     if not {"XY", "UV"} <= heights.keys():
         return 0.0, None
     if heights["XY"] == heights["UV"]:
-        raise InputError("the comments give the planes of X Y and of U V one height: two planes have two", file)
+        raise InputError("the comments give the planes of X Y and of U V one height: two planes have two")
     return heights["XY"] * units.at_start_mm, heights["UV"] * units.at_start_mm
 
 
-def _read(text: str, path: Path, ignored: Ignored, dialect: dialects.Dialect) -> ProgramBlocks:
+def _read(text: str, ignored: Ignored, dialect: dialects.Dialect) -> ProgramBlocks:
     """Split a program into blocks; where words are unknown, say which dialects know them all."""
     try:
-        return read_blocks(text, str(path), ignored, dialect)
+        return read_blocks(text, ignored, dialect)
     except UnknownWordsError as error:
         others = [other for other in dialects.DIALECTS.values() if other is not dialect]
         knowing = [other.name for other in others if _reads(text, ignored, other)]
@@ -588,12 +573,12 @@ def _read(text: str, path: Path, ignored: Ignored, dialect: dialects.Dialect) ->
             raise
         found = [(word, line) for word, lines in error.words.items() for line in lines]
         hint = f"; known to --dialect {' or '.join(knowing)}"
-        raise UnknownWordsError(sorted(found, key=lambda item: item[1]), str(path), hint) from None
+        raise UnknownWordsError(sorted(found, key=lambda item: item[1]), hint) from None
 
 
 def _reads(text: str, ignored: Ignored, dialect: dialects.Dialect) -> bool:
     try:
-        read_blocks(text, "", ignored, dialect)
+        read_blocks(text, ignored, dialect)
     except InputError:
         return False
     return True
@@ -613,12 +598,6 @@ def _plane_notices(outlines: Sequence[Outline], control: Interpreter) -> list[st
     if any(taper.upper_mm is not None for taper in leaning):
         return ["the heights of the two planes are not in the program: they are the workpiece's lower and upper face"]
     return ["the height of the program's plane is not in the program: it is the workpiece's lower face"]
-
-
-def _line_of(notice: str) -> int:
-    """Return the line that a notice is about; 0 if it is about the whole program."""
-    found = re.match(r"line (\d+):", notice)
-    return int(found[1]) if found else 0
 
 
 def _outlines(control: Interpreter, notices: list[str]) -> list[Outline]:

@@ -86,10 +86,8 @@ class Heights:
             region = shapely.transform(area, lambda mm: mm + path.origin_mm)
             if not region.intersects(blank):
                 x0, y0, x1, y1 = np.subtract(path.stock_mm, (*path.origin_mm, *path.origin_mm))
-                raise InputError(
-                    f"area {number} of another height lies beside the workpiece, which reaches from X{x0:.3f} "
-                    f"Y{y0:.3f} to X{x1:.3f} Y{y1:.3f}"
-                )
+                raise InputError(f"area {number} of another height lies beside the workpiece, which reaches from "
+                                 f"X{x0:.3f} Y{y0:.3f} to X{x1:.3f} Y{y1:.3f}")
             placed.append((region, height))
         return placed
 
@@ -149,10 +147,8 @@ def parse_height(text: str) -> Height:
         return float(place), float(height)
     except ValueError:
         low, high = LIMITS["height_mm"].range
-        raise InputError(
-            f"a change of height reads MM:MM, the path length and the height ({low:g}..{high:g}), as 12.5:30, "
-            f"not '{text}'"
-        ) from None
+        raise InputError(f"a change of height reads MM:MM, the path length and the height ({low:g}..{high:g}), as "
+                         f"12.5:30, not '{text}'") from None
 
 
 def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:

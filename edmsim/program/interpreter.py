@@ -3,11 +3,10 @@
 I J count from an arc's start, as usual, or are coordinates; an arc whose ends meet may be a full circle.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 from edmsim.errors import InputError
 from edmsim.program.arcs import (
@@ -20,7 +19,7 @@ from edmsim.program.arcs import (
     radii,
     sweep_of,
 )
-from edmsim.program.blocks import BELONGS, IDLE_CODES, INCH_MM, UNITS, Block, OffsetValue, Units
+from edmsim.program.blocks import BELONGS, IDLE_CODES, INCH_MM, UNITS, Block, Units
 from edmsim.program.dialects import ISO, Action, Dialect
 from edmsim.program.limits import LONGEST_DWELL_S
 from edmsim.program.outline import InForce, Side
@@ -137,7 +136,7 @@ class Reading:
         above = upper.points(len(points), self.centre, bool(self.full))
         return tuple(self._lower(len(above))), tuple(above)
 
-    def decided(self, full: bool) -> Reading:
+    def decided(self, full: bool) -> Self:
         """Take one of two readings, and say so."""
         apart_um = abs(self.motion.end - self.motion.start) * 1e3
         read = "a full circle" if full else "the short arc between them"
@@ -278,7 +277,6 @@ class Interpreter:
     units: Units
     rounding: Rounding
     registers: OffsetRegisters
-    file: str
     dialect: Dialect = ISO
     two_planes: bool = False  # whether the program has moves of a second plane
 
@@ -309,10 +307,6 @@ class Interpreter:
     def __post_init__(self) -> None:
         self.unit_mm = self.units.at_start_mm
 
-    def error(self, reason: str, block: Block) -> InputError:
-        """Return an error with the program and the line of a block."""
-        return InputError(reason, self.file, block.line)
-
     def _begin_contour(self) -> None:
         """Let what is cut from here on be a contour of its own."""
         if self.runs[-1].motions:
@@ -340,18 +334,12 @@ class Interpreter:
         else:
             self._move(block, rapid=0 in g_codes)
         if not _STOPS.isdisjoint(block.codes):
-            self._note_stop()
+            run = self.runs[-1 if self.runs[-1].motions or len(self.runs) == 1 else -2]  # what was cut last
+            run.stops.append(len(run.motions))
         if any(code == ("M", 50) or self.dialect.action_of(code) == "cut off" for code in block.codes):
             # at the end of its block, as M0 and M2
             self.cut_off = block.line
             self._begin_contour()
-
-    def _note_stop(self) -> None:
-        """Let what was cut last be followed by a stop."""
-        run = self.runs[-1]
-        if not run.motions and len(self.runs) > 1:
-            run = self.runs[-2]
-        run.stops.append(len(run.motions))
 
     def _take_dialect(self, block: Block) -> Block:
         """Take condition, feed, taper and planes of a block; return it without the words of the last two."""
@@ -377,7 +365,7 @@ class Interpreter:
                 values["TN"] * self.unit_mm if "TN" in values else upper
             )
             if planes[0] == planes[1]:
-                raise self.error(f"TP and TN are both {planes[0]:g} mm: two planes have two heights", block)
+                raise InputError(f"TP and TN are both {planes[0]:g} mm: two planes have two heights")
             self.state = replace(self.state, planes_mm=planes)
         self._take_angle(block)
         taken = {"TP", "TN", self.dialect.angle}
@@ -392,13 +380,12 @@ class Interpreter:
                 self.early_angle = f"T{angle:g} of line {block.line}"
                 angle = None
             elif angle != 0:
-                raise self.error(f"{letter}{angle:g} is given without G51 or G52: they say to which side", block)
+                raise InputError(f"{letter}{angle:g} is given without G51 or G52: they say to which side")
         if angle is not None:
             if abs(angle) > _STEEPEST_DEG or (angle < 0 and self.lean != 0):
                 least = f"{-_STEEPEST_DEG:g}" if self.lean == 0 else "0"
                 between = f"{least} to {_STEEPEST_DEG:g} degrees"
-                reason = f"the taper angle {letter}{angle:g} is out of range: give {between}"
-                raise self.error(reason, block)
+                raise InputError(f"the taper angle {letter}{angle:g} is out of range: give {between}")
             self.angle_deg, self.angle_stated = angle, True
         if any(self.dialect.action_of(code) == "no taper" for code in block.codes):
             self.angle_deg = 0.0
@@ -420,7 +407,7 @@ class Interpreter:
         codes = {number for letter, number in block.codes if letter == "G"}
         for group, names in _GROUPS:
             if len(codes & group) > 1:
-                raise self.error(f"two of {names} stand in one block: they exclude each other", block)
+                raise InputError(f"two of {names} stand in one block: they exclude each other")
         for code in codes & _WORK_OFFSETS:
             self._take_work_offset(code, block)
         return codes
@@ -438,7 +425,7 @@ class Interpreter:
     def _take_work_offset(self, code: float, block: Block) -> None:
         if self.work_offset not in (None, code):
             pair = f"G{self.work_offset} and G{code}"
-            raise self.error(f"work offsets {pair}: how far they are apart is not in the program, use one", block)
+            raise InputError(f"work offsets {pair}: how far they are apart is not in the program, use one")
         self.work_offset = code
         self.notices.add(f"the zero of G{code} is taken as the program's zero", block.line)
 
@@ -464,7 +451,7 @@ class Interpreter:
             return
         if len(self.units.stated) > 1:
             reason = "a length comes before its unit, and the program has G20 and G21: write one of them before it"
-            raise self.error(reason, block)
+            raise InputError(reason)
         if self.units.only_inches:
             self.notices.add("lengths before G20 are read in inches, the program's only unit", block.line)
 
@@ -478,27 +465,23 @@ class Interpreter:
             unit = f" {_FEED_UNITS[round(unit_mm, 9)]}" if self.feed_per_minute else ""
             feed = f"feed F{block.values['F']:g}{unit}"
             self.notices.add(f"{feed} is not used: the gap controller sets the speed", block.line)
-        for value in block.offsets:
-            self._define(value, block)
+        for value in block.offsets:  # as H1=.0085+H175
+            offset_mm = value.number * (1e-3 if self.dialect.registers_in_um else self.unit_mm)
+            for factor, name in value.added:
+                offset_mm += factor * self.registers.value_of(name, value.register)
+            self.registers.define(value.register, offset_mm)
         called = [register(letter, block.values[letter]) for letter in "DH" if letter in block.values]
-        for notice in self.registers.call(called, block.line):
+        for notice in self.registers.call(called):
             self.notices.add(notice, block.line)
-
-    def _define(self, value: OffsetValue, block: Block) -> None:
-        """Take over ``H1=.0085+H175``."""
-        offset_mm = value.number * (1e-3 if self.dialect.registers_in_um else self.unit_mm)
-        for factor, name in value.added:
-            offset_mm += factor * self.registers.value_of(name, value.register, block.line)
-        self.registers.define(value.register, offset_mm, block.line)
 
     def _dwell(self, block: Block) -> None:
         times = [block.values[letter] for letter in "PX" if letter in block.values]
         if self.dialect.dwells_in_ms and ("P" in block.values or not block.pointed):
             times = [time / 1e3 for time in times]
         if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_ALSO}:
-            raise self.error("G4 wants its time in seconds, 0 or more, as P or X and nothing else", block)
+            raise InputError("G4 wants its time in seconds, 0 or more, as P or X and nothing else")
         if times[0] > LONGEST_DWELL_S:
-            raise self.error(f"a dwell of {times[0]:g} s is too long: at most {LONGEST_DWELL_S:g} s", block)
+            raise InputError(f"a dwell of {times[0]:g} s is too long: at most {LONGEST_DWELL_S:g} s")
         if times[0] >= _LONG_DWELL_S:
             self.notices.add(f"a dwell of {times[0]:g} s: P and X are seconds here", block.line)
         self.runs[-1].dwells.append((len(self.runs[-1].motions), times[0]))
@@ -509,16 +492,16 @@ class Interpreter:
         letters = _G10_REGISTERS.get(values.get("L"))
         if letters is None:
             word = f"G10 L{values['L']:g}"
-            raise self.error(f"{word} is not read: set offsets with L10 (H), L12 (D) or without L", block)
+            raise InputError(f"{word} is not read: set offsets with L10 (H), L12 (D) or without L")
         if not {"P", "R"} <= values.keys() <= {"L", "P", "R", *_ALSO} or not values["P"].is_integer():
-            raise self.error("G10 wants the register's number as P and its offset as R: G10 L12 P1 R0.155", block)
+            raise InputError("G10 wants the register's number as P and its offset as R: G10 L12 P1 R0.155")
         for letter in letters:
-            self.registers.define(register(letter, values["P"]), values["R"] * self.unit_mm, block.line)
+            self.registers.define(register(letter, values["P"]), values["R"] * self.unit_mm)
 
     def _set_position(self, block: Block) -> None:
         four = self.dialect.upper in ("relative", "absolute")
         if not block.values.keys() <= {"X", "Y", *("UV" if four else ""), *_ALSO}:
-            raise self.error(f"G92 takes X {'Y U and V' if four else 'and Y'} only", block)
+            raise InputError(f"G92 takes X {'Y U and V' if four else 'and Y'} only")
         bare = not block.values.keys() & {"X", "Y"}
         between = self.upper - self.position
         programmed = 0j if bare else self._target(block.values, self.position - self.shift, absolute=True)
@@ -535,8 +518,8 @@ class Interpreter:
         """Take over what G92 says of U and V; `between` leads to the second plane's point as it was."""
         words = _words_of_upper(block)
         if self.moved and self.two_planes and self.dialect.upper != "colon":
-            raise self.error("G92 after the first move is not read in a program with U and V: write coordinates that "
-                             "count from one place", block)
+            raise InputError("G92 after the first move is not read in a program with U and V: write coordinates that "
+                             "count from one place")
         if self.dialect.upper == "absolute":
             self.upper = self._target(words, self.upper, absolute=True)
         else:
@@ -558,7 +541,7 @@ class Interpreter:
         if not axes:
             return
         if self.motion is None:
-            raise self.error("coordinates come before any of G0 G1 G2 G3: say how to move", block)
+            raise InputError("coordinates come before any of G0 G1 G2 G3: say how to move")
         end = self._target(block.values, self.position - self.shift, self.absolute) + self.shift
         above = self._upper_target(block, end) if self.two_planes else end
         moves = abs(end - self.position) > SAME_PLACE_MM or abs(above - self.upper) > SAME_PLACE_MM
@@ -583,19 +566,19 @@ class Interpreter:
         for letter, codes in _TAKEN_BY.items():
             if letter in words and not (letter == "L" and "K" in self.dialect.letters and self.motion in (2, 3)):
                 word = f"{letter}{block.values[letter]:g}"
-                raise self.error(f"{word} is given without {codes}: nothing else takes it", block)
+                raise InputError(f"{word} is given without {codes}: nothing else takes it")
         if self.motion not in (2, 3) and "K" in words:
-            raise self.error("K is given without G2 or G3: only an arc takes it", block)
+            raise InputError("K is given without G2 or G3: only an arc takes it")
         if self.motion not in (2, 3) and words & {"I", "J", "R"}:
-            raise self.error("I, J or R is given without G2 or G3: only an arc takes them", block)
+            raise InputError("I, J or R is given without G2 or G3: only an arc takes them")
 
     def _cut(self, block: Block, end: complex, above: complex) -> None:
         if self.cut_off is not None:
             reason = f"the wire is cut off since M50 on line {self.cut_off}: go on with G0, or thread it with M60"
-            raise self.error(reason, block)
+            raise InputError(reason)
         if self.both_sides is not None and block.upper is None:
-            raise self.error(f"G{self.both_sides} leads the wire in two planes, and this block has an element below "
-                             "and none above: write both, lower : upper", block)
+            raise InputError(f"G{self.both_sides} leads the wire in two planes, and this block has an element below "
+                             "and none above: write both, lower : upper")
         if not self.start_known:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True
@@ -620,15 +603,14 @@ class Interpreter:
             if code not in (2, 3):
                 return UpperMotion(self.upper, above)
             if not words.keys() & {"I", "J"}:
-                raise self.error("the arc behind the colon wants its centre as I and J: give them", block)
+                raise InputError("the arc behind the colon wants its centre as I and J: give them")
             centre = self.upper + complex(words.get("I", 0.0), words.get("J", 0.0)) * self.unit_mm
             return UpperMotion(self.upper, above, -1 if code == 2 else 1, centre)
         if arc is None:
             return UpperMotion(self.upper, above)
         if self.dialect.upper == "absolute":
             if block.values.keys() & {"U", "V"}:
-                reason = "an arc with U or V is not read: LinuxCNC makes arcs in X and Y only, write G1"
-                raise self.error(reason, block)
+                raise InputError("an arc with U or V is not read: LinuxCNC makes arcs in X and Y only, write G1")
             return UpperMotion(self.upper, above)
         between = complex(block.values.get("K", 0.0), block.values.get("L", 0.0)) * self.unit_mm
         return UpperMotion(self.upper, above, arc.turn, None, between)
@@ -637,12 +619,12 @@ class Interpreter:
         turn = -1 if self.motion == 2 else 1
         values, start = block.values, self.position
         if ("R" in values) == bool(values.keys() & {"I", "J"}):
-            raise self.error("an arc wants its centre as I and J, or its radius as R: give one", block)
+            raise InputError("an arc wants its centre as I and J, or its radius as R: give one")
         if "R" in values:
             return self._arc_of_radius(block, end, turn)
         centre, both = complex(values.get("I", 0.0), values.get("J", 0.0)) * self.unit_mm, {"I", "J"} <= values.keys()
         if self.absolute_centres and not both:
-            raise self.error("G90.1 is in force: an arc wants both I and J", block)
+            raise InputError("G90.1 is in force: an arc wants both I and J")
         return Arc(turn, start + centre, centre + self.shift if both else None, self.absolute_centres)
 
     def _arc_of_radius(self, block: Block, end: complex, turn: int) -> Arc:
@@ -650,7 +632,7 @@ class Interpreter:
         centre = centre_from_radius(start, end, radius, turn, self.rounding.radius_mm)
         if centre is None:
             reason = f"no arc of radius R{block.values['R']:g} joins ends {abs(end - start):.4f} mm apart"
-            raise self.error(f"{reason}: give I and J, or an R that does", block)
+            raise InputError(f"{reason}: give I and J, or an R that does")
         return Arc(turn, centre, None, absolute_stated=False, by_radius=True)
 
 

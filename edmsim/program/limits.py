@@ -1,7 +1,5 @@
 """How much a program may hold: what no machine could cut is refused by size and count, before work on it begins."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -8,13 +8,11 @@ point that is the offset away from both sides, and leaves the fillet every round
 radius and gap cannot make, inner corners, small radii, grooves, is found, too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import shapely
@@ -22,16 +20,14 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError, located
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
+from edmsim.program.outline import Outline, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
 QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
 
-SIMPLIFY_MM = 0.00025
-"""Points are dropped where the path moves by less than this many mm (ours: below the whole um to follow)."""
+SIMPLIFY_MM = 0.00025  # points are dropped where the path moves by less (ours: below the whole um to follow)
 
-REACH_TOLERANCE_MM = 0.002
-"""An edge counts as cut where the wire path comes this close (mm) to the offset from it (ours)."""
+REACH_TOLERANCE_MM = 0.002  # an edge counts as cut where the path comes so close to the offset from it (ours)
 
 _ON_RING_MM = 1e-6
 _MOST_MITRE = 1e3
@@ -63,7 +59,8 @@ def _ring(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -
     )
     if grown.is_empty:
         raise InputError(too_narrow(distance_mm, "no path is left"))
-    pieces = _pieces(grown)
+    # the polygons it has fallen into, or its pockets; none if it is one ring
+    pieces = getattr(grown, "geoms", None) or [shapely.Polygon(ring) for ring in grown.interiors]
     if pieces:
         spot = min(pieces, key=lambda piece: piece.area).representative_point()
         what = f"the path falls into pieces, one about X{spot.x:.3f} Y{spot.y:.3f}"
@@ -138,13 +135,6 @@ def too_narrow(distance_mm: float, what: str) -> str:
     """Say of a contour that the wire does not fit it, and what to do."""
     remedy = "take a thinner wire or a smaller offset"
     return f"the contour is too narrow for an offset of {distance_mm:.4f} mm: {what}; {remedy}"
-
-
-def _pieces(grown: shapely.Polygon | shapely.MultiPolygon) -> list[shapely.Polygon]:
-    """Return the polygons an offset contour has fallen into, or its pockets; none if it is one ring."""
-    if isinstance(grown, shapely.MultiPolygon):
-        return list(grown.geoms)
-    return [shapely.Polygon(ring) for ring in grown.interiors]
 
 
 def _turned_to(ring: Floats, target: Floats, corner: Floats) -> Floats:
@@ -298,20 +288,20 @@ class OffsetOutline:
         """The part's edge."""
         return shapely.LineString(self.nominal)
 
-    def at_height(self, height_mm: float) -> OffsetOutline:
+    def at_height(self, height_mm: float) -> Self:
         """Return what it is at a height over the workpiece's lower face."""
         if self.surfaces is None:
             return self
         wall, wire = self.surfaces
         return replace(self, path=wire.at(height_mm), nominal=wall.at(height_mm), surfaces=None)
 
-    def at_mid_height(self) -> OffsetOutline:
+    def at_mid_height(self) -> Self:
         """Return what it is at half the workpiece's height."""
         return self if self.guides is None else self.at_height(0.5 * self.guides.height_mm)
 
 
 def offset_outline(
-    program: Program, outline: Outline, offset_mm: float, notices: list[str], past_mm: float | None = None
+    outline: Outline, offset_mm: float, notices: list[str], past_mm: float | None = None
 ) -> OffsetOutline:
     """Return an outline with its path at an offset; adds what the wire cannot reach to the notices."""
     points = outline.points_mm
@@ -323,17 +313,15 @@ def offset_outline(
             notices.append(f"{outline.name} is cut as written; no edge lies at the offset beside it, so its profile "
                            "is measured from the wire's centre")
             return OffsetOutline(outline, points, points, 0.0)
-    with of_outline(program, outline):
+    with of_outline(outline):
         path = offset_edge(points, outline.wire_side, offset_mm, outline.closed, past_mm)
         notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
     return OffsetOutline(outline, path, points, offset_mm)
 
 
-def leaning_outline(
-    program: Program, outline: Outline, offset_mm: float, guides: GuideHeights | None
-) -> OffsetOutline:
+def leaning_outline(outline: Outline, offset_mm: float, guides: GuideHeights | None) -> OffsetOutline:
     """Return a tapered outline with the wire's way at an offset."""
-    with of_outline(program, outline):
+    with of_outline(outline):
         if guides is None:
             raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
                              "whose file has guides.upper_travel_mm")
@@ -369,12 +357,12 @@ def _dwell_mm(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
     return float(line.project(shapely.Point(points[i] + across)))
 
 
-def of_outline(program: Program, outline: Outline) -> AbstractContextManager[None]:
+def of_outline(outline: Outline) -> AbstractContextManager[None]:
     """Give input errors raised inside the outline's name and, if they have none, its line."""
-    return located(program.source, outline.line, outline.name)
+    return located(line=outline.line, name=outline.name)
 
 
-def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
+def keep_apart(legs: Sequence[OffsetOutline]) -> None:
     """Refuse compensated contours so near each other that cutting one would cut into the other."""
     shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
     for leg in shut:
@@ -384,7 +372,7 @@ def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
             if distance < leg.offset_mm - _SEPARATION_MM:
                 pair = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
                 reason = f"the wire's centre would pass {distance:.3f} mm from it, not {leg.offset_mm:.4f} mm"
-                raise InputError(f"{pair}: {reason}; move them apart", source, leg.outline.line)
+                raise InputError(f"{pair}: {reason}; move them apart", line=leg.outline.line)
 
 
 def away(leg: OffsetOutline) -> Floats:

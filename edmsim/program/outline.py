@@ -1,7 +1,5 @@
 """What a part program draws, before any wire: outlines in mm, from G-code runs or DXF contours; none may cross."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -13,11 +11,9 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.program.tables import Offset
 
-JOIN_TOLERANCE_MM = 0.005
-"""Ends closer than this many mm are one point (ours: rounding of programs, well below the gap)."""
+JOIN_TOLERANCE_MM = 0.005  # ends closer than this are one point (ours: rounding of programs, well below the gap)
 
 Side = Literal["left", "right"]
-
 
 Corners = Literal["sharp", "conical", "cylindrical", "rounded"]
 """What a corner or an arc of the program plane becomes at another height."""

@@ -28,8 +28,7 @@ AfterTab = Literal["stop", "cut"]
 Piece = Literal["profile", "tab"]
 
 TAB_MM = 1.5  # usual length of a tab: shops leave 1 to 2 mm
-OVERLAP_MM = 0.1
-"""How far a pass goes on over what another one has cut, at the ends of a tab and of a closed contour (ours)."""
+OVERLAP_MM = 0.1  # how far a pass goes on over cut metal, at the ends of a tab and of a closed contour (ours)
 MOST_PASSES = 9  # more passes than any technology has (ours)
 
 
@@ -66,15 +65,11 @@ def check_offsets(offsets_mm: Sequence[float], line: int | None = None) -> None:
         raise InputError(f"a contour is cut in 1 to {MOST_PASSES} passes, not in {len(offsets_mm)}", line=line)
     for number, (before, now) in enumerate(pairwise(offsets_mm), 1):
         if now > before:
-            raise InputError(
-                f"the offset grows from pass {number} to pass {number + 1}, {before:g} to {now:g} mm: a trim runs "
-                "nearer to the part than the pass before it",
-                line=line,
-            )
+            raise InputError(f"the offset grows from pass {number} to pass {number + 1}, {before:g} to {now:g} mm: a "
+                             "trim runs nearer to the part than the pass before it", line=line)
     if not all(math.isfinite(mm) and mm > 0 for mm in offsets_mm):
-        raise InputError(
-            f"an offset of {min(offsets_mm):g} mm leaves no room for a wire: give more than 0", line=line
-        )
+        raise InputError(f"an offset of {min(offsets_mm):g} mm leaves no room for a wire: give more than 0",
+                         line=line)
 
 
 @dataclass(frozen=True)
@@ -214,8 +209,7 @@ class _Leg(NamedTuple):
     back: bool
 
 
-LINK_MM = 1e-3
-"""A way from one pass to the next may come so much nearer to the part than both (ours: a um of the grid)."""
+LINK_MM = 1e-3  # a way from one pass to the next may come so much nearer to the part than both (ours: a um)
 
 
 def _linked(legs: Sequence[_Leg]) -> list[Stretch]:

@@ -1,13 +1,11 @@
 """The wire path: a program read by its suffix, offset, lead-in through waste, moves in whole um on the table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import shapely
@@ -18,7 +16,6 @@ from edmsim.errors import InputError, located
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.program.dialects import AUTO
-from edmsim.program.lead_in import check_approach, clears, own_lead_in
 from edmsim.program.limits import MOST_TABLES
 from edmsim.program.offset import (
     OffsetOutline,
@@ -42,10 +39,8 @@ def ruled_between(below: Program, above: Program) -> Program:
     # every contour below goes with the one above whose middle is nearest; lines and arcs go with each other in
     # order, so that their beginnings lie as near to each other as they can
     if len(below.outlines) != len(above.outlines):
-        raise InputError(
-            f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as many",
-            below.source,
-        )
+        raise InputError(f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as "
+                         "many", below.source)
     left, outlines = list(above.outlines), []
     for outline in below.outlines:
         middle = shapely.centroid(shapely.LineString(outline.points_mm))
@@ -59,10 +54,8 @@ def ruled_between(below: Program, above: Program) -> Program:
 def _ruled(outline: Outline, upper: Outline) -> Outline:
     lower_pieces, upper_pieces = _pieces(outline), _pieces(upper)
     if len(lower_pieces) != len(upper_pieces):
-        raise InputError(
-            f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: draw as many, "
-            "and split a line or an arc where a corner of the other contour belongs"
-        )
+        raise InputError(f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: "
+                         "draw as many, and split a line or an arc where a corner of the other contour belongs")
     starts = np.array([piece[0] for piece in lower_pieces])
     firsts = np.array([piece[0] for piece in upper_pieces])
     by = min(range(len(firsts)), key=lambda k: float(np.hypot(*(np.roll(firsts, -k, axis=0) - starts).T).sum()))
@@ -95,8 +88,7 @@ def _spread(points: Floats, chords: int) -> Floats:
     return interpolated(np.linspace(0.0, passed[-1], chords + 1), passed, points)
 
 
-GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
-"""File suffixes read as G-code; ``.dxf`` is read as a drawing."""
+GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")  # read as G-code; ``.dxf`` is a drawing
 
 
 def load_program(
@@ -164,6 +156,12 @@ START_HOLE_RADIUS_MM = 0.25  # usual start-hole radius in mm (ours: a 0.5 mm hol
 
 STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (ours)
 
+HOLE_CLEARANCE_MM = 0.05  # least distance in mm between a hole of our choice and any edge (ours)
+
+_TOLERANCE_MM = 0.001
+_SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
+_TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
+
 
 @dataclass(frozen=True)
 class WireContour:
@@ -201,7 +199,7 @@ class WireContour:
         """The wire's paths in order: one per pass."""
         return tuple(one.way for one in self.passes) or (self.way,)
 
-    def at_height(self, height_mm: float) -> WireContour:
+    def at_height(self, height_mm: float) -> Self:
         """Return the contour of a leaning wire at a height as that of a vertical wire, in whole um.
 
         Its offset is that in the plane, where the wall leans most.
@@ -215,7 +213,7 @@ class WireContour:
             passes=tuple(one.at_height(height_mm) for one in self.passes),
         )
 
-    def at_mid_height(self) -> WireContour:
+    def at_mid_height(self) -> Self:
         """Return the contour at half the workpiece's height, which pictures and reports use."""
         return self if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
 
@@ -377,41 +375,40 @@ def plan_path(
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = file if isinstance(file, Program) else load_program(file)
-    program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
-    drawn = [part for one in program.outlines for part in (one.approach_mm, one.points_mm)]
-    _check_fits("what is drawn", np.concatenate(drawn) * 1000, MOST_TABLES * table_um, table_um, program.source)
-    notices = list(program.notices)
-    fixed_mm = None if offset == "auto" else chosen_mm
-    if fixed_mm is not None:
-        others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, chosen_mm)})
-        if others:
-            registers = ", ".join(f"{mm:g}" for mm in others)
-            notices.append(f"the offset is {chosen_mm:g} mm, as requested, not the {registers} mm of the register")
-    groups = grouped(program.outlines)
-    legs = [_legs(program, group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
-    heights = {of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None}
-    faces = [[of_group[0].at_height(z) for of_group in legs] for z in (0.0, *heights)]
-    for face in faces:
-        keep_apart(face, program.source)
-    edges = [shapely.MultiLineString([leg.edge for leg in face]) for face in faces]
-    leads = [
-        _lead(program, [of_group[0], *upper], edges, lead_in_mm, start_hole_radius_mm, notices)
-        for of_group, *upper in zip(legs, *faces[1:], strict=True)
-    ]
-    if heights:
+    with located(program.source):
+        program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
+        drawn = [part for one in program.outlines for part in (one.approach_mm, one.points_mm)]
+        _check_fits("what is drawn", np.concatenate(drawn) * 1000, MOST_TABLES * table_um, table_um, program.source)
+        notices = list(program.notices)
+        fixed_mm = None if offset == "auto" else chosen_mm
+        if fixed_mm is not None:
+            others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, chosen_mm)})
+            if others:
+                written = ", ".join(f"{mm:g}" for mm in others)
+                notices.append(f"the offset is {chosen_mm:g} mm, as requested, not the {written} mm of the register")
+        groups = grouped(program.outlines)
+        legs = [_legs(group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
+        heights = {of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None}
+        faces = [[of_group[0].at_height(z) for of_group in legs] for z in (0.0, *heights)]
         for face in faces:
-            for leg, lead in zip(face, leads, strict=True):
-                _check_lead(program, leg, lead)
-    contours = [
-        _contour_of(program, of_group, lead, passes, grid_um) for of_group, lead in zip(legs, leads, strict=True)
-    ]
-    shift = _shift_um(contours, table_um, grid_um, program.source)
-    placed = tuple(_placed(contour, shift) for contour in contours)
-    origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
-    return CutPath(
-        placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source,
-        _conditions(program, groups),
-    )
+            keep_apart(face)
+        edges = [shapely.MultiLineString([leg.edge for leg in face]) for face in faces]
+        leads = [
+            _lead([of_group[0], *upper], edges, lead_in_mm, start_hole_radius_mm, notices)
+            for of_group, *upper in zip(legs, *faces[1:], strict=True)
+        ]
+        if heights:
+            for face in faces:
+                for leg, lead in zip(face, leads, strict=True):
+                    _check_lead(leg, lead)
+        contours = [_contour_of(of_group, lead, passes, grid_um) for of_group, lead in zip(legs, leads, strict=True)]
+        shift = _shift_um(contours, table_um, grid_um, program.source)
+        placed = tuple(_placed(contour, shift) for contour in contours)
+        origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
+        return CutPath(
+            placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source,
+            _conditions(program, groups),
+        )
 
 
 def _conditions(program: Program, groups: Sequence[Sequence[Outline]]) -> Conditions:
@@ -423,14 +420,14 @@ def _conditions(program: Program, groups: Sequence[Sequence[Outline]]) -> Condit
         other = next((outline for outline in outlines if outline.condition != first.condition), None)
         if other is not None and program.settings:
             what = f"pass {number + 1} is cut with {first.condition} and with {other.condition}"
-            raise InputError(f"{what}: give all its contours one condition", program.source, other.line)
+            raise InputError(f"{what}: give all its contours one condition", line=other.line)
         names.append(first.condition)
     approach = groups[0][0].approach_condition if groups else None
     return Conditions(tuple(names), approach, program.settings)
 
 
 def _legs(
-    program: Program, group: list[Outline], passes: PassPlan | None, chosen_mm: float | None, auto_offset_mm: float,
+    group: list[Outline], passes: PassPlan | None, chosen_mm: float | None, auto_offset_mm: float,
     guides: Sequence[GuideHeights | None], notices: list[str],
 ) -> list[OffsetOutline]:
     """Return the edge of a group at the offsets of its passes; what the wire cannot reach is that of the last one."""
@@ -442,16 +439,16 @@ def _legs(
     outlines = group * len(plan_mm) if once else group
     if once and len(plan_mm) > 1 and group[0].wire_side is None:
         reason = f"{group[0].name}: the wire follows it as drawn, and passes run beside an edge: use G41 or G42"
-        raise InputError(reason, program.source, group[0].line)
+        raise InputError(reason, line=group[0].line)
     found: list[OffsetOutline] = []  # planned trims go straight past outer corners, as far out as the rough pass
     for number, (outline, mm) in enumerate(zip(outlines, plan_mm, strict=True), 1):
         register_mm = None if once and mm is not None else outline.offset_mm
         used_mm = next(v for v in (chosen_mm, register_mm, mm, auto_offset_mm) if v is not None)
         own_notices: list[str] = []
         found.append(
-            offset_outline(program, outline, used_mm, own_notices, found[0].offset_mm if found and once else None)
+            offset_outline(outline, used_mm, own_notices, found[0].offset_mm if found and once else None)
             if outline.taper is None
-            else leaning_outline(program, outline, used_mm, guides[min(number, len(guides)) - 1] if guides else None)
+            else leaning_outline(outline, used_mm, guides[min(number, len(guides)) - 1] if guides else None)
         )
         notices += own_notices if number == len(outlines) else []
     if planned and not once and any(outline.offset_mm is None for outline in outlines):
@@ -462,34 +459,32 @@ def _legs(
     return found
 
 
-def _contour_of(
-    program: Program, legs: list[OffsetOutline], lead: _Lead, passes: PassPlan | None, grid_um: int
-) -> WireContour:
+def _contour_of(legs: list[OffsetOutline], lead: _Lead, passes: PassPlan | None, grid_um: int) -> WireContour:
     """Return the contour of one edge with its passes, if it has several."""
     last = legs[-1]
     made = _contour if last.surfaces is None else _leaning_contour
     if len(legs) == 1:
         return replace(made(last, lead, grid_um), continues=last.outline.continues)
-    with of_outline(program, legs[0].outline):
+    with of_outline(legs[0].outline):
         if legs[1].outline is legs[0].outline:
             assert passes is not None
             ways: list[Stretch] = ways_of(legs, passes)
         else:
             ways = ways_of_group(legs)
-    contour = made(_as_first(program, legs), lead, grid_um)
+    contour = made(_as_first(legs), lead, grid_um)
     before = lead.points if len(lead.points) else ways[0].points[:1]
     first = legs[0].outline
     waits = [(_lead_place(lead, first, i), s) for i, s in first.dwells if i < len(first.approach_mm)]
     return replace(contour, passes=on_grid(ways, before, grid_um, waits), continues=first.continues)
 
 
-def _as_first(program: Program, legs: list[OffsetOutline]) -> OffsetOutline:
+def _as_first(legs: list[OffsetOutline]) -> OffsetOutline:
     """Return the last pass's path in the direction of the first, and from where that begins."""
     first, last = legs[0], legs[-1]
     if last.outline is first.outline:
         return last
     if last.surfaces is not None:
-        return leaning_outline(program, first.outline, last.offset_mm, last.guides)
+        return leaning_outline(first.outline, last.offset_mm, last.guides)
     assert first.outline.wire_side is not None
     path = offset_edge(first.outline.points_mm, first.outline.wire_side, last.offset_mm, first.outline.closed)
     return replace(last, outline=first.outline, path=path)
@@ -504,28 +499,74 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
         value = math.nan
     if not 0 <= value <= GREATEST_MM:
         shown = auto_offset_mm if offset == "auto" else offset
-        raise InputError(
-            f"the offset is {shown!r}: give auto, none, or a length of 0 to {GREATEST_MM:g} mm{in_um(value)}"
-        )
+        raise InputError(f"the offset is {shown!r}: give auto, none, or a length of 0 to {GREATEST_MM:g} "
+                         f"mm{in_um(value)}")
     return value
 
 
 def _lead(
-    program: Program, of_faces: list[OffsetOutline], edges: list[BaseGeometry], length_mm: float,
-    hole_radius_mm: float, notices: list[str],
+    of_faces: list[OffsetOutline], edges: list[BaseGeometry], length_mm: float, hole_radius_mm: float,
+    notices: list[str],
 ) -> _Lead:
     leg, starts = of_faces[0], [one.path[0] for one in of_faces]
     outline = leg.outline
-    with of_outline(program, outline):
+    with of_outline(outline):
         if len(outline.approach_mm):
             return _programmed_lead(leg, hole_radius_mm)
         if not outline.needs_lead_in:
             return _Lead(np.empty((0, 2)), ())
-        thread, lead_notices = own_lead_in(starts, away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
+        thread, lead_notices = _own_lead_in(starts, away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
     if outline.line:
         notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
     notices += lead_notices
     return _Lead(thread[None, :], (0,))
+
+
+def _own_lead_in(
+    starts: Sequence[Floats], away: Floats, faces: Sequence[BaseGeometry], offset_mm: float, length_mm: float,
+    hole_radius_mm: float,
+) -> tuple[Floats, list[str]]:
+    """Choose a thread point off the contour, on the waste side."""
+    # the contour begins at one of `starts` on each face of the workpiece, on the first away from the part
+    # straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
+    # shorter; the wire keeps the offset from every edge of each face, the hole its radius and a clearance
+    start = starts[0]
+    for share in _SHARES:
+        for turn in _TURNS_DEG:
+            cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+            direction = np.array([cos * away[0] - sin * away[1], sin * away[0] + cos * away[1]])
+            thread = start + share * length_mm * direction
+            ways = [np.array([thread, begin]) for begin in starts]
+            nearest_mm = min(edges.distance(shapely.Point(thread)) for edges in faces)
+            if nearest_mm >= hole_radius_mm + HOLE_CLEARANCE_MM and all(
+                _clears(way, edges, offset_mm) for way, edges in zip(ways, faces, strict=True)
+            ):
+                short = share * length_mm
+                return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long, as there is no more room"]
+    x, y = start
+    raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {length_mm:g} mm of "
+                     f"X{x:.3f} Y{y:.3f}: draw the contour with more waste beside its first point, or cut a G-code "
+                     "program with its own way from a start hole to the contour")
+
+
+def _check_approach(approach: Floats, edge: BaseGeometry, offset_mm: float, hole_radius_mm: float) -> None:
+    """Check that on the program's own approach (n, 2) in mm neither wire nor start hole cuts into the part."""
+    x, y = approach[0]
+    if not _clears(approach, edge, offset_mm):
+        raise InputError(f"the approach from X{x:.3f} Y{y:.3f} cuts into the part: thread the wire on the "
+                         "waste side, or exchange G41 and G42")
+    distance = edge.distance(shapely.Point(approach[0]))
+    if distance < hole_radius_mm - _TOLERANCE_MM:
+        raise InputError(f"the thread point X{x:.3f} Y{y:.3f} is {distance:.3f} mm from the part, the hole's "
+                         f"radius {hole_radius_mm:g} mm: move the point or take a smaller hole")
+
+
+def _clears(path: Floats, edges: BaseGeometry, offset_mm: float) -> bool:
+    """Say whether a path (n, 2) to a contour keeps the offset from the edges; at offset 0, meets none."""
+    if offset_mm == 0:
+        before = path[-1] + (path[-2] - path[-1]) * 0.01
+        return bool(shapely.LineString([*path[:-1], before]).distance(edges) > 0)
+    return bool(shapely.LineString(path).distance(edges) >= offset_mm - _TOLERANCE_MM)
 
 
 def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
@@ -547,7 +588,7 @@ def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
             raise InputError(f"the wire is threaded at X{x:.3f} Y{y:.3f} in the part: exchange G41 and G42 "
                              "or thread it in the waste")
     if outline.closed or outline.wire_side is not None:
-        check_approach(np.concatenate([points, leg.path[:1]]), leg.edge, leg.offset_mm, hole_radius_mm)
+        _check_approach(np.concatenate([points, leg.path[:1]]), leg.edge, leg.offset_mm, hole_radius_mm)
     return _Lead(points, lines)
 
 
@@ -575,14 +616,14 @@ def _on_grid(
     )
 
 
-def _check_lead(program: Program, leg: OffsetOutline, lead: _Lead) -> None:
+def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:
     """Refuse a way to a contour that cuts into the part on a face of the workpiece."""
     whole = leg.outline.closed or leg.outline.wire_side is not None
     way = np.concatenate([lead.points, leg.path[:1]])
-    if whole and len(lead.points) and not clears(way, leg.edge, leg.offset_mm):
+    if whole and len(lead.points) and not _clears(way, leg.edge, leg.offset_mm):
         x, y = lead.points[0]
         reason = f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away"
-        raise InputError(f"{leg.outline.name}: {reason}", program.source, leg.outline.line)
+        raise InputError(f"{leg.outline.name}: {reason}", line=leg.outline.line)
 
 
 def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:

@@ -1,10 +1,8 @@
 """Tables that a program refers to: offset registers and machining conditions, in the program or a user's file."""
 
-from __future__ import annotations
-
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -75,42 +73,39 @@ class Offset(NamedTuple):
 class OffsetRegisters:
     """The registers of a program while it is read; what the program itself says comes before those of a file."""
 
-    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str) -> None:
+    def __init__(self, offsets: Mapping[str, float], defined: Collection[str]) -> None:
         self._table = dict(offsets)
         self._defined = frozenset(defined)
-        self._file = file
         self._called: str | None = None
 
-    def define(self, name: str, offset_mm: float, line: int) -> None:
+    def define(self, name: str, offset_mm: float) -> None:
         """Take over what the program says of a register."""
         if not (math.isfinite(offset_mm) and 0 <= offset_mm <= GREATEST_MM):
-            raise InputError(f"the offset {name} is {offset_mm:g} mm: give 0 to {GREATEST_MM:g} mm", self._file, line)
+            raise InputError(f"the offset {name} is {offset_mm:g} mm: give 0 to {GREATEST_MM:g} mm")
         self._table[name] = offset_mm
 
-    def value_of(self, name: str, used_by: str, line: int) -> float:
+    def value_of(self, name: str, used_by: str) -> float:
         """Return a register that another is made of, in mm."""
         if name not in self._table:
             reason = f"{used_by} is made of {name}, which has no value there: write {name}=0. before it"
-            raise InputError(f"{reason}, or give it by --offsets", self._file, line)
+            raise InputError(f"{reason}, or give it by --offsets")
         return self._table[name]
 
-    def call(self, names: list[str], line: int) -> list[str]:
+    def call(self, names: list[str]) -> list[str]:
         """Take D and H words of a block, and return what to tell of them."""
         if self._table:
             self._table |= {name: 0.0 for name in names if name in _ZERO and name not in self._table}
         known = [name for name in names if name in self._table]
         if len(known) > 1:
-            raise InputError(f"{' and '.join(known)} are both offsets: call one in a block", self._file, line)
+            raise InputError(f"{' and '.join(known)} are both offsets: call one in a block")
         if known:
             self._called = known[0]
         elif not self._defined.isdisjoint(names):
             name = next(name for name in names if name in self._defined)
-            reason = f"the offset {name} is called before the program gives it a value: give it earlier"
-            raise InputError(reason, self._file, line)
+            raise InputError(f"the offset {name} is called before the program gives it a value: give it earlier")
         elif names and self._table:
             there = ", ".join(sorted(self._table))
-            reason = f"the offset register {names[0]} is not in the table: there are {there}"
-            raise InputError(reason, self._file, line)
+            raise InputError(f"the offset register {names[0]} is not in the table: there are {there}")
         return [
             f"offset register {name} is {self._table[name]:g} mm" if name in known
             else f"offset register {name} is not in the program: the offset is the one given for the cut"
@@ -154,12 +149,12 @@ def key_of(name: str) -> str:
 class ConditionTable:
     """The table of conditions in a program, line by line; `values` are by condition and column, as written."""
 
-    def __init__(self, dialect: Dialect, file: str) -> None:
+    def __init__(self, dialect: Dialect) -> None:
         self.values: dict[str, dict[str, float]] = {}
-        self._columns, self._known, self._file = dialect.columns, frozenset(dialect.columns), file
+        self._columns, self._known = dialect.columns, frozenset(dialect.columns)
         self._line = re.compile(rf"\s*(?:N\d+\s*)?({dialect.condition or 'C'}\d{{1,4}})\s*=(.*)")
 
-    def read_line(self, raw: str, line: int) -> bool:
+    def read_line(self, raw: str) -> bool:
         """Take a line of the table, or see columns in a comment; say whether the line is one of the table."""
         if not self._columns:
             return False
@@ -172,22 +167,21 @@ class ConditionTable:
             return False
         name, written = found[1], found[2].split()
         if name in self.values:
-            raise InputError(f"the condition {name} occurs twice in the table: remove one", self._file, line)
+            raise InputError(f"the condition {name} occurs twice in the table: remove one")
         if len(written) != len(self._columns):
             reason = f"the condition {name} has {len(written)} values, its table {len(self._columns)} columns"
-            raise InputError(f"{reason}: write one each for {' '.join(self._columns)}", self._file, line)
+            raise InputError(f"{reason}: write one each for {' '.join(self._columns)}")
         self.values[name] = {
-            column: self._number(name, column, text, line)
-            for column, text in zip(self._columns, written, strict=True)
+            column: _number(name, column, text) for column, text in zip(self._columns, written, strict=True)
         }
         return True
 
-    def _number(self, name: str, column: str, text: str, line: int) -> float:
-        try:
-            return float(text)
-        except ValueError:
-            reason = f"the condition {name} has {text[:12]!r} for {column}: write a number"
-            raise InputError(reason, self._file, line) from None
+
+def _number(name: str, column: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"the condition {name} has {text[:12]!r} for {column}: write a number") from None
 
 
 def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
@@ -219,8 +213,7 @@ def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
         if not settings:
             raise InputError(f"the condition {name} is empty: give t_on_us or another setting", path)
         if settings.keys() >= {"open_target_share", "feed_um_s"}:
-            reason = f"the condition {name} has a set point and a constant feed: give one"
-            raise InputError(reason, path)
+            raise InputError(f"the condition {name} has a set point and a constant feed: give one", path)
         table[key_of(name)] = {key: _setting(name, key, value, path) for key, value in settings.items()}
     if not table:
         raise InputError("the table is empty: give a section for each condition, [C001] and t_on_us = 1.2", path)
@@ -238,7 +231,7 @@ def _setting(name: str, key: str, value: object, path: Path) -> float:
 
 
 def settings_for(
-    called: Mapping[str, int], table: Mapping[str, Mapping[str, float]], in_program: Collection[str], source: str
+    called: Mapping[str, int], table: Mapping[str, Mapping[str, float]], in_program: Collection[str]
 ) -> dict[str, dict[str, float]]:
     """Return the settings of the conditions that a program calls, by name as written there.
 
@@ -251,11 +244,7 @@ def settings_for(
         if key in table:
             found[name] = dict(table[key])
         elif table or (known and key not in known):
-            there = _named(table) if table else _named(in_program)
+            there = ", ".join(sorted(table or in_program))
             where = "the table of conditions" if table else "the program's table"
-            raise InputError(f"the condition {name} is not in {where}: there are {there}", source, line)
+            raise InputError(f"the condition {name} is not in {where}: there are {there}", line=line)
     return found
-
-
-def _named(names: Iterable[str]) -> str:
-    return ", ".join(sorted(names))

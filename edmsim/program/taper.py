@@ -30,11 +30,9 @@ Stop = tuple[int, float]  # at which point of a way the wire waits, and how many
 MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
 SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
 _MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
-GOUGE_MM = 0.01
-"""A wire that comes nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)."""
+GOUGE_MM = 0.01  # a wire nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)
 _NOTHING_MM = 1e-9
-_HEIGHTS = 5
-"""Heights of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)."""
+_HEIGHTS = 5  # of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)
 
 
 class GuideHeights(NamedTuple):
@@ -109,10 +107,8 @@ def _of_two_lines(outline: Outline, low: float, high: float) -> Ruled:
     assert outline.taper.upper_mm is not None
     upper, lower = np.asarray(outline.taper.upper_mm, np.float64), outline.points_mm
     if upper.shape != lower.shape:
-        raise InputError(
-            f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give both equal "
-            "numbers, in the same order"
-        )
+        raise InputError(f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give "
+                         "both equal numbers, in the same order")
     if outline.closed and not np.allclose(upper[0], upper[-1], atol=1e-6):
         raise InputError("the contour below is closed, and the one above is not: close it")
     count = len(lower)
@@ -259,18 +255,15 @@ def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
             near = chords.normals[neighbour % count]
             if abs(_turn(chords.normals[k], near)) > math.radians(15.0):
                 x, y = outline.points_mm[own[0]]
-                raise InputError(
-                    f"the arc at X{x:.3f} Y{y:.3f} meets its neighbour at a corner and cannot keep its radius: draw "
-                    "it tangent, or let arcs become conical", line=outline.line_numbers[k] or None,
-                )  # fmt: skip
+                raise InputError(f"the arc at X{x:.3f} Y{y:.3f} meets its neighbour at a corner and cannot keep its "
+                                 "radius: draw it tangent, or let arcs become conical",
+                                 line=outline.line_numbers[k] or None)
             ends.append(near)
         swept = sum(_turn(a, b) for a, b in zip(chords.normals[own[:-1]], chords.normals[own[1:]], strict=True))
         if abs(swept) > math.radians(_MOST_TURN_DEG):
             x, y = outline.points_mm[own[0]]
-            raise InputError(
-                f"the arc at X{x:.3f} Y{y:.3f} spans {math.degrees(abs(swept)):.0f} degrees and cannot keep its "
-                "radius: let arcs become conical", line=outline.line_numbers[own[0]] or None,
-            )  # fmt: skip
+            raise InputError(f"the arc at X{x:.3f} Y{y:.3f} spans {math.degrees(abs(swept)):.0f} degrees and cannot "
+                             "keep its radius: let arcs become conical", line=outline.line_numbers[own[0]] or None)
         shift = float(chords.shift_mm[own[0]])
         found[element] = mitre(ends[0], ends[1], shift, shift)
     return found
@@ -283,17 +276,14 @@ def offset_surface(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
     if side is None or offset_mm == 0:
         return wall
     slope, sign = wall.slope, _wire_sign(side)
+    closed = all(np.allclose(line[0], line[-1], atol=1e-6) for line in (wall.lower_mm, wall.upper_mm))
     lines = []
     for points, other in ((wall.lower_mm, wall.upper_mm), (wall.upper_mm, wall.lower_mm)):
         normals = left_normals(points)
         still = ~normals.any(axis=1)
         normals[still] = left_normals(other)[still]
-        lines.append(points + _offsets(normals, slope, sign * offset_mm, _closes(wall)))
+        lines.append(points + _offsets(normals, slope, sign * offset_mm, closed))
     return replace(wall, lower_mm=lines[0], upper_mm=lines[1])
-
-
-def _closes(wall: Ruled) -> bool:
-    return all(np.allclose(line[0], line[-1], atol=1e-6) for line in (wall.lower_mm, wall.upper_mm))
 
 
 def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> Floats:
@@ -326,10 +316,9 @@ def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
     same = np.flatnonzero(np.array(wall.elements) == wall.elements[k])
     kind = "the arc" if len(same) > 2 else "the line"
     line = wall.line_numbers[k]
-    raise InputError(
-        f"{kind} of {what} at X{x:.3f} Y{y:.3f} vanishes at a height of {place[k]:.3f} mm: take a smaller angle, a "
-        f"{'greater radius' if kind == 'the arc' else 'longer line'}, or a lower workpiece", line=line or None,
-    )  # fmt: skip
+    raise InputError(f"{kind} of {what} at X{x:.3f} Y{y:.3f} vanishes at a height of {place[k]:.3f} mm: take a "
+                     f"smaller angle, a {'greater radius' if kind == 'the arc' else 'longer line'}, or a lower "
+                     "workpiece", line=line or None)
 
 
 def refuse_crossings(wire: Ruled, height_mm: float) -> None:
@@ -338,10 +327,8 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
         points = wire.at(z)
         steps = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-7])
         if not shapely.LineString(points[steps]).is_simple:
-            raise InputError(
-                f"the wire's way crosses itself at a height of {z:.3f} mm: take a smaller angle or offset, or draw "
-                "the contour wider"
-            )
+            raise InputError(f"the wire's way crosses itself at a height of {z:.3f} mm: take a smaller angle or "
+                             "offset, or draw the contour wider")
 
 
 def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
@@ -350,10 +337,8 @@ def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) 
         line, points = shapely.LineString(wall.at(z)), shapely.points(wire.at(z))
         into_mm = offset_mm - float(line.distance(points).min())
         if into_mm > GOUGE_MM:
-            raise InputError(
-                f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a smaller angle "
-                "or offset, or draw the contour wider"
-            )
+            raise InputError(f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a "
+                             "smaller angle or offset, or draw the contour wider")
 
 
 def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
@@ -365,12 +350,10 @@ def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
     if most > guides.travel_mm:
         angle = math.degrees(math.atan(math.hypot(*wire.slope[k])))
         least = math.degrees(math.atan(guides.travel_mm / guides.distance_mm))
-        raise InputError(
-            f"the wire would lean by {angle:.2f} degrees, and the upper guide go {most:.3f} mm along "
-            f"{'uv'[int(axis)]}: with guides {guides.distance_mm:.2f} mm apart it goes {guides.travel_mm:g} mm, "
-            f"which is {least:.2f} degrees",
-            line=wire.line_numbers[min(int(k), len(wire.line_numbers) - 1)] or None,
-        )  # fmt: skip
+        raise InputError(f"the wire would lean by {angle:.2f} degrees, and the upper guide go {most:.3f} mm along "
+                         f"{'uv'[int(axis)]}: with guides {guides.distance_mm:.2f} mm apart it goes "
+                         f"{guides.travel_mm:g} mm, which is {least:.2f} degrees",
+                         line=wire.line_numbers[min(int(k), len(wire.line_numbers) - 1)] or None)
 
 
 class _Piece(NamedTuple):
@@ -598,24 +581,24 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
     refuse_crossings(wire, guides.height_mm)
     refuse_gouges(wall, wire, offset_mm, guides.height_mm)
     refuse_out_of_reach(wire, guides)
-    wall, wire = _without_standstill(wall, wire)
-    return wall, wire
+    return _without_standstill(wall, wire)
 
 
-def _without_standstill(*surfaces: Ruled) -> tuple[Ruled, ...]:
+def _without_standstill(wall: Ruled, wire: Ruled) -> tuple[Ruled, Ruled]:
     """Leave out points at which nothing moves; the surfaces go with each other point by point."""
-    steps = [np.hypot(*np.diff(line, axis=0).T) for of in surfaces for line in (of.lower_mm, of.upper_mm)]
+    steps = [np.hypot(*np.diff(line, axis=0).T) for of in (wall, wire) for line in (of.lower_mm, of.upper_mm)]
     chosen = np.concatenate([[True], np.max(steps, axis=0) > _NOTHING_MM])
     place, chords = np.cumsum(chosen) - 1, chosen[1:]
-    return tuple(
+    wall, wire = (
         replace(
             of, lower_mm=of.lower_mm[chosen], upper_mm=of.upper_mm[chosen],
             elements=tuple(np.array(of.elements)[chords].tolist()),
             line_numbers=tuple(np.array(of.line_numbers)[chords].tolist()),
             vertices=tuple(place[list(of.vertices)].tolist()),
         )
-        for of in surfaces
+        for of in (wall, wire)
     )
+    return wall, wire
 
 
 # The way of a wire that may lean: where its guides go, where it is at every height, and how long its path is.

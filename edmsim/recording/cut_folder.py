@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.files import folder_of
 from edmsim.recording.report import Report, cut_id
 from edmsim.recording.scene import Scene, read_scene
 from edmsim.recording.windows import CUT_KEY, read_windows
@@ -39,7 +40,7 @@ def read_cut(directory: str | Path) -> RecordedCut:
     InputError
         If a file is missing, damaged, or of another version, or the cuts differ.
     """
-    folder = Path(directory)
+    folder = folder_of(directory)
     cut = RecordedCut(
         _read_report(folder / "report.json"), read_windows(folder / "windows.parquet"),
         read_scene(folder / "part.npz"),
@@ -60,7 +61,7 @@ def _read_report(file: Path) -> Report:
             made_by = report.get("edmsim_version")
             raise InputError(f"written by edmsim {made_by} without {missing[0]}: cut again", file)
         return Report(**report)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise InputError("no such file, the folder of a cut is needed", file) from None
     except (OSError, ValueError, TypeError, RecursionError) as error:  # brackets within brackets, too
         raise InputError(f"not the report of a cut ({error})", file) from None

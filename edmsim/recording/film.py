@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.Image import Image as Picture
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
@@ -248,13 +248,14 @@ _GIF_COLOURS = 96
 _SAME = 255  # colour of a pixel that is as in the picture before; none of `_GIF_COLOURS`
 
 
-def render(recording: Path, out: str | Path, seconds: float = SECONDS) -> None:
+@refuses_wrong_types
+def render(recording: str | Path, out: str | Path, seconds: float = SECONDS) -> None:
     """Write a film of a cut.
 
     Parameters
     ----------
     recording : path
-        Of a cut.
+        ``cut.rrd`` of a cut.
     out : path
         A ``.mp4`` or ``.gif`` file; replaced only when complete.
     seconds : float

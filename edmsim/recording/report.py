@@ -54,7 +54,7 @@ _Number = float | None
 
 
 class Figures(Mapping[str, Any]):
-    """A record that is read by attribute or by name, and plain as JSON: what is not known is None, never NaN."""
+    """A record, read by attribute, or by name as JSON has it: what is not known is None, never NaN."""
 
     def __post_init__(self) -> None:
         for name, kind in _kinds(type(self)).items():
@@ -63,7 +63,7 @@ class Figures(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         if name not in _kinds(type(self)):
             raise KeyError(name)
-        return getattr(self, name)
+        return _as_json(getattr(self, name))
 
     def __iter__(self) -> Iterator[str]:
         return iter(_kinds(type(self)))
@@ -74,6 +74,12 @@ class Figures(Mapping[str, Any]):
     def text(self, place: str, digits: int | None = None) -> str:
         """Return the figure at a place, ``kerf_um.mean`` say, as a person reads it."""
         return kinds_of(type(self))[place].text(attrgetter(place)(self), digits)
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_as_json(entry) for entry in value]
+    return dict(value) if isinstance(value, Figures) else value
 
 
 @cache
@@ -530,20 +536,15 @@ def _weighted(
     return float((values * weights).sum()) / total if total > 0 else None
 
 
-def as_json(report: Report, **options: Any) -> str:
-    """Return a report as JSON."""
-    return json.dumps(report, default=dict, allow_nan=False, **options)
-
-
 def cut_id(report: Report) -> str:
     """Return which cut a report is of: a digest of all it says but the computer's time."""
     figures = {name: value for name, value in report.items() if name not in CLOCKS}
-    return hashlib.sha256(json.dumps(figures, default=dict, sort_keys=True).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(figures, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def write_json(report: Report, file: str | Path) -> None:
     """Write a report; a file of that name is replaced whole or not at all."""
-    text = as_json(report, indent=2, ensure_ascii=False)
+    text = json.dumps(dict(report), allow_nan=False, indent=2, ensure_ascii=False)
     with replacing(file) as partial:
         # what no encoding has, of a file name that is not UTF-8, stands in JSON behind a backslash
         partial.write_bytes((text + "\n").encode("utf-8", "backslashreplace"))

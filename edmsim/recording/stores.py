@@ -296,6 +296,7 @@ class Closeups(ArraySnapshots, Observer):
 # Gap voltage and current of the pulses that close-ups keep: corners of the traces, and samples of them in a file.
 
 _KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
+_TICK_US = 1e-3  # the plant's clock
 _TOGETHER = 32  # windows written at once (ours: some half a million samples, a few MB)
 
 
@@ -350,8 +351,8 @@ def write_traces(closeups: NDArray[np.void], file: str | Path, every_us: float) 
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if not 0 < every_us < math.inf:
-        raise InputError(f"every_us is {every_us:g}: the time between samples must be above 0 us")
+    if not _TICK_US <= every_us < math.inf:
+        raise InputError(f"every_us is {every_us:g}: the time between samples must be {_TICK_US:g} us or more")
     kind = pa.dictionary(pa.int8(), pa.string())
     schema = pa.schema([
         ("window_t_s", pa.float64()), ("time_us", pa.float64()), ("voltage_V", pa.float32()),

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.observers import Observer, PlantView, Turn
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.snapshots import ArraySnapshots
@@ -243,6 +243,7 @@ def write_windows(table: pa.Table, file: str | Path) -> None:
         pq.write_table(table, opened)
 
 
+@refuses_wrong_types
 def read_windows(file: str | Path) -> pa.Table:
     """Read a ``windows.parquet``.
 

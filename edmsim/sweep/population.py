@@ -78,8 +78,7 @@ def train_population(
     """
     plan = _plan(name, algo, population, generations, steps, seed, seeds)
     Cluster(address)
-    folder = Path(out).absolute()
-    make_writable(folder)
+    folder = make_writable(out).absolute()
     journal = RunTable(folder / JOURNAL, asdict(plan))
     best = _run(folder, plan, journal, watch)
     _write(folder, plan, best, journal)

@@ -105,8 +105,7 @@ def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
     result = edmsim.cut(run.task, **settings, seed=run.seed)
     report = {name: value for name, value in result.report.items() if name not in CLOCKS}
     row = {
-        "outcome": result.report.outcome, **drawn, **values_of(result.report),
-        "report": json.dumps(report, default=dict),
+        "outcome": result.report.outcome, **drawn, **values_of(result.report), "report": json.dumps(report),
     }
     return row, _recorded(run, result) if run.recordings else {}
 

@@ -22,7 +22,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.options import USUAL_MACHINE, TextOrPath, as_text, bare_name
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
-from edmsim.numeric import listed, plain, whole
+from edmsim.numeric import WholeNumber, listed, plain, whole
 from edmsim.runs import digests_of, identity
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
@@ -91,8 +91,8 @@ class SobolSample(BaseModel, extra="forbid", frozen=True):
     """Scrambled Sobol sequence, which fills a space evenly (`scipy.stats.qmc.Sobol`)."""
 
     # number of points, a power of 2; other numbers do not cover the space evenly
-    samples: Annotated[int, Field(ge=1, le=MOST_POINTS)]
-    seed: Annotated[int, Field(ge=0)] = 0  # seed of the scrambling
+    samples: Annotated[WholeNumber, Field(ge=1, le=MOST_POINTS)]
+    seed: Annotated[WholeNumber, Field(ge=0)] = 0  # seed of the scrambling
     # for each setting or constant ``[low, high]``, ``[low, high, "log"]`` to sample its logarithm evenly, or
     # ``"range"`` for the published range of a constant
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
@@ -122,7 +122,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
     environment: list[str] = []
     # a single number is a count: for programs from 0 on, for environments held-back seeds, as training may have used
     # others
-    seeds: list[int] = [0]
+    seeds: list[Annotated[int, Field(ge=0)]] = [0]
     # number of machines to draw within the ranges of their constants (`Machine.sample`); 0 uses the files' machine.
     # Environments draw their own.
     machine_samples: Annotated[int, Field(ge=0)] = 0
@@ -166,7 +166,9 @@ class Specification(BaseModel, extra="forbid", frozen=True):
             full["grid"] = {name: values_of(values, name) for name, values in full["grid"].items()}
         sobol = full.get("sobol")
         if isinstance(sobol, Mapping) and isinstance(sobol.get("ranges"), Mapping):
-            full["sobol"] = {**sobol, "ranges": flattened(sobol["ranges"])}
+            ranges = flattened(sobol["ranges"]).items()
+            of_points = {name: ends if isinstance(ends, str) else values_of(ends, name) for name, ends in ranges}
+            full["sobol"] = {**sobol, "ranges": of_points}
         return full
 
     @model_validator(mode="after")

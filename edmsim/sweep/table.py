@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.files import locked, replacing
+from edmsim.files import folder_of, locked, replacing
 from edmsim.job.settings import CutSettings
+from edmsim.recording.cut_folder import RECORDING
 from edmsim.runs import RunTable, read_rows
 from edmsim.sweep.specification import SweepRun
 
@@ -87,7 +88,7 @@ def read(out: str | Path) -> pa.Table:
     """
     import pyarrow as pa
 
-    folder = Path(out)
+    folder = folder_of(out)
     tables = [_part(file) for file in sorted((folder / RESULTS).glob("*/*.parquet"))]
     written = {identity for table in tables for identity in table["id"].to_pylist()}
     rest = [row for row in read_rows(folder / JOURNAL, texts=ROW_TEXTS) if row["id"] not in written]
@@ -146,6 +147,8 @@ def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
 ROWS_PER_PART = 1000
 """Rows per file of the dataset (ours: some hundred kilobytes; a million runs are a thousand files)."""
 RECORDINGS = "recordings"
+_FILE_OF = {"report": "report.json", "windows": "windows.parquet", "all": RECORDING}
+"""What a run has if it was recorded so."""
 
 
 class Store:
@@ -154,7 +157,7 @@ class Store:
     # full parts of the journal go into the dataset; the journal is emptied after that, and rows in both count once
 
     def __init__(self, out: str | Path) -> None:
-        self.folder = Path(out)
+        self.folder = folder_of(out)
         self._held = ExitStack()
         self._held.enter_context(locked(self.folder, "sweep"))
         self.failed: dict[str, bool] = {}  # of every run that is done, whether it failed
@@ -174,8 +177,8 @@ class Store:
 
     def misses(self, run: SweepRun) -> bool:
         """Say whether a run is still to be made: it has no row, or not the recordings that are wanted of it."""
-        failed = self.failed.get(run.id)
-        return failed is None or (not failed and bool(run.recordings) and not self._recording(run).is_dir())
+        recorded = all((self._recording(run) / _FILE_OF[which]).is_file() for which in run.recordings)
+        return run.id not in self.failed or not (self.failed[run.id] or recorded)
 
     def add(self, run: SweepRun, outcome: Outcome) -> None:
         """Save the results of a run, recordings before the row: a row never names missing files."""
@@ -225,11 +228,13 @@ class Store:
         return self.folder / RECORDINGS / run.id
 
     def _record(self, run: SweepRun, files: Mapping[str, bytes]) -> None:
-        """Write a run's files; they appear together or not at all."""
+        """Write a run's files beside those it has; they appear together or not at all."""
         target = self._recording(run)
         partial = target.with_name(target.name + ".part")
         shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
+        if target.exists():
+            shutil.copytree(target, partial)
+        partial.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             (partial / name).write_bytes(content)
         shutil.rmtree(target, ignore_errors=True)

@@ -12,6 +12,7 @@ those that do well on the worst machines, and tests them once more on other mach
 from __future__ import annotations
 
 import inspect
+import json
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,10 +29,10 @@ from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of
 from edmsim.evaluation.episode import HELD_BACK, Episode, cut
-from edmsim.files import make_writable, replacing
+from edmsim.files import folder_of, make_writable, replacing
 from edmsim.learning.hyperparameters import load
 from edmsim.numeric import real
-from edmsim.runs import Engine, LostJob, Processes, RunTable, digests_of, identity
+from edmsim.runs import Engine, LostJob, Processes, RunTable, check_same, digests_of, identity
 from edmsim.sweep.run import said
 from edmsim.user_code import named, run
 
@@ -217,8 +218,9 @@ def tune_training(
     windows = usual.steps if steps is None else steps
     if windows < 1:
         raise InputError(f"{windows} windows train nothing: give 1 or more steps")
-    folder = Path(out)
-    study = open_study(folder, f"{env_id} {algo}", seed, trials, within(space, usual.algorithm))
+    folder = folder_of(out)
+    of = {"seed": seed, "seeds": seeds, "steps": windows}
+    study = open_study(folder, f"{env_id} {algo}", of, trials, within(space, usual.algorithm))
 
     def made(number: int, values: dict[str, float]) -> Trial:
         return Trial(number, "training", name, values, judged_by, algo, windows)
@@ -280,7 +282,7 @@ def _suggested(trial: Any, key: str, bound: Bound) -> float:
     return float(f"{trial.suggest_float(key, bound.low, bound.high, log=bound.scale == 'log'):.3g}")
 
 
-def open_study(folder: Path, name: str, seed: int, trials: int, first: Mapping[str, float]) -> Any:
+def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, first: Mapping[str, float]) -> Any:
     """Return the study in a folder, or a new one that begins with `first`; raises `InputError` if it is another."""
     if trials < 1:
         raise InputError(f"{trials} trials find nothing: give 1 or more")
@@ -298,8 +300,11 @@ def open_study(folder: Path, name: str, seed: int, trials: int, first: Mapping[s
         if other != name:
             raise InputError(f"the study in this folder is of {other}, not of {name}", folder)
     study = optuna.create_study(storage=storage, study_name=name, direction="maximize", load_if_exists=True)
+    judged_by = json.loads(json.dumps(of))
+    check_same(study.user_attrs.get("of", judged_by), judged_by, Path(file))
+    study.set_user_attr("of", judged_by)
     # processes that join must not suggest what another has; parallel trials are taken to be as bad as any
-    drawn_from = (seed + len(study.trials)) % 2**32
+    drawn_from = (of["seed"] + len(study.trials)) % 2**32
     study.sampler = optuna.samplers.TPESampler(seed=drawn_from, constant_liar=True, n_startup_trials=8)
     if not study.trials:
         study.enqueue_trial(dict(first))
@@ -396,7 +401,7 @@ def tune_controller(
         A name of `BOUNDS`, or ``FILE.py:CLASS`` for your own. Your class names the settings and their bounds in
         `BOUNDS`.
     out : path
-        Folder for ``best.toml`` and the study; an existing study is resumed.
+        Folder for ``best.toml`` and the study; an existing study with the same arguments is resumed.
     trials : int
         Number of all trials; the first uses the settings in use.
     seed : int
@@ -426,10 +431,11 @@ def tune_controller(
     training_seeds(first_of_trials, (trials + 1) * seeds)
     options = {"resolution": "fast", **options}
     Task(CUTS_IN, **options)  # refused here, in one line, and not in every trial
-    folder = Path(out)
+    folder = folder_of(out)
     in_use = {key: _value_in_use(law, key) for key in space}
     first = {key: min(max(in_use[key], bound.low), bound.high) for key, bound in space.items()}
-    study = open_study(folder, title, seed, trials, first)
+    of = {"seed": seed, "seeds": seeds, "options": options, "files": sorted(digests_of([name]).values())}
+    study = open_study(folder, title, of, trials, first)
     machines = engine or Processes()
 
     def made(number: int, values: dict[str, float]) -> Trial:

@@ -1,7 +1,5 @@
 """Validation: compare the plant with published facts, one row per fact."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
@@ -32,9 +30,7 @@ def _rows(check: Check) -> list[Row]:
     return check(SEEDS)
 
 
-def run(
-    watch: Watch | None = None, modules: Sequence[str] = MODULES, engine: Engine | None = None
-) -> list[Row]:
+def run(watch: Watch | None = None, modules: Sequence[str] = MODULES, engine: Engine | None = None) -> list[Row]:
     """Run checks in parallel, by default in threads, and return their rows in a fixed order.
 
     Rows depend only on the seeds. All checks together end sooner with `edmsim.runs.Processes`.

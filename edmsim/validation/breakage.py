@@ -4,8 +4,6 @@ The limit is measured as Sato et al. did: the pause is shortened step by step un
 feed follows the pulses, and the largest mean current it had held is noted, short-circuit pulses left out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 
@@ -130,8 +128,7 @@ def mori_cut(machine: Machine, seed: int) -> Cut:
 
 
 THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0  # heights of Sato's trials
-PAIRED = 32
-"""Seeds of a difference as small as a step of the search."""
+PAIRED = 32  # seeds of a difference as small as a step of the search
 # ours. A search shortens the period by 5 %: 0.65 A on 20 mm, 1.2 A on 60 mm. The differences of eight seeds had
 # standard deviations of 0.82 and 0.95 A, mostly from the size of the steps, as both searches see the same pulses
 # until a wire breaks; about half of a step is the interval, 2.04 x 0.82 / sqrt(32) = 0.30 A

@@ -1,7 +1,5 @@
 """Corner error of a wire that trails its guides at a constant lag."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

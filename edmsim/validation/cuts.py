@@ -1,7 +1,5 @@
 """Rows on the result of a cut: kerf, gaps, removal per charge and energy, cutting rate, thickness estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -60,8 +58,7 @@ def production() -> Machine:
     return rig.with_(t_period_us=rig.t_on_us + PAUSE_US)
 
 
-PAUSE_PERIODS_US = (100.0, 150.0, 250.0)
-"""Periods of the same pulse: from the default pause to three times as long (ours)."""
+PAUSE_PERIODS_US = (100.0, 150.0, 250.0)  # of the same pulse, with up to three times the default pause (ours)
 
 
 def pauses(seeds: Sequence[int]) -> list[Row]:
@@ -85,9 +82,10 @@ def pauses(seeds: Sequence[int]) -> list[Row]:
 def thickness(seeds: Sequence[int]) -> list[Row]:
     """Thickness of 10 and 40 mm from working current, kerf and feed, calibrated at 20 mm."""
     known_mm = 20.0
+    cuts = {h: [_by_counts(Machine.load(height_mm=h), seed) for seed in seeds] for h in (10.0, known_mm, 40.0)}
     index = {
-        h: [_current_index(_by_counts(Machine.load(height_mm=h), seed)) for seed in seeds]
-        for h in (10.0, known_mm, 40.0)
+        h: [cut.working_current_A / (float(cut.kerf_um.mean()) * cut.feed_um_s) for cut in of]
+        for h, of in cuts.items()
     }
     return [
         Row.band("removal", f"thickness estimated for {height:g} mm", f"{ESTIMATOR}; {ESTIMATOR_ERROR}",
@@ -95,10 +93,6 @@ def thickness(seeds: Sequence[int]) -> list[Row]:
                  simulated=[known_mm * i / k for i, k in zip(index[height], index[known_mm], strict=True)])
         for height in (10.0, 40.0)
     ]
-
-
-def _current_index(cut: Cut) -> float:
-    return cut.working_current_A / (float(cut.kerf_um.mean()) * cut.feed_um_s)
 
 
 DIAMETERS_UM = (100.0, 150.0, 200.0, 250.0, 300.0)
@@ -130,8 +124,8 @@ FEEDS_UM_S = (7.0, 14.0, 28.0)  # fixed feeds, each twice the one before, if the
 
 def overcut(seeds: Sequence[int]) -> list[Row]:
     """Kerf against fixed feed: the walls of a slow cut face the wire for longer."""
-    feeds = [feed_within(feed, Machine.load()) for feed in FEEDS_UM_S]
     machine = Machine.load()
+    feeds = [feed_within(feed, machine) for feed in FEEDS_UM_S]
     kerfs_um = [
         [
             float(cut_straight(machine, feed, seed, settle_s=150.0 / feed, seconds=300.0 / feed).kerf_um.mean())

@@ -1,7 +1,5 @@
 """Rows on debris in the gap: gap width by pulse energy, delays in debris, sizes of debris."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise
@@ -119,8 +117,7 @@ SPEEDS_M_S = (0.0, 1.0, 2.0)  # mean flow speeds of figure 2-9
 HOLE_UM, HOLE_V = 25.0, 80.0
 """Gap and open voltage, the nominal one of the ignition law (ours: at the figure's 300 V equal fields put every gap
 of the figure under the critical one, with debris or without)."""
-SPARK_A = 1.2
-"""Current of the discharges (ours, the source names none: craters so small that the hole keeps its gap to 1 um)."""
+SPARK_A = 1.2  # of discharges (ours, the source names none: so small craters that the hole keeps its gap to 1 um)
 HOLES, BEFORE, MEASURED = 6, 1, 1
 """Holes per seed, windows of 25 ms until the debris is steady where water flows, and windows measured."""
 

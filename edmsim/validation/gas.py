@@ -1,7 +1,5 @@
 """Closed forms of gas, film, added mass and magnetic force: the compiled loop against its laws."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -223,7 +221,7 @@ def check_forces(seeds: Sequence[int]) -> list[Row]:
 
     def needed(place_um: float) -> float:
         """Minus the square of the voltage that holds a string at a place, up to a constant."""
-        slice_sums(rays, 0, place_um, 0.0, law, 1.0, row)
+        slice_sums(rays, 0, place_um, 0.0, law, row)
         return -place_um / float(row[0, 2])
 
     fold_um = float(minimize_scalar(needed, bounds=(1.0, 25.0), method="bounded").x)

@@ -1,7 +1,5 @@
 """Heat of the wire: closed forms for the heat balance of the pulse loop."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

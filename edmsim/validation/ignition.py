@@ -4,8 +4,6 @@ The wire hangs in the middle of a round hole. A hole faces the whole girth of th
 holds for the half that faces a front, so half the reference height makes the reference area.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -31,13 +29,11 @@ THESIS = "thesis TH Eindhoven 1982, figure 2-9"
 TWO_REGIMES = "docs/theory/breakdown.md#two-regimes"
 FLOW = "docs/theory/breakdown.md#flow"
 
-LAW_GAPS_UM = (8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)
-"""Gaps of the published table within the range it can be trusted for."""
+LAW_GAPS_UM = (8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)  # within the range the table can be trusted for
 REGIME_GAPS_UM = (7.0, 8.0, 9.0, 10.0, 11.0, 13.0)
 MIXTURE_GAPS_UM = (7.0, 9.0, 11.0, 13.0, 20.0, 30.0)
 DRAWS = 2000  # delays per gap and seed (ours: four seeds know a median to 3 %)
-SHORT_BRANCH_US = 10.0
-"""What is not of the long branch is over by then: five times the short branch's scale (prior 1..3 us)."""
+SHORT_BRANCH_US = 10.0  # what is left then is the long branch: five times the short one's scale (prior 1..3 us)
 STILL_WATER = {"base.dielectric.flushing_pressure_Pa": 1e-6}
 
 

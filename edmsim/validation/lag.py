@@ -1,7 +1,5 @@
 """Rows on the wire's position: lag of rough cuts, experiments that would determine it, trim pulses along a wall."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 
@@ -131,7 +129,10 @@ def experiments(seeds: Sequence[int]) -> list[Row]:
     """The model's predictions for the two experiments that would separate the causes of the lag."""
     steel = rough_cuts(seeds, rough_rig(ROUGH_MM))
     other = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
-    brief, long = (rough_cuts(seeds, _with_on_time(rough_rig(ROUGH_MM, NON_MAGNETIC), on)) for on in ON_TIMES_US)
+    rig = rough_rig(ROUGH_MM, NON_MAGNETIC)
+    brief, long = (
+        rough_cuts(seeds, rig.with_(t_on_us=on, t_period_us=on + rig.t_period_us - rig.t_on_us)) for on in ON_TIMES_US
+    )
     names = "{1:g} over {0:g} us".format(*ON_TIMES_US)
     return [
         _report("lag of that cut in austenitic steel less that in tool steel", EXPERIMENT,
@@ -143,26 +144,23 @@ def experiments(seeds: Sequence[int]) -> list[Row]:
     ]
 
 
-def _with_on_time(machine: Machine, t_on_us: float) -> Machine:
-    """Return a set-up with another on-time and the same pause."""
-    pause = machine.t_period_us - machine.t_on_us
-    return machine.with_(t_on_us=t_on_us, t_period_us=t_on_us + pause)
-
-
 # --- lag over the height ---
 
-HEIGHTS_MM, RISES_TO_MM = (10.0, 20.0, 40.0, 80.0, 120.0), 80.0
-"""Heights at which the wire must lag, and up to which ever more."""
+HEIGHTS_MM, RISES_TO_MM = (10.0, 20.0, 40.0, 80.0, 120.0), 80.0  # where the wire must lag, and up to which ever more
 DRUM_MM = 40.0
 DEFAULT_HEIGHTS_MM = (10.0, 40.0, 80.0)
-PRODUCTION_S = 20.0
-"""Machine time in which production cuts settle, and are measured (ours: both travel by more than the wire)."""
+PRODUCTION_S = 20.0  # in which production cuts settle, and are measured (ours: both travel by more than the wire)
 FEW = 4  # seeds of these cuts (ours: the signs of whole micrometres are asked for)
 
 
 def lag_over_height(seeds: Sequence[int]) -> list[Row]:
     """Lag of the production machine as it is loaded, its wire unbreakable, over the height; the wall's hollow."""
-    cuts = {height: [_production_cut(height, seed) for seed in seeds[:FEW]] for height in HEIGHTS_MM}
+    cuts = {}
+    for height in HEIGHTS_MM:
+        machine = altered(Machine.load("production", generator="production", height_mm=height), UNBREAKABLE)
+        cuts[height] = [
+            servo_cut(machine, seed, open_share=ROUGH_OPEN_SHARE, seconds=PRODUCTION_S) for seed in seeds[:FEW]
+        ]
     least = HEIGHTS_MM[0]
     return [
         *(_trails(f"lag of the production machine, {height:g} mm high", cuts[height]) for height in HEIGHTS_MM),
@@ -173,11 +171,6 @@ def lag_over_height(seeds: Sequence[int]) -> list[Row]:
                  low=5.0, high=20.0, simulated=[drum_um(cut) / 2 for cut in cuts[DRUM_MM]], unit="um",
                  note=f"{PAGE}#debris-and-flushing"),
     ]
-
-
-def _production_cut(height_mm: float, seed: int) -> Cut:
-    machine = altered(Machine.load("production", generator="production", height_mm=height_mm), UNBREAKABLE)
-    return servo_cut(machine, seed, open_share=ROUGH_OPEN_SHARE, seconds=PRODUCTION_S)
 
 
 def default_over_height(seeds: Sequence[int]) -> list[Row]:

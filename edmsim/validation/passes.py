@@ -1,7 +1,5 @@
 """Rows on passes: offsets, feeds and roughness of one to seven against a shop's table, corners, accuracy, bow."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

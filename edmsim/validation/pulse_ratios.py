@@ -1,7 +1,5 @@
 """Rows on pulse classes, ignition delay and debris in a cut: effects of the settings on the pulse trains."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -22,8 +20,7 @@ PAGE = "docs/theory/emergence.md"
 FEED_UM_S = 24.0  # feed at which open, normal and short pulses all occur, if it is within the capacity (ours)
 CHANGE = 0.2  # settings are changed by this share (ours: about the spacing of levels in such studies)
 
-TRAINS = 32
-"""Seeds of these cuts."""
+TRAINS = 32  # seeds of these cuts
 # ours. A ratio that depends on a setting changes by a tenth as much, at the least: a setting changed by a fifth then
 # moves the short ratio, 0.042, by 0.0009, and its half is the interval. The differences of eight seeds had a standard
 # deviation of 0.0013: 2.04 x 0.0013 / sqrt(32) = 0.0005
@@ -75,8 +72,7 @@ def _three_signs(name: str, base: Sequence[Cut], cuts: Sequence[Cut]) -> list[Ro
 
 
 DEBRIS_HEIGHT_MM = 40.0  # workpiece in which debris matters: its middle is far from both jets (ours)
-DEBRIS_FEED_UM_S = 12.0
-"""Feed, if it is within the capacity, at which debris bridges the middle where flushing is weak (ours)."""
+DEBRIS_FEED_UM_S = 12.0  # feed, if within capacity, at which debris bridges the middle in weak flushing (ours)
 LOADINGS = (0.06, 0.14)  # shares of debris in the water of the flushing study
 LOADING_RATIO = 2.3  # ratio of these; in a cut the loading goes with the feed
 
@@ -124,8 +120,7 @@ def _sign(name: str, source: str, rises: bool, found: Sequence[float], unit: str
 HALF = math.log(2)
 """Time of flushing over the residence time of clean water: half of a thin loading is out by then (ours: the abstract
 of the study names none)."""
-FLUSHED_GAP_UM = 30.0
-"""Gap of the hole, which has no part in the flow: that of the flushing is the machine's side gap."""
+FLUSHED_GAP_UM = 30.0  # of the hole, which has no part in the flow: that of the flushing is the machine's side gap
 FLUSHED_ON_US, FLUSHED_PERIOD_US = 2.0, 10.0
 """Setting of the generator that is off: its windows are short against the residence time."""
 

@@ -1,7 +1,5 @@
 """Rows on the part's quality and the wire's motion: roughness, vibration, corner error."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -31,9 +29,10 @@ ON_TIMES_US = (10.0, 30.0, 100.0)  # on-times from 1 to 10 mJ per discharge (our
 def roughness(seeds: Sequence[int]) -> list[Row]:
     """Ra from the craters of a cut, over the energy of its discharges."""
     by_on_time = {on: [_ra_and_energy(on, seed) for seed in seeds] for on in ON_TIMES_US}
+    logarithms = [np.log(cuts).T for cuts in zip(*by_on_time.values(), strict=True)]
     return [
         Row.band("roughness", "Ra over energy per discharge, exponent", ROUGHNESS, low=0.3, high=0.4,
-                 simulated=[_exponent(cuts) for cuts in zip(*by_on_time.values(), strict=True)]),
+                 simulated=[float(np.polyfit(energy, ra_um, 1)[0]) for ra_um, energy in logarithms]),
         Row.band("roughness", "Ra of a rough cut, 10 mJ per discharge", ROUGHNESS, low=2.5, high=4.0, unit="um",
                  simulated=[one.ra_um for one in by_on_time[ON_TIMES_US[-1]]], note=f"{PAGE}#roughness"),
     ]
@@ -44,11 +43,6 @@ class Roughness(NamedTuple):
 
     ra_um: float
     energy: float
-
-
-def _exponent(cuts: Sequence[Roughness]) -> float:
-    energy, ra_um = np.log([cut.energy for cut in cuts]), np.log([cut.ra_um for cut in cuts])
-    return float(np.polyfit(energy, ra_um, 1)[0])
 
 
 def _ra_and_energy(t_on_us: float, seed: int) -> Roughness:
@@ -72,9 +66,7 @@ def vibration(seeds: Sequence[int]) -> list[Row]:
     note = f"{PAGE}#vibration"
 
     def vibration_um(machine: Machine, feed_um_s: float = FEED_UM_S) -> list[float]:
-        return [
-            cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=10.0).vibration_um for seed in seeds
-        ]
+        return [cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=10.0).vibration_um for seed in seeds]
 
     base_um = vibration_um(machine)
     changed = (
@@ -92,8 +84,7 @@ def vibration(seeds: Sequence[int]) -> list[Row]:
 
 CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0  # piece and feed of the corner (ours: a lag of some 20 um)
 SLOW_UM_S = CORNER_FEED_UM_S / 2  # feed of the corner that should be undercut less (ours)
-TURNS = 12
-"""Seeds of the corners at two feeds."""
+TURNS = 12  # seeds of the corners at two feeds
 # ours. Half a um, half of the path's grid, is the least effect looked for, and its half is the interval. The
 # differences of four seeds in tool steel had a standard deviation of 0.35 um: 2.20 x 0.35 / sqrt(12) = 0.22 um
 BEFORE_UM, AFTER_UM = 320.0, 320.0  # travel before and after the corner: eight lags each or more

@@ -1,7 +1,5 @@
 """Rows on the uncertainty from the constants' ranges: the default cut on machines drawn within them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

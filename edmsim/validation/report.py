@@ -14,7 +14,6 @@ from edmsim.validation.rows import Row
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-
 REASONS = {
     ("passes", "feeds-of-fine-passes"):
         "Shorts slow the finest pass down: it removes its micrometre only at an offset at which it shorts. At an "

@@ -1,7 +1,5 @@
 """Rows on resolution: the default cut at `fast`, `default` and `fine`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -12,8 +10,7 @@ from edmsim.validation.setups import feed_within
 
 SAME = "the model's own claim: a resolution changes the price of a cut and not the cut"
 NOTE = "docs/convergence.md#convergence"
-FEED_UM_S = 28.0
-"""Fixed feed, if it is within the capacity: three quarters of what the gap takes, where shorts begin (ours)."""
+FEED_UM_S = 28.0  # fixed feed, if within capacity: three quarters of what the gap takes, where shorts begin (ours)
 SETTLE_S, CUT_S = 6.0, 8.0  # machine time in which the cut settles, and is measured (ours: 200 um)
 SHARE = 0.1  # share of `fine`'s figure by which another resolution may differ from it
 
@@ -36,17 +33,14 @@ FIGURES = (
 
 def resolutions(seeds: Sequence[int]) -> list[Row]:
     """Shorts, lag and vibration of the default cut at a fixed feed, coarse over fine."""
-    feed_um_s = feed_within(FEED_UM_S, Machine.load())
-    fast, default, fine = (_cuts(name, feed_um_s, seeds) for name in ("fast", "default", "fine"))
+    machine = Machine.load()
+    feed_um_s = feed_within(FEED_UM_S, machine)
+    fast, default, fine = (
+        [cut_straight(machine, feed_um_s, seed, settle_s=SETTLE_S, seconds=CUT_S, resolution=name) for seed in seeds]
+        for name in ("fast", "default", "fine")
+    )
     return [
         _row(figure, name, cuts, fine) for figure in FIGURES for name, cuts in (("fast", fast), ("default", default))
-    ]
-
-
-def _cuts(name: str, feed_um_s: float, seeds: Sequence[int]) -> list[Cut]:
-    machine = Machine.load()
-    return [
-        cut_straight(machine, feed_um_s, seed, settle_s=SETTLE_S, seconds=CUT_S, resolution=name) for seed in seeds
     ]
 
 

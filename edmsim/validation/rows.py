@@ -1,11 +1,9 @@
 """A row of the validation table: published fact, simulated value, and whether they agree."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,16 +44,16 @@ class Row:
         """Whether the row is judged, fails, and has no note."""
         return self.kind == "judged" and not self.passed and not self.note
 
-    def calibration(self, constant: str) -> Row:
+    def calibration(self, constant: str) -> Self:
         """Return the row as one that does not count, as a constant was chosen to match its fact."""
         return replace(self, kind="calibration", reason=constant)
 
-    def context(self, reason: str) -> Row:
+    def context(self, reason: str) -> Self:
         """Return the row as one that does not count, for a reason in its source."""
         return replace(self, kind="context", reason=reason)
 
     @classmethod
-    def report(cls, topic: str, name: str, reason: str, *, simulated: Simulated, unit: str = "") -> Row:
+    def report(cls, topic: str, name: str, reason: str, *, simulated: Simulated, unit: str = "") -> Self:
         """Return a simulated figure without a published one, as context; `reason` says why there is none."""
         mean, half = _central(simulated)
         return cls(
@@ -67,7 +65,7 @@ class Row:
     def value(
         cls, topic: str, name: str, source: str, *, published: float, simulated: Simulated, within: float,
         uncertainty: float = 0.0, unit: str = "", note: str = "",
-    ) -> Row:
+    ) -> Self:
         """Compare with a published value, not 0; passes within a share of it, the interval being no wider."""
         mean, half = _central(simulated, uncertainty)
         tolerance = within * abs(published)
@@ -81,7 +79,7 @@ class Row:
     def band(
         cls, topic: str, name: str, source: str, *, simulated: Simulated, low: float = -math.inf,
         high: float = math.inf, published: str = "", uncertainty: float = 0.0, unit: str = "", note: str = "",
-    ) -> Row:
+    ) -> Self:
         """Compare with a published band; passes if the central value is in it. `published` is another text for it."""
         if math.isinf(low):
             words, allowed = f"at most {_text(high, unit)}", f"<= {_text(high, unit)}"
@@ -99,7 +97,7 @@ class Row:
     def sign(
         cls, topic: str, name: str, source: str, *, rises: bool, simulated: Simulated,
         uncertainty: float = 0.0, published: str = "", unit: str = "", note: str = "",
-    ) -> Row:
+    ) -> Self:
         """Compare with the published sign of a difference, changed minus base; passes with its whole interval."""
         mean, half = _central(simulated, uncertainty)
         passed = mean - half > 0 if rises else mean + half < 0

@@ -1,7 +1,5 @@
 """Set-ups that several checks use: changed constants, a straight cut at fixed feed, a hole of known gap."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -61,8 +59,7 @@ def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "
     return Plant(machine, seed, stock=stock, position_um=centre_um, resolution=resolution)
 
 
-FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}
-"""A wire that breaks at its first discharge: see `single_discharges`."""
+FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}  # breaks at its first discharge: see `single_discharges`
 
 
 def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:

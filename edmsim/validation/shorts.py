@@ -1,7 +1,5 @@
 """Rows on shorts: their causes, their effect on the rate, and how a cut ends in them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -26,8 +24,7 @@ MEMORY = "from memory, no table was retrieved: below 10 % in stable cutting"
 PARTS = "no source separates the causes of shorts"
 NOTE = "docs/theory/emergence.md#classes-of-pulses"
 
-FEEDS_UM_S = (10.0, 20.0, 28.0)
-"""Fixed feeds from three quarters of the pulses open to the first crowd of shorts (ours)."""
+FEEDS_UM_S = (10.0, 20.0, 28.0)  # from three quarters of the pulses open to the first crowd of shorts (ours)
 NO_FILM: Mapping[str, float] = {
     "base.dielectric.viscosity_Pa_s": 1e-9,
     "base.dielectric.flushing_pressure_Pa": 0.03,
@@ -46,10 +43,6 @@ def _shorts(machine: Machine, feed_um_s: float, seeds: Sequence[int]) -> list[fl
         except PlantError:
             shares.append(1.0)
     return shares
-
-
-def _shares(cuts: Sequence[Cut]) -> list[float]:
-    return [cut.share("short") for cut in cuts]
 
 
 def causes(seeds: Sequence[int]) -> list[Row]:
@@ -80,16 +73,16 @@ def rate_over_shorts(seeds: Sequence[int]) -> list[Row]:
     runs = {share: [servo_cut(rough_rig(30.0), seed, open_share=share) for seed in seeds] for share in OPEN_SHARES}
     rates = [float(np.mean([cut.feed_um_s for cut in runs[share]])) for share in OPEN_SHARES]
     best = OPEN_SHARES[int(np.argmax(rates))]
-    shorts = _shares(runs[best])
+    shorts = {share: [cut.share("short") for cut in cuts] for share, cuts in runs.items()}
     return [
         Row.band("shorts", f"short share at the highest cutting rate, {best:g} of the pulses open", JAM, low=0.0,
-                 high=JAMMED_SHARE, published="below the jam", simulated=shorts),
+                 high=JAMMED_SHARE, published="below the jam", simulated=shorts[best]),
         Row.band("shorts", "short share of a rough cut, 30 mm, at the highest cutting rate", FEW_SHORTS, high=0.1,
-                 simulated=shorts, note=NOTE),
+                 simulated=shorts[best], note=NOTE),
         Row.sign("shorts", f"feed, {best:g} to {OPEN_SHARES[-1]:g} of the pulses open", JAM, rises=False, unit="um/s",
                  simulated=differences(runs[best], runs[OPEN_SHARES[-1]], lambda cut: cut.feed_um_s)),
         *(
-            Row.report("shorts", f"feed at a short share of {np.mean(_shares(runs[share])):.2g}", PARTS,
+            Row.report("shorts", f"feed at a short share of {np.mean(shorts[share]):.2g}", PARTS,
                        simulated=rate, unit="um/s")
             for share, rate in zip(OPEN_SHARES, rates, strict=True)
         ),
@@ -108,7 +101,14 @@ def price(seeds: Sequence[int]) -> list[Row]:
     slow = sato_rig(MIDDLE_MM, UNBREAKABLE)
     off, on = _off_and_on_shorts(slow, seeds)
     dense_off, dense_on = _off_and_on_shorts(slow.with_(t_period_us=ARC_PERIOD_US), seeds)
-    sparing, shorting = ([_limit_mm2_min(share, seed) for seed in seeds] for share in (ON_SPARKS, ON_SHORTS))
+    # highest rate of a servo whose pauses are shortened until the wire breaks or the cut jams
+    sparing, shorting = (
+        [
+            max((step.rate_mm2_min for step in held_periods(sato_rig(MIDDLE_MM), seed, share)), default=0.0)
+            for seed in seeds
+        ]
+        for share in (ON_SPARKS, ON_SHORTS)
+    )
     return [
         Row.sign("shorts", "rise of the wire's temperature per working current, servo on shorts", COST, rises=True,
                  simulated=differences(off, on, lambda cut: _hottest_K(cut) / cut.working_current_A), unit="K/A",
@@ -130,12 +130,6 @@ def _hottest_K(cut: Cut) -> float:
     """Mean over the windows of the hottest slice's temperature above the water's."""
     hottest = float(np.mean([window.wire_temperature_K for window in cut.windows]))
     return hottest - cut.plant.machine.base.dielectric.temperature_K.value
-
-
-def _limit_mm2_min(open_share: float, seed: int) -> float:
-    """Highest cutting rate of a servo whose pauses are shortened until the wire breaks or the cut jams."""
-    held = held_periods(sato_rig(MIDDLE_MM), seed, open_share)
-    return max((step.rate_mm2_min for step in held), default=0.0)
 
 
 ABOVE = 1.3  # a fixed feed this much above the capacity: the wire must meet the metal (ours)

@@ -4,8 +4,6 @@ The rate is searched as `edmsim.evaluation.stable_rate` does it, by shortening t
 cut jams or the generator gives no more, on the production machine as it is loaded.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -21,8 +19,7 @@ HOLD_S, APPROACH_S = 0.4, 6.0
 # ours: jets of 16 bar bend the wire by 30 um before it fires, so the servo comes to the metal too fast and needs 4 s;
 # a search that began earlier judged that approach, and called it a jam
 
-PAIRED = 20
-"""Seeds of a difference as small as a step of the search."""
+PAIRED = 20  # seeds of a difference as small as a step of the search
 # ours. A search shortens the period by 5 %, so 5 % is the least effect looked for, 7 mm2/min on 40 mm, and half of it
 # is the interval. The differences of eight seeds had a standard deviation of 7.4 mm2/min: 2.09 x 7.4 / sqrt(20) = 3.5
 

@@ -1,7 +1,5 @@
 """The wire as a string between its guides: static lag, frequencies, and the electrostatic pull on it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -91,7 +89,7 @@ def pull_N_m(gap_um: float, voltage_V: float) -> float:
     angle = angle[np.cos(angle) > (radius + gap_um) / (radius + RAY_RANGE_UM)]  # as far as rays look
     gaps = (radius + gap_um) / np.cos(angle) - radius
     sums = np.zeros((1, 4))
-    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, voltage_V), 1.0, sums)
+    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, voltage_V), sums)
     inverse_square_um2 = float(sums[0, 2])
     girth_per_ray_m = math.pi * machine.wire_diameter_um * 1e-6 / res.rays
     permittivity_F_m = machine.base.dielectric.permittivity.value * VACUUM_PERMITTIVITY_F_M  # at 20 C, as published

@@ -1,7 +1,5 @@
 """The dielectric: bridging by debris, flushing, and the leakage through the gap."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -99,10 +97,8 @@ def check_flushing(seeds: Sequence[int]) -> list[Row]:
 
 
 def check_leakage(seeds: Sequence[int]) -> list[Row]:
-    """Current through the water and what it takes from the open voltage of a supply of 100 ohm.
-
-    Measured at open pulses: half of the height, as the hole faces the whole girth and the example half of it.
-    """
+    """Current through the water and what it takes from the open voltage of a supply of 100 ohm."""
+    # measured at open pulses: half of the height, as the hole faces the whole girth and the example half of it
     supply_ohm, voltage = 100.0, 80.0
     water = {key: value for key, value in STILL.items() if key != "base.dielectric.conductivity_uS_cm"}
     machine = altered(Machine.load(height_mm=15.0, t_on_us=20.0), {

@@ -37,13 +37,14 @@ def test_drives_conform(name):
     axes.check_drive(lambda: axes.make(name))
 
 
-@pytest.mark.parametrize(("function", "reason"), [
-    (_too_much, "commands 1.5 of its supply"),
-    (_moves_its_axis, "writes into its axis' row"),
-    (_skips_time, "writes what is the plant's"), (_no_number, "commands nan"),
+@pytest.mark.parametrize(("own", "reason"), [
+    ({"sample": _too_much}, "commands 1.5 of its supply"),
+    ({"sample": _moves_its_axis}, "writes into its axis' row"),
+    ({"sample": _skips_time}, "writes what is the plant's"), ({"sample": _no_number}, "commands nan"),
+    *(({"counts_per_step": counts}, f"asks for {counts} counts at a step") for counts in (np.nan, np.inf, None)),
 ])  # fmt: skip
-def test_a_sample_that_oversteps_is_refused(function, reason):
-    kind = type("Own", (PositionServo,), {"sample": function})
+def test_a_drive_that_oversteps_is_refused(own, reason):
+    kind = type("Own", (PositionServo,), own)
     globals()["Own"] = kind
     kind.__module__ = __name__
     with pytest.raises(InputError, match=reason):
@@ -75,15 +76,6 @@ def test_what_cannot_be_used_is_refused():
             axes.check_drive(partial(_with, field, value))
     with pytest.raises(InputError, match="there is no drive 'uhu2'"):
         axes.make("uhu2")
-
-
-@pytest.mark.parametrize("counts", [np.nan, np.inf, None])
-def test_a_step_without_a_measure_is_refused(counts):
-    drive = type("Own", (PositionServo,), {"counts_per_step": counts})
-    globals()["Own"] = drive
-    drive.__module__ = __name__
-    with pytest.raises(InputError, match=f"asks for {counts} counts at a step"):
-        axes.check_drive(drive)
 
 
 def _with(field, value):

@@ -274,6 +274,12 @@ def test_a_leaning_wire_finds_metal_at_the_top_only(machine):
 
 
 def test_wrong_drives_are_refused(machine):
+    with pytest.raises(InputError, match="the drive of x is 'servo': give one of"):
+        edmsim.Plant(machine, drives={"x": "servo"}, resolution="fast")
+    plant = plant_with(machine, {"x": axes.make("servo")})
+    for axis, fault, said in (("y", "stuck", "no axis 'y' whose drive has a loop"), ("x", "stick", "mean 'stuck'")):
+        with pytest.raises(InputError, match=said):
+            plant.break_axis(axis, fault)
     with pytest.raises(InputError, match="no axis 'z'"):
         plant_with(machine, {"z": axes.make("servo")})
     drive = axes.make("servo")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from edmsim.axis_bench import AxisBench
-from edmsim.compiled.axis_rows import FAULT_IN, FREEWHEEL, WATCHDOG, carray, put_byte, sample
+from edmsim.compiled.axis_rows import FAULT_IN, FREEWHEEL, carray, put_byte, sample
 from edmsim.controllers.axis.drive import axis_row, new_record
 
-COMMAND, LINES, DELAY, BUSY, CALLS, BARKS, LINES_IN, LAST = range(8)
+COMMAND, LINES, DELAY, BUSY, CALLS, STREAMS = range(6)
 
 
 @sample
@@ -20,14 +20,9 @@ def _puppet(drive_at: Any, axis_at: Any) -> None:
     drive.delay_ns = drive.reg[DELAY]
     drive.busy_ns = drive.reg[BUSY]
     drive.reg[CALLS] += 1
-    drive.reg[LINES_IN] = axis.lines
-    if drive.event == WATCHDOG:
-        drive.reg[BARKS] += 1
-        drive.reg[LAST] = drive.now_ns
-        drive.lines |= FREEWHEEL
     if axis.lines & FAULT_IN:
         drive.lines |= FREEWHEEL
-    if drive.reg[CALLS] % 5 == 0 and drive.reg[8] != 0:
+    if drive.reg[CALLS] % 5 == 0 and drive.reg[STREAMS] != 0:
         put_byte(drive, 191)
 
 

@@ -11,7 +11,7 @@ from edmsim.controllers import axis as axes
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.errors import InputError
 
-from .puppet import BARKS, BUSY, CALLS, DELAY, LAST, Puppet, bench_of, command, put_out
+from .puppet import BUSY, CALLS, DELAY, STREAMS, Puppet, bench_of, command, put_out
 
 
 def test_a_step_source_sends_exact_counts():
@@ -86,21 +86,6 @@ def test_a_sample_that_takes_longer_than_the_period_puts_off_the_next():
     assert set(np.diff(bench.samples("x")["time_ns"])) == {620_000}
 
 
-def test_the_watchdog_is_called_when_no_sample_has_run_for_so_long():
-    bench = bench_of()
-    bench.drive("x").record["watchdog_ns"] = 125_000_000
-    bench.run(0.01)
-    bench.stall("x", 0.120)
-    bench.run(0.2)
-    assert bench.drive("x").record["reg"][0, BARKS] == 0
-    stalled_ns = int(bench.drive("x").record["now_ns"][0])
-    bench.stall("x", 0.130)
-    bench.run(0.129)
-    assert bench.drive("x").record["reg"][0, BARKS] == 1
-    assert bench.drive("x").record["reg"][0, LAST] == stalled_ns + 125_000_000
-    assert not bench.pins("x").enabled
-
-
 def test_a_dip_of_the_logic_supply_resets_the_drive_and_lets_the_motor_freewheel():
     bench = bench_of()
     bench.run(0.01)
@@ -150,48 +135,48 @@ def test_a_stream_from_the_sample_reaches_the_terminal():
     bench = bench_of()
     bench.run(0.01)
     bench.received("x")
-    bench.drive("x").record["reg"][0, 8] = 1
+    bench.drive("x").record["reg"][0, STREAMS] = 1
     bench.run(0.5)
     assert bench.received("x") == bytes([191]) * 200
 
 
-def test_the_same_again_from_a_snapshot_to_the_bit():
-    bench = AxisBench({"x": axes.make("servo"), "y": axes.make("servo")})
-    bench.steps("x", 100, 2_000.0, 50_000.0)
-    bench.run(0.021)
-    state = bench.snapshot()
-    ends = []
+@pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
+def test_the_same_again_from_a_snapshot_to_the_bit(mechanics):
+    bench = AxisBench({"x": axes.tuned("servo-module"), "v": axes.tuned("uhu")}, mechanics=mechanics)
+    bench.steps("x", 50, 400.0, 50_000.0)
+    bench.run(0.05)
+    state, ends = bench.snapshot(), []
     for _ in range(2):
         bench.restore(state)
-        bench.run(0.05)
-        ends.append((bench.axis("x").tobytes(), bench.drive("x").record.tobytes()))
+        bench.trace = True
+        bench.run(0.1)
+        rows = [row.tobytes() for name in "xv" for row in (bench.axis(name), bench.drive(name).record)]
+        ends.append((bench.samples("x").tobytes(), rows))
     assert ends[0] == ends[1]
 
 
-def test_wrong_drives_and_wires_are_refused():
-    with pytest.raises(InputError, match="a motor and a sample"):
-        AxisBench({"x": axes.make("stepper")})
-    bench = bench_of()
-    for said, act in (
-        ("no wire 'Z'", lambda: bench.unplug("x", "Z")), ("number of 0 or more", lambda: bench.run(-1.0)),
-        ("no axis 'q' on this bench; there are: x", lambda: bench.hold("q", True)),
-        ("no axis 'y' on this bench", lambda: bench.steps("y", 5)),
-        ("no phases 'C'", lambda: bench.pulse_encoder("x", "C", 1e-5)),
-        ("beyond the EEPROM", lambda: bench.flip_bits("x", [0, 4096])),
-        ("direction is 2", lambda: bench.step_times("x", [0], 2)),
-    ):  # fmt: skip
-        with pytest.raises(InputError, match=said):
-            act()
-    with pytest.raises(InputError, match="missing or none of them: lines"):
-        axis_row("bench", lines=500)
-    with pytest.raises(InputError, match="table_kg is 0"):
-        bench_of(table_kg=0.0)
+@pytest.mark.parametrize(("wrong", "reason"), [
+    (lambda: AxisBench({"x": axes.make("stepper")}), "a motor and a sample"),
+    (lambda: AxisBench({"x": axes.tuned("uhu")}, mechanics="full"), "no mechanics 'full'"),
+    (lambda: axis_row("bench", lines=500), "missing or none of them: lines"),
+    (lambda: bench_of(table_kg=0.0), "table_kg is 0"),
+    (lambda: bench_of().unplug("x", "Z"), "no wire 'Z'"), (lambda: bench_of().run(-1.0), "number of 0 or more"),
+    (lambda: bench_of().hold("q", True), "no axis 'q' on this bench; there are: x"),
+    (lambda: bench_of().steps("y", 5), "no axis 'y' on this bench"),
+    (lambda: bench_of().pulse_encoder("x", "C", 1e-5), "no phases 'C'"),
+    (lambda: bench_of().flip_bits("x", [0, 4096]), "beyond the EEPROM"),
+    (lambda: bench_of().step_times("x", [0], 2), "direction is 2"),
+])  # fmt: skip
+def test_wrong_drives_mechanics_and_wires_are_refused(wrong, reason):
+    with pytest.raises(InputError, match=reason):
+        wrong()
 
 
-def test_an_axis_runs_at_twenty_times_real_time():
-    bench = AxisBench({"x": axes.make("servo")})
+@pytest.mark.parametrize(("mechanics", "times"), [("modal", 20.0), ("mujoco", 10.0)])
+def test_an_axis_runs_at_many_times_real_time(mechanics, times):
+    bench = AxisBench({"x": axes.tuned("uhu")}, mechanics=mechanics)
     bench.steps("x", 5_000, 1_000.0, 10_000.0)
     bench.run(0.05)
     began = time.process_time()
     bench.run(2.0)
-    assert 2.0 / (time.process_time() - began) > 20.0
+    assert 2.0 / (time.process_time() - began) > times

@@ -53,8 +53,9 @@ def test_the_follower_is_between_the_points(values, place):
 
 @pytest.mark.parametrize(
     ("points", "master", "place"),
-    [(HAT, 25.0, 2.5), (HAT, -5.0, 2.5), (HAT, -15.0, 2.5), (HAT, 40.0, 0.0), ((*HAT, (1000.0, 0.0)), 25.0, 0.0)],
-)
+    [(HAT, 25.0, 2.5), (HAT, -5.0, 2.5), (HAT, -15.0, 2.5), (HAT, 40.0, 0.0), ((*HAT, (1000.0, 0.0)), 25.0, 0.0),
+     ([(x - 4.0, y) for x, y in HAT], 20.0, 2.0)],
+)  # fmt: skip
 def test_a_table_repeats_both_ways_unless_a_point_lies_beyond_the_travel(points, master, place):
     # E-21, E-37
     rig = rig_of()
@@ -87,7 +88,7 @@ def test_a_new_gain_acts_from_the_place_on_where_passes_add_up():
         assert rig.control.axes[Y].setpoint == pytest.approx(place)
 
 
-def test_a_new_gain_acts_at_once_where_both_ends_are_equal():
+def test_a_new_gain_and_a_new_shift_act_at_once_where_both_ends_are_equal():
     # E-38
     rig = rig_of()
     start(rig, 0, at=5.0)
@@ -96,6 +97,9 @@ def test_a_new_gain_acts_at_once_where_both_ends_are_equal():
     settle(rig)
     assert jumps(rig.traces(), Y) == pytest.approx(2.5)
     assert place_mm(rig, Y) == pytest.approx(5.0, abs=0.002)
+    write(rig, 0, shift=1.0)
+    settle(rig)
+    assert place_mm(rig, Y) == pytest.approx(6.0, abs=0.002)
 
 
 @pytest.mark.parametrize("end", ["run", "reset"])
@@ -340,7 +344,7 @@ def test_rows_may_fall_and_one_row_is_a_table():
     write(rig, 0, row_count=3)
     table(rig, 0, ROWS, row_axis=U, row_start=100.0, row_end=0.0)
     write(rig, 1, row_count=1)
-    table(rig, 1, ROWS[:3], row_axis=U, row_start=7.0, row_end=7.0)
+    table(rig, 1, ROWS[:3], row_axis=X, row_start=7.0, row_end=7.0)
     run(rig, 0)
     settle(rig)
     assert place_mm(rig, Y) == pytest.approx(30.0, abs=0.003)
@@ -408,7 +412,7 @@ def test_the_number_of_rows_is_fixed_once_the_table_has_run():
 
 @pytest.mark.parametrize(
     ("points", "error"),
-    [([*ROWS, (150.0, 0.0)], Error.ROW_SIZE),
+    [([*ROWS, (150.0, 0.0)], Error.ROW_SIZE), ([(0.0, 0.0)] * 3, Error.ROW_SIZE),
      ([(0, 0), (50, 1), (100, 0), (5, 0), (50, 1), (100, 0)], Error.ROW_SIZE),
      ([(0, 0), (100, 0), (5, 0), (100, 0), (0, 0), (100, 0)], Error.ROW_START),
      ([(0, 0), (100, 0), (0, 0), (90, 0), (0, 0), (100, 0)], Error.ROW_END)],
@@ -441,7 +445,7 @@ def test_a_second_row_needs_the_number_of_rows_before():
 def test_a_row_axis_that_leads_nowhere_is_an_error():
     # E-16, E-A19
     rig = rig_of("xyu")
-    write(rig, 0, row_count=3)
-    table(rig, 0, ROWS, row_axis=U, row_start=5.0, row_end=5.0)
+    write(rig, 0, row_count=2)
+    table(rig, 0, ROWS[:6], row_axis=U, row_start=5.0, row_end=5.0)
     assert run(rig, 0) is CallStatus.REFUSED
     assert read(rig, 0, Function.ERROR) == Error.ROW_AXIS | Error.ROW_TABLE

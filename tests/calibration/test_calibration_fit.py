@@ -224,7 +224,7 @@ def log_file(known, tmp_path):
 
 @pytest.mark.parametrize(("options", "said"), [
     (("--out", "fitted.json"), "the fitted machine is written as .toml"),
-    (("--out", "missing/fitted.toml"), "cannot be written: No such file"),
+    (("--out", "log.parquet/fitted.toml"), "cannot be written to: File exists"),
     (("--out", "fitted.toml", "--fit", "gap.nonsense"), "'gap.nonsense' is not a section"),
     (("--out", "fitted.toml", "--resolution", "finest"), "finest"),
     (("--out", "fitted.toml", "--material", "butter"), "unknown material 'butter'"),

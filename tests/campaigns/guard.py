@@ -32,7 +32,7 @@ _events: list[str] = []
 
 
 class Hang(BaseException):
-    """An input kept the processor for `GIVEN_UP_S`; derived so that no reader catches it."""
+    """An input kept the processor for `TIMEOUT_S`; derived so that no reader catches it."""
 
 
 def _audit(event: str, args: tuple[Any, ...]) -> None:

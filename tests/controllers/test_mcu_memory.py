@@ -216,6 +216,8 @@ def test_a_product_by_shifts_takes_the_manuals_time(d, e):
     ("21 00 36 36 5A 34 4E", {"c": 0x5B}, 10 + 10 + 10 + 7),  # MVI M, INR M
     ("3E 5A 32 01 36 2A 00 36 4C", {"c": 0x5A}, 7 + 13 + 16 + 4),  # STA, LHLD
     ("01 34 12 C5 E1 4C", {"c": 0x12}, 10 + 12 + 10 + 4),  # PUSH B, POP H
+    ("3E 5A 37 F5 C1", {"b": 0x5A, "c": 0x03}, 7 + 4 + 12 + 10),  # PUSH PSW with its carry, POP B
+    ("21 34 12 22 00 36 2A 00 36 44 4D", {"b": 0x12, "c": 0x34}, 10 + 16 + 16 + 4 + 4),  # SHLD, LHLD
     ("21 34 12 11 78 56 EB 4D", {"c": 0x78}, 10 + 10 + 4 + 4),  # XCHG
     ("3E 05 FE 05 CA 0A 34 0E 01 76 0E 02", {"c": 2}, 7 + 7 + 10 + 7),  # CPI, JZ
     ("CD 06 34 0E 07 76 3E 01 C9", {"c": 7, "a": 1}, 18 + 7 + 10 + 7),  # CALL, RET

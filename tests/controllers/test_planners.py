@@ -403,7 +403,8 @@ def test_exact_keeps_all_axes_within_half_a_step_of_the_line():
 
 def test_feed_is_measured_along_the_path_of_the_program():
     planner = make_leaning_planner("exact", POINTS, LEADS, ALONG, step_um=STEP_UM)
-    run(planner, 10.0)
+    assert planner.advance(0, NS // 16, 20_000) == []  # half a step at the window's end is the next one's
+    assert planner.advance(NS // 16, 10 * NS, 20_000)[0].time_ns == NS // 16
     assert planner.path_um == pytest.approx(200.0)
     counted = make_leaning_planner("poscal", POINTS, LEADS, ALONG, step_um=STEP_UM)
     run(counted, 10.0)

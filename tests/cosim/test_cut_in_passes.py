@@ -162,6 +162,10 @@ def test_a_piece_that_nothing_holds_is_found_and_taken_out():
     again = KerfField(3, ring_of_holes(), 4.0, 4000.0)
     again.restore(field.snapshot())
     assert shapely.equals_exact(again.gone[0], field.gone[0])
+    for no_piece in (5, piece.exterior, shapely.Polygon(), piece.difference(piece.buffer(-50.0))):
+        with pytest.raises(edmsim.InputError, match=r"a piece is a shapely\.Polygon in um without"):
+            field.take_out(no_piece)
+    assert len(field.gone) == 1
 
 
 def test_a_piece_on_its_tab_is_held():

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.feed.fixed import FixedController
+from edmsim.controllers.feed.laws import FixedController
 from edmsim.controllers.planner.lateral_offset import PathOffset
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError

@@ -1,9 +1,13 @@
 """What a controller commands, as an action: the environment that is given it runs what was commanded."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from edmsim.controllers import FeedCommand, make
+from edmsim.controllers.feed.laws import FixedController
+from edmsim.controllers.user_controllers import rehearsed
 from edmsim.envs.environment import as_action
 from edmsim.envs.registry import make_family
 from edmsim.envs.servo import target_of
@@ -43,9 +47,23 @@ def test_a_feed_is_commanded_as_itself_or_as_a_change(action, expected):
     assert found[0] == pytest.approx(expected / scale)
 
 
-def test_knobs_that_are_not_there_cannot_be_turned():
-    with pytest.raises(InputError, match="this environment has none"):
-        action_of("edmsim/GapFeed-v2")
+@dataclass
+class Cautious(FixedController):
+    """A law that turns a knob once a wire is lost."""
+
+    def wire_lost(self):
+        return FeedCommand(5.0, t_period_us=900.0)
+
+
+def test_it_is_known_before_what_a_law_commands_after_a_lost_wire():
+    assert 900.0 in {command.t_period_us for command in rehearsed(lambda: Cautious(5.0), 33.0)}
+
+
+def test_knobs_and_offsets_that_are_not_there_are_refused():
+    lateral = FeedCommand(9.0, None, *FIRST_US, offset_um=1.0)
+    for command, named in ((EXPECTED, "turns the generator's knobs"), (lateral, "commands an offset")):
+        with pytest.raises(InputError, match=f"{named}, and this environment has none"):
+            action_of("edmsim/GapFeed-v2", command=command)
 
 
 def test_actions_end_at_one():

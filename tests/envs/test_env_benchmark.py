@@ -254,7 +254,8 @@ def test_a_change_counts_from_each_next_episode(make_envs, actions_of, name, mor
 
 def test_a_machine_that_is_passed_is_written_out(make_env):
     machine = edmsim.Machine.load(height_mm=7.0).sample(np.random.default_rng(1), ["gap"])
-    env = make_env("GapFeed", machine=machine, weights=edmsim.envs.Weights(short=2.0))
+    env = make_env("GapFeed", machine=machine)
+    env.unwrapped.change(weights=edmsim.envs.Weights(short=2.0))
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     assert again.unwrapped.family == env.unwrapped.family
     assert again.unwrapped.family.base == machine

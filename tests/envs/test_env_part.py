@@ -18,8 +18,8 @@ from edmsim.evaluation.compare import check, evaluate
 from edmsim.evaluation.episode import cut_part
 
 ID = "edmsim/Part-v0"
-PROGRAM = "G21 G90\nG92 X0.2 Y-0.42\nG41 D1 G1 X0.2 Y0\nG1 X0\nY0.25\nX0.9\nY0\nX0.2\nG40\nM2\n"
-"""A punch of 0.9 x 0.25 mm, which is cut in a second of computing."""
+PROGRAM = "G21 G90\nG92 X0.2 Y-0.26\nG41 D1 G1 X0.2 Y0\nG1 X0\nY0.1\nX0.9\nY0\nX0.2\nG40\nM2\n"
+"""A punch of 0.9 x 0.1 mm, which is cut in a second of computing."""
 USUAL = np.zeros(len(ACTIONS), np.float32)
 HOT = np.array([0.0, -1.0, 1.0, 0.0], np.float32)
 """A quarter of the pause and longer pulses: no wire bears them."""
@@ -33,6 +33,14 @@ def small(tmp_path_factory):
     program.write_text(PROGRAM)
     return {"program": str(program), "passes": 2, "tab_mm": 0.0, "height_mm": 18.0, "tension_share": 1.0,
             "randomise": None}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def tiny(small, tmp_path_factory):
+    """Return arguments of a part as small as can be: Gymnasium's checker runs ten passes."""
+    program = tmp_path_factory.mktemp("part") / "tiny.ngc"
+    program.write_text(PROGRAM.replace("X0.9", "X0.25"))
+    return {**small, "program": str(program)}
 
 
 def played(env, actions, seed):
@@ -86,7 +94,7 @@ def test_the_reward_is_time_and_at_the_end_error_and_roughness(usual):
 
 @pytest.mark.slow
 def test_sub_environments_are_the_single_environments_with_any_threads_and_copies_go_on(small, usual):
-    envs = gym.make_vec(ID, num_envs=2, vectorization_mode="vector_entry_point", threads=2, **small)
+    envs = gym.make_vec(ID, num_envs=2, vectorization_mode="vector_entry_point", threads=2, wires=1, **small)
     envs.reset(seed=0)  # sub-environment 1 is the single one with seed 1
     envs.step(np.stack([HOT, USUAL]))
     for same in (pickle.loads(pickle.dumps(envs)), envs):  # as copy.deepcopy does it
@@ -141,29 +149,24 @@ def test_a_pass_can_be_the_episode(small, usual):
     assert terminated
     assert (info["pass"], info["dt_s"]) == (2, usual[1][2]["dt_s"])
     assert info["error_um"] == usual[1][2]["error_um"]  # it is the last pass: the part's error
-    first = gym.make(ID, **small, only_pass=1)
-    _, _, terminated, _, info = (first.reset(seed=1), first.step(USUAL))[1]
-    assert (terminated, info["cause"]) == (True, "done")
 
 
 @pytest.mark.slow
-def test_offsets_move_and_never_grow(small, usual):
+def test_offsets_move_and_never_grow(tiny, usual):
     near, far = np.array([[0.0, 0.0, 0.0, -0.2], [0.0, 0.0, 0.0, 1.0]], np.float32)
-    steps = played(gym.make(ID, **small, offset_um=50.0), [near, far], seed=1)
+    steps = played(gym.make(ID, **tiny, offset_um=50.0), [near, far], seed=1)
     assert steps[0][2]["offset_um"] == usual[0][2]["offset_um"] - 10.0
     assert steps[1][2]["offset_um"] == steps[0][2]["offset_um"]  # 11 um more would be asked for
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")
-def test_gymnasium_and_stable_baselines3_find_nothing(small, tmp_path):
-    tiny = tmp_path / "tiny.ngc"  # as small as can be: Gymnasium's checker runs ten passes
-    tiny.write_text(PROGRAM.replace("Y0.25", "Y0.1").replace("X0.9", "X0.25"))
-    env = gym.make(ID, **{**small, "program": str(tiny)}, render_mode="rgb_array")
+def test_gymnasium_and_stable_baselines3_find_nothing(tiny):
+    env = gym.make(ID, **tiny, render_mode="rgb_array")
     check_env(env.unwrapped, skip_render_check=True)
     env.reset(seed=1)
     assert env.render().shape == (480, 640, 3)
-    short = {**small, "episode_s": 2.0}  # a step is over by then
+    short = {**tiny, "episode_s": 2.0}  # a step is over by then
     sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -193,13 +196,13 @@ def test_what_cannot_be_is_refused_in_one_line(small):
 
 
 @pytest.mark.slow
-def test_several_objectives_and_arguments_that_change(small):
-    env = gym.make(ID, **small, objectives=["time", "error"]).unwrapped
+def test_several_objectives_and_arguments_that_change(tiny):
+    env = gym.make(ID, **tiny, objectives=["time", "error"]).unwrapped
     assert env.reward_space.shape == (2,)
     env.change(only_pass=1)
     env.reset(seed=1)
     _, reward, terminated, _, info = env.step(USUAL)
-    assert terminated
+    assert (terminated, info["cause"]) == (True, "done")
     assert reward.tolist() == pytest.approx([info["reward_terms"][name] for name in ("time", "error")])
     with pytest.raises(InputError, match="objectives"):
         env.change(objectives=["time"])
@@ -214,6 +217,14 @@ def test_machines_are_drawn_within_their_ranges_and_a_seed_draws_the_same():
         assert 18.0 <= one["height_mm"] <= 36.0
         assert 0.85 <= one["tension_share"] <= 1.05
     assert set(env.unwrapped.family.drawn_constants) < set(drawn[0])
+
+
+def test_a_setting_without_a_tension_has_a_share_of_the_wires_own(small, own_file):
+    rough = "t_period_us = 33.2\npeak_current_A = 535.4\n"
+    bare = own_file("technologies", "tool-steel-brass-254", (f"{rough}tension_N = 10.32\n", rough))
+    env = gym.make(ID, **{**small, "height_mm": 25.4, "technology": bare, "tension_share": 0.9})
+    env.reset(seed=1)
+    assert env.unwrapped._batch.episode(0).cut.machine.tension == 0.9 * edmsim.Machine.load(wire="brass-254").tension
 
 
 def test_laws_are_made_of_their_names():
@@ -268,18 +279,19 @@ def test_a_policy_of_parts_is_described_by_the_environment_of_edmsim():
 
 
 @pytest.mark.slow
-def test_a_training_writes_a_policy_that_decides_on_passes(small, tmp_path):
+def test_a_training_writes_a_policy_that_decides_on_passes(tiny, tmp_path):
     pytest.importorskip("stable_baselines3")
     from edmsim.learning import hyperparameters, policy_file
     from edmsim.learning.train import train
 
     known = hyperparameters.load(ID, "ppo")
-    short = known.model_copy(update={"num_envs": 2, "environment": small, "algorithm": {
+    cut_short = {**tiny, "episode_s": 2.0}  # a step is over by then
+    short = known.model_copy(update={"num_envs": 2, "environment": cut_short, "algorithm": {
         **known.algorithm, "n_steps": 1, "batch_size": 2, "n_epochs": 1,
     }})  # fmt: skip
     trained = train(ID, "ppo", tmp_path, steps=2, seed=1, parameters=short)
     policy_file.write(*trained.export("edmsim train"), tmp_path / "policy.json")
-    made = cut_part(ID, 1, f"policy:{tmp_path / 'policy.json'}", **small)
+    made = cut_part(ID, 1, f"policy:{tmp_path / 'policy.json'}", **tiny)
     assert made.outcome == "finished"
     with pytest.raises(InputError, match="pass by pass"):
         edmsim.controllers.from_text(f"policy:{tmp_path / 'policy.json'}")

@@ -25,7 +25,7 @@ from edmsim.evaluation.episode import HELD_BACK, Episode, Result, engine_of
 from edmsim.evaluation.lines import ORACLE_GAPS_UM, lines_of
 from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
-from edmsim.runs import processors
+from edmsim.runs import RunTable, processors
 
 GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v3", "edmsim/Contour-v2"
 
@@ -83,6 +83,12 @@ def test_a_long_comparison_in_processes_finds_the_same():
 def test_environments_that_other_processes_do_not_know_are_compared_here():
     register("here/Only-v0", GapFeed, height_mm=(8.0, 8.0))
     assert engine_of("here/Only-v0", 10**6) is None
+    table, made = RunTable(), []
+    for height_mm in (8.0, 4.0, 8.0):  # cuts of an earlier registration are not those of this one
+        register("here/Only-v0", GapFeed, height_mm=(height_mm, height_mm), episode_s=0.1)
+        made.append(compare.run("here/Only-v0", ["fixed"], 2, "fast", table=table))
+    assert made[0] == made[2] != made[1]
+    assert len(table.rows) == 4
     assert (engine_of(GAP_FEED, 10**6) is None) == (processors() == 1)
 
 

@@ -242,6 +242,7 @@ def test_steps_places_and_velocities_lead_the_axes_to_the_step():
     own = Rig("powercore-v2", seed=1)
     assert own.move("STEP X 3") == "ok\r\n"
     own.move("STEP y -2")
+    assert own.move("FLY 3").startswith("ERROR: give STEP X|Y n, ")
     own.run(0.1)
     assert own.gap.place_um == (6.0, -4.0)
     own.move("POS -20 9")
@@ -262,7 +263,8 @@ def test_a_setpoint_ends_where_the_travel_does():
     points.move_at((0.0, 0.0), 0)
     points.go_to((1e9, -1e9))
     steps = points.plan(0, 1_000_000_000)
-    assert [sum(d for _, axis, d in steps if axis == k) for k in (0, 1)] == [5, -5]
+    way = [(2_000_000 * k, axis, d) for k in range(1, 6) for axis, d in ((0, 1), (1, -1))]  # 2 um at 1000 um/s
+    assert steps == way
 
 
 def test_status_lines_come_as_often_as_requested():

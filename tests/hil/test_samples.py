@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+import re
 import shutil
 import subprocess
 import wave
@@ -11,14 +12,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import edmsim
 from edmsim.calibration import read_log
-from edmsim.cli import app as cli
 from edmsim.errors import InputError
 from edmsim.hil import Rig, SampleReader, Sensing, delay_table, delays
 from edmsim.hil.delays import QUANTILES, write_delays
 from edmsim.hil.gap import Frame
 from edmsim.hil.samples import COUNT_A, COUNT_V, SampleFile, Sampler
+from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, PULSE, SHORT, SPARK
 
 FIRMWARE = r"""
@@ -187,9 +187,15 @@ def test_a_file_of_another_kind_or_in_no_folder_is_refused(tmp_path):
         SampleFile(tmp_path / "none" / "gap.wav", Sensing())
 
 
+def test_samples_beyond_what_a_wav_file_holds_are_counted(tmp_path):
+    with SampleFile(tmp_path / "gap.wav", Sensing(noise_V=1e4)) as file:
+        file.frame(made([OPEN] * 10))
+    assert re.fullmatch(r"\d+ samples are beyond 327.67 V or 327.67 A, which .*", file.notice)
+
+
 @pytest.mark.slow
 def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
-    rows = delay_table(edmsim.Machine.load(), gaps_um=(6.0, 12.0, 20.0), voltages_V=(80.0, 120.0), draws=60)
+    rows = delay_table(Machine.load(), gaps_um=np.array([6.0, 12.0, 20.0]), voltages_V=(80.0, 120.0), draws=60)
     median = {(row.gap_um, row.open_V): row.us[QUANTILES.index(0.5)] for row in rows}
     assert median[6.0, 80.0] < median[12.0, 80.0] < median[20.0, 80.0]
     assert median[20.0, 120.0] < median[20.0, 80.0]
@@ -199,33 +205,26 @@ def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
     assert lines[0].startswith("gap_um,open_V,short_share,ignited_share,p05_us,p10_us")
     assert len(lines) == 7
     with pytest.raises(InputError, match="20 V ignite nothing"):
-        delay_table(edmsim.Machine.load(), voltages_V=(20.0,))
+        delay_table(Machine.load(), voltages_V=(20.0,))
 
 
-def run(monkeypatch, *words):
-    monkeypatch.setattr("sys.argv", ["edmsim", *words])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return int(left.value.code or 0)
-
-
-def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, monkeypatch, capfd):
+def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, edmsim):
     files = ("--samples", f"{tmp_path}/out/gap.parquet", "--log", f"{tmp_path}/out/ratios.csv")
     options = ("--seconds", "0.6", "--rate", "10000", "--feed", "12", "--log-rate", "50", "--height", "10")
-    assert run(monkeypatch, "gap", *files, *options) == 0
+    status, _, said = edmsim("gap", *files, *options)
+    assert status == 0
     assert pq.read_table(tmp_path / "out" / "gap.parquet").num_rows == pytest.approx(6000, abs=100)
     log = read_log(tmp_path / "out" / "ratios.csv")
     assert len(log) == pytest.approx(0.6 / 0.0255, abs=2)
-    said = capfd.readouterr().err
     assert "samples of" in said
     assert f"{len((tmp_path / 'out' / 'ratios.csv').read_text().splitlines()) - 1} rows of" in said
 
 
-def test_a_table_of_delays(tmp_path, monkeypatch):
+def test_a_table_of_delays(tmp_path, monkeypatch, edmsim):
     monkeypatch.setattr(delays.delay_table, "__kwdefaults__", {
         **delays.delay_table.__kwdefaults__, "draws": 2, "gaps_um": (8.0,), "voltages_V": (80.0,),
     })  # fmt: skip
-    assert run(monkeypatch, "gap", "--delays", f"{tmp_path}/delays.csv") == 0
+    assert edmsim("gap", "--delays", f"{tmp_path}/delays.csv").status == 0
     assert len((tmp_path / "delays.csv").read_text().splitlines()) == 2
 
 
@@ -237,7 +236,8 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
         (("--samples", "a.csv"), "written as .parquet .wav"),
         (("--samples", "a.wav", "--speed", "3"), "--speed is that of ports"),
         (("--serial", "spark", "--feed", "3"), "--feed is that of a run without ports"),
-        (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
+        (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--log", "b.txt"), "written as .csv"),
+        (("--fmu", "gap.cir"), "written as .fmu"),
         (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
         (("--samples", "a.wav", "--gap", "0"), "the gap is"),
         (("--log", "a.csv", "--generator", "steam"), "steam"), (("--delays", "a.txt"), "delays is written as .csv"),
@@ -247,19 +247,20 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("old", [{}, {"a.wav": "samples of the last run", "b.csv": "its log"}])
-def test_what_cannot_be_is_refused_in_one_line_and_loses_nothing(tmp_path, monkeypatch, capfd, words, said, old):
+def test_what_cannot_be_is_refused_in_one_line_and_loses_nothing(tmp_path, monkeypatch, edmsim, words, said, old):
     monkeypatch.chdir(tmp_path)
     for name, text in old.items():
         Path(name).write_text(text)
-    assert run(monkeypatch, "gap", *words) == 2
-    err = capfd.readouterr().err
+    status, _, err = edmsim("gap", *words)
+    assert (status, err.count("\n")) == (2, 1)
     assert said in err
     assert {str(file): file.read_text() for file in Path().rglob("*") if file.is_file()} == old
 
 
 @pytest.mark.slow
-def test_an_fmu_is_written_and_its_step_said(tmp_path, monkeypatch, capfd):
+def test_an_fmu_is_written_and_its_step_said(tmp_path, edmsim):
     pytest.importorskip("pythonfmu3")
-    assert run(monkeypatch, "gap", "--height", "10", "--fmu", f"{tmp_path}/gap.fmu") == 0
-    assert "its step is 0.0255 s" in capfd.readouterr().err
+    status, _, said = edmsim("gap", "--height", "10", "--fmu", f"{tmp_path}/gap.fmu")
+    assert status == 0
+    assert "its step is 0.0255 s" in said
     assert (tmp_path / "gap.fmu").is_file()

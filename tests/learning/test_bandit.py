@@ -7,10 +7,12 @@ import pytest
 
 from edmsim.controllers import from_text
 from edmsim.controllers.protocols import WindowObservation, tell
+from edmsim.controllers.user_controllers import check_controller
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
 from edmsim.learning import bandit_file, score
+from edmsim.learning.bandit_controller import BanditController
 from edmsim.learning.bandit_file import BanditCard, Belief, Segment
 
 ENV_ID = "edmsim/MaxRateShift-v0"
@@ -37,6 +39,11 @@ def card(**changes):
 def policy(tmp_path):
     bandit_file.write(card(), tmp_path / "policy.json")
     return from_text(f"policy:{tmp_path / 'policy.json'}")
+
+
+def test_it_begins_a_leg_as_it_began_the_first():
+    settings = [{"on_factor": 0.8 + 0.1 * k, "period_factor": 1.0 + k} for k in range(3)]
+    check_controller(lambda: BanditController(card(law="set-point", settings=settings)))
 
 
 def best(belief, bonus, lost_s):

@@ -75,6 +75,7 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
         ({"controllers": ["genius"]}, "genius"),
         ({"controllers": []}, "no controller is named"),
         ({"controllers": ["fixed", "adaptive-off-time"]}, "turns the generator's knobs"),
+        ({"controllers": ["fixed:offset_um=4"]}, "commands an offset"),
     ],
 )
 def test_bad_input_is_refused(tmp_path, options, named):

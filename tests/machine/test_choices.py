@@ -98,7 +98,9 @@ def test_a_triangle_has_half_the_mean_current_and_so_half_the_shortest_period():
     )
     for of in (discharge_current_A, short_current_A, mean_current_A, lambda m: least_period_us(m, 20.0)):
         assert of(triangle) == pytest.approx(of(rectangle) / 2)
-    assert triangle.with_(t_period_us=0.6 * least_period_us(rectangle, 20.0)).pulse_shape == "triangle"
+    assert rectangle.with_(pulse_shape="triangle", t_period_us=0.6 * least_period_us(rectangle, 20.0)) == (
+        triangle.with_(t_period_us=0.6 * least_period_us(rectangle, 20.0))
+    )
 
 
 def test_a_choice_of_the_other_kind_takes_the_place_of_the_first():

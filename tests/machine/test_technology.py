@@ -1,5 +1,6 @@
 """Technologies: what their files hold, offsets by number of passes, settings between heights, and bad ones."""
 
+import math
 import tomllib
 from importlib import resources
 
@@ -32,12 +33,15 @@ def test_offsets_are_those_of_a_shop_within_15_percent(passes):
 
 
 def test_between_heights_it_interpolates_and_says_so():
-    low, between, high = (OURS.table(mm, 4) for mm in (25.4, 44.0, 76.2))
-    assert "interpolated between those for 25.4 and 76.2 mm" in between.notices[0]
-    for name in ("t_period_us", "feed_mm_min", "last_offset_um"):
-        ends = sorted(getattr(table.settings[0], name) for table in (low, high))
-        assert ends[0] <= getattr(between.settings[0], name) <= ends[1]
-    assert "extrapolated from" in OURS.table(20.0, 4).notices[0]
+    low, high = (OURS.table(mm, 4) for mm in (25.4, 76.2))
+    for height_mm, said in ((44.0, "interpolated between those for 25.4 and 76.2 mm"), (20.0, "extrapolated from")):
+        found, share = OURS.table(height_mm, 4), math.log(height_mm / 25.4) / math.log(3.0)
+        assert said in found.notices[0]
+        for name in ("t_on_us", "t_period_us", "feed_mm_min", "last_offset_um"):
+            ends = [[getattr(one, name) for one in table.settings] for table in (low, high)]
+            assert [getattr(one, name) for one in found.settings] == pytest.approx(
+                [a * (b / a) ** share for a, b in zip(*ends, strict=True)]
+            )
 
 
 def test_a_single_height_gives_another_one_its_power_per_mm():

@@ -26,7 +26,7 @@ FAST = resolution("fast")
 def sums(gaps_um, law, shift=(0.0, 0.0), angles=None):
     """Return rate, primed weight, contact depth and pull of rays with these gaps, by default all along x."""
     rays, row = rays_with(gaps_um, np.zeros(len(gaps_um)) if angles is None else angles), np.zeros((1, 4))
-    contact = slice_sums(rays, 0, *shift, law, 1.0, row)
+    contact = slice_sums(rays, 0, *shift, law, row)
     return row[0, 0], row[0, 1], contact, row[0, 2], row[0, 3]
 
 
@@ -241,7 +241,7 @@ def test_the_primed_weight_of_particles_is_their_number(gap, debris, machine):
     law = gap_law(machine.with_(height_mm=10), FAST, 80.0)
     n = FAST.slices * FAST.rays // 2
     row, rays = np.zeros((1, 4)), rays_with(np.full(n, gap), np.zeros(n))
-    slice_sums(rays, 0, 0.0, 0.0, law, 1.0, row, debris)
+    slice_sums(rays, 0, 0.0, 0.0, law, row, debris)
     mean_um, beyond = law.particle_um, max(gap - 9.0, 0.0)
     per_um3 = debris / (math.pi * mean_um**3) * larger_than(beyond, mean_um)
     volume_um3 = 0.5 * math.pi * 250.0 * 10_000.0 * gap  # of the gap around the wire's front

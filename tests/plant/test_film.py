@@ -111,7 +111,7 @@ def test_the_pull_that_stands_for_the_film_is_that_of_the_rays(front, side, mach
     angle = 2 * math.pi * np.arange(64) / 64
     angle = angle[np.cos(angle) > -1e-9]
     gaps, row = side - (side - front) * np.cos(angle), np.zeros((1, 4))
-    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, FAST, 100.0), 1.0, row)
+    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, FAST, 100.0), row)
     assert row[0, 2] == pytest.approx(pull_sum_um2(R_UM, front, side, 64), rel=2e-3)
 
 

@@ -1,7 +1,5 @@
 """The pulse generator: settings it refuses, and what its three modes do in the gap."""
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,11 +12,6 @@ from edmsim.plant.gap.generator import timing
 
 def load(mode="iso-pulse", **setting):
     return edmsim.Machine.load(generator=mode, **setting)
-
-
-def test_current_is_the_voltage_over_the_resistor(machine):  # T-4
-    assert discharge_current_A(machine) == pytest.approx((100.0 - 22.0) / 11.8)
-    assert discharge_current_A(load("ignition-pulse")) == pytest.approx((100.0 - 22.0) / 11.8)  # not 250 V
 
 
 @given(st.floats(1.0, 25.0), st.floats(100.0, 5_000.0), st.floats(0.5, 0.99))
@@ -37,16 +30,6 @@ def test_no_setting_above_two_ampere_runs(machine, on, period):  # T-34
             machine.with_(t_on_us=on, t_period_us=period)
 
 
-@pytest.mark.parametrize("on", [1.0, 7.3, 30.0, 250.0])
-def test_the_refusal_names_the_least_period_and_it_runs(on):  # T-34
-    with pytest.raises(edmsim.InputError, match=r"above the generator's 2 A; t_period must be at least") as caught:
-        load(t_on_us=on, t_period_us=2.0 * on)
-    least = float(re.search(r"at least ([\d.]+) us$", str(caught.value))[1])
-    assert mean_current_A(load(t_on_us=on, t_period_us=1.001 * least)) == pytest.approx(2.0, rel=2e-3)
-    with pytest.raises(edmsim.InputError):
-        load(t_on_us=on, t_period_us=0.999 * least)
-
-
 def test_a_refused_setting_leaves_the_old_one(machine):  # T-34
     plant = edmsim.Plant(machine, seed=1, resolution="fast")
     reference = edmsim.Plant(machine, seed=1, resolution="fast")
@@ -54,21 +37,6 @@ def test_a_refused_setting_leaves_the_old_one(machine):  # T-34
         plant.set_generator(30.0, 60.0)
     assert (plant.machine.t_on_us, plant.machine.t_period_us) == (30.0, 100.0)
     assert [plant.advance() for _ in range(5)] == [reference.advance() for _ in range(5)]
-
-
-@pytest.mark.parametrize(("mode", "setting", "message"), [
-    ("iso-pulse", {"t_on_us": 0.5}, r"t_on 0\.5 us is not within 1\.\.1000 us"),  # T-1
-    ("iso-pulse", {"t_on_us": 1001.0, "t_period_us": 9000.0}, r"t_on 1001 us is not within 1\.\.1000 us"),  # T-1
-    ("iso-pulse", {"t_on_us": 1.0, "t_period_us": 1.9}, r"t_period 1\.9 us is not within 2\.\.10000"),  # T-36
-    ("iso-pulse", {"t_period_us": 10_001.0}, r"t_period 10001 us is not within 2\.\.10000 us"),  # T-2
-    ("iso-pulse", {"t_on_us": 50.0, "t_period_us": 50.0}, r"t_period 50 us leaves no pause after 50 us"),
-    ("ignition-pulse", {"t_on_us": 20.0, "t_period_us": 40.0}, r"t_period 40 us leaves no pause after 40 us"),
-    ("iso-pulse", {"t_on_us": float("nan")}, r"t_on nan us is not within"),
-])  # fmt: skip
-def test_impossible_settings_are_reported_in_one_sentence(mode, setting, message):
-    with pytest.raises(edmsim.InputError, match=message) as error:
-        load(mode, **setting)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("period", [2.0, 10.0, 100.0, 1_000.0, 10_000.0])

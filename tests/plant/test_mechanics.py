@@ -335,17 +335,12 @@ def test_an_unknown_data_file_is_named():
 
 
 @pytest.mark.slow
-def test_import_leaves_mujoco_alone():
-    code = "import sys, edmsim.plant.mechanics.model; print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "False"]
-
-
-@pytest.mark.slow
-def test_a_plant_loads_neither_scipy_linalg_nor_asyncio():
-    """Both would make every start longer; scipy.linalg, loaded afterwards, shares the routine."""
+def test_the_model_loads_no_mujoco_and_a_plant_neither_scipy_linalg_nor_asyncio():
+    """All would make every start longer; scipy.linalg, loaded afterwards, shares the routine."""
     code = """
-import sys, edmsim
+import sys, edmsim.plant.mechanics.model
+print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)
+import edmsim
 from edmsim.plant.mechanics.modes import _dsygvd
 edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()
 print('scipy.linalg' in sys.modules, 'asyncio' in sys.modules)
@@ -353,4 +348,4 @@ from scipy.linalg.lapack import dsygvd
 print(dsygvd is _dsygvd())
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "False", "True"]
+    assert done.stdout.split() == ["False"] * 4 + ["True"]

@@ -272,6 +272,9 @@ def test_a_plant_without_a_window_yet_says_so(machine):
     plant = edmsim.Plant(machine, resolution="fast")
     with pytest.raises(edmsim.InputError, match="no window yet: advance it first"):
         plant.window()
+    for steps, pulses, said in ((None, 255, "steps cannot be None"), ((), 2.5, "pulses cannot be 2.5: give int")):
+        with pytest.raises(edmsim.InputError, match=said):
+            plant.advance(steps, pulses)
     assert plant.advance() == plant.window()
     plant.reset(2)
     with pytest.raises(edmsim.InputError, match="no window yet: advance it first"):

@@ -75,7 +75,7 @@ def test_rays_on_a_flat_wall_pull_as_the_closed_form(gap, name, machine):
     angle = angle[np.cos(angle) > (125.0 + gap) / (125.0 + RAY_RANGE_UM)]  # those that meet the wall
     gaps = (125.0 + gap) / np.cos(angle) - 125.0
     sums = np.zeros((1, 4))
-    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, 100.0), 1.0, sums)
+    slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, 100.0), sums)
     inverse_squares, sideways = sums[0, 2:]
     girth_per_ray_m = math.pi * 250e-6 / res.rays
     pressure = 0.5 * 80 * VACUUM_PERMITTIVITY_F_M * 100.0**2 * 1e12  # of a ray, times gap^2 in um^2

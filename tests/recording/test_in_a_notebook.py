@@ -91,9 +91,9 @@ def test_a_file_of_samples_has_every_pulse_as_the_model_had_it(result, tmp_path)
     assert u[kinds == "spark"].max() == 100.0
 
 
-@pytest.mark.parametrize("every_us", [0.0, -1.0, float("nan")])
+@pytest.mark.parametrize("every_us", [0.0, -1.0, 1e-9, float("nan")])
 def test_samples_need_a_time_between_them(result, tmp_path, every_us):
-    with pytest.raises(InputError, match="must be above 0 us"):
+    with pytest.raises(InputError, match=r"must be 0\.001 us or more"):
         result.write_traces(tmp_path / "traces.parquet", every_us=every_us)
     assert list(tmp_path.iterdir()) == []
 

@@ -17,6 +17,7 @@ from rerun.chunk import RrdReader
 from edmsim.errors import InputError
 from edmsim.recording.film import Film, render
 from edmsim.recording.rerun import viewer
+from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import take_screenshots
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable
@@ -68,6 +69,11 @@ def test_what_cannot_be_played_is_refused_by_what_it_is(spoil, reason, folder):
     spoil(folder / "cut.rrd")
     with pytest.raises(InputError, match=reason):
         viewer.find_recording(folder)
+
+
+def test_a_folder_is_no_recording(tmp_path):
+    with pytest.raises(InputError, match=r"cannot be read: Is a directory; give a cut's cut\.rrd"):
+        Playback(tmp_path)
 
 
 def test_a_taken_port_is_replaced():
@@ -199,7 +205,8 @@ def test_pictures_show_the_kerf_grow_and_are_the_same_again(play):
 
 @pytest.mark.parametrize(
     ("name", "seconds", "message"),
-    [("cut.avi", 1.0, r"a film is written as \.mp4 \.gif"), ("cut", 1.0, "a film is written"),
+    [("cut.gif", "1", "seconds cannot be '1': give float"),
+     ("cut.avi", 1.0, r"a film is written as \.mp4 \.gif"), ("cut", 1.0, "a film is written"),
      ("cut.gif", 0.0, "0 s cannot be made"),
      ("cut.gif", float("nan"), "nan s cannot"), ("cut.mp4", 1e4, "give 0.5 to 600")],
 )  # fmt: skip

@@ -85,7 +85,7 @@ def test_a_long_reason_has_two_lines_within_the_figure(cut):
 def test_a_cut_that_left_nothing_can_be_drawn(cut, tmp_path):
     scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
     report = dataclasses.replace(cut.report, machining_time_s=None, path_length_mm=None)
-    write_figure(profile_figure(scene, WindowTable().to_arrow(), report, "nothing"), tmp_path / "profile.png")
+    write_figure(profile_figure(scene, WindowTable().to_arrow(), report, "nothing"), f"{tmp_path}/profile.png")
     assert (tmp_path / "profile.png").stat().st_size > 10_000
 
 

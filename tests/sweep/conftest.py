@@ -24,7 +24,7 @@ def giving_up(tmp_path):
     """A controller that fails in its first window, as a sweep names it."""
     file = tmp_path / "giving_up.py"
     file.write_text(
-        "from edmsim.controllers.feed.fixed import FixedController\n\n\nclass Own(FixedController):\n"
+        "from edmsim.controllers.feed.laws import FixedController\n\n\nclass Own(FixedController):\n"
         "    name = 'own'\n\n    def update(self, window):\n        raise RuntimeError('out of ideas')\n"
     )
     return f"{file}:Own"

@@ -46,7 +46,7 @@ def test_everything_is_combined_with_everything(line, short):
     spec = Specification(
         program=[str(line)], seeds=2, machine_samples=3, settings=short,
         grid={"t_on": "20:40:10", "gap": {"critical_um": [4, 5]}},
-        sobol={"samples": 4, "ranges": {"tension": [8, 12], "gap.deionisation_us": "range",
+        sobol={"samples": 4, "ranges": {"tension": (8, np.float64(12)), "gap.deionisation_us": "range",
                                         "wire_speed_m_s": [0.1, 10, "log"]}},
     )  # fmt: skip
     runs = list(runs_of(spec))
@@ -86,6 +86,7 @@ def test_seeds_of_environments_are_those_held_back():
     ({"settings": {"gap.colour": 5}}, "gap.critical_um"),
     ({"settings": {"wire.stress_MPa": 5}}, "tension"),
     ({"settings": {"gap.critical_um": "wide"}}, "wide"),
+    ({"seeds": [0, -1]}, "seeds.1 cannot be -1"),
     ({"sobol": {"samples": 6, "ranges": {"tension": [8, 12]}}}, "4 or 8"),
     ({"sobol": {"samples": 4, "ranges": {"tension": [12, 8]}}}, "[low, high]"),
     ({"sobol": {"samples": 4, "ranges": {"tension": "range"}}}, "published range"),

@@ -249,12 +249,13 @@ def test_what_was_stored_is_there_once_whenever_the_driver_dies(tmp_path, monkey
 @pytest.mark.slow
 def test_recordings_are_whole_and_play(line, short, tmp_path):
     spec = Specification(program=[str(line)], settings=short, recordings=["windows", "report"])
-    sweep(spec.model_copy(update={"recordings": []}), tmp_path, engine=Here())
-    again = Here()
-    sweep(spec, tmp_path, engine=again)  # of a run that is done its recording is still wanted
     (run,) = runs_of(spec)
     folder = tmp_path / "recordings" / run.id
-    assert again.made == [run.id]
+    # of a run that is done its recording is still wanted, and what there is stays
+    for requested, made in (([], [run.id]), (["report"], [run.id]), (["windows"], [run.id]), (spec.recordings, [])):
+        engine = Here()
+        sweep(spec.model_copy(update={"recordings": requested}), tmp_path, engine=engine)
+        assert engine.made == made
     assert sorted(file.name for file in folder.iterdir()) == ["report.json", "windows.parquet"]
     assert json.loads((folder / "report.json").read_text())["outcome"] == "time-limit"
     assert len(read(tmp_path)) == 1

@@ -118,6 +118,10 @@ def test_ours_are_searched_alike(tmp_path):
     assert found.first_spread.worst < 4.0 < found.values["feed_um_s"] <= 6.5
     with pytest.raises(InputError, match="of fixed, not of counts"):
         tune_controller("counts", tmp_path / "study", trials=1, engine=Machines())
+    for other, said in (({"seeds": 5}, "of seeds 4, not 5"), ({"seed": 9, "seeds": 4}, "of seed 0, not 9"),
+                        ({"seeds": 4, "height_mm": 7}, "'height_mm': 7")):
+        with pytest.raises(InputError, match=said):
+            tune_controller("fixed", tmp_path / "study", trials=26, engine=Machines(), **other)
 
 
 def test_bounds_are_read_as_declared(tmp_path):

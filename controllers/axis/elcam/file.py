@@ -38,7 +38,7 @@ from pydantic import AfterValidator, AllowInfNan, BaseModel, Field, Strict, Stri
 from edmsim.controllers.axis.elcam.module import BUFFER_VARIABLE, CallStatus, CamPlace, Descriptor, Elcam, TableAccess
 from edmsim.controllers.axis.elcam.table import DATA, CamTable, Error, Function, Mode
 from edmsim.controllers.protocols import Step
-from edmsim.errors import InputError, invalid_entry
+from edmsim.errors import InputError, invalid_entry, refuses_wrong_types
 from edmsim.files import read_toml
 
 NAMES = "x", "y", "u", "v"  # axes in the order of their numbers
@@ -174,6 +174,7 @@ class Cam:
     cubic: bool = False
 
 
+@refuses_wrong_types
 def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     """Read a file of tables.
 

@@ -5,8 +5,6 @@ the pulse's period, the full one before every time step of MuJoCo for that step.
 where its steps lead it, and rings.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -134,12 +132,10 @@ def advance_axes(
     state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
     events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
 ) -> int:
-    """Take the events (time in ns, channel, value) and samples before a time; returns the first event after it.
-
-    `LOST` if an axis left the tiles of the field; `TRIPPED` as soon as the machine has to stop an axis that it had
-    not to stop before: the rest of the span has not passed for the axes then. `k_period` are the steps of the pulse's
-    grid since the axes were here last, for the steppers of the modal model.
-    """
+    """Take the events (time in ns, channel, value) and samples before a time; returns the first event after it."""
+    # `LOST` if an axis left the tiles of the field; `TRIPPED` as soon as the machine has to stop an axis that it had
+    # not to stop before: the rest of the span has not passed for the axes then. `k_period` are the steps of the
+    # pulse's grid since the axes were here last, for the steppers of the modal model
     if axes.loops == 0:
         while next_event < events.shape[0] and events[next_event, 0] < until_ns:
             time_ns, axis, direction = events[next_event, 0], events[next_event, 1], events[next_event, 2]

@@ -1,7 +1,5 @@
 """The boards of the drives: when a drive is due, its inputs, and when its outputs take effect."""
 
-from __future__ import annotations
-
 from edmsim.compiled.axis_rows import (
     FAULT_IN,
     FAULT_OUT,

@@ -1,7 +1,5 @@
 """A plant's drives: their rows in the memory of the pulse loop, and their part of a snapshot."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -25,7 +23,6 @@ from edmsim.plant.kernel.state import Axes
 
 AXIS_NAMES = ("x", "y", "u", "v")
 """The machine's axes: x and y of the lower guide, u and v of the upper guide relative to it."""
-
 
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
 _LOOK_NS = 10_000_000  # how often it is looked whether a rapid is over (ours)
@@ -68,6 +65,8 @@ class Drives:
             drive = self.by_axis.get(name)
             if drive is None:
                 continue
+            if not hasattr(drive, "record"):
+                raise InputError(f"the drive of {name} is {drive!r}: give one of edmsim.controllers.axis.make")
             if drive.record.dtype != DRIVE or drive.record.shape != (1,):
                 raise InputError(f"the record of the {name} drive is not one row of edmsim.compiled.axis_rows.DRIVE")
             made.drives[k] = drive.record[0]
@@ -114,12 +113,10 @@ class Drives:
         self, state: NDArray[np.void], position_um: Sequence[float], duration_ns: int, step_um: float,
         rapid_um_s: float,
     ) -> tuple[int, float]:
-        """Let the first axes go to a place without the wire, within `duration_ns`, the others stay.
-
-        An axis under a drive with a loop is given whole steps, at once where the drive makes ramps of its own, and is
-        moved by it; the others are there. Returns how long it took (ns), and for how long (s) axes would still have
-        to be waited for until they are within a step of their place: 0 if they are, or have been stopped.
-        """
+        """Let the first axes go to a place without the wire, within `duration_ns`, the others stay."""
+        # an axis under a drive with a loop is given whole steps, at once where the drive makes ramps of its own, and
+        # is moved by it; the others are there. Returns how long it took (ns), and for how long (s) axes would still
+        # have to be waited for until they are within a step of their place: 0 if they are, or have been stopped
         moved_um = np.zeros(N_AXES)
         moved_um[: len(position_um)] = position_um - state["commanded_um"][0, : len(position_um)]
         counts = [round(float(um) / step_um) if self.has_loop(k) else 0 for k, um in enumerate(moved_um)]
@@ -143,10 +140,8 @@ class Drives:
     def _travel(
         self, state: NDArray[np.void], counts: list[int], duration_ns: int, step_um: float, rapid_um_s: float
     ) -> tuple[int, float]:
-        """Move the axes whose drives have a loop by some steps; return what `carry` does.
-
-        On its way an axis may be anywhere between its old place and its new one.
-        """
+        """Move the axes whose drives have a loop by some steps; return what `carry` does."""
+        # on its way an axis may be anywhere between its old place and its new one
         rows, start_ns, to_um = self.axes.rows, int(state["time_ns"][0]), state["commanded_um"][0]
         at_once = [getattr(self.by_axis.get(name), "makes_ramps", False) for name in AXIS_NAMES]
         moves = straight_moves(counts, start_ns, rapid_um_s / step_um, at_once)

@@ -9,8 +9,6 @@ exponential lengths (ours: nothing is known of them). One shorter than ``1 / rat
 one turns phases over while it lasts.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

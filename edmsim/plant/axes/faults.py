@@ -4,19 +4,13 @@
 AxisFault(axis='x', fault='stuck', at_s=2.5)
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
-from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from edmsim.compiled.axis_rows import FAULT_IN, PHASE_A, PHASE_B
 from edmsim.errors import InputError
 from edmsim.plant.axes.board import NEVER, hold_in_reset
-
-if TYPE_CHECKING:
-    from edmsim.plant.kernel.state import Axes
+from edmsim.plant.kernel.state import Axes
 
 
 class AxisFault(NamedTuple):
@@ -27,46 +21,32 @@ class AxisFault(NamedTuple):
     at_s: float  # machine time from which on it is there; from the cut's begin, for 0
 
 
-def _stick(axes: Axes, k: int) -> None:
-    axes.rows["locked"][k] = 1
+FAULTS = ("stuck", "swapped", "unplugged", "supply-off", "logic-off", "fault-line", "stalled")
+"""The rotor is held; the encoder's wires are exchanged, so that the loop turns the wrong way; they are unplugged; the
+motor has no supply, and the capacitor at its bridge is discharged; the drive's logic has none; its fault input is
+pulled low; it computes no more."""
 
 
-def _swap(axes: Axes, k: int) -> None:
-    axes.rows["swapped"][k] = 1
+def break_axis(axes: Axes, k: int, fault: str) -> None:
+    """Give an axis one of `FAULTS`; done twice it is as done once."""
+    row = axes.rows[k : k + 1]
+    match fault:
+        case "stuck":
+            row["locked"] = 1
+        case "swapped":
+            row["swapped"] = 1
+        case "unplugged":
+            row["unplugged"] |= PHASE_A | PHASE_B
+        case "supply-off":
+            axes.motors["supply_V"][k] = row["link_V"] = 0.0
+        case "logic-off":
+            hold_in_reset(axes, k)
+        case "fault-line":
+            row["hand_lines"] |= FAULT_IN
+        case "stalled":
+            axes.drives["stalled_until_ns"][k] = NEVER
 
 
-def _unplug(axes: Axes, k: int) -> None:
-    axes.rows["unplugged"][k] |= PHASE_A | PHASE_B
-
-
-def _cut_supply(axes: Axes, k: int) -> None:
-    axes.motors["supply_V"][k] = axes.rows["link_V"][k] = 0.0
-
-
-def _reset(axes: Axes, k: int) -> None:
-    hold_in_reset(axes, k)
-
-
-def _pull_line(axes: Axes, k: int) -> None:
-    axes.rows["hand_lines"][k] |= FAULT_IN
-
-
-def _stall(axes: Axes, k: int) -> None:
-    axes.drives["stalled_until_ns"][k] = NEVER
-
-
-FAULTS = MappingProxyType[str, Callable[["Axes", int], None]]({
-    "stuck": _stick,
-    "swapped": _swap,
-    "unplugged": _unplug,
-    "supply-off": _cut_supply,
-    "logic-off": _reset,
-    "fault-line": _pull_line,
-    "stalled": _stall,
-})
-"""What each does to the rows of an axis; done twice it is as done once. The rotor is held; the encoder's wires are
-exchanged, so that the loop turns the wrong way; they are unplugged; the motor has no supply, and the capacitor at its
-bridge is discharged; the drive's logic has none; its fault input is pulled low; it computes no more."""
 _FORM = "an axis' fault is AXIS:FAULT@SECONDS, x:stuck@2.5 say"
 
 

@@ -11,8 +11,6 @@ proportional and integral to the error of speed; the bridge gives the voltage th
 At 0 V it brakes with that current, so that the axis coasts to a stop. Gain, symmetry and offset are adjusted by hand.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

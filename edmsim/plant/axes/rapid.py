@@ -4,8 +4,6 @@ The axes are stepped by edmsim's own integrator, whatever moves the table while 
 screw and table are all there is, and MuJoCo moves them alike.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ is ahead of the table, less the backlash. Time steps are semi-implicit, 20 us or
 table and rotor. MuJoCo moves the two masses in the full model; forces and friction are the same functions there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A source of step pulses: moves of an exact number of steps, at once, at a rate, or with ramps."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,9 +1,6 @@
 """The reasons for which axes stopped, in words: from the drives, and from table and wire."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +20,8 @@ def reason(drives: Drives) -> str:
 
 def _of_axis(drives: Drives, k: int) -> str:
     row, name = drives.axes.rows[k], AXIS_NAMES[k]
-    why, off_um = _own_words(drives, k), _off_um(row)
+    why = _own_words(drives, k)
+    off_um = float(max(row["place_um"] - row["most_um"], row["least_um"] - row["place_um"], 0.0))
     if row["trip"] & NO_COMMAND:
         text = f"the drive of {name} is out of service: it commanded what is not a share of its supply"
     elif drives.axes.drives["lines"][k] & FAULT and not why and (pulled_by := _line_low(drives, k)):
@@ -37,11 +35,6 @@ def _of_axis(drives: Drives, k: int) -> str:
             f"{': ' + why if why else ''}"
         )
     return text + _of_supply(drives, k)
-
-
-def _off_um(row: Any) -> float:
-    """Return how far an axis is from where the planner has it."""
-    return float(max(row["place_um"] - row["most_um"], row["least_um"] - row["place_um"], 0.0))
 
 
 def _own_words(drives: Drives, k: int) -> str:

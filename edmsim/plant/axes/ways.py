@@ -6,19 +6,14 @@ the bend of the way of x, and what x is askew. Bends and skew may change with th
 the same column.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled, compiled_apart
-
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-
+from edmsim.machine.machine import Machine
 
 WAY = np.dtype(
     [

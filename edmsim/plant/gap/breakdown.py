@@ -21,8 +21,6 @@ gone since the voltage came, as ``exp(-(v t / l)^2)``.
 Other voltages scale the gap to equal field (``g * 80 V / V``).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -70,8 +68,7 @@ class GapLaw(NamedTuple):
 
 
 _LN2 = math.log(2.0)
-PULL_GAP_FLOOR_UM = 1.0
-"""The electrostatic pressure of a ray is not followed below this gap (ours: asperities touch before)."""
+PULL_GAP_FLOOR_UM = 1.0  # the pull of a ray is not followed below this gap (ours: asperities touch before)
 
 
 class BlockLaw(NamedTuple):
@@ -129,10 +126,8 @@ def sum_pack(
     rays: Rays, pack: int, sx: Any, sy: Any, law: BlockLaw, gain: Any, pull: Any, debris: Any,
     sums: NDArray[np.float64], near: Any,
 ) -> Any:
-    """Sum the rays of a pack of slices as `slice_sums` does, by vectors with what it takes for each of them.
-
-    Returns the sum over the slices, and no less than the greatest primed weights and `near`.
-    """
+    """Sum the rays of a pack of slices as `slice_sums` does, by vectors with what it takes for each of them."""
+    # returns the sum over the slices, and no less than the greatest primed weights and `near`
     one = np.float32(1.0)
     rate = primed = particles = pull_x = pull_y = spread(np.float32(0.0))
     for at in range(0, rays.packed_blocks[pack] * GAPS, GAPS):
@@ -172,22 +167,14 @@ def contact_depth(rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLa
 
 @compiled
 def slice_sums(
-    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, gain: float, sums: NDArray[np.float64],
-    debris: float = 0.0,
+    rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, sums: NDArray[np.float64], debris: float = 0.0
 ) -> float:
-    """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um.
-
-    The slices in the same block get their rows as well.
-
-    The row is rate 1/us, primed weight um^2, both times `gain`, pull x, y 1/um^2: that of coaxial cylinders,
-    ``(1/g + 1/(2 r))^2``. `shift` is how far the wire has moved from where the rays were traced.
-    """
+    """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um."""
+    # the slices in the same block get their rows as well. A row is rate 1/us, primed weight um^2, pull x, y 1/um^2:
+    # that of coaxial cylinders, ``(1/g + 1/(2 r))^2``. `shift` is how far the wire has moved since they were traced
     sx, sy, nothing = np.float32(shift_x), np.float32(shift_y), spread(np.float32(0.0))
-    gains, loading = spread(np.float32(gain)), spread(np.float32(debris))
-    _, near = sum_pack(
-        rays, s // PACK, spread(sx), spread(sy), block_law(law), gains, spread(np.float32(1.0)), loading, sums,
-        nothing,
-    )  # fmt: skip
+    whole, loading = spread(np.float32(1.0)), spread(np.float32(debris))
+    _, near = sum_pack(rays, s // PACK, spread(sx), spread(sy), block_law(law), whole, whole, loading, sums, nothing)
     return contact_depth(rays, s, sx, sy, law) if may_touch(near, law) else 0.0
 
 

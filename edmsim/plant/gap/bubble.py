@@ -6,8 +6,6 @@ three us. Then the gas escapes through the edges, and pushes with what pressure 
 Derivation, figure and uncertainty: ``docs/theory/gas.md``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -17,15 +15,12 @@ from edmsim.plant.gap.water import AMBIENT_PA, DENSITY_KG_M3
 
 REFERENCE_GAP_UM, REFERENCE_J, REFERENCE_DIAMETER_UM = 20.0, 0.01, 250.0
 """Gap, energy and wire diameter at which the impulse constant of a machine file holds."""
-LEAST_GAP_UM = 5.0
-"""Nearer metal does not raise the impulse (ours: craters and asperities are as large)."""
-SLIT_LOGARITHM = 0.6
-"""Mean of ln(slit / bubble) while the bubble crosses the slit (ours: the integration, 0.5 to 1)."""
+LEAST_GAP_UM = 5.0  # nearer metal does not raise the impulse (ours: craters and asperities are as large)
+SLIT_LOGARITHM = 0.6  # mean of ln(slit / bubble) while the bubble crosses the slit (ours: the integration, 0.5 to 1)
 LATE_SHARE = 0.7
 """Rise of the energy that drives the water, half of the gas's while the discharge burns, if that ends at once and the
 gas has all the time until the vent to give the rest (ours: the integration, 0.6 to 0.8)."""
-HEAT_RATIO = 1.3
-"""Ratio of specific heats of steam (tables of steam, 100 to 1000 C; less where it dissociates, down to 1.15)."""
+HEAT_RATIO = 1.3  # of specific heats of steam (tables, 100 to 1000 C; less where it dissociates, down to 1.15)
 ESCAPE_M_S = 270.0
 """Volume of gas per area of the edges and time at choked flow: 0.585 of its speed of sound, here that of dry steam at
 100 C (ours: 150 if it carries spray to 480 at 850 C)."""
@@ -65,12 +60,10 @@ def vent_time_us(power_W: float, gap_um: float, law: BubbleLaw) -> float:
 
 @compiled
 def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: BubbleLaw) -> float:
-    """Impulse that the bubble of a discharge gives the wire where liquid fills the slit.
-
-    The water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``; what escapes adds
-    ``k (20 um / g)`` times half of the energy that the gas holds then, and ``k (20 um / g) P - F0`` as long as the
-    discharge burns on.
-    """
+    """Impulse that the bubble of a discharge gives the wire where liquid fills the slit."""
+    # the water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``; what escapes adds ``k
+    # (20 um / g)`` times half of the energy that the gas holds then, and ``k (20 um / g) P - F0`` as long as the
+    # discharge burns on
     if power_W <= 0.0:
         return 0.0
     # one root, and no division that waits for the gap

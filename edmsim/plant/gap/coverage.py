@@ -9,8 +9,6 @@ permanent gas collects there until the jets have flushed it out. The water that 
 with it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, NamedTuple
 
@@ -40,10 +38,8 @@ class GasLaw(NamedTuple):
 
 
 def cover_um2_J(pressure_energy_share: float, kerf_um: float) -> float:
-    """Square of half the length that the gas of a discharge covers, in um2 per joule.
-
-    Gas of the volume ``share E / p0`` that spans the kerf is a flat disc: ``R^2 = share E / (pi p0 w)``.
-    """
+    """Square of half the length that the gas of a discharge covers, in um2 per joule."""
+    # gas of the volume ``share E / p0`` that spans the kerf is a flat disc: ``R^2 = share E / (pi p0 w)``
     return pressure_energy_share / (math.pi * AMBIENT_PA * kerf_um * 1e-6) * 1e12
 
 
@@ -53,21 +49,17 @@ def steam_life_us(half_length_um: float, periods: float, density_kg_m3: float) -
 
 
 def refill_um_s(gap_um: float, life_us: float) -> float:
-    """Speed of a wire that drives the water through its edges as fast as pockets of steam do.
-
-    Pockets of the life T over a share a of the front give the edges' water ``u = pi r a / T``, whose loss resists a
-    wire as ``loss rho u (r / g) d``: as `film.edge_loss_kg_m2` does at ``2 pi g a / (T sqrt(8 / pi))``; here a is 1.
-    """
+    """Speed of a wire that drives the water through its edges as fast as pockets of steam do."""
+    # pockets of the life T over a share a of the front give the edges' water ``u = pi r a / T``, whose loss resists a
+    # wire as ``loss rho u (r / g) d``: as `film.edge_loss_kg_m2` does at ``2 pi g a / (T sqrt(8 / pi))``; here a is 1
     return 2 * math.pi * gap_um / (max(life_us, 1.0) * 1e-6) / math.sqrt(8 / math.pi)
 
 
 def refill_us(
     length_um: float, gap_um: float, viscosity_Pa_s: float, density_kg_m3: float, tension_N_m: float, wetting: float
 ) -> float:
-    """Time in which capillarity draws water over a length into a gap.
-
-    The pressure ``2 sigma cos(angle) / g`` works against friction (Washburn) and inertia, whose times are added.
-    """
+    """Time in which capillarity draws water over a length into a gap."""
+    # the pressure ``2 sigma cos(angle) / g`` works against friction (Washburn) and inertia, whose times are added
     length, gap, driving = length_um * 1e-6, gap_um * 1e-6, tension_N_m * wetting
     friction = 3 * viscosity_Pa_s * length**2 / (driving * gap)
     inertia = length * math.sqrt(density_kg_m3 * gap / (4 * driving))
@@ -104,12 +96,10 @@ def _overlap(place: float, reach: float, first: int, top: float) -> Any:
 def blow(
     a: Arrays, c: Constants, law: GasLaw, s: int, within: float, energy_J: float, k_left: int, debris_um3: float
 ) -> None:
-    """Let a discharge blow gas at a share of the height of its slice, so long before the period's end.
-
-    Gas of former discharges ends where it covers the front again. The steam spreads the discharge's debris over its
-    pocket, beyond the workpiece as well, and exchanges the gap's debris with the kerf's. Lengths count as shares of
-    the height of the metal in the discharge's slice.
-    """
+    """Let a discharge blow gas at a share of the height of its slice, so long before the period's end."""
+    # gas of former discharges ends where it covers the front again. The steam spreads the discharge's debris over its
+    # pocket, beyond the workpiece as well, and exchanges the gap's debris with the kerf's. Lengths count as shares of
+    # the height of the metal in the discharge's slice
     root, place = math.sqrt(energy_J) / (c.slice_um * a.metal[s]), s + within
     steam, gas = law.steam_um_J * root, law.gas_um_J * root
     pocket = max(steam, LEAST_POCKET)

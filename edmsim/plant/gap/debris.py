@@ -5,8 +5,6 @@ through the kerf on its way, so the flow past a slice falls linearly from the no
 both push alike. Debris is a volume share of the gap's water, one number per slice.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -48,10 +46,8 @@ class Jets(NamedTuple):
 
 
 def _meeting_share(lower_Pa: float, upper_Pa: float) -> float:
-    """Height at which two jets meet, as a share of the workpiece's: ``(z / (h - z))^2`` is the pressures' ratio.
-
-    As much water leaves through the kerf at every height (ours), so the flows fall with one slope.
-    """
+    """Height at which two jets meet, as a share of the workpiece's: ``(z / (h - z))^2`` is the pressures' ratio."""
+    # as much water leaves through the kerf at every height (ours), so the flows fall with one slope
     lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
     return lower / (lower + upper) if lower + upper > 0.0 else 0.5
 
@@ -79,10 +75,8 @@ Reynolds numbers of some 10 000 (handbook)."""
 
 
 def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float) -> Jets:
-    """Return what two nozzles drive down the kerf behind the wire, whose flow is turbulent.
-
-    ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet, the same as in the gap.
-    """
+    """Return what two nozzles drive down the kerf behind the wire, whose flow is turbulent."""
+    # ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet, the same as in the gap
     share = _meeting_share(lower_Pa, upper_Pa)
 
     def speed_m_s(pressure_Pa: float, way: float) -> float:
@@ -92,8 +86,7 @@ def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float
     return Jets(share, speed_m_s(lower_Pa, share), speed_m_s(upper_Pa, 1.0 - share))
 
 
-EINSTEIN = 2.5
-"""Rise of a liquid's viscosity with its share of particles, relative to the clean liquid's (Einstein, 1906)."""
+EINSTEIN = 2.5  # rise of a liquid's viscosity with its share of particles, over the clean one's (Einstein, 1906)
 
 
 @compiled
@@ -107,10 +100,8 @@ def mean_of_slices(shares: NDArray[np.float64], slices: int) -> float:
 
 @compiled
 def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArray[np.float64]) -> None:
-    """Carry debris to where the jets meet and out.
-
-    Implicit upwind, so that no interval is too long. The slice in which the jets meet takes from both sides.
-    """
+    """Carry debris to where the jets meet and out."""
+    # implicit upwind, so that no interval is too long. The slice in which the jets meet takes from both sides
     n = share.shape[1]
     for side in range(2):
         changes = lower if side == 0 else upper

@@ -12,33 +12,20 @@ integrates the gap voltage of the working pulses. In the pauses it switches a se
 polarity and through a large resistor, until the integral is back at 0 or the pause is over.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.machine import setting
+from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Equalising
-from edmsim.machine.setting import (
-    arc_share,
-    discharge_current_A,
-    ignition_wait_us,
-    open_V,
-    pulse_form,
-    short_current_A,
-)
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.kernel.state import GRID, IGNITION_PULSE, ISO_ENERGETIC, ISO_PULSE, Timing
 
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-    from edmsim.machine.pulse_window import PulseWindow
-
-
 _MODES = {"iso-pulse": ISO_PULSE, "iso-energetic": ISO_ENERGETIC, "ignition-pulse": IGNITION_PULSE}
-_IDLE_V = 1e-3
-"""Voltage of a generator switched off: nothing next to any gap voltage, but no 0 to divide by."""
+_IDLE_V = 1e-3  # voltage of a generator switched off: nothing next to any gap voltage, but no 0 to divide by
 
 
 def _removal_mm3_J(machine: Machine) -> float:
@@ -50,37 +37,37 @@ def _removal_mm3_J(machine: Machine) -> float:
 
 def crater_um3(machine: Machine) -> float:
     """Mean volume of a crater of this setting's discharges in water, all of them lasting the on-time."""
-    power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
+    power_W = machine.material.burning_voltage_V.value * setting.discharge_current_A(machine)
     return _removal_mm3_J(machine) * 1e9 * power_W * machine.t_on_us * 1e-6
 
 
 def timing(machine: Machine) -> Timing:
     """Return the setting as the pulse loop wants it."""
     mode = _MODES[machine.generator.mode]
-    on, period, wait = machine.t_on_us, machine.t_period_us, ignition_wait_us(machine)
+    on, period, wait = machine.t_on_us, machine.t_period_us, setting.ignition_wait_us(machine)
     pause = period - on
     varies = mode == ISO_ENERGETIC
     grid = math.ceil((wait + on + pause) * 1e3 / GRID) * 1e-3 if varies else period / GRID
     return Timing(
         mode=mode,
-        open_V=open_V(machine),
+        open_V=setting.open_V(machine),
         burning_V=machine.material.burning_voltage_V.value,
         removal_um3_J=_removal_mm3_J(machine) * 1e9,
-        current_A=discharge_current_A(machine),
-        short_A=short_current_A(machine),
-        current_form=pulse_form(machine).square,
+        current_A=setting.discharge_current_A(machine),
+        short_A=setting.short_current_A(machine),
+        current_form=setting.pulse_form(machine).square,
         on_us=on,
         wait_us=wait,
-        arc_share=arc_share(machine),
+        arc_share=setting.arc_share(machine),
         pause_us=pause,
         period_ns=0 if varies else round(period * 1e3),
         grid_us=grid,
     )
 
 
-def switched_off(setting: Timing) -> Timing:
+def switched_off(working: Timing) -> Timing:
     """Return the setting with neither voltage nor current: time passes in its periods, nothing else happens."""
-    return setting._replace(open_V=_IDLE_V, burning_V=_IDLE_V, current_A=0.0, short_A=0.0)
+    return working._replace(open_V=_IDLE_V, burning_V=_IDLE_V, current_A=0.0, short_A=0.0)
 
 
 class OppositePulses(NamedTuple):
@@ -94,14 +81,10 @@ class OppositePulses(NamedTuple):
     power_W: float  # what their supply gives, averaged over the window
 
 
-def opposite_pulses(
-    window: PulseWindow, timing: Timing, circuit: Equalising, leakage_S: float
-) -> OppositePulses:
-    """Work out the equalising pulses that a window's working pulses call for.
-
-    What a pause has no room for, later ones of the window make up for. No pulse follows a short circuit: the
-    generator has seen that there is no gap to hold a voltage.
-    """
+def opposite_pulses(window: PulseWindow, timing: Timing, circuit: Equalising, leakage_S: float) -> OppositePulses:
+    """Work out the equalising pulses that a window's working pulses call for."""
+    # what a pause has no room for, later ones of the window make up for. No pulse follows a short circuit: the
+    # generator has seen that there is no gap to hold a voltage
     duration_us = window.duration_ns * 1e-3
     supply_V, resistance_ohm = circuit.voltage_V.value, circuit.resistance_ohm.value
     voltage_V = supply_V / (1.0 + resistance_ohm * leakage_S)

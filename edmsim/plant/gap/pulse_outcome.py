@@ -1,7 +1,5 @@
 """The outcome of a pulse, open, spark, arc or short, from the gaps along the rays, contact and breakdown."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -17,10 +15,8 @@ from edmsim.plant.gap.rays import gap_of, meets_metal, moved, narrowest_now, pla
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import place_slice, place_wire, push_out
 
-LEFT_UM = 0.1
-"""An overlap so small is left: the next contact is felt 2 um before the metal (ours)."""
-MOST_TRIES = 64
-"""A delay that the flow has put off so often does not end within the wait (ours: by then it has passed)."""
+LEFT_UM = 0.1  # an overlap so small is left: the next contact is felt 2 um before the metal (ours)
+MOST_TRIES = 64  # a delay put off so often by the flow does not end within the wait (ours: by then it has passed)
 MOST_SWEEPS = 8
 """Greatest number of sweeps over the slices that push the wire out; what is left is judged at the window's end
 (ours)."""
@@ -87,9 +83,7 @@ def sum_rays(
         covered, metal = _packed(a.covered, first), _packed(a.metal, first)
         gain, pull = (one - covered * dryness) * metal, (one - covered * shielding) * metal
         sx, sy = _packed_moves(a, position, 0, first), _packed_moves(a, position, 1, first)
-        rows, near = sum_pack(
-            rays, first // PACK, sx, sy, block, gain, pull, _packed(a.debris, first), sums, near
-        )
+        rows, near = sum_pack(rays, first // PACK, sx, sy, block, gain, pull, _packed(a.debris, first), sums, near)
         everything += rows
     touching = 0.0
     if may_touch(near, law):
@@ -115,13 +109,9 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
 
 
 @compiled_apart
-def touch(
-    state: NDArray[np.void], a: Arrays, position: Array, contact: Array
-) -> tuple[int, int]:
-    """Slice and place of the deepest contact; the wire is pushed out of the metal where it overlaps.
-
-    The deepest slice comes first, and with the wire's new shape the others, up and down.
-    """
+def touch(state: NDArray[np.void], a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
+    """Slice and place of the deepest contact; the wire is pushed out of the metal where it overlaps."""
+    # the deepest slice comes first, and with the wire's new shape the others, up and down
     deepest, slice_, place = deepest_contact(a, position, contact)
     if deepest >= -LEFT_UM:
         return slice_, place
@@ -184,13 +174,9 @@ def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
 
 
 @compiled
-def _await(
-    state: NDArray[np.void], a: Arrays, sums: Array, rate: float, wait_us: float
-) -> tuple[float, int, float]:
-    """Delay of the long branch in us, its slice, and what of a drawn sum is left there.
-
-    Thinning: breakdowns come at the summed rate; one is put off if the water has carried away what prepared it.
-    """
+def _await(state: NDArray[np.void], a: Arrays, sums: Array, rate: float, wait_us: float) -> tuple[float, int, float]:
+    """Delay of the long branch in us, its slice, and what of a drawn sum is left there."""
+    # thinning: breakdowns come at the summed rate; one is put off if the water has carried away what prepared it
     delay, per_rate = 0.0, 1.0 / max(rate, 1e-30)
     for _ in range(MOST_TRIES):
         delay -= logarithm(draw(state)) * per_rate

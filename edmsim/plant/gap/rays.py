@@ -1,7 +1,5 @@
 """The rays of a slice: distances from the wire to the metal all around it, traced, and receding with every crater."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -16,14 +14,12 @@ from edmsim.plant.workpiece.kerf_field import metal_height, trace
 
 
 class Rays(NamedTuple):
-    """Rays of every slice, in order of angle from the first of the arc on that *faces* metal.
+    """Rays of every slice, in order of angle from the first of the arc on that *faces* metal."""
 
-    A ray that meets no metal takes no part in anything, so the loop works on that arc only, in blocks of
-    `vectors.GAPS`; the arrays are filled up to whole blocks. For the sums of every pulse the same rays are there a
-    second time, packed: those of five slices in one block, so that few lanes are bare and the slices' sums are added
-    up together.
-    """
-
+    # a ray that meets no metal takes no part in anything, so the loop works on that arc only, in blocks of
+    # `vectors.GAPS`; the arrays are filled up to whole blocks. For the sums of every pulse the same rays are there a
+    # second time, packed: those of five slices in one block, so that few lanes are bare and the slices' sums are
+    # added up together
     # (slices, places): gap in um from where they were traced; `NO_METAL_UM` for one that meets no metal
     distance: NDArray[np.float32]
     # (slices, places): direction; 0 for one that meets no metal
@@ -46,8 +42,7 @@ def places(rays: int) -> int:
     return filled(rays, GAPS)
 
 
-_PACK, _EACH, _OTHERS = np.uint64(PACK), np.uint64(EACH), np.uint64(GAPS - EACH)
-"""Unsigned: divisions by them cost half."""
+_PACK, _EACH, _OTHERS = np.uint64(PACK), np.uint64(EACH), np.uint64(GAPS - EACH)  # unsigned: divisions cost half
 
 
 @compiled
@@ -162,14 +157,10 @@ def rays_with(gaps_um: ArrayLike, angles: ArrayLike) -> Rays:
     return rays
 
 
-OVERLAP_UM = 8.0
-"""How far inside the wire's surface a ray begins, so that overlap with metal is seen."""
-AHEAD_UM = 6.0
-"""A known edge is looked for again from this far before where it is expected (metal only recedes)."""
-KNOWN_MOVE_UM = 20.0
-"""Known edges are of use only while the wire moved less than this since."""
-BARE_UM = np.float32(0.5 * NO_METAL_UM)
-"""A gap beyond this is that of a ray that meets no metal."""
+OVERLAP_UM = 8.0  # how far inside the wire's surface a ray begins, so that overlap with metal is seen
+AHEAD_UM = 6.0  # a known edge is looked for again from this far before where it is expected (metal only recedes)
+KNOWN_MOVE_UM = 20.0  # known edges are of use only while the wire moved less than this since
+BARE_UM = np.float32(0.5 * NO_METAL_UM)  # a gap beyond this is that of a ray that meets no metal
 BLIND_PULSES = 32 * WINDOW_PULSES
 """Pulses until a ray that met no metal is traced again: what comes within its range at the feed of
 such a machine is then still far away."""

@@ -1,17 +1,11 @@
 """Water: its properties at the temperature of the gap, and its pressure under a flushing nozzle."""
 
-from __future__ import annotations
-
 import math
 
-REFERENCE_K = 293.15
-"""Temperature for which a machine file gives permittivity and viscosity."""
-DENSITY_KG_M3 = 998.0
-"""Water at 20 C."""
-AMBIENT_PA = 101_325.0
-"""Pressure of the water around the kerf, and behind the wire, where the gas goes."""
-BOILING_K = 373.15
-"""Water at ambient pressure."""
+REFERENCE_K = 293.15  # temperature for which a machine file gives permittivity and viscosity
+DENSITY_KG_M3 = 998.0  # water at 20 C
+AMBIENT_PA = 101_325.0  # pressure of the water around the kerf, and behind the wire, where the gas goes
+BOILING_K = 373.15  # water at ambient pressure
 
 
 def permittivity_ratio(temperature_K: float) -> float:
@@ -39,11 +33,9 @@ M3_S_OF_L_MIN = 1e-3 / 60
 
 
 def face_Pa(set_Pa: float, standoff_mm: float, bore_mm: float, flow_l_min: float) -> float:
-    """Return the pressure at the workpiece's face over the surroundings.
-
-    Off the workpiece the water escapes through the curtain between the nozzle's rim and the face, without losses:
-    what drives the pump's flow through there is left, and the stagnation pressure of the free jet.
-    """
+    """Return the pressure at the workpiece's face over the surroundings."""
+    # off the workpiece the water escapes through the curtain between the nozzle's rim and the face, without losses:
+    # what drives the pump's flow through there is left, and the stagnation pressure of the free jet
     bore_m = bore_mm * 1e-3
     curtain_m2 = math.pi * bore_m * standoff_mm * 1e-3
     if curtain_m2 == 0.0:

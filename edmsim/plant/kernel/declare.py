@@ -10,11 +10,8 @@ are, how long it is along every direction, and how long it lasts:
 Everything else is made from this by name, so that fields cannot be mistaken for each other.
 """
 
-from __future__ import annotations
-
 import functools
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
@@ -55,18 +52,11 @@ class ArraySizes(NamedTuple):
     levels: int = 0
 
 
-@dataclass(frozen=True)
 class Stored:
     """Shape and lifetime of a declared array: numbers or names of `ArraySizes`; elements that its type cannot say."""
 
-    shape: tuple[int | str, ...]
-    life: int
-    record: np.dtype[np.void] | None
-
     def __init__(self, *shape: int | str, life: int = FIXED, record: np.dtype[np.void] | None = None) -> None:
-        object.__setattr__(self, "shape", shape)
-        object.__setattr__(self, "life", life)
-        object.__setattr__(self, "record", record)
+        self.shape, self.life, self.record = shape, life, record
 
     def lengths(self, sizes: ArraySizes) -> tuple[int, ...]:
         """Return the shape in numbers."""
@@ -122,10 +112,8 @@ def lasting(group: type, *lives: int) -> tuple[str, ...]:
 
 
 def allocate(group: type[_Group], sizes: ArraySizes, **numbers: float) -> _Group:
-    """Return a group with its plain numbers, its arrays full of zeros, each from the beginning of a cache line on.
-
-    A vector of sixteen gaps that is not on a line of its own takes two reads.
-    """
+    """Return a group with its plain numbers, its arrays full of zeros, each from the beginning of a cache line on."""
+    # a vector of sixteen gaps that is not on a line of its own takes two reads
     stored_at, end = [], 0
     for name, dtype, stored in fields_of(group):
         if stored is not None:
@@ -134,9 +122,7 @@ def allocate(group: type[_Group], sizes: ArraySizes, **numbers: float) -> _Group
             end += -(-dtype.itemsize * math.prod(shape) // _LINE) * _LINE
     room = np.zeros(end + _LINE, np.uint8)
     room = room[-room.ctypes.data % _LINE:]
-    made: dict[str, Any] = {
-        name: np.ndarray(shape, dtype, room, start) for name, dtype, shape, start in stored_at
-    }
+    made: dict[str, Any] = {name: np.ndarray(shape, dtype, room, start) for name, dtype, shape, start in stored_at}
     return cast("_Group", cast(Any, group)(**made, **numbers))
 
 

@@ -1,7 +1,5 @@
 """Effects of a discharge: crater, heat, debris; and the check whether the wire breaks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -19,8 +17,7 @@ from edmsim.plant.mechanics.modal import project
 from edmsim.plant.wire import HeatLaw, add_currents, heat_step, spot_K, strength_share
 from edmsim.plant.workpiece.craters import share_crater
 
-KERF_SHARE = 0.5
-"""A wire is in a kerf, and not along a wall, where metal faces this share of its girth (ours)."""
+KERF_SHARE = 0.5  # a wire is in a kerf, and not along a wall, where metal faces this share of its girth (ours)
 PLACE_SD_UM = 2000.0
 """Standard deviation of the height at which a discharge is located (ours). That its current divides between two
 contacts as the wire's resistances do, and so tells its height, is the method of Shoda, Kaneko, Nishimura, Kunieda and
@@ -42,9 +39,7 @@ def _wire_at(a: Arrays, s: int, within: float) -> int:
 
 
 @compiled
-def locate(
-    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, s: int, within: float
-) -> None:
+def locate(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, s: int, within: float) -> None:
     """Count a discharge `within` a slice in the fifth of the height where its currents put it, with their error."""
     key, count = state[0].key, np.uint64(state[0].pulses)
     height_um = (s + within * a.metal[s]) * c.slice_um
@@ -148,10 +143,8 @@ def short_circuit(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
     bubble: BubbleLaw, position: Array, s: int, k: int,
 ) -> float:
-    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge.
-
-    Returns the impulse of the metal that melts: a share of what the bubble of the same energy gives at 20 um.
-    """
+    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge."""
+    # returns the impulse of the metal that melts: a share of what the bubble of the same energy gives at 20 um
     window[0].charge_A_us += t.short_A * t.on_us
     feed_current(a, s if s >= 0 else a.shape.shape[0] // 2, t.current_form * t.short_A**2 * t.on_us)
     if s < 0:
@@ -180,14 +173,10 @@ def log_pulse(
 
 
 @compiled
-def _load_steadily(
-    a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array
-) -> None:
-    """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets.
-
-    The force acts along the pull on a slice. The jets leave to the open side of a kerf and push the wire there; along
-    a wall they have turned away before, and the water behind the wire is that of the bath.
-    """
+def _load_steadily(a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array) -> None:
+    """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets."""
+    # the force acts along the pull on a slice. The jets leave to the open side of a kerf and push the wire there;
+    # along a wall they have turned away before, and the water behind the wire is that of the bath
     per_A2_us = c.magnetic_N_A2 * 1e6 / dt_us
     for s in range(sums.shape[0]):
         pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
@@ -204,10 +193,8 @@ def _load_steadily(
 def propagate_heat(
     state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array, current2_us: Array, forces: Array
 ) -> None:
-    """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks.
-
-    `current2_us` and `forces` are room for the currents and, in the third and fourth column, for the steady forces.
-    """
+    """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks."""
+    # `current2_us` and `forces` are room for the currents and, in the third and fourth column, for the steady forces
     dt = state[0].heat_wait_us
     add_currents(a, current2_us)
     heat_step(a, heat, current2_us, dt)

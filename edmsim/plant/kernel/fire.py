@@ -3,8 +3,6 @@
 Lengths are um, times us, and SI otherwise; modal coordinates are um sqrt(kg).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -52,18 +50,12 @@ from edmsim.plant.mechanics.mujoco_loop import move_full
 from edmsim.plant.wire import HeatLaw
 from edmsim.plant.workpiece.craters import carve
 
-HEAT_INTERVAL_US = 1500.0
-"""Heat and debris are carried on at least this often: well under their time constants of some 10 ms."""
-DEEPEST_UM = 0.75 * OVERLAP_UM
-"""Deeper in the metal than this at a window's end, the wire is where no push would have taken it."""
-TRACED_MOVE_UM = 2.0
-"""Rays serve no longer once an axis has moved further than this since they were traced."""
-LOST_UM = -1e9
-"""Depth in the metal of a wire that is nowhere."""
-FINITE = 1e15
-"""No sum of lengths, times or temperatures is as large as this."""
-MOST_DEFLECTION_UM = 2000.0
-"""A wire bent further than this is not a wire between guides any more: the model has left its validity."""
+HEAT_INTERVAL_US = 1500.0  # heat and debris are carried on as often at least, well under their 10 ms or so
+DEEPEST_UM = 0.75 * OVERLAP_UM  # deeper in the metal at a window's end, the wire is where no push would have taken it
+TRACED_MOVE_UM = 2.0  # rays serve no longer once an axis has moved further than this since they were traced
+LOST_UM = -1e9  # depth in the metal of a wire that is nowhere
+FINITE = 1e15  # no sum of lengths, times or temperatures is as large as this
+MOST_DEFLECTION_UM = 2000.0  # a wire bent further is none between guides any more: the model has left its validity
 
 
 @compiled_apart
@@ -247,12 +239,10 @@ def fire_window(
     log: NDArray[np.void],
     count: int,
 ) -> int:
-    """Fire `count` pulses; stop early if the wire breaks or an axis has to. Steps happen at their own times.
-
-    The pulses are written to `log` if that has room for them, or none at all if it is empty. With a `link`, MuJoCo
-    moves wire and table through it, otherwise the modes move by `p`; numba leaves out what the other would need.
-    Returns how the window ended (`FINE` and its neighbours in `state`).
-    """
+    """Fire `count` pulses; stop early if the wire breaks or an axis has to. Steps happen at their own times."""
+    # the pulses are written to `log` if that has room for them, or none at all if it is empty. With a `link`, MuJoCo
+    # moves wire and table through it, otherwise the modes move by `p`; numba leaves out what the other would need.
+    # Returns how the window ended (`FINE` and its neighbours in `state`)
     if state[0].broken != 0:
         return BROKEN
     if _lacks_tiles(state):

@@ -5,8 +5,6 @@ sizes are constants of the compiled code, one version per resolution, so that it
 and the way back from it to the groups follow from the declarations (see `declare`).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -31,12 +29,9 @@ _GROUPS: dict[str, Any] = {
     "own": Own, "arrays": Arrays, "propagators": Propagators, "scratch": Scratch, "axes": Axes, "link": FullLink,
     "law": GapLaw, "gas": GasLaw,
 }
-_RECORDS: dict[str, Any] = {
-    "constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing,
-}
+_RECORDS: dict[str, Any] = {"constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing}
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
-_COUNTED = "tiles", "index_side", "pulses", "levels"
-"""Lengths of `ArraySizes` that change while a plant is at work."""
+_COUNTED = "tiles", "index_side", "pulses", "levels"  # lengths of `ArraySizes` that change while a plant is at work
 _TABLE = np.dtype(
     [(name, "i8") for name in _COUNTED]
     + [(name, entries_of(kind)) for name, kind in _GROUPS.items()]
@@ -125,11 +120,9 @@ time, channel and value in a row), number of events, and pulses to fire; the cal
 
 @functools.cache
 def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Callable[[int, int], None]:
-    """Return the compiled window of one resolution; with `full`, MuJoCo moves wire and table, the wire's nodes.
-
-    It takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
-    plant and a thousand run the same machine code, so that a plant's bits do not depend on its company.
-    """
+    """Return the compiled window of one resolution; with `full`, MuJoCo moves wire and table, the wire's nodes."""
+    # it takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
+    # plant and a thousand run the same machine code, so that a plant's bits do not depend on its company
     return specialised(fire_full_windows if full else fire_windows, slices, rays, coordinates)
 
 

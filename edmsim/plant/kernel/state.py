@@ -1,7 +1,5 @@
 """The data of the pulse loop: constants, arrays, and the numbers that change from pulse to pulse."""
 
-from __future__ import annotations
-
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -13,14 +11,10 @@ from edmsim.plant.kernel.declare import CHANGING, WALL, Stored, on_lines
 
 Array = NDArray[np.float64]
 
-TILE = 32
-"""Cells along the side of a tile of the kerf field."""
-GRID = 1000
-"""Steps of the propagators' time grid over the longest period."""
-OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3
-"""Classes of a pulse."""
-ISO_PULSE, ISO_ENERGETIC, IGNITION_PULSE = 0, 1, 2
-"""Modes of the pulse generator."""
+TILE = 32  # cells along the side of a tile of the kerf field
+GRID = 1000  # steps of the propagators' time grid over the longest period
+OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3  # classes of a pulse
+ISO_PULSE, ISO_ENERGETIC, IGNITION_PULSE = 0, 1, 2  # modes of the pulse generator
 
 STATE = on_lines(
     ("time_ns", "i8"),
@@ -92,16 +86,13 @@ PULSE = np.dtype(
 )
 """One pulse of the log."""
 
-NO_METAL_UM = 1.0e6
-"""Distance of a ray that meets no metal: so far that it takes no part in anything."""
-BARE = 2
-"""What `broken` is (1 if the wire broke) once the machine goes on without it."""
+NO_METAL_UM = 1.0e6  # distance of a ray that meets no metal: so far that it takes no part in anything
+BARE = 2  # what `broken` is (1 if the wire broke) once the machine goes on without it
 FINE, NO_TILES, STEP_WRONG, STEP_EARLY, BROKEN, NOT_FINITE, OUTSIDE, INSIDE = range(8)
 """How a window ended: as it should; not started: tiles of the field missing, an invalid step event, a step out of
 order, or the wire broken before; stopped: NaN or infinite state, the wire beyond its guides, the wire deeper in the
 metal than its rays reach."""
-TILED_UM = 64.0
-"""The field has all the tiles a window may need as long as the wire is within this of where they were made."""
+TILED_UM = 64.0  # the field has the tiles of a window while the wire is within this of where they were made
 
 
 class Constants(NamedTuple):
@@ -208,12 +199,10 @@ class Axes(NamedTuple):
 
 
 class Arrays(NamedTuple):
-    """Arrays of one plant.
+    """Arrays of one plant."""
 
-    Slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`): with slices that lie nowhere, with
-    nodes that do not move. Shares of a front or of water are between 0 and 1.
-    """
-
+    # slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`): with slices that lie nowhere,
+    # with nodes that do not move. Shares of a front or of water are between 0 and 1
     edge_um: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]  # gap of a ray from `reference_um`
     # where the wire was when the rays were traced: as it swings, its rays look everywhere in time, also between the
     # lines they look along now
@@ -297,11 +286,9 @@ class Scratch(NamedTuple):
 
 
 class Own(NamedTuple):
-    """Rows of one plant's scalars, its kerf field, and the log of a window's pulses, empty if none is wanted.
+    """Rows of one plant's scalars, its kerf field, and the log of a window's pulses, empty if none is wanted."""
 
-    ``levels``, the heights of the blank over a slice's, is empty where the blank is as high everywhere.
-    """
-
+    # ``levels``, the heights of the blank over a slice's, is empty where the blank is as high everywhere
     state: Annotated[NDArray[np.void], Stored(1, record=STATE)]
     window: Annotated[NDArray[np.void], Stored(1, record=WINDOW)]
     tiles: Annotated[NDArray[np.uint16], Stored("tiles", "slices", TILE, TILE)]

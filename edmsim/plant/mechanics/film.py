@@ -6,8 +6,6 @@ applied after every pulse, implicitly, so that no gap is too narrow for it, and 
 the wire moves. How much a film resists is taken from the pull, in the ratio that the rays give when they are traced.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -34,22 +32,18 @@ def _gaps_um(front_um: float, side_um: float) -> NDArray[np.float64]:
 
 
 def drag_N_s_m2(radius_um: float, front_um: float, side_um: float, viscosity_Pa_s: float) -> float:
-    """Force per metre and per m/s with which the film resists a wire that moves towards its front.
-
-    Reynolds' equation of a film with open sides: ``c = 12 eta r^3 integral sin^2(theta) / g^3``, in a uniform gap
-    ``6 pi eta (r / g)^3``; behind, water has to pass between wire and straight walls.
-    """
+    """Force per metre and per m/s with which the film resists a wire that moves towards its front."""
+    # Reynolds' equation of a film with open sides: ``c = 12 eta r^3 integral sin^2(theta) / g^3``, in a uniform gap
+    # ``6 pi eta (r / g)^3``; behind, water has to pass between wire and straight walls
     front = 2 * np.trapezoid(np.sin(_ANGLES) ** 2 / _gaps_um(front_um, side_um) ** 3, _ANGLES)
     behind = 2 * np.trapezoid(np.cos(_ANGLES) ** 2 / (side_um + radius_um * (1 - np.cos(_ANGLES))) ** 3, _ANGLES)
     return float(12 * viscosity_Pa_s * radius_um**3 * (front + behind))
 
 
 def edge_loss_kg_m2(radius_um: float, side_um: float, loss: float, density_kg_m3: float) -> float:
-    """Force per metre over the mean square speed of a wire that drives water round its sides, linearised.
-
-    Water leaves the film at ``u = v r / g`` and loses ``loss rho u^2 / 2``, on the wire's diameter; random motion of
-    the mean square speed s^2 meets ``sqrt(8 / pi) s v`` in place of ``v |v|``.
-    """
+    """Force per metre over the mean square speed of a wire that drives water round its sides, linearised."""
+    # water leaves the film at ``u = v r / g`` and loses ``loss rho u^2 / 2``, on the wire's diameter; random motion
+    # of the mean square speed s^2 meets ``sqrt(8 / pi) s v`` in place of ``v |v|``
     return loss * density_kg_m3 * radius_um * 1e-6 * (radius_um / side_um) ** 2 * math.sqrt(8 / math.pi)
 
 
@@ -80,11 +74,9 @@ def film_sum(rays: Rays, s: int, sx: np.float32, sy: np.float32, nx: np.float32,
 
 @compiled_apart
 def scale_film(state: NDArray[np.void], a: Arrays, c: Constants, position: Array, sums: Array) -> None:
-    """Find the films' resistance over the pull, which they keep until the rays are traced again.
-
-    Both grow as the front comes nearer: over the pull the resistance is the same within a quarter from 3 to 20 um in
-    a kerf, six times less along a wall.
-    """
+    """Find the films' resistance over the pull, which they keep until the rays are traced again."""
+    # both grow as the front comes nearer: over the pull the resistance is the same within a quarter from 3 to 20 um
+    # in a kerf, six times less along a wall
     rays = rays_of(a)
     film = pulls = 0.0
     for s in range(sums.shape[0]):
@@ -146,20 +138,16 @@ def _speed(a: Arrays) -> float:
 
 @compiled
 def mean_resistance(a: Arrays, c: Constants, gas: GasLaw, film: float) -> float:
-    """Resistance of a slice in kg/s that damps all modes: the mean film, and what the water loses at its edges.
-
-    The loss is linearised at the slices' mean square speed; to it comes the water that every pocket of steam moves.
-    Modes stay apart: in a load that creeps for long, single slices go 0.6 to 1.6 times as fast as they should.
-    """
+    """Resistance of a slice in kg/s that damps all modes: the mean film, and what the water loses at its edges."""
+    # the loss is linearised at the slices' mean square speed; to it comes the water that every pocket of steam moves.
+    # Modes stay apart: in a load that creeps for long, single slices go 0.6 to 1.6 times as fast as they should
     return film + c.jet_kg_um * (_speed(a) + gas.refill_um_s * mean_of_slices(a.steam, a.shape.shape[0]))
 
 
 @compiled
 def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
-    """A film's force (um kg/s2) towards the metal is at most the ambient pressure on the wire: then it cavitates.
-
-    What the mean film resists is not limited: it takes 0.25 m/s at a gap of 3 um to be as much.
-    """
+    """A film's force (um kg/s2) towards the metal is at most the ambient pressure on the wire: then it cavitates."""
+    # what the mean film resists is not limited: it takes 0.25 m/s at a gap of 3 um to be as much
     return float(min(force, c.suction_N * 1e6 * (1.0 - a.covered[s]) * a.metal[s]))
 
 
@@ -175,11 +163,9 @@ def is_narrow(a: Arrays, c: Constants, sums: Array) -> bool:
 
 @compiled_apart
 def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, mean: float, films: Array) -> int:
-    """Write every slice's film into `films` (slices, 6), and return how many there are.
-
-    Direction to the metal; resistance in kg/s that the film has more than the mean one; the front gap in um; the pull
-    in 1/um^2; the way the wire has come since, 0 here. All are 0 where the gap is wide.
-    """
+    """Write every slice's film into `films` (slices, 6), and return how many there are."""
+    # direction to the metal; resistance in kg/s that the film has more than the mean one; the front gap in um; the
+    # pull in 1/um^2; the way the wire has come since, 0 here. All are 0 where the gap is wide
     found = 0
     for s in range(sums.shape[0]):
         pull2 = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
@@ -239,12 +225,10 @@ def squeeze(
     a: Arrays, c: Constants, p: Propagators, held: Array, k: int, span_us: float, scale: float, mean: float,
     slow: float, upward: bool, films: Array,
 ) -> None:
-    """Correct the wire's motion over a span for the films and for the pull's change, slice after slice.
-
-    With the resistance c and the yielding H, a slice that would have moved by x moves by ``x / (1 + H c / T)``. The
-    pull, which the motion took as it was when the films were found, is that in the middle of the way; `scale` is that
-    of the pull over the span.
-    """
+    """Correct the wire's motion over a span for the films and for the pull's change, slice after slice."""
+    # with the resistance c and the yielding H, a slice that would have moved by x moves by ``x / (1 + H c / T)``. The
+    # pull, which the motion took as it was when the films were found, is that in the middle of the way; `scale` is
+    # that of the pull over the span
     slices = films.shape[0]
     for at in range(slices):
         s = at if upward else slices - 1 - at

@@ -1,7 +1,5 @@
 """Motion of wire and table: exact propagators of the modes, their tables, steps of the table, contact."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -45,10 +43,8 @@ def lean(a: Arrays, c: Constants, u_um: float, v_um: float) -> tuple[float, floa
 
 @compiled
 def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
-    """Wire position on the workpiece, per slice: the line between the guides, ringing of the table, deflection.
-
-    The axes x and y move both guides, u and v the upper one further.
-    """
+    """Wire position on the workpiece, per slice: the line between the guides, ringing of the table, deflection."""
+    # the axes x and y move both guides, u and v the upper one further
     n_modes, filled = a.sway.shape
     for axis in range(2):
         start, lead = state[0].axis_um[axis] + ringing(a, axis), state[0].axis_um[2 + axis]
@@ -91,10 +87,8 @@ def ringing(a: Arrays, axis: int) -> float:
 
 @compiled
 def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> None:
-    """Take the wire out of the metal against a direction and stop its motion into it.
-
-    The smallest correction in modal coordinates, as of an impulse there; plastic for the slice, the rest swings on.
-    """
+    """Take the wire out of the metal against a direction and stop its motion into it."""
+    # the smallest correction in modal coordinates, as of an impulse there; plastic for the slice, the rest swings on
     n_modes = a.shape.shape[1]
     norm = speed = 0.0
     for m in range(n_modes):
@@ -123,12 +117,10 @@ def project(a: Arrays, sums: Array, onto: Array) -> None:
 
 @compiled
 def move(a: Arrays, p: Propagators, loads: Array, scale: float, k: int, braking: float) -> None:
-    """Propagate every mode over `k` grid steps, under loads that are constant over them.
-
-    A force f adds ``f (1 - p11) / omega^2`` to the deflection and ``f p12`` to the speed: exact, no time step enters.
-    `braking` is the mean resistance times the span, in kg; with its ratio B to a mode's mass, a free mass would keep
-    ``exp(-B)`` of its speed, here in Pade's form: no mode grows, however stiff the film.
-    """
+    """Propagate every mode over `k` grid steps, under loads that are constant over them."""
+    # a force f adds ``f (1 - p11) / omega^2`` to the deflection and ``f p12`` to the speed: exact, no time step
+    # enters. `braking` is the mean resistance times the span, in kg; with its ratio B to a mode's mass, a free mass
+    # would keep ``exp(-B)`` of its speed, here in Pade's form: no mode grows, however stiff the film
     for m in range(0, a.shape.shape[1], COORDINATES):
         c, s = load(p.wire, (k, 0, m)), load(p.wire, (k, 1, m))
         back, damped = load(p.wire, (k, 2, m)), load(p.wire, (k, 3, m))
@@ -173,10 +165,8 @@ def step_table(state: NDArray[np.void], a: Arrays, p: Propagators, axis: int, tr
 
 @exactly_compiled
 def one_step(omega: float, zeta: float, dt: float) -> tuple[float, float, float, float]:
-    """Propagators of ``q'' + 2 zeta omega q' + omega^2 q = 0`` over a time, q counted from its equilibrium.
-
-    ``q(t+dt) = p11 q + p12 v`` and ``v(t+dt) = p21 q + p22 v``: the 2x2 matrix exponential.
-    """
+    """Propagators of ``q'' + 2 zeta omega q' + omega^2 q = 0`` over a time, q counted from its equilibrium."""
+    # ``q(t+dt) = p11 q + p12 v`` and ``v(t+dt) = p21 q + p22 v``: the 2x2 matrix exponential
     s = omega * math.sqrt(abs(1.0 - zeta * zeta))
     if s == 0.0:
         cosine = math.exp(-omega * dt)

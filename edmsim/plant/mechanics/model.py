@@ -7,7 +7,8 @@ equilibrium and returns its modes. Every number of the modal plant is read from 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -23,8 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ALIKE = 1e-8
-"""By how much of its greatest entry a matrix of the wire may differ between x and y: the noise of differences."""
+_ALIKE = 1e-8  # share of its greatest entry by which a matrix of the wire may differ between x and y: noise
 MODEL_FILE = "agiecut_dem15.xml"  # the machine in `edmsim.models`
 
 _ALLOWED: dict[str, tuple[float, float, str]] = {
@@ -36,6 +36,14 @@ _ALLOWED: dict[str, tuple[float, float, str]] = {
     "slot_m": (0.0, 0.5, "m (0 to 500 mm)"),
     "slot_mass_kg_m": (0.0, 0.1, "kg/m"),  # ours: some ten times the mass of the thickest wire
 }
+
+
+def check_allowed(parts: object, of: str, allowed: Mapping[str, tuple[float, float, str]]) -> None:
+    """Refuse attributes that no part can have, by least and greatest value and unit; most often a unit is wrong."""
+    for name, (low, high, unit) in allowed.items():
+        value = getattr(parts, name)
+        if not low <= value <= high:  # also refuses nan
+            raise InputError(f"{of} {name} is {value!r}; it must be {low:g} to {high:g} {unit}")
 
 
 @dataclass(frozen=True)
@@ -53,12 +61,7 @@ class WireSetup:
     slot_mass_kg_m: float = 0.0  # mass of that water per metre of the slot
 
     def __post_init__(self) -> None:
-        """Refuse values no wire can have; most often a wrong unit."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            low, high, unit = _ALLOWED[field.name]
-            if not low <= value <= high:  # also refuses nan
-                raise InputError(f"wire {field.name} is {value!r}; it must be {low:g} to {high:g} {unit}")
+        check_allowed(self, "wire", _ALLOWED)
 
     @property
     def line_density(self) -> float:
@@ -73,14 +76,12 @@ class WireSetup:
 
 @dataclass(frozen=True, eq=False)
 class ModalModel:
-    """Table and wire as independent damped oscillators, mass-normalised.
+    """Table and wire as independent damped oscillators, mass-normalised."""
 
-    A wire mode's coordinate obeys ``q'' + 2 zeta omega q' + omega^2 q = wire_shape.T @ F`` for forces F (N) on the
-    slices; the wire's displacement at the slices is then ``wire_shape @ q`` (m). The same modes serve x and y. A
-    table mode obeys the same equation about ``table_participation * travel``, the place to which a commanded travel
-    (m) shifts it; the axis has then moved by ``table_slide_shape @ q`` (m).
-    """
-
+    # a wire mode's coordinate obeys ``q'' + 2 zeta omega q' + omega^2 q = wire_shape.T @ F`` for forces F (N) on the
+    # slices; the wire's displacement at the slices is then ``wire_shape @ q`` (m). The same modes serve x and y. A
+    # table mode obeys the same equation about ``table_participation * travel``, the place to which a commanded travel
+    # (m) shifts it; the axis has then moved by ``table_slide_shape @ q`` (m)
     # (n_modes,): undamped angular frequency in rad/s, rising, and damping ratio
     wire_omega: Array
     wire_zeta: Array
@@ -107,12 +108,10 @@ class ModalModel:
 
 
 def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel:
-    """Return the machine's MuJoCo model with this wire in it.
-
-    Nodes, segments, upper arm, the drawn workpiece and the time step (half the limit of stability) follow the wire.
-    Joints are ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower guide up,
-    actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad).
-    """
+    """Return the machine's MuJoCo model with this wire in it."""
+    # nodes, segments, upper arm, the drawn workpiece and the time step (half the limit of stability) follow the wire.
+    # Joints are ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower guide up,
+    # actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad)
     return cast("mujoco.MjModel", machine_spec(wire, model_file).compile())
 
 
@@ -184,11 +183,9 @@ def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
 
 
 def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
-    """Linearise a machine at its tensioned equilibrium and return its modes.
-
-    The modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps its
-    diagonal in modal coordinates; `ModalModel.neglected_damping` is the largest part dropped.
-    """
+    """Linearise a machine at its tensioned equilibrium and return its modes."""
+    # the modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps its
+    # diagonal in modal coordinates; `ModalModel.neglected_damping` is the largest part dropped
     node_heights, guide_distance = wire_heights(model)
     linear, blocks = machine_at_rest(model, len(node_heights))
     return reduced(linear, blocks, node_heights, guide_distance, n_modes, slice_heights_m)
@@ -266,10 +263,8 @@ def wire_heights(model: mujoco.MjModel) -> tuple[Array, float]:
 def _checked_heights(slice_heights_m: ArrayLike, guide_distance: float) -> Array:
     heights = np.asarray(slice_heights_m, float)
     if heights.ndim != 1 or not np.all((heights > 0) & (heights < guide_distance)):
-        raise InputError(
-            f"slice heights are {heights.tolist()} m; they must be a list of heights between the guides, "
-            f"above 0 and below {guide_distance:g} m"
-        )
+        raise InputError(f"slice heights are {heights.tolist()} m; they must be a list of heights between the "
+                         f"guides, above 0 and below {guide_distance:g} m")
     return heights
 
 

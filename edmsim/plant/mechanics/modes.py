@@ -59,10 +59,8 @@ def linearise(model: mujoco.MjModel) -> Linear:
     if data.nefc:
         raise InputError(f"the machine at rest touches {data.nefc} limits or contacts; it must be free")
     if np.abs(data.qacc).max() > _REST_MAX:
-        raise InputError(
-            f"the machine at its reference accelerates by {np.abs(data.qacc).max():g} m/s2 or rad/s2; "
-            "it must be in equilibrium there"
-        )
+        raise InputError(f"the machine at its reference accelerates by {np.abs(data.qacc).max():g} m/s2 or rad/s2; "
+                         "it must be in equilibrium there")
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
     return Linear(
@@ -97,18 +95,14 @@ def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
         scale = np.sqrt(np.abs(np.diag(matrix)))
         across = np.where(inside, 0.0, np.abs(matrix)) / np.maximum(np.outer(scale, scale), _TINY)
         if across.max() > _COUPLING_MAX:
-            raise InputError(
-                f"{name} couples wire and table or x and y by {across.max():.1e} of the diagonal; "
-                f"at most {_COUPLING_MAX:g} is independent"
-            )
+            raise InputError(f"{name} couples wire and table or x and y by {across.max():.1e} of the diagonal; at "
+                             f"most {_COUPLING_MAX:g} is independent")
 
 
 @functools.cache
 def _dsygvd() -> Callable[[Array, Array], tuple[Array, Array, int]]:
-    """Return what scipy.linalg.eigh calls, without its checks, as draws need it often.
-
-    Its module is loaded without the package around it, whose arrays of other libraries take a tenth of a second.
-    """
+    """Return what scipy.linalg.eigh calls, without its checks, as draws need it often."""
+    # its module is loaded without the package around it, whose arrays of other libraries take a tenth of a second
     name = "scipy.linalg._flapack"
     lapack: Any = sys.modules.get(name)
     if lapack is None:

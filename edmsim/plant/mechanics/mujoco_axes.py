@@ -3,8 +3,6 @@
 `edmsim.plant.mechanics.mujoco_loop` steps the machine with its wire, pulse by pulse; the drives' bench its table.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 
@@ -21,12 +19,10 @@ from edmsim.plant.kernel.state import Array, Axes
 
 
 class FullLink(NamedTuple):
-    """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants.
+    """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants."""
 
-    Valid as long as the model and data it was made from; `edmsim.plant.mechanics.mujoco_table.FullMechanics` keeps
-    them.
-    """
-
+    # valid as long as the model and data it was made from; `edmsim.plant.mechanics.mujoco_table.FullMechanics` keeps
+    # them
     # addresses of the function and of its two arguments
     mj_step: int
     model: int
@@ -57,10 +53,8 @@ class FullLink(NamedTuple):
 
 @compiled
 def sound(link: FullLink) -> bool:
-    """Whether every number MuJoCo is about to step from is finite and has a meaning.
-
-    MuJoCo itself would write a warning into a file for what is refused here.
-    """
+    """Whether every number MuJoCo is about to step from is finite and has a meaning."""
+    # MuJoCo itself would write a warning into a file for what is refused here
     for axis in range(2):
         for m in range(link.wire.shape[1]):
             dof = link.wire[axis, m]
@@ -96,10 +90,8 @@ def _drive(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
 
 @compiled
 def _rub(link: FullLink, axis: int, travel_m: float) -> None:
-    """Carry friction on over a travel: Dahl's law, exact for a travel in one direction.
-
-    ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' bending z, here as a share of the largest.
-    """
+    """Carry friction on over a travel: Dahl's law, exact for a travel in one direction."""
+    # ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' bending z, here as a share of the largest
     left = math.exp(-abs(travel_m) / link.presliding_m)
     toward = 1.0 if travel_m > 0.0 else -1.0
     link.friction_share[axis] = toward + (link.friction_share[axis] - toward) * left

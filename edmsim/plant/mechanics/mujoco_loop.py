@@ -6,8 +6,6 @@ straight from node to node, and ``table_q[axis]`` is where carriage and rotor ar
 say, both in um of travel, ``table_v[axis]`` in um/s.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -89,10 +87,8 @@ def _add_growth(a: Arrays, link: FullLink, films: Array, scale: float) -> None:
 
 @compiled
 def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, mean: float, resistance: float) -> None:
-    """Let mean film and films resist the speed after a time step, which the step has moved the wire with.
-
-    With the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``: no film is too stiff.
-    """
+    """Let mean film and films resist the speed after a time step, which the step has moved the wire with."""
+    # with the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``: no film is too stiff
     dt = link.timestep[0]
     for m in range(link.wire.shape[1]):
         taken = 1.0 - 1.0 / (1.0 + a.mobility[m] * resistance * dt)
@@ -127,12 +123,10 @@ def move_full(
     ignite_us: float, end_us: float, period_ns: int, s: int, kick_x: float, kick_y: float,
     events: NDArray[np.int64], next_event: int,
 ) -> int:
-    """Step the full model over the period of a pulse that starts at the state's time, which is left as it is.
-
-    As `modal.move` and `advance_axes` together, in equal time steps: the pull (um kg/s2 times the scales) acts with
-    its mean over each, the kick (N s) on slice `s` at `end_us`. Returns the first event after this period; `TRIPPED`
-    if an axis has to be stopped; `LOST` if a coordinate is out of range or not finite.
-    """
+    """Step the full model over the period of a pulse that starts at the state's time, which is left as it is."""
+    # as `modal.move` and `advance_axes` together, in equal time steps: the pull (um kg/s2 times the scales) acts with
+    # its mean over each, the kick (N s) on slice `s` at `end_us`. Returns the first event after this period;
+    # `TRIPPED` if an axis has to be stopped; `LOST` if a coordinate is out of range or not finite
     period_us = period_ns * 1e-3
     n_steps = math.ceil(period_us / link.longest_us)
     dt_us = period_us / n_steps

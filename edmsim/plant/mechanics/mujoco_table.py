@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import ctypes
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import EdmsimError
 from edmsim.plant.mechanics import mjcf
-from edmsim.plant.mechanics.model import MODEL_FILE, ModalModel, WireSetup, at_heights, machine_spec, reduce_model
+from edmsim.plant.mechanics.model import (
+    MODEL_FILE,
+    ModalModel,
+    WireSetup,
+    at_heights,
+    check_allowed,
+    machine_spec,
+    reduce_model,
+)
 from edmsim.plant.mechanics.mujoco_axes import FullLink
 
 if TYPE_CHECKING:
     import mujoco
-
 
 Array = NDArray[np.float64]
 
@@ -39,12 +46,7 @@ class DriveSetup:
     backlash_m: float  # play of a nut on its screw in m; 0 for a preloaded one
 
     def __post_init__(self) -> None:
-        """Refuse values no drive can have; most often a wrong unit."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            low, high, unit = _ALLOWED[field.name]
-            if not low <= value <= high:  # also refuses nan
-                raise InputError(f"drive {field.name} is {value!r}; it must be {low:g} to {high:g} {unit}")
+        check_allowed(self, "drive", _ALLOWED)
 
 
 class TableMechanics:
@@ -165,10 +167,8 @@ def _address_of_step() -> int:
 
 
 def _timestep(model: mujoco.MjModel) -> Array:
-    """Return a view of the model's time step, which the bindings give as a copy only.
-
-    Gravity, of which there is a view, stands a few numbers behind it. A place counts if it follows two changes.
-    """
+    """Return a view of the model's time step, which the bindings give as a copy only."""
+    # gravity, of which there is a view, stands a few numbers behind it. A place counts if it follows two changes
     gravity = model.opt.gravity.__array_interface__["data"][0]
     before = model.opt.timestep
     for back in range(1, 17):
@@ -225,10 +225,8 @@ class FullMechanics(TableMechanics):
 
 
 def _stable_step(modes: ModalModel) -> float:
-    """Return the longest time step in s at which no mode grows.
-
-    Semi-implicit Euler with explicit damping c = 2 zeta omega is stable up to ``omega^2 dt^2 + 2 c dt = 4``.
-    """
+    """Return the longest time step in s at which no mode grows."""
+    # semi-implicit Euler with explicit damping c = 2 zeta omega is stable up to ``omega^2 dt^2 + 2 c dt = 4``
     omega = np.concatenate([modes.wire_omega, modes.table_omega.ravel()])
     damping = 2 * np.concatenate([modes.wire_zeta, modes.table_zeta.ravel()]) * omega
     return float(np.min((np.sqrt(damping**2 + 4 * omega**2) - damping) / omega**2))

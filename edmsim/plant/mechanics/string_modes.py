@@ -1,7 +1,5 @@
 """Modes of a machine with any wire: the file is linearised once, and the modes of other wires follow by formula."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import pickle
@@ -34,11 +32,9 @@ from edmsim.plant.mechanics.modes import Linear, block_modes
 
 
 def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
-    """Return the modes of ``reduce_model(build_model(wire, model_file), ...)`` without building that model.
-
-    The file's machine is linearised once. Of another wire only the nodes' masses and dampings differ, and the
-    segments' stiffness, by one factor: their rest length is 0, so a node feels T/a times its neighbour's offset.
-    """
+    """Return the modes of ``reduce_model(build_model(wire, model_file), ...)`` without building that model."""
+    # the file's machine is linearised once. Of another wire only the nodes' masses and dampings differ, and the
+    # segments' stiffness, by one factor: their rest length is 0, so a node feels T/a times its neighbour's offset
     known = _reference(model_file, mjcf_version(model_file))
     linear, nodes = known.linear, np.concatenate(known.blocks[:2])
     new = _nodes_of(wire, known)

@@ -1,24 +1,17 @@
 """Workpieces before the cut: a block in front of the wire, a slot, and a wavy wall beside the wire."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-
 SLOT_UM = 400.0  # length of the slot behind the wire (ours: the wire's rays do not reach its open end)
-SLOT_GAP_UM = 30.0
-"""Gap all round the wire at the slot's end (ours: a little wider than what cuts settle at in front)."""
-BLOCK_UM = 1000.0
-"""How far a wavy wall goes on before and behind what is needed of it (ours: beyond what the wire's rays reach)."""
+SLOT_GAP_UM = 30.0  # gap round the wire at the slot's end (ours: a little wider than what cuts settle at in front)
+BLOCK_UM = 1000.0  # how far a wavy wall goes on before and behind what is needed of it (ours: beyond the rays' reach)
 _SCALLOP_UM = 20.0  # spacing of the holes that make up a slot: their cusps stay below half a um
 _FRONT_GAP_UM = 30.0  # gap between the wire and a block in front of it (ours)
 
@@ -32,11 +25,9 @@ def block_in_front(machine: Machine, x_um: float) -> Stock:
 def wavy_wall(
     wall_um: tuple[float, float], length_um: float, wave_um: float, spacing_um: float, shift_um: float
 ) -> Stock:
-    """Return a block whose upper edge along +x is a row of shallow arcs, as a coarse pass may leave it.
-
-    `wall_um` is half way between the deepest and the highest of its waves, `wave_um` from the bottom of an arc to the
-    ridge between two, `shift_um` where along x the arcs begin.
-    """
+    """Return a block whose upper edge along +x is a row of shallow arcs, as a coarse pass may leave it."""
+    # `wall_um` is half way between the deepest and the highest of its waves, `wave_um` from the bottom of an arc to
+    # the ridge between two, `shift_um` where along x the arcs begin
     x, y = wall_um
     radius = spacing_um**2 / (8 * wave_um)
     centres = np.arange(x - BLOCK_UM + shift_um, x + length_um + BLOCK_UM, spacing_um)
@@ -47,10 +38,8 @@ def wavy_wall(
 def checked_stock(stock: Stock, machine: Machine) -> Stock:
     """Return a workpiece that fits its machine; `InputError` if its greatest height is not the machine's."""
     if stock.steps and stock.height_mm != machine.height_mm:
-        raise InputError(
-            f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
-            f"{machine.height_mm:g} mm; they must be the same"
-        )
+        raise InputError(f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
+                         f"{machine.height_mm:g} mm; they must be the same")
     return stock
 
 

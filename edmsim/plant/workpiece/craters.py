@@ -4,8 +4,6 @@ A crater's area in the metal of its slice is shared among the rays in its width,
 itself is carved before they are traced again, ray by ray, so that a cell is looked up once for all discharges since.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -30,18 +28,14 @@ def crater_diameter(volume: float, c: Constants) -> float:
 
 @compiled
 def _section(x: float, reach: float, curve: float) -> float:
-    """Area of a crater from its middle to `x`, over its mean depth, in ray spacings; ``curve = 1 / (3 reach^2)``.
-
-    A half ellipsoid, averaged over the height of its slice, is ``1.5 (1 - (x / reach)^2)`` of its mean depth.
-    """
+    """Area of a crater from its middle to `x`, over its mean depth, in ray spacings; ``curve = 1 / (3 reach^2)``."""
+    # a half ellipsoid, averaged over the height of its slice, is ``1.5 (1 - (x / reach)^2)`` of its mean depth
     inside = min(max(x, -reach), reach)
     return 1.5 * (inside - inside * inside * inside * curve)
 
 
 @compiled
-def _metal_covered(
-    a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float, curve: float
-) -> float:
+def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float, curve: float) -> float:
     """How many ray spacings of metal a crater covers, the ray in the middle and `span` on either side looked at."""
     # far from bare rays nothing has to be looked at
     if middle >= span and middle + span < a.unbroken[s]:
@@ -57,10 +51,8 @@ def _metal_covered(
 
 @compiled_apart
 def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
-    """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth.
-
-    `jitter` (-0.5..0.5 ray spacings) lets many of them cover the wall evenly. False if there was no metal.
-    """
+    """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth."""
+    # `jitter` (-0.5..0.5 ray spacings) lets many of them cover the wall evenly. False if there was no metal
     if volume <= 0.0:
         return False
     n_rays = a.ray_cosine.shape[0]
@@ -115,10 +107,8 @@ def _carve_ray(
 
 @compiled
 def carve(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float) -> float:
-    """Carve what lies on the rays from the field; returns the volume in um3 that found no metal.
-
-    `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees.
-    """
+    """Carve what lies on the rays from the field; returns the volume in um3 that found no metal."""
+    # `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees
     part = c.cell_um**2 / FULL
     missed = 0.0
     for s in range(a.shape.shape[0]):

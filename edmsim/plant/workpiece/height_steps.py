@@ -18,7 +18,6 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-
 _BETWEEN = 1e-6  # parts of a cell up to which an edge counts as one of two cells; far above rounding
 
 
@@ -43,10 +42,8 @@ class Relief:
             if not 0 < height <= height_mm:
                 raise InputError(f"a step {height:g} mm high does not fit a workpiece of up to {height_mm:g} mm")
             if slices_below(height, height_mm, n_slices) == 0:
-                raise InputError(
-                    f"a step {height:g} mm high is lost between slices of {self.slice_mm:.3g} mm: it must be above "
-                    f"{self.slice_mm / 2:.3g} mm, or the resolution finer"
-                )
+                raise InputError(f"a step {height:g} mm high is lost between slices of {self.slice_mm:.3g} mm: it "
+                                 f"must be above {self.slice_mm / 2:.3g} mm, or the resolution finer")
             of_height.setdefault(height, []).append(region.difference(claimed))
             claimed = claimed.union(region)
         lower = sorted(height for height in of_height if height < height_mm)
@@ -67,10 +64,8 @@ class Relief:
 
     def metal(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
               ) -> NDArray[np.float64] | None:
-        """Share (0..1) of square cells that each slice has metal in, (n_slices, len(x), len(y)); exact.
-
-        None if every slice has metal everywhere in them.
-        """
+        """Share (0..1) of square cells that each slice has metal in, (n_slices, len(x), len(y)); exact."""
+        # None if every slice has metal everywhere in them
         import shapely
 
         half = cell_um / 2

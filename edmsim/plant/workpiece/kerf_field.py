@@ -67,11 +67,9 @@ class Stock:
         return np.asarray(self._holes[in_x & (y + radius >= y0_um) & (y - radius <= y1_um)])
 
     def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float) -> NDArray[np.float64]:
-        """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``.
-
-        In the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge
-        the share falls linearly over one cell. Where holes overlap, the one that takes most of a cell counts.
-        """
+        """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``."""
+        # in the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge the
+        # share falls linearly over one cell. Where holes overlap, the one that takes most of a cell counts
         x0, y0, x1, y1 = self.rectangle_um
         half = cell_um / 2
         in_x = np.clip(np.minimum(x_um + half, x1) - np.maximum(x_um - half, x0), 0, cell_um) / cell_um
@@ -143,10 +141,8 @@ class KerfField:
         return self.cell_um**2 / FULL
 
     def allocate(self, x_um: float, y_um: float, reach_um: float, lean_um: tuple[float, float] = (0.0, 0.0)) -> bool:
-        """Make sure that every tile within `reach_um` of a point exists; say whether any was new.
-
-        With `lean_um`, of all points between the point and the one that lies so much further along x and y.
-        """
+        """Make sure that every tile within `reach_um` of a point exists; say whether any was new."""
+        # with `lean_um`, of all points between the point and the one that lies so much further along x and y
         pieces = max(1, math.ceil(max(abs(lean) for lean in lean_um) / (4 * self.cell_um * TILE)))
         if pieces > 1:  # a rectangle about a long way aslant would be mostly empty
             u, v = (lean / pieces for lean in lean_um)
@@ -226,10 +222,13 @@ class KerfField:
         return np.asarray(shapely.contains_xy(shapely.union_all(near), x[:, None], y[None, :]), np.bool_)
 
     def take_out(self, piece: shapely.Polygon) -> float:
-        """Take a piece out of the stock, as one that fell: in every slice, also where no tile is allocated yet.
+        """Take a piece out of the stock, as one that fell: in every slice, also where no tile is allocated yet."""
+        # it counts neither as removed metal nor as stock any more. Cells go whose middles lie in it
+        import shapely
 
-        It counts neither as removed metal nor as stock any more. Cells go whose middles lie in it.
-        """
+        whole = isinstance(piece, shapely.Polygon) and piece.is_valid and not piece.is_empty
+        if not whole or piece.interiors:  # a snapshot holds outlines
+            raise InputError(f"a piece is a shapely.Polygon in um without holes or crossings, not {piece!r}")
         taken = 0
         for tx, ty, place in self.tile_places():
             gone = self._gone_in(tx, ty, (piece,))
@@ -403,10 +402,8 @@ def trace(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_um: float, x: float, y: float,
     cosine: float, sine: float, start_um: float, end_um: float,
 ) -> float:
-    """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` where there is none.
-
-    The edge lies one cell before where the metal met amounts to one cell: it moves smoothly as a cell is emptied.
-    """
+    """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` where there is none."""
+    # the edge lies one cell before where the metal met amounts to one cell: it moves smoothly as a cell is emptied
     grid = 1.0 / cell_um
     px, py = (x + cosine * start_um) * grid, (y + sine * start_um) * grid
     length = end_um - start_um
@@ -442,10 +439,8 @@ def _carve_row(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, ix: int, iy: int, step_x: int, step_y: int,
     length: int, parts: int, proud: int, spare: int,
 ) -> int:
-    """Remove `parts` from a row of `length` cells, the first metal first; return what of them found none.
-
-    What stands in the first `proud` cells goes beyond that, by up to `spare`: then less than nothing is left.
-    """
+    """Remove `parts` from a row of `length` cells, the first metal first; return what of them found none."""
+    # what stands in the first `proud` cells goes beyond that, by up to `spare`: then less than nothing is left
     # parts still to remove; below zero once protruding metal gave more than its share
     quota = np.int64(parts)
     limit = np.uint64(index.shape[0] * TILE)
@@ -485,12 +480,10 @@ def carve_wall(
     cosine: float, sine: float, edge_um: float, before_um: float, proud_um: float, beyond_um: float,
     width_um: float, parts: int,
 ) -> int:
-    """Remove `parts` parts of metal from a wall; return how many found none, below zero if more were taken.
-
-    The wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
-    `before_um` before it to `beyond_um` behind. Discharges hit first what stands more than `proud_um` before the
-    wall: of that a row of cells gives up to `PROUD_SHARE` times as much more.
-    """
+    """Remove `parts` parts of metal from a wall; return how many found none, below zero if more were taken."""
+    # the wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
+    # `before_um` before it to `beyond_um` behind. Discharges hit first what stands more than `proud_um` before the
+    # wall: of that a row of cells gives up to `PROUD_SHARE` times as much more
     grid = 1.0 / cell_um
     # rows run along the axis nearer to the direction, so that each crosses the wall once
     along_x = abs(cosine) >= abs(sine)

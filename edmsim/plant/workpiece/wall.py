@@ -1,7 +1,5 @@
 """The wall that a pass leaves: its distance from a line."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

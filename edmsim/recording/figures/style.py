@@ -48,10 +48,10 @@ def check_figure(file: pathlib.Path) -> str:
     return check_suffix(file, "a figure", *(f".{kind}" for kind in FORMATS)).removeprefix(".")
 
 
-def write_figure(figure: Figure, file: pathlib.Path) -> None:
+def write_figure(figure: Figure, file: str | pathlib.Path) -> None:
     """Write a figure as its file's suffix says; replaces an existing file only when complete."""
-    kind = check_figure(file)
-    make_writable(file.parent)
+    kind = check_figure(pathlib.Path(file))
+    make_writable(pathlib.Path(file).parent)
     with replacing(file) as partial:
         if kind == "png":
             partial.write_bytes(figure_png(figure))

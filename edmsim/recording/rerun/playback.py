@@ -13,7 +13,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from rerun.chunk import Chunk, RrdReader
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.files import folder_of
 from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.rerun.stream import PATH, TIME
 
@@ -24,6 +25,7 @@ _MARK = b"RRF2"  # a recording begins with this, the version of rerun that wrote
 _MADE = (f"/{MADE_BY}", "TextDocument:text")
 
 
+@refuses_wrong_types
 def find_recording(directory: str | Path) -> Path:
     """Return the path of the recording in a cut's folder, checked.
 
@@ -32,7 +34,7 @@ def find_recording(directory: str | Path) -> Path:
     InputError
         If folder or recording is missing, or the file is damaged, incomplete, of another format or version.
     """
-    folder = Path(directory)
+    folder = folder_of(directory)
     if not folder.is_dir():
         raise InputError("no such folder, give the folder that `edmsim cut --out` wrote", directory)
     recording = folder / RECORDING
@@ -65,8 +67,11 @@ def read_chunks(recording: Path) -> list[Chunk]:
 
 def _check_rerun(recording: Path) -> None:
     """Refuse a file of a newer rerun: it would be read, with a warning, and perhaps wrongly."""
-    with recording.open("rb") as file:
-        head = file.read(8)
+    try:
+        with recording.open("rb") as file:
+            head = file.read(8)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}; give a cut's {RECORDING}", recording) from None
     here = tuple(int(number) for number in version("rerun-sdk").split(".")[:2])
     if head[:4] == _MARK and tuple(head[4:6]) > here:
         raise InputError(
@@ -107,7 +112,7 @@ class Playback:
     Parameters
     ----------
     recording : path
-        Of a cut.
+        ``cut.rrd`` of a cut.
 
     Raises
     ------
@@ -115,6 +120,7 @@ class Playback:
         As `find_recording`.
     """
 
+    @refuses_wrong_types
     def __init__(self, recording: str | Path) -> None:
         self.recording = Path(recording)
         parts: dict[tuple[str, str], list[Rows]] = {}

@@ -193,6 +193,7 @@ def _started(*options: str) -> subprocess.Popen[bytes]:
 def _end(process: subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
+        process.wait()
 
 
 class LiveViewer:
@@ -265,8 +266,7 @@ def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, .
         Vulkan driver.
     """
     end_s = Playback(recording).end_s
-    target = Path(folder)
-    make_writable(target)
+    target = make_writable(folder)
     written = []
     with _headless(recording) as client:
         time.sleep(_OPENED_S)

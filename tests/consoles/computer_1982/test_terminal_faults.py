@@ -10,7 +10,6 @@ from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import REFUSED, choose_faults
 from edmsim.controllers.mcu.board import DropOut, Faults, SerialNoise
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.errors import InputError
 
 from .conftest import run_script
 
@@ -159,11 +158,6 @@ def test_with_a_stuck_wire_sensor_the_cut_goes_on_in_the_open_until_its_end(mach
     assert float(gap[1]) == 0.0
     assert lines.count("NEW WIRE   X 32500 Y 32500 um") == 1
     assert "? the wire is whole" in lines
-
-
-def test_an_unknown_fault_is_refused_with_those_there_are():
-    with pytest.raises(InputError, match="no fault 'stuck'; there are serial-noise, drop-out, stuck-end-"):
-        choose_faults(["stuck"], seed=0)
 
 
 @pytest.mark.slow
