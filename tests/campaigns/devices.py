@@ -101,8 +101,7 @@ CALL = struct.Struct("<BBhhd")
 
 def elcam(data: bytes, _folder: Path) -> object:
     """Call the object interface: every record of `CALL` is a call."""
-    from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
-    from edmsim.controllers.axis.elcam.table import Descriptor
+    from edmsim.controllers.axis.elcam.module import CamPlace, Descriptor, Elcam
 
     places = [CamPlace(), CamPlace(1.0, 1.5), CamPlace(2.0, 2.0, 2.5)]
     elcam = Elcam(places, buffer_bytes=4096)
