@@ -1,12 +1,12 @@
 """Cut a sharp corner with a wire that lags: a student with memory finds out how far, and offsets the guides.
 
-python examples/learning/lag.py --machines 300 --rounds 3 --seed 1 --out out/lag
+python examples/learning/lag.py --machines 400 --rounds 3 --epochs 80 --seed 1 --out out/lag
 edmsim evaluate edmsim/Corner-v3 --controllers policy:out/lag/policy.json
 
-No machine shows how far its wire lags behind the guides, and steady pulses say little about it. But weak pulses for a
+No machine shows how far its wire lags behind the guides, and steady pulses say little about it. But rare pulses for a
 moment let the wire spring forward, and the pulses of this moment, and of those after it, depend on how far it lagged.
 The student, an LSTM, sets all actions of the environment ten times a second. What it learns is the offset; target and
-pulses follow `schedule`: fast on the way, weak pulses twice before the corner, a wider gap near it.
+pulses follow `schedule`: fast on the way, rare pulses twice before the corner, a wider gap near it.
 
 1. `record` cuts the corner on many training machines and notes what is seen, and how far the wire is bent, which the
    student never sees. In the first round the offset is drawn by chance, later it is the student's.
@@ -39,9 +39,9 @@ FAMILY = make_family(ENV_ID, **ENVIRONMENT)
 NAMES = [entry.name for entry in FAMILY.entries()]
 AT = {name: k for k, name in enumerate(NAMES)}
 OFFSET_UM = FAMILY.offset_um
-PROBES_UM = ((220.0, 20.0), (140.0, 20.0))  # path to the corner at which pulses become weak, and for how long
-STRONG, WEAK = (0.0, -0.257), (0.0, 0.743)  # actions on on-time and period: 1.4 us every 50 us, and every 202 us
-FAR, NEAR, WEAK_TARGET = 0.5, 0.6, 0.6  # shares of open pulses that the servo holds
+PROBES_UM = ((220.0, 20.0), (140.0, 20.0))  # path to the corner at which pulses become rare, and for how long
+USUAL, RARE = (0.0, -0.257), (0.0, 0.743)  # actions on on-time and period: 1.4 us every 50 us, and every 202 us
+FAR, NEAR, RARE_TARGET = 0.5, 0.6, 0.6  # shares of open pulses that the servo holds
 NEAR_UM = (15.0, 100.0)  # path before and after the corner on which it holds the wider gap
 LAG_UM, FADE_UM = (20.0, 12.0), (15.0, 70.0)  # lags and fades by chance: mean and deviation, least and most
 ENOUGH_UM = 420.0  # of the path: beyond that no error counts
@@ -50,11 +50,11 @@ ENOUGH_UM = 420.0  # of the path: beyond that no error counts
 def schedule(observation: np.ndarray) -> np.ndarray:
     """Return target, on-time and period, -1 to 1 each, at a place before or after the corner."""
     ahead_um, behind_um = 1e3 * observation[AT["corner_ahead"]], 1e3 * observation[AT["corner_behind"]]
-    weak = behind_um >= 1e3 and any(at - width < ahead_um <= at for at, width in PROBES_UM)
+    rare = behind_um >= 1e3 and any(at - width < ahead_um <= at for at, width in PROBES_UM)
     near = ahead_um < NEAR_UM[0] or behind_um < NEAR_UM[1]
-    target = WEAK_TARGET if weak else NEAR if near else FAR
+    target = RARE_TARGET if rare else NEAR if near else FAR
     low, high = FAMILY.servo_target_share
-    return np.array([2.0 * (target - low) / (high - low) - 1.0, *(WEAK if weak else STRONG)])
+    return np.array([2.0 * (target - low) / (high - low) - 1.0, *(RARE if rare else USUAL)])
 
 
 class Recorder:
@@ -216,13 +216,13 @@ class Student(torch.nn.Module):
         return gradient
 
     def switches(self) -> tuple[tuple[np.ndarray, float], tuple[np.ndarray, float]]:
-        """Return weights (cells,) and bias of a unit that is 1 where pulses are weak; and where the gap is wider."""
-        weak, near, half = np.zeros(self.cells + self.steps), np.zeros(self.cells + self.steps), 0.5 / STEP
+        """Return weights (cells,) and bias of a unit that is 1 where pulses are rare; and where the gap is wider."""
+        rare, near, half = np.zeros(self.cells + self.steps), np.zeros(self.cells + self.steps), 0.5 / STEP
         for k in range(len(PROBES_UM)):
-            weak[self.cells + 2 * k], weak[self.cells + 2 * k + 1] = -half, half
+            rare[self.cells + 2 * k], rare[self.cells + 2 * k + 1] = -half, half
         first = self.cells + 2 * len(PROBES_UM)
         near[first : first + 2] = -half
-        return (weak, 0.0), (near, 1.0)
+        return (rare, 0.0), (near, 1.0)
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return offsets and lags in um (n, steps) for observations (n, steps, entries)."""
@@ -279,18 +279,18 @@ def save(student: Student, file: Path, command: str, steps: int, seed: int) -> A
     """Write the student, with the schedule, as a policy of edmsim; return it."""
     cell = {name: value.detach().double().numpy() for name, value in student.memory.named_parameters()}
     lstm = cell["weight_ih_l0"].T, cell["weight_hh_l0"].T, cell["bias_ih_l0"] + cell["bias_hh_l0"]
-    weak, near = student.switches()
+    rare, near = student.switches()
     low, high = FAMILY.servo_target_share
-    actions = np.array([[2 * (target - FAR) / (high - low), *np.subtract(pulses, STRONG), 0.0]
-                        for target, pulses in ((WEAK_TARGET, WEAK), (NEAR, STRONG))])  # fmt: skip
-    base = np.array([2 * (FAR - low) / (high - low) - 1, *STRONG, 0.0])
+    actions = np.array([[2 * (target - FAR) / (high - low), *np.subtract(pulses, USUAL), 0.0]
+                        for target, pulses in ((RARE_TARGET, RARE), (NEAR, USUAL))])  # fmt: skip
+    base = np.array([2 * (FAR - low) / (high - low) - 1, *USUAL, 0.0])
     hidden, out = (
         (one.weight.detach().double().numpy().T, one.bias.detach().double().numpy())
         for one in (student.hidden, student.out)
     )
     count = hidden[0].shape[1]
-    weights = np.concatenate([hidden[0], np.stack([weak[0], near[0]], axis=1)], axis=1)
-    biases = np.append(hidden[1], (weak[1], near[1]))
+    weights = np.concatenate([hidden[0], np.stack([rare[0], near[0]], axis=1)], axis=1)
+    biases = np.append(hidden[1], (rare[1], near[1]))
     last = np.zeros((count + 2, 4))
     last[:count, 3:], last[count:] = out[0], actions
     base[3] = out[1][0]
@@ -316,9 +316,9 @@ def recorded(folder: Path, first_seed: int, count: int, student: Any = None) -> 
 def main() -> None:
     """Record and teach, round by round; save the student of the last one."""
     parser = argparse.ArgumentParser(description="A student that finds out how far a wire lags.")
-    parser.add_argument("--machines", type=int, default=300, help="training machines of each round")
+    parser.add_argument("--machines", type=int, default=400, help="training machines of each round")
     parser.add_argument("--rounds", type=int, default=3, help="the first with offsets by chance, then the student's")
-    parser.add_argument("--epochs", type=int, default=60)
+    parser.add_argument("--epochs", type=int, default=80)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True, help="folder for recordings and policies")
     arguments = parser.parse_args()

@@ -42,7 +42,7 @@ NOT_RUN = {
         "tests/learning/test_bandit_training.py runs one with settings of its own",
     "edmsim evaluate edmsim/MaxRateShift-v0 --controllers policy:out/adapt/policy.json,adaptive-hold --seeds 4 "
     "--page out/adapt/compared.md": "it takes what the command before it leaves",
-    "python examples/learning/lag.py --machines 300 --rounds 3 --seed 1 --out out/lag":
+    "python examples/learning/lag.py --machines 400 --rounds 3 --epochs 80 --seed 1 --out out/lag":
         "tests/learning/test_lag_example.py runs its parts",
     "edmsim evaluate edmsim/Corner-v3 --controllers policy:out/lag/policy.json":
         "it takes what the command before it leaves",

@@ -33,11 +33,11 @@ def way(lag, turn_deg, step_um=4.0):
 
 
 def note(lag, file, rng):
-    """Write a cut of a machine with more open pulses, after the first weak ones, the farther its wire lags."""
+    """Write a cut of a machine with more open pulses, after the first rare ones, the farther its wire lags."""
     turn_deg, lag_um = rng.uniform(45, 135) * rng.choice((-1, 1)), rng.uniform(0, 12)
     rows = way(lag, turn_deg)
-    first = next(k for k, row in enumerate(rows) if lag.schedule(row)[1] < 0)
-    rows[first:, lag.AT["open"]] += 0.05 * (lag_um - 6) * (rows[first:, lag.AT["corner_ahead"]] < 1)
+    first = next(k for k, row in enumerate(rows) if lag.schedule(row)[2] > 0)
+    rows[first:, lag.AT["open"]] += 0.04 * (lag_um - 6) * (rows[first:, lag.AT["corner_ahead"]] < 1)
     behind_um = 1e3 * rows[:, lag.AT["corner_behind"]]
     across_um = lag_um * math.sin(math.radians(turn_deg)) * np.exp(-behind_um / 40)
     cut_um = np.where((behind_um < 100) | (rows[:, lag.AT["corner_ahead"]] < 0.1), 4.0, 0.0)
@@ -60,14 +60,14 @@ def taught(lag, tmp_path_factory):
     return student, others
 
 
-def test_pulses_are_weak_twice_before_the_corner_and_the_gap_is_wider_near_it(lag):
+def test_pulses_are_rare_twice_before_the_corner_and_the_gap_is_wider_near_it(lag):
     rows = way(lag, 90.0, 1.0)
     actions = np.array([lag.schedule(row) for row in rows])
-    weak, place_um = actions[:, 1] < 0, np.arange(-250.0, 100.0)
-    assert place_um[weak].tolist() == [*range(-200, -190), *range(-140, -130)]
+    rare, place_um = actions[:, 2] > 0, np.arange(-250.0, 100.0)
+    assert place_um[rare].tolist() == [*range(-220, -200), *range(-140, -120)]
     low, high = lag.FAMILY.servo_target_share
     targets = low + (high - low) * (actions[:, 0] + 1) / 2
-    assert targets[~weak & (place_um < -15)] == pytest.approx(lag.FAR)
+    assert targets[~rare & (place_um < -15)] == pytest.approx(lag.FAR)
     assert targets[place_um > -15] == pytest.approx(lag.NEAR)
 
 
@@ -82,7 +82,7 @@ def test_the_student_finds_the_lag_from_the_pulses(lag, taught):
     assert with_it < 0.5 * without
     at_corner = guess_um[:, int((rows[0, :, lag.AT["corner_behind"]] == 1).sum()) - 1]
     assert np.corrcoef(at_corner, lag_um)[0, 1] > 0.9
-    assert "R2 of the lag 0." in lag.said(student, others)
+    assert float(lag.said(student, others).rpartition("R2 of the lag ")[2]) > 0.9
 
 
 def test_it_is_saved_as_a_policy_with_its_schedule(lag, taught, tmp_path):
@@ -95,7 +95,7 @@ def test_it_is_saved_as_a_policy_with_its_schedule(lag, taught, tmp_path):
         action, memory = policy.act(row, memory)
         actions.append(action)
     expected = np.array([lag.schedule(row) for row in rows])
-    assert np.array(actions)[:, :3] == pytest.approx(expected, abs=1e-3)
+    assert np.array(actions)[:, :3] == pytest.approx(expected, abs=2e-3)  # 0.3 um before an edge
     with torch.no_grad():
         offset_um = student(torch.from_numpy(rows)[None])[0][0].numpy()
     assert np.array(actions)[:, 3] * lag.OFFSET_UM == pytest.approx(offset_um, abs=1e-2)
@@ -110,8 +110,8 @@ def test_a_recording_has_what_the_student_learns_from(lag, tmp_path):
     assert len(rows) == len(across_um) == len(lag_um) == len(cut_um) > 100
     assert np.isfinite(across_um).all()
     assert 190 < cut_um.sum() < 205  # of 100 um on either side of the corner, where pulses ignite
-    on_us = 10 ** (3 * rows[1:, lag.AT["t_on"]])  # of the decision before each row
-    assert on_us.min() == pytest.approx(8, abs=0.1)
-    weak, steady = lag_um[:-1][on_us < 9], lag_um[:-1][on_us == on_us.max()]
-    assert abs(weak.mean()) < abs(steady.mean())  # the wire springs back to the guides
+    period_us = 10 ** (4 * rows[1:, lag.AT["t_period"]])  # of the decision before each row
+    assert (period_us.min(), period_us.max()) == pytest.approx((50.5, 201.5), abs=1.0)
+    rare, usual = lag_um[:-1][period_us > 190], lag_um[:-1][period_us < 60]
+    assert rare.mean() < usual.mean()  # the wire springs back to the guides
     lag.recorded(tmp_path, 20_000, 1, student="none is asked")  # it is there, and not made again
