@@ -24,7 +24,7 @@ class _Registered(NamedTuple):
 
 _REGISTERED = {
     "GapFeed": _Registered("gap_feed", 2, 1800.0), "HeightStep": _Registered("height_step", 2, 1526.0),
-    "Corner": _Registered("corner", 3, 1530.0), "Contour": _Registered("contour", 2, 2415.0),
+    "Corner": _Registered("corner", 3, 945.0), "Contour": _Registered("contour", 2, 2415.0),
     "MaxRate": _Registered("max_rate", 1, 3839.0), "ThinWire": _Registered("thin_wire", 1, 5832.0),
     "Trim": _Registered("trim", 1, 810.0), "Part": _Registered("part", 0, -16.2),
     "MaxRateShift": _Registered("shift", 0, 248049.0), "ThinWireShift": _Registered("shift", 0, 61247.0),

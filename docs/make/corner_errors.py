@@ -64,24 +64,26 @@ def squares(name: str, seed: int) -> NDArray[np.float64]:
         along, off = second - first, np.array(task.plant.commanded_um) - first
         across_um = float(along[0] * off[1] - along[1] * off[0]) / float(np.hypot(*along))
         found.append((task.path_um - leg_um, window.error_um, across_um, window.progress_um))
-    place_um, error_um, across_um, cut_um = np.array(found).T
+    place_um, error_um, across_um, cut_um = np.array(found).reshape(-1, 4).T
     parts = [
         (cut_um * error_um**2)[(place_um >= low) & (place_um < high)].sum()
         for low, high in pairwise(EDGES_UM)
     ]
-    return np.array([*parts, (cut_um * across_um**2).sum()]) / cut_um.sum()
+    return np.array([*parts, (cut_um * across_um**2).sum()]) / (cut_um.sum() or np.nan)
 
 
 def where() -> str:
     """Return where the errors of the constant, the policy and the reference arise."""
     lines = lines_of(ENV_ID)
     places = [f"{low:g} to {high:g} um" for low, high in pairwise(EDGES_UM)]
-    rows = []
-    for name in (lines.blind, POLICY, lines.reference):
-        parts = np.array([squares(name, seed) for seed in held_back(MACHINES)])
+    names, rows = (lines.blind, POLICY, lines.reference), []
+    found = np.array([[squares(name, seed) for seed in held_back(MACHINES)] for name in names])
+    there = np.isfinite(found).all(axis=(0, 2))
+    for name, parts in zip(names, found[:, there], strict=True):
         cells = np.insert(parts, -1, parts[:, :-1].sum(axis=1), axis=1)
         rows.append([f"`{name}`", *(shown(mean(column), 2) for column in cells.T)])
-    said = f"Mean squares in um2 on {MACHINES} held-back machines, by the place of the guides behind the corner."
+    machines = f"{there.sum()} of {MACHINES} held-back machines"
+    said = f"Mean squares in um2 on {machines}, by the place of the guides behind the corner."
     return f"{table(('controller', *places, 'sum', 'motor steps alone'), rows)}\n\n{said}"
 
 

@@ -330,7 +330,7 @@ def test_bad_resets(make_env, make_envs, arguments, message):
 @pytest.mark.slow
 def test_copies_go_on_bit_for_bit(make_env, env_name, actions_of):
     env = make_env(env_name)
-    actions = actions_of(env.action_space, 30, 1)[:, 0]
+    actions = 0.3 * actions_of(env.action_space, 30, 1)[:, 0]  # the shortest periods break a wire of Corner
     env.reset(seed=5)
     for action in actions[:15]:
         env.step(action)
