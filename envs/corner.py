@@ -52,8 +52,8 @@ class Corner(Family):
     energy_bound_mJ: float | None = 13.5  # ours: a quarter above the 10.8 mJ of the generator's setting
 
     knows_corners: ClassVar[bool] = True
-    # ours: 5 um beyond the path cost what is cut there. A second costs three times that of v2, as this machine cuts
-    # about three times as fast.
+    # ours: an error of 5 um costs what the cut earns there. A second costs three times that of v2, as this machine
+    # cuts about three times as fast.
     own_weights: ClassVar[Weights] = Weights(profile=2.0, roughness=4.0, time=0.3)
 
     def __post_init__(self) -> None:
@@ -91,7 +91,7 @@ class CornerEnv(EdmEnv):
     Description
     -----------
     The rough cut of a production machine in stainless steel. Discharges and jets push a slack wire back, so it lags
-    behind its guides, by 7 to 40 um on different machines, and leaves the path where the path turns. Distance from
+    behind its guides, by 5 to 60 um on different machines, and leaves the path where the path turns. Distance from
     the path costs within 100 um of the corner, and time costs everywhere. An offset of the guides can bring the wire
     back to the path, and longer pauses weaken the forces. More energy in a discharge makes a rougher face: beyond the
     bound it costs more than it gains. The shortest pauses break the wire.
@@ -111,8 +111,9 @@ class CornerEnv(EdmEnv):
     wire earns nothing; dials are observed and not drawn; errors count near the corner, and energy beyond the bound
     costs; a servo sets the feed; workpieces are higher, wires slacker, and an action offsets the guides.
     v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it.
-    v3: the rough cut of a production machine, with an offset twice as large. The machine of 1982 made lags of a
-    few um with motor steps of 2 um, so that even the true deflection removed only 42 % of the best constant's error.
+    v3: the rough cut of a production machine, with offsets of up to 60 um in place of 24. The machine of 1982 made
+    lags of a few um with motor steps of 2 um, so that even the true deflection removed only 42 % of the best
+    constant's error.
     v0 to v2 are withdrawn.
     """
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 class _Registered(NamedTuple):
     file: str  # module of this folder with its arguments and its class
-    version: int  # the last change was that debris ignites the gap: nothing earned before compares
+    version: int  # returns of earlier versions cannot be compared with those of this one
     reference: float  # mean return of the reference over the held-back seeds (docs/benchmark.md): `reward_threshold`
 
 

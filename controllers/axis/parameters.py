@@ -221,7 +221,7 @@ _NUMBER = re.compile(r"-?[0-9]+")
 
 
 class Command(NamedTuple):
-    """A letter and the number behind it, None if there is none."""
+    """A letter and the number behind it; None without a number."""
 
     letter: str
     number: int | None

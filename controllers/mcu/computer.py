@@ -576,7 +576,7 @@ class PathRun(Snapshots):
         self._in_force = self._requested
 
     def _begin_next(self, heading: int) -> bool:
-        """Begin the next move of the path; False where there is none."""
+        """Begin the next move of the path; False at its ends."""
         if not 0 <= self._move + heading <= len(self._points) - 2:
             self._over = heading > 0
             return False

@@ -484,7 +484,8 @@ class _Run:
     def _tell_unsaved(self) -> None:
         """Say from where a cut can go on that an error, of its controller say, has stopped within a window."""
         if self._folder is not None:
-            at = "anew, as there is no checkpoint" if self._held_s is None else f"at {self._held_s:.1f} s by --resume"
+            held_s, none = self._held_s, "from its beginning, as there is no checkpoint"
+            at = none if held_s is None else f"at {held_s:.1f} s by --resume"
             warnings.warn(f"{self._folder}: a cut is not saved within a window: it goes on {at}", stacklevel=2)
 
     def leave(self, result: CutResult, tell: Callable[[str], None]) -> None:

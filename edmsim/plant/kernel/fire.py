@@ -55,7 +55,7 @@ DEEPEST_UM = 0.75 * OVERLAP_UM  # deeper in the metal at a window's end, the wir
 TRACED_MOVE_UM = 2.0  # rays serve no longer once an axis has moved further than this since they were traced
 LOST_UM = -1e9  # depth in the metal of a wire that is nowhere
 FINITE = 1e15  # no sum of lengths, times or temperatures is as large as this
-MOST_DEFLECTION_UM = 2000.0  # a wire bent further is none between guides any more: the model has left its validity
+MOST_DEFLECTION_UM = 2000.0  # a wire bent further has left the range in which the model is valid
 
 
 @compiled_apart

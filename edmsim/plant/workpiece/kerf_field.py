@@ -402,7 +402,7 @@ def trace(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_um: float, x: float, y: float,
     cosine: float, sine: float, start_um: float, end_um: float,
 ) -> float:
-    """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` where there is none."""
+    """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` if it meets none."""
     # the edge lies one cell before where the metal met amounts to one cell: it moves smoothly as a cell is emptied
     grid = 1.0 / cell_um
     px, py = (x + cosine * start_um) * grid, (y + sine * start_um) * grid
@@ -440,7 +440,7 @@ def _carve_row(
     length: int, parts: int, proud: int, spare: int,
 ) -> int:
     """Remove `parts` from a row of `length` cells, the first metal first; return what of them found none."""
-    # what stands in the first `proud` cells goes beyond that, by up to `spare`: then less than nothing is left
+    # what stands in the first `proud` cells goes beyond that, by up to `spare`: then the rest is below 0
     # parts still to remove; below zero once protruding metal gave more than its share
     quota = np.int64(parts)
     limit = np.uint64(index.shape[0] * TILE)

@@ -50,8 +50,9 @@ def check_figure(file: pathlib.Path) -> str:
 
 def write_figure(figure: Figure, file: str | pathlib.Path) -> None:
     """Write a figure as its file's suffix says; replaces an existing file only when complete."""
-    kind = check_figure(pathlib.Path(file))
-    make_writable(pathlib.Path(file).parent)
+    file = pathlib.Path(file)
+    kind = check_figure(file)
+    make_writable(file.parent)
     with replacing(file) as partial:
         if kind == "png":
             partial.write_bytes(figure_png(figure))
