@@ -1,4 +1,4 @@
-"""HeightStep: a straight cut through a workpiece whose height jumps, the classic wire breaker."""
+"""HeightStep: a straight cut through a workpiece whose height jumps."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class HeightStep(GapFeed):
 
 @page
 class HeightStepEnv(EdmEnv):
-    """A straight cut through a workpiece whose height jumps, the classic wire breaker.
+    """A straight cut through a workpiece whose height jumps.
 
     Description
     -----------
