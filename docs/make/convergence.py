@@ -52,11 +52,7 @@ How much does a result depend on `--resolution`?
   right within a twentieth and a seventh, and the vibration is seven tenths of that at `fine`. From 25 slices and 24
   modes on it is 12 to 13 um. So compare rough cuts at one resolution.
 
-Rough cuts differ because a discharge raises a bump of `J / (2 sqrt(T mu))` = 19 um on a short length of the wire,
-which runs along it as a wave, while ignition falls by a factor of e within a few um of gap. If slices and modes
-resolve the bumps, ignition follows them; if not, it follows the wire as a whole and stabilises it. Finer rays, cells,
-tracing or films alone make no difference, nor do slices or modes alone; slices and modes together do.
-[Lag](theory/emergence.md#what-takes-the-lag) lists what was tried to make the resolutions agree.
+[Lag](theory/emergence.md#what-takes-the-lag) explains why rough cuts differ, and lists what was tried against it.
 
 The table (`python docs/make/convergence.py`) is of straight cuts of 20 mm tool steel at a fixed feed of {feed:g} um/s
 and under the `counts` law, {cut_s:g} s after {settle_s:g} s, of a punch of 1 x 1 mm, {height:g} mm high, and of
