@@ -6,7 +6,8 @@ edmsim evaluate edmsim/Corner-v3 --controllers policy:out/lag/policy.json
 No machine shows how far its wire lags behind the guides, and steady pulses say little about it. But rare pulses for a
 moment let the wire spring forward, and the pulses of this moment, and of those after it, depend on how far it lagged.
 The student, an LSTM, sets all actions of the environment ten times a second. What it learns is the offset; target and
-pulses follow `schedule`: fast on the way, rare pulses twice before the corner, a wider gap near it.
+pulses follow `schedule`: rare pulses at the start and twice before the corner, a narrow gap on the way, a wider one
+near the corner.
 
 1. `record` cuts the corner on many training machines and notes what is seen, and how far the wire is bent, which the
    student never sees. In the first round the offset is drawn by chance, later it is the student's.
@@ -40,8 +41,11 @@ NAMES = [entry.name for entry in FAMILY.entries()]
 AT = {name: k for k, name in enumerate(NAMES)}
 OFFSET_UM = FAMILY.offset_um
 PROBES_UM = ((220.0, 20.0), (140.0, 20.0))  # path to the corner at which pulses become rare, and for how long
+# the same where every cut begins, 300 um before the corner: close to the metal every pulse ignites, and at the usual
+# period a tenth of the wires break before the gap has opened
+RARE_UM = ((310.0, 11.0), *PROBES_UM)
 USUAL, RARE = (0.0, -0.257), (0.0, 0.743)  # actions on on-time and period: 1.4 us every 50 us, and every 202 us
-FAR, NEAR, RARE_TARGET = 0.5, 0.6, 0.6  # shares of open pulses that the servo holds
+FAR, NEAR, RARE_TARGET = 0.45, 0.6, 0.6  # shares of open pulses that the servo holds
 NEAR_UM = (15.0, 100.0)  # path before and after the corner on which it holds the wider gap
 LAG_UM, FADE_UM = (20.0, 12.0), (15.0, 70.0)  # lags and fades by chance: mean and deviation, least and most
 ENOUGH_UM = 420.0  # of the path: beyond that no error counts
@@ -50,7 +54,7 @@ ENOUGH_UM = 420.0  # of the path: beyond that no error counts
 def schedule(observation: np.ndarray) -> np.ndarray:
     """Return target, on-time and period, -1 to 1 each, at a place before or after the corner."""
     ahead_um, behind_um = 1e3 * observation[AT["corner_ahead"]], 1e3 * observation[AT["corner_behind"]]
-    rare = behind_um >= 1e3 and any(at - width < ahead_um <= at for at, width in PROBES_UM)
+    rare = behind_um >= 1e3 and any(at - width < ahead_um <= at for at, width in RARE_UM)
     near = ahead_um < NEAR_UM[0] or behind_um < NEAR_UM[1]
     target = RARE_TARGET if rare else NEAR if near else FAR
     low, high = FAMILY.servo_target_share
@@ -130,7 +134,7 @@ SCALE = {
 SIGNED = [AT[name] for name in ("corner_turn", "corner_turned", "offset")]
 STEP = 0.7616  # output of a cell that is a step: tanh(1)
 STEPS_UM = (
-    *(("corner_ahead", edge) for at, width in PROBES_UM for edge in (at, at - width)),
+    *(("corner_ahead", edge) for at, width in RARE_UM for edge in (at, at - width)),
     ("corner_ahead", NEAR_UM[0]), ("corner_behind", NEAR_UM[1]),
     *(("corner_behind", edge) for edge in (1.5, 4.0, 7.0, 11.0, 16.0, 23.0, 32.0, 45.0, 60.0, 80.0)),
 )  # fmt: skip
@@ -218,9 +222,9 @@ class Student(torch.nn.Module):
     def switches(self) -> tuple[tuple[np.ndarray, float], tuple[np.ndarray, float]]:
         """Return weights (cells,) and bias of a unit that is 1 where pulses are rare; and where the gap is wider."""
         rare, near, half = np.zeros(self.cells + self.steps), np.zeros(self.cells + self.steps), 0.5 / STEP
-        for k in range(len(PROBES_UM)):
+        for k in range(len(RARE_UM)):
             rare[self.cells + 2 * k], rare[self.cells + 2 * k + 1] = -half, half
-        first = self.cells + 2 * len(PROBES_UM)
+        first = self.cells + 2 * len(RARE_UM)
         near[first : first + 2] = -half
         return (rare, 0.0), (near, 1.0)
 

@@ -18,9 +18,9 @@ def lag(load_script):
     return load_script(FILE)
 
 
-def way(lag, turn_deg, step_um=4.0):
-    """Return observations (n, entries) on the way from 250 um before a corner to 100 um behind it."""
-    place_um = np.arange(-250.0, 100.0, step_um)
+def way(lag, turn_deg, step_um=4.0, from_um=-250.0):
+    """Return observations (n, entries) on the way to a corner and to 100 um behind it."""
+    place_um = np.arange(from_um, 100.0, step_um)
     rows = np.zeros((len(place_um), len(lag.NAMES)), np.float32)
     for name, (mean, _) in lag.SCALE.items():
         rows[:, lag.AT[name]] = mean
@@ -55,16 +55,16 @@ def taught(lag, tmp_path_factory):
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # on a busy machine several wait for each other
     others = lag.Cuts(files[:32])
-    student = lag.taught(lag.Cuts(files[32:]), 30, others, cells=8, hidden=16)
+    student = lag.taught(lag.Cuts(files[32:]), 40, others, cells=8, hidden=16)
     torch.set_num_threads(threads)
     return student, others
 
 
-def test_pulses_are_rare_twice_before_the_corner_and_the_gap_is_wider_near_it(lag):
-    rows = way(lag, 90.0, 1.0)
+def test_pulses_are_rare_at_the_start_and_twice_before_the_corner_and_the_gap_is_wider_near_it(lag):
+    rows = way(lag, 90.0, 1.0, from_um=-300.0)
     actions = np.array([lag.schedule(row) for row in rows])
-    rare, place_um = actions[:, 2] > 0, np.arange(-250.0, 100.0)
-    assert place_um[rare].tolist() == [*range(-220, -200), *range(-140, -120)]
+    rare, place_um = actions[:, 2] > 0, np.arange(-300.0, 100.0)
+    assert place_um[rare].tolist() == [-300, *range(-220, -200), *range(-140, -120)]
     low, high = lag.FAMILY.servo_target_share
     targets = low + (high - low) * (actions[:, 0] + 1) / 2
     assert targets[~rare & (place_um < -15)] == pytest.approx(lag.FAR)
@@ -90,7 +90,7 @@ def test_it_is_saved_as_a_policy_with_its_schedule(lag, taught, tmp_path):
     made = lag.save(student, tmp_path / "policy.json", "a test", 0, 0)
     assert made.card.command == "a test"
     policy = policy_file.load(str(tmp_path / "policy.json"))
-    rows, memory, actions = way(lag, -70.0, 3.3), policy.fresh_memory(), []
+    rows, memory, actions = way(lag, -70.0, 3.3, from_um=-299.5), policy.fresh_memory(), []
     for row in rows:
         action, memory = policy.act(row, memory)
         actions.append(action)
