@@ -90,8 +90,8 @@ Counts = list[tuple[int, int]]
 def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     """Check that a feed controller can cut, be compared, saved and resumed.
 
-    It is shown windows of every kind: random shares of short and open pulses, nothing but open pulses (whose mean
-    delay is NaN), nothing but shorts, a fifth of open pulses. A controller that raises its alarm is not asked
+    It receives windows of every kind: random shares of short and open pulses, nothing but open pulses (whose mean
+    delay is NaN), nothing but shorts, a fifth of open pulses. A controller that raises its alarm is not called
     further.
 
     Parameters

@@ -39,11 +39,11 @@ _Result = TypeVar("_Result")
 
 
 class EdmsimError(Exception):
-    """Base of every error edmsim raises on purpose."""
+    """Base class of all errors of edmsim."""
 
 
 class InputError(EdmsimError):
-    """Something the user gave cannot be used.
+    """An input of the user is invalid.
 
     Parameters
     ----------

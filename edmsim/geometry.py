@@ -98,11 +98,10 @@ def _signed_angle(degrees: Floats) -> Floats:
 def pursuit(path_um: ArrayLike, lag_um: float) -> Floats:
     """Return the wire's path at a constant lag for a path of the guides: its tractrix.
 
-    A wire that is bent back by a constant distance, always against its own cutting direction, follows the guides
-    as a load follows on a rope: it is only ever pulled. Along a straight stretch that has a closed form: with
-    ``a`` the angle from the stretch to the direction wire-to-guide, ``tan(a / 2) = tan(a0 / 2) exp(-s / lag)``
-    after ``s`` of travel. Where the path turns by more than 90 degrees the wire rests in its kerf until the guides
-    are a lag away again.
+    A wire that is bent back by a constant distance always moves towards its guides. Along a straight stretch the
+    path has a closed form: with ``a`` the angle from the stretch to the direction wire-to-guide,
+    ``tan(a / 2) = tan(a0 / 2) exp(-s / lag)`` after ``s`` of travel. Where the path turns by more than 90 degrees
+    the wire rests in its kerf until the guides are a lag away again.
 
     Parameters
     ----------

@@ -154,7 +154,7 @@ def perform(
     work: Callable[[Any], Any], jobs: Sequence[Any], watch: Callable[[int, int], None] | None = None, *,
     engine: Engine | None = None, table: RunTable | None = None, ids: Sequence[str] = (),
 ) -> list[Any]:
-    """Do jobs on all cores, and return the answers in order; an error in one, or an interruption, ends them all.
+    """Run jobs on all cores, and return their answers in order; an error or an interruption ends all of them.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ class Engine(Protocol):
     """Runs the jobs of a sweep.
 
     An engine takes jobs from the iterator only as it finishes others (back-pressure; threads take all at once), and
-    yields answers in the order in which jobs finish. The function must not raise, but in threads.
+    yields answers in the order in which jobs finish. Except in threads, the function must not raise.
     """
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:

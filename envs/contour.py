@@ -31,7 +31,7 @@ class Contour(Family):
     {arguments}
     """
 
-    program: str | Path | None = argument(None, "", "G-code or DXF file; a punch of 0.6 x 0.4 mm if None")
+    program: str | Path | None = argument(None, "", "G-code or DXF file; None: a punch of 0.6 x 0.4 mm")
     height_mm: Range | None = (4.0, 20.0)
     episode_s: float | None = 300.0
 

@@ -41,7 +41,7 @@ class GapFeed(Family):
         return Scenario(machine, stock, (self.path_um(machine),), even_height(machine), seed, drawn)
 
     def start_um(self, machine: Machine) -> tuple[float, float]:
-        """Return where the wire stands at first: on the middle of the table."""
+        """Return the first place of the wire: the middle of the table."""
         return machine.base.table.centre_um
 
     def path_um(self, machine: Machine) -> Floats:

@@ -1,4 +1,4 @@
-"""HeightStep: a straight cut through a workpiece whose height jumps, the classic wire breaker."""
+"""HeightStep: a straight cut through a workpiece whose height jumps."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class HeightStep(GapFeed):
 
     # ours: a few seconds of cutting each
     band_mm: Range = argument((0.1, 0.3), "mm", "(low, high) of a band's length")
-    low_share: float = argument(0.25, "", f"least height over the greatest, {LEAST_SHARE:g} to 1")
+    low_share: float = argument(0.25, "", f"least height of a band over the greatest, {LEAST_SHARE:g} to 1")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,7 +68,7 @@ class HeightStep(GapFeed):
 
 @page
 class HeightStepEnv(EdmEnv):
-    """A straight cut through a workpiece whose height jumps, the classic wire breaker.
+    """A straight cut through a workpiece whose height jumps.
 
     Description
     -----------

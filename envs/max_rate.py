@@ -43,7 +43,7 @@ class MaxRate(HeightStep):
     height_mm: Range | None = (30.0, 80.0)
     tension: Range | None = (18.0, 26.0)
     flushing_Pa: Range | None = argument(
-        (50e3, 300e3), "Pa", "of each nozzle, or (low, high); None: the machine's"
+        (50e3, 300e3), "Pa", "pressure of each nozzle, or (low, high); None: the machine's"
     )
     action: Literal["change", "speed", "servo"] = "servo"
     knobs: Sequence[str] = ("period",)

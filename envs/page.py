@@ -267,7 +267,9 @@ def rewards(family: Family, particular: str) -> str:
             "share of pulses that ignite. So pushing a bent wire into a short, moving back and forth, or cutting air "
             "earns nothing. "
             f"The first {SETTLING_NS * 1e-9:g} s of a wire do not count, as the field then pulls it towards the "
-            f"metal. A lost wire costs the area that {lost_mm2_min:g} mm2/min would cut while another is threaded.",
+            "metal.",
+            f"A lost wire costs the area that {lost_mm2_min:g} mm2/min would cut while another is threaded."
+            if lost_mm2_min > 0.0 else "A lost wire costs only the time in which another is threaded.",
             '``info["cost"]`` is 1 for a lost wire or an end by a limit, and grows by 1 for every second beyond a '
             "bound.",
             "The error e is that of the table's true position plus the wire's mean deflection over height and "
@@ -307,8 +309,8 @@ def ends(family: Family) -> str:
         ) if family.wires > 1 else "",
         paragraph(f'Terminated, with the reason in ``info["cause"]``: {causes}.'),
         paragraph(
-            f"Truncated after {family.episode_s:g} s of cutting (``episode_s``); "
-            '``info["dt_s"]`` is the machine time of a step.'
+            f"Truncated after {family.episode_s:g} s of {'machine time' if family.counts_threading else 'cutting'} "
+            '(``episode_s``); ``info["dt_s"]`` is the machine time of a step.'
         ),
     )  # fmt: skip
 

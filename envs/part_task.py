@@ -96,26 +96,26 @@ class Part(EnvArguments):
     and an effect and are no dial of the operator (see `draws`).
     """
 
-    resolution: str = argument("fast", "", "of the plant: fast, default, fine")
-    program: str | Path | None = argument(None, "", "G-code or DXF of one contour; a punch of 1.6 x 0.4 mm if None")
-    technology: str | Path = argument("tool-steel-brass-254", "", "name under models/technologies, or a file")
-    passes: int = argument(4, "", "rough pass and trims, 2 or more")
-    only_pass: int | None = argument(None, "", "the one that is the episode; all of them if None")
-    tab_mm: float = argument(0.6, "mm", "edge that is cut last, and holds the part meanwhile; 0 for none")
+    resolution: str = argument("fast", "", "resolution of the plant: fast, default, fine")
+    program: str | Path | None = argument(None, "", "G-code or DXF of a contour; None: a punch of 1.6 x 0.4 mm")
+    technology: str | Path = argument("tool-steel-brass-254", "", "a name under models/technologies, or a file")
+    passes: int = argument(4, "", "number of passes, rough and trims, 2 or more")
+    only_pass: int | None = argument(None, "", "pass that is the episode; None: all passes")
+    tab_mm: float = argument(0.6, "mm", "length of the edge that holds the part; 0: none")
     # ours: about the height of the shop's table, within what the technology is interpolated for
-    height_mm: Range = argument((18.0, 36.0), "mm", "or (low, high)")
-    tension_share: Range = argument((0.85, 1.05), "", "of the technology's tensions, or (low, high)")  # ours
+    height_mm: Range = argument((18.0, 36.0), "mm", "height, or (low, high)")
+    tension_share: Range = argument((0.85, 1.05), "", "tension over the technology's, or (low, high)")  # ours
     randomise: Sequence[str] | None = argument((), "", "constants to draw; ``()`` for all, None for none")
     set_point_octaves: float = argument(1.0, "octaves", "reach of the set-points either way")
     pause_octaves: float = argument(2.0, "octaves", "reach of the pauses")
     on_time_octaves: float = argument(0.5, "octaves", "reach of the on-times")
     offset_um: float = argument(20.0, "um", "reach of the offsets")
-    gauge_um: float = argument(1.0, "um", "standard error of what is measured of a wall")  # ours: a touch probe's
+    gauge_um: float = argument(1.0, "um", "standard error of the measurement of a wall")  # ours: a touch probe's
     wires: int = argument(4, "", "wires before a break ends the episode")
-    episode_s: float = argument(1800.0, "s", "time of cutting that truncates an episode")
-    weights: PartWeights | None = argument(None, "", "`PartWeights`, or a mapping of those that differ")
-    objectives: Sequence[str] = argument((), "", "terms that a vector reward has; a scalar if none")
-    cost_limit: float = argument(0.1, "", "mean cost of an episode to keep to")  # ours: a break in ten parts
+    episode_s: float = argument(1800.0, "s", "time of cutting after which an episode is truncated")
+    weights: PartWeights | None = argument(None, "", "`PartWeights`, or a mapping of weights to change")
+    objectives: Sequence[str] = argument((), "", "terms of a vector reward; ``()``: a scalar")
+    cost_limit: float = argument(0.1, "", "limit of an episode's mean cost")  # ours: a break in ten parts
 
     own_weights: ClassVar[PartWeights] = PartWeights()
     lasting: ClassVar[tuple[str, ...]] = ("objectives",)

@@ -42,13 +42,13 @@ class Shift(HeightStep):
     {arguments}
     """
 
-    test_s: float = argument(60.0, "s", "of the test cut at the beginning of the shift, with a reward of 0")
+    test_s: float = argument(60.0, "s", "duration of the test cut, with a reward of 0")
     # ours: within the range of the machine's file, as the resin of the deioniser is used up
     conductivity_uS_cm: Range | None = argument(
-        (5.0, 20.0), "uS/cm", "of the water at the end, or (low, high); None: no change"
+        (5.0, 20.0), "uS/cm", "final value of the water, or (low, high); None: no change"
     )
     # ours: a worn nozzle, or a filter that fills, takes up to half
-    flushing_left: Range = argument((0.5, 1.0), "", "share of the pressures at the workpiece at the end")
+    flushing_left: Range = argument((0.5, 1.0), "", "final share of the pressures at the workpiece")
 
     counts_threading: ClassVar[bool] = True
 

@@ -154,28 +154,28 @@ class Family(EnvArguments):
     `cost_limit`: a safe learner keeps the mean sum of ``info["cost"]`` over an episode below it.
     """
 
-    resolution: str = argument("fast", "", "of the plant: fast, default, fine")
+    resolution: str = argument("fast", "", "resolution of the plant: fast, default, fine")
     mechanics: str = argument("modal", "", "modal, or mujoco with friction and backlash")
-    planner: str = argument("exact", "", "plans motor steps; exact has no greatest feed")
+    planner: str = argument("exact", "", "planner of the motor steps; exact has no greatest feed")
     machine: Machine | None = argument(None, "", "`Machine`, name, file, mapping; None: the task's own")
     materials: Sequence[str] = argument((), "", "names to draw one from; ``()``: the machine's own")
     # ours: sheet to die plate, and tensions that a wire of 0.25 mm is run at
-    height_mm: Range | None = argument((4.0, 40.0), "mm", "greatest, or (low, high); None: the machine's")
-    tension: Range | None = argument((8.0, 20.0), "N", "or (low, high); None: the machine's")
+    height_mm: Range | None = argument((4.0, 40.0), "mm", "greatest height, or (low, high); None: the machine's")
+    tension: Range | None = argument((8.0, 20.0), "N", "tension, or (low, high); None: the machine's")
     randomise: Sequence[str] | None = argument((), "", "constants to draw; ``()`` for all, None for none")
     machine_episodes: int = argument(1, "", "episodes before another machine is drawn")
     action: Literal["change", "speed", "servo"] = argument(
-        "change", "", "change of the feed, speed: the feed, servo: a target"
+        "change", "", "meaning of entry 0: change or speed of the feed, or servo"
     )
-    knobs: Sequence[str] = argument((), "", "on_time, period or duty_factor: further actions")
+    knobs: Sequence[str] = argument((), "", "further actions: on_time, period or duty_factor")
     setting_octaves: float = argument(2.0, "octaves", "reach of the knobs either way, at most 4")
     detents_us: tuple[float, float] = argument(
         (1.0, 5.0), "us", "steps of the knobs: on-time, period"  # ours: fine against what they change
     )
     offset_um: float | None = argument(None, "um", "offset of an action of 1; None: no such action")
     decision_s: float | None = argument(None, "s", "machine time between actions; None: a window")
-    episode_s: float | None = argument(25.0, "s", "time of cutting that truncates an episode")
-    wires: int = argument(1, "", "wires of an episode")
+    episode_s: float | None = argument(25.0, "s", "time after which an episode is truncated")
+    wires: int = argument(1, "", "number of wires of an episode")
     max_feed_um_s: float = argument(MAX_FEED_UM_S, "um/s", "largest feed either way")
     max_change_um_s: float = argument(
         4.0, "um/s", "largest change of the feed per step"  # ours: ten windows to retract
@@ -184,10 +184,10 @@ class Family(EnvArguments):
     servo_target_share: tuple[float, float] = argument(
         servo.TARGET_SHARE, "", "targets of the servo at actions of -1 and 1"
     )
-    servo_gains: tuple[float, float] = argument(servo.GAINS, "", "um/s, and um/s per s, per unit of the error")
+    servo_gains: tuple[float, float] = argument(servo.GAINS, "", "um/s, and um/s per s, per unit of its error")
     latency_s: float = argument(0.0, "s", "delay of a new feed, a window at most")
     sensors: Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
-    history: int = argument(4, "steps", "steps in an observation")
+    history: int = argument(4, "steps", "number of steps in an observation")
     weights: Weights | None = argument(None, "", "`Weights`, or a mapping of weights to change")
     objectives: Sequence[str] = argument((), "", "terms of a vector reward; ``()``: a scalar")
     near_corner_um: float | None = argument(None, "um", "path near corners where errors count; None: all")

@@ -54,7 +54,7 @@ class Corners(CornerRule):
         self._turns_rad: Floats = np.zeros(0)
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in where the leg has corners, and how far the wire is bent."""
+        """Read the corners of the leg, and compute the bend of the wire."""
         self._corners_um, turns_deg = _corners(points_um, start_um)
         self._turns_rad = np.radians(turns_deg)
         self._lead_um = lead_um(machine, self.pull_N_m)
@@ -142,7 +142,7 @@ class TrueBend(Corners):
         self.mean_um, self.last_s = np.zeros(2), 0.0
 
     def see(self, truth: PulseWindow) -> None:
-        """Take in the true deflection of a window."""
+        """Read the true deflection of a window."""
         self.bent_um = truth.deflection_um
 
     def look(self, window: WindowObservation) -> None:

@@ -243,7 +243,7 @@ class McuController(CountsController):
         return self._computer.board.counters.missed
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the generator's setting and the path; called before every leg of the cut."""
+        """Read the generator's setting and the path; called before every leg of the cut."""
         self._setup = _Setup.of(machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:

@@ -139,7 +139,7 @@ class SetPointController(
 ):
     """Holds the share of opens minus shorts with the feed, at a setting in proportion to the operator's.
 
-    It stands for an operator with a table of settings and for the corner functions of machines.
+    It corresponds to an operator with a table of settings, and to the corner functions of machines.
     """
 
     name: ClassVar[str] = "set-point"

@@ -132,7 +132,7 @@ class RisingPeriod(PeriodRule):
     first_us: float = field(default=0.0, init=False)  # with which the leg began; 0 before the first window
 
     def fresh_wire(self) -> None:
-        """The next wire comes to its period slowly, as the first one did."""
+        """Begin the slow approach to the period again, with the next wire."""
         self.cutting_s = 0.0
 
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
@@ -142,7 +142,7 @@ class RisingPeriod(PeriodRule):
         return None, self.next_us(window, law) * float(max(self.slow_factor, 1.0) ** left)
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
-        """Period of a wire that has come to it."""
+        """Period after the slow approach."""
         if not self.first_us:
             self.first_us = round(window.duration_s * 1e6 / WINDOW_PULSES, 1)
         return self.period_us or self.first_us
@@ -191,7 +191,7 @@ class HoldHeat(RisingPeriod):
         return math.log(max(self.longest_us, self.shortest_us, 1.0))
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
-        """Period that brings the measure to what is held."""
+        """Period that brings the measure to its target."""
         error = min(max(self.excess(law.gauge.near(window)), -MOST_ERROR), MOST_ERROR)
         if self.recovery_s and shorted(window):  # the sparks that clear a short would find the shortest period
             error = max(error, 0.0)
@@ -233,7 +233,7 @@ class FluxGauge(Gauge):
         self._per_ignition: NDArray[np.float64] = np.zeros((5, 5))
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the dials: see `heat_per_ignition_s`."""
+        """Read the set-up; see `heat_per_ignition_s`."""
         self._per_ignition = heat_per_ignition_s(machine)
 
     def near(self, window: WindowObservation) -> float:
@@ -277,7 +277,7 @@ class HeatGauge(Gauge):
         self._superheat_K = machine.base.cooling.superheat_K.value
 
     def see(self, truth: PulseWindow) -> None:
-        """Take in the true temperature."""
+        """Read the true temperature of a window."""
         self.superheat = (truth.wire_temperature_K - BOILING_K) / self._superheat_K
 
     def near(self, window: WindowObservation) -> float:
@@ -295,11 +295,11 @@ class CornerPeriod(PeriodRule):
         self._period_us = 0.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the operator's period."""
+        """Read the operator's period."""
         self._period_us = machine.t_period_us
 
     def first_setting_us(self, law: ServoLaw) -> _Setting:
-        """Return the setting of the leg's begin."""
+        """Return the setting at the start of a leg."""
         return self._at(law.corner.start_um, law)
 
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
@@ -331,13 +331,13 @@ class SetPoint(PeriodRule):
         self._on_us, self._least_us = 1.0, 0.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the operator's setting and what the supply gives."""
+        """Read the operator's setting and the shortest period of the supply."""
         self._machine = machine
         self._on_us = machine.t_on_us * self.on_factor
         self._least_us = float(math.ceil(least_period_us(machine, self._on_us) / STEP_US) * STEP_US)
 
     def begin(self) -> None:
-        """Begin at the period that is set."""
+        """Begin at the present period."""
         super().begin()
         self.slowing = self.period_factor
 
@@ -354,7 +354,7 @@ class SetPoint(PeriodRule):
         return max(self.slowing * law.corner.slowing(path_um), self.least_factor)
 
     def first_setting_us(self, law: ServoLaw) -> _Setting:
-        """Return the setting of the leg's begin."""
+        """Return the setting at the start of a leg."""
         self.factor = self.factor_at(law.corner.start_um, law)
         return self._whole_us()
 
@@ -384,7 +384,7 @@ class Climb(SetPoint):
     broken: bool = field(default=False, init=False)
 
     def fresh_wire(self) -> None:
-        """Go on at a longer period, and climb no more."""
+        """Continue at a longer period, without a further climb."""
         self.slowing, self.held_s, self.broken = self.slowing * self.back_factor, 0.0, True
 
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:

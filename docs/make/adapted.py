@@ -1,6 +1,6 @@
 """A policy that adapts beside laws on held-back machines: what it earns and loses, and its ratio to the best law.
 
-python docs/make/adapted.py                          # tables of training.md and tasks/max-rate-shift.md, and the card
+python docs/make/adapted.py                          # tables of tasks/max-rate-shift.md, and the card
 python docs/make/adapted.py policy:out/adapt/policy.json --cuts 4    # one of your own; prints them only
 
 Cuts that are missing are made and noted in ``out/headroom`` and ``out/adapted``: interrupted, the same
@@ -23,8 +23,7 @@ from edmsim.evaluation.compare import held_back, mean, ratio
 from edmsim.evaluation.episode import Result, cut
 from edmsim.learning import bandit_file, score
 
-DOCS = Path(__file__).parents[1]
-TRAINING, TASK = DOCS / "training.md", DOCS / "tasks" / "max-rate-shift.md"
+PAGE = Path(__file__).parents[1] / "tasks" / "max-rate-shift.md"
 ENV_ID, POLICY, LAW = "edmsim/MaxRateShift-v0", "policy:MaxRateShift-adapt", "adaptive-hold"
 MACHINES = 36
 """Twelve hours of machine time for each controller."""
@@ -116,10 +115,10 @@ def main() -> None:
     print(found, each, sep="\n\n")
     if policy != POLICY:
         return
-    write_sections(TASK, {"adapted": f"{found}\n\n{each}"})
+    write_sections(PAGE, {"adapted": f"{found}\n\n{each}"})
     scores = [score.score(cuts.results(name, seeds), "fast") for name in (POLICY, LAW)]
     score.write_card(POLICY.removeprefix("policy:"), [scores[0]._replace(controller="policy"), scores[1]])
-    write_sections(TRAINING, {"adapted-elsewhere": elsewhere(POLICY)})
+    write_sections(PAGE, {"adapted-elsewhere": elsewhere(POLICY)})
 
 
 if __name__ == "__main__":

@@ -23,62 +23,56 @@ BOARD, PAGE = (Path(__file__).parents[1] / name for name in ("leaderboard.jsonl"
 INTRODUCTION = """\
 # Benchmark of feed controllers
 
-Each table on this page compares controllers on the cuts of one environment. This command makes such a table of
-two controllers on four machines; name your own in their place:
-
 ```sh
 edmsim evaluate edmsim/GapFeed-v2 --controllers counts,voltage --seeds 4
 ```
 
-`edmsim evaluate edmsim/GapFeed-v2` without options makes the whole table; `--page compared.md` writes a page with
-a figure. All controllers cut the same machines and workpieces, drawn as the [environment](environments.md) says,
-from held-back seeds, which no search used. With `--page FILE` or `--leaderboard FILE` finished cuts are saved: after
-Ctrl-C or a kill the same command resumes. A leaderboard is a table of cuts, to which further comparisons add theirs.
+This command compares two controllers on four machines. Without options, `edmsim evaluate edmsim/GapFeed-v2` makes the
+whole table of this page; `--page compared.md` writes a page with a figure. All controllers cut the same machines and
+workpieces, drawn as the [environment](environments.md) says, from held-back seeds, which no search used. With
+`--page FILE` or `--leaderboard FILE` finished cuts are saved: after Ctrl-C or a kill the same command resumes. A
+leaderboard is a table of cuts, to which further comparisons add theirs.
 
-Look at the *score* first: 0 is the return of `fixed`, which feeds at a constant speed, and 1 is the return of the
-oracle, which sees the true gap. Values in parentheses are 95 % bootstrap intervals over the cuts.
+Look at the *score* first. It is 0 for the return of one controller and 1 for that of another:
 
-- *Score*: (return - return of `fixed`) / (return of the oracle - return of `fixed`), machine by machine. The
-  table shows the interquartile mean, which leaves out the best and the worst quarter of the machines. So a single
-  lost wire shows in the mean return, the cost and the breaks, but not in the score.
-- *Oracle*: the reference. It sees the true gap and wire temperature, and makes each cut with gaps of {gaps} um;
-  the cut with the highest return counts. It sets only the feed.
+| environment | score 0 | score 1, the reference |
+|---|---|---|
+| GapFeed, HeightStep, Contour | `fixed`, a constant feed | `oracle` |
+| Corner | constant setting that earned most on 12 machines | `lead-oracle`, which knows the wire's true bend |
+| MaxRate | shortest period that broke no wire of 24 | `heat-oracle`, which knows the wire's true temperature |
+| ThinWire | fastest constant setting that broke no wire of 24 | the best of six periods for each machine |
+| Trim | constant feed and offset that earned most on 12 | the best of twelve such pairs for each machine |
+| Part | the technology | `corrected`, a law without privileged knowledge |
+| MaxRateShift | `heat-flux`, the best law of MaxRate | `adaptive-hold`, a law without privileged knowledge |
+| ThinWireShift | the constant of ThinWire | `climb`, its best law |
+
+`oracle` sees the true gap and wire temperature, and sets only the feed. It makes each cut with gaps of {gaps}
+um, and the cut with the highest return counts. The constants were chosen on training machines
+(`python docs/make/lines.py` makes these cuts). In Trim and ThinWire a controller that learns more within the cut may
+earn more than the reference. In the shifts no reference knows the wire's temperature, because some wires break before
+they boil.
+
+Values in parentheses are 95 % bootstrap intervals over the cuts. The columns are
+
+- *Score*: (return - return at 0) / (return at 1 - return at 0), machine by machine. The table shows the interquartile
+  mean, which leaves out the best and the worst quarter of the machines. So a single lost wire shows in the mean
+  return, the cost and the breaks, but not in the score.
 - *Cutting rate*: length cut times local height over machine time. A lost wire costs the time to thread another
-  one, 60 s (MaxRate: 20 s), and ends the cut if there is no other.
-- *Jam*: a persistent short, a wire driven into the metal beyond the range of the model, or a controller that gave
-  up at a short. On a real machine the wire would be lost, so a jam costs as much as a break.
-- *Wire breaks, jams*: "none (at most 419)" means that no wire broke, but that the cuts are too short to exclude
-  up to 419 breaks per m (Poisson).
-- *Return, cost*: the sums of the environment's rewards and costs ([environments](environments.md)).
+  one, 60 s (MaxRate: 20 s), and ends the cut if there is no other. The next column divides it by the reference's.
+- *Wire breaks, jams*: a jam is a persistent short, a wire driven into the metal beyond the range of the model, or a
+  controller that gave up at a short. It costs as much as a break, because on a real machine the wire would be lost.
+  "None (at most 419)" means that no wire broke, but that the cuts are too short to exclude up to 419 breaks per m
+  (Poisson).
+- *Return, cost*: the sums of the environment's rewards and costs ([environments](environments.md#reward)).
 - *Path error*: root mean square of the distance from the path to the wire's true position, over the length cut;
   in Corner over the length within 100 um of the corner; in Trim of the finished wall's distance from its target.
 - *Edge error*: the same for the distance from the contour to the cut edge. It includes the error of an offset
-  that is wrong for the drawn machine.
+  that is wrong for the drawn machine. In Part it is that of the finished parts, and so is Ra.
 
-These environments have other references:
-
-- Corner: 0 is the constant setting that earned most on 12 training machines, 1 is `lead-oracle`, which offsets
-  the guides by the wire's true bend.
-- Trim: 0 is the constant feed and offset that earned most on 12 training machines, 1 is the best of twelve pairs
-  of feed and offset for each machine.
-- ThinWire: 0 is the fastest constant setting that broke no wire of 24 training machines, 1 is the best of six
-  periods for each machine.
-- MaxRate: 0 is `fixed-period`, 1 is `heat-oracle`, which sets the period by the wire's true temperature.
-- MaxRateShift: 0 is `heat-flux`, the best law of MaxRate, 1 is `adaptive-hold`, a law
-  without privileged knowledge.
-- ThinWireShift: 0 is the constant of ThinWire, 1 is `climb`, its best law; some wires break before they boil, so
-  the true temperature is not a bound.
-- Part: 0 is the technology, 1 is `corrected`, a law without privileged knowledge; errors and Ra are of the
-  finished parts.
-
-`python docs/make/lines.py` makes the cuts of the constants. In Trim and ThinWire a controller that learns more
-within the cut may earn more than the reference.
-
-`python docs/make/gains.py NAME` found the gains of the laws on other seeds of GapFeed and HeightStep, for the
-return (those of `oracle` for the rate), and `python docs/make/lines.py` the feed of `fixed`; each file in
-`models/gains/` names its command. `counts` has its documented constants. A search finds others that earn more, but
-with them the feed oscillates in windows of 0.25 s or at half the removal, which a machine's default must not do
-(`tests/controllers/test_feed_controllers.py`).
+The laws have gains that `python docs/make/gains.py NAME` found on other seeds of GapFeed and HeightStep, for the
+return (those of `oracle` for the rate); each file in `models/gains/` names its command. `counts` has its documented
+constants. A search finds others that earn more, but with them the feed oscillates in windows of 0.25 s or at half the
+removal, which a machine's default must not do (`tests/controllers/test_feed_controllers.py`).
 """
 CLOSING = """\
 ---

@@ -1,6 +1,6 @@
 """What a network with memory finds out of a machine's constants from what the machine shows.
 
-python docs/make/recoverable.py out/histories      # the table of training.md, and its picture
+python docs/make/recoverable.py out/histories      # the table of tasks/max-rate-shift.md, and its picture
 
 First it records histories of `MACHINES` training machines of MaxRateShift, each cut for some minutes at a heat flux
 that rises until a wire breaks; interrupted, the same command goes on. An LSTM reads a history second by second and
@@ -278,7 +278,7 @@ def explained(target: np.ndarray, said: np.ndarray) -> tuple[float, float, float
 
 
 def main() -> None:
-    """Record what is missing, fit, print the table into training.md, and draw."""
+    """Record what is missing, fit, print the table into the page of MaxRateShift, and draw."""
     torch.set_num_threads(1)
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
@@ -313,7 +313,7 @@ def main() -> None:
         f"the prediction of the median of the later breaks, on the {count} machines with several."
     )
     shown = table(["constant", *(f"after {moment}" for moment in said)], rows)
-    write_sections(DOCS / "training.md", {"recoverable": f"{shown}\n\n{text}"})
+    write_sections(DOCS / "tasks" / "max-rate-shift.md", {"recoverable": f"{shown}\n\n{text}"})
     draw({name: [share[0] for share in found[name].values()] for name in certain}, list(said))
 
 

@@ -1,6 +1,6 @@
 """What the shipped policy and two laws are worth at finer resolutions and on other machines.
 
-python docs/make/transfer.py    # writes the table of docs/training.md
+python docs/make/transfer.py    # writes the table of docs/tasks/gap-feed.md
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from edmsim.evaluation.episode import Result, cut, engine_of
 from edmsim.evaluation.table import shown
 from edmsim.runs import perform
 
-PAGE = Path(__file__).parents[1] / "training.md"
+PAGE = Path(__file__).parents[1] / "tasks" / "gap-feed.md"
 ENV_ID = "edmsim/GapFeed-v2"
 CONTROLLERS = ("policy:GapFeed-ppo", "delay", "counts")
 CUTS = 12

@@ -100,16 +100,20 @@ def validation_page(rows: Sequence[Row]) -> str:
     lines = [
         "# Validation",
         "",
-        "This page compares the model with publications (`python docs/make/validation.py`). A value agrees if it is",
-        "within its tolerance and its 95 % interval is not wider than that; a band, if the central value is in it; a",
-        "sign, if the whole interval is on its side of zero. Intervals are over seeds or draws. Rows that fail stay",
-        "in the table, with a link to the reason.",
+        "    edmsim validate --failed",
         "",
-        "Constants were chosen from derivations and sources and frozen before these rows were run. A row is a",
-        "calibration if a constant was chosen with its fact. It is context if its source has another subject or no",
-        "published figure. Neither counts; both are listed at the end, with their reasons.",
+        "This command compares the model with facts from publications, from practice and from closed forms. It",
+        "prints those that the model misses, each with the reason. This page has all of them",
+        "(`python docs/make/validation.py`):",
         "",
         f"{summary(rows)}.",
+        "",
+        "- A value agrees if it is within its tolerance and its 95 % interval is not wider than that (\"known to",
+        "  it\"); a band, if the central value is in it; a sign, if the whole interval is on its side of zero.",
+        "  Intervals are over seeds or draws. Rows that fail stay in the table, with a link to the reason.",
+        "- Constants were chosen from derivations and sources before these rows were run. A row is a calibration if",
+        "  a constant was chosen with its fact, and context if its source has another subject or no published",
+        "  figure. Neither counts; [the end of the page](#rows-that-do-not-count) has their reasons.",
     ]
     for topic in dict.fromkeys(row.topic for row in rows):
         lines += ["", f"## {topic[0].upper()}{topic[1:]}", "", *rows_table([r for r in rows if r.topic == topic])]

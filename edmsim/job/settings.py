@@ -74,7 +74,7 @@ def _drives() -> tuple[str, ...]:
 
 
 class CutSettings(SetUpOptions, MachineOption):
-    """How a part program is cut: every option once, checked, unchangeable, and readable from its JSON.
+    """Options of a cut: checked, immutable, and readable from their JSON.
 
     Raises
     ------
@@ -285,12 +285,12 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @property
     def overrides(self) -> tuple[tuple[str, float], ...]:
-        """The `constants` as they are kept, pairs of name and value."""
+        """The `constants` as pairs of name and value."""
         return cast(tuple[tuple[str, float], ...], self.constants)
 
     @property
     def set_up(self) -> dict[str, Any]:
-        """What `Machine.load` takes beside the machine's name."""
+        """The arguments of `Machine.load` other than the machine's name."""
         return {name: getattr(self, name) for name in SetUpOptions.model_fields}
 
     def load_machine(self) -> Machine:

@@ -69,7 +69,7 @@ class Trained(NamedTuple):
     vec_env: learners.TrainingEnvs
 
     def export(self, command: str) -> tuple[Card, bytes]:
-        """Return the policy as `policy_file.write` wants it; `command` is what made it."""
+        """Return the policy for `policy_file.write`; `command` is the command of the training."""
         return exported(self.model, self.normalise, self.run.algo, command, self.run.seed)
 
 
@@ -107,7 +107,7 @@ def train(
         `edmsim.learning.start_sb3`), or the folder of a trusted checkpoint, also of another seed or with other
         settings. `steps` includes the checkpoint's steps; the training continues with `parameters`.
     options : mapping, optional
-        What the caller wants to know of the training when it is resumed, for JSON: ``run.options`` of the result.
+        Data of the caller that a resumed training returns as ``run.options``, for JSON.
 
     Raises
     ------

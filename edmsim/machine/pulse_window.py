@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class PulseWindow(NamedTuple):
-    """What happened in one window of pulses. Gap, deflection, temperature and debris no real machine sees."""
+    """Results of a window of pulses. A real machine does not measure gap, deflection, temperature and debris."""
 
     start_ns: int  # machine time at the window's begin
     duration_ns: int  # and its length

@@ -459,7 +459,7 @@ class Plant:
         Returns
         -------
         PulseWindow
-            Of the one pulse; its deflection is the wire's at the pulse's begin.
+            Of the one pulse; its deflection is that of the wire at the start of the pulse.
 
         Raises
         ------
@@ -618,13 +618,13 @@ class Plant:
 
     @property
     def axes_um(self) -> tuple[float, float, float, float]:
-        """Where the axes x, y, u, v are, less what the table rings after motor steps."""
+        """Positions of the axes x, y, u, v, without the ringing of the table after motor steps."""
         x, y, u, v = self._state["axis_um"][0]
         return float(x), float(y), float(u), float(v)
 
     @property
     def place_um(self) -> tuple[float, float]:
-        """Where the axes really are: the position counter knows neither of ringing nor of lost steps (row T-19)."""
+        """True position of x and y; the position counter shows neither ringing nor lost steps (row T-19)."""
         x, y = self._state["axis_um"][0, :2] + (self._arrays.table_shape * self._arrays.table_q).sum(axis=1)
         return float(x), float(y)
 
@@ -635,50 +635,50 @@ class Plant:
 
     @property
     def generator_on(self) -> bool:
-        """Whether the generator runs; a fresh plant's does."""
+        """Whether the generator runs; initially it does."""
         return self._setting.on
 
     @property
     def following_error_um(self) -> tuple[float, float]:
-        """How far x and y are behind their commanded position; nil under a stepper, which nobody looks after."""
+        """Commanded position of x and y less their actual one; 0 under a stepper, which is not monitored."""
         return self.following_error_in_um(self._state[0])
 
     def following_error_in_um(self, state: np.void) -> tuple[float, float]:
-        """Return the following error that a record of `STATE` of this plant tells, also a former one."""
+        """Return the following error by a record of `STATE` of this plant, the present or an earlier one."""
         x, y = state["commanded_um"][:2] - state["indicated_um" if self._drives.axes.errs else "axis_um"][:2]
         return float(x), float(y)
 
     @property
     def drive_faults(self) -> int:
-        """Which axes have to stop: bit 0 for x, 1 for y, 2 for u, 3 for v.
+        """Axes that have to stop: bit 0 for x, 1 for y, 2 for u, 3 for v.
 
-        Its drive reports a fault, or commands what is not a share of its supply; or the table is further from where
-        its steps lead it than the wire's radius, so that the wire does not touch its path any more.
+        An axis has to stop if its drive reports a fault or commands an invalid share of its supply, or if it is
+        further from the position of its steps than the wire's radius.
         """
         return self._drives.faults()
 
     @property
     def fault_reason(self) -> str:
-        """Why the axes of `drive_faults` have to stop, in words; nothing if there are none."""
+        """Reason why the axes of `drive_faults` have to stop; empty if there are none."""
         return reason(self._drives)
 
     @property
     def away_um(self) -> NDArray[np.float64]:
-        """How far x, y, u and v are from where their steps lead them; 0 under a stepper, which nobody looks after."""
+        """Distance of x, y, u and v from the position of their steps; 0 under a stepper, which is not monitored."""
         return self._drives.away_um(self._state)
 
     def reason_of_delay(self, late_s: float) -> str:
-        """Say which axes are not in place, if any, and what keeps them; they would take so long (s) to be."""
+        """Return which axes are not in place, if any, and why; `late_s` is the time that they would need."""
         return "" if self.in_place else reason_of_delay(self._drives, self.away_um, self._constants.step_um, late_s)
 
     @property
     def in_place(self) -> bool:
-        """Whether all axes whose drives have a loop are within a step of where their steps lead them."""
+        """Whether all axes whose drives have a loop are within a step of the position of their steps."""
         return bool(np.all(self.away_um <= self._constants.step_um))
 
     @property
     def own_step_um(self) -> dict[str, float]:
-        """What a step edge asks an axis' drive to move its table by, for every axis whose drive has a loop."""
+        """Travel per step edge of every axis whose drive has a loop."""
         return {name: self._drives.step_um(k) for k, name in enumerate(AXIS_NAMES) if self._drives.has_loop(k)}
 
     @property
@@ -693,7 +693,7 @@ class Plant:
 
     @property
     def removed_mm3(self) -> float:
-        """Metal removed so far: what is carved from the kerf field, and what waits for it on the rays."""
+        """Metal removed so far, including craters that are not carved into the kerf field yet."""
         return float(self.field.removed_um2 + self._arrays.pending_um2.sum()) * self._constants.slice_um * 1e-9
 
     @property
@@ -718,18 +718,18 @@ class Plant:
         return self._arrays.covered[: len(self._arrays.shape)].copy()
 
     def rays(self) -> Rays:
-        """Every slice's rays as the loop sees them: as they were traced, less what craters took since."""
+        """Rays of every slice, as traced last, with the craters since then."""
         rays = Rays(*(getattr(self._arrays, name).copy() for name in Rays._fields))
         pack_rays(rays)
         return rays
 
     @property
     def timing(self) -> loop.Timing:
-        """The generator's present setting as the loop has it: voltages, currents, times."""
+        """Voltages, currents and times of the generator's present setting."""
         return self._setting.timing
 
     def leakage_S(self) -> float:
-        """Return the conductance of the water between wire and metal, by the rays as they are; 0 without a wire."""
+        """Return the conductance of the water between wire and metal; 0 without a wire."""
         if self._state["broken"][0] == loop.BARE:
             return 0.0
         reach_um = np.maximum(self._arrays.distance[:, : self._arrays.edge_um.shape[1]], 1.0)
@@ -749,7 +749,7 @@ class Plant:
         return self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
 
     def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
-        """Return where a slice's wire was when its rays were last traced, and every ray's gap then (rays,).
+        """Return the place of a slice's wire when its rays were last traced, and every ray's gap then (rays,).
 
         Ray ``k`` looks along the angle ``2 pi k / rays``; one that met no metal within reach has a gap beyond 1e6.
         """

@@ -29,16 +29,16 @@ if _NAMES != _READ:
 
 
 class PlantError(EdmsimError):
-    """The simulated machine left the range its model holds for.
+    """The simulated machine left the range of validity of the model.
 
     Attributes
     ----------
     time_s : float
-        Machine time at the end of the window in which that was seen.
+        Machine time at the end of that window.
     place_um : (float, float)
-        Where the motor steps had commanded the wire.
+        Commanded position of the wire.
     window : PulseWindow
-        What the window had counted and measured.
+        Counts and measurements of that window.
     """
 
     def __init__(self, reason: str, time_s: float, place_um: tuple[float, float], window: PulseWindow) -> None:
@@ -49,11 +49,11 @@ class PlantError(EdmsimError):
 
 
 class WireBrokenError(PlantError):
-    """The wire broke in a window before: there is none to go on with."""
+    """The wire broke in an earlier window."""
 
 
 class WireLostError(PlantError):
-    """The wire was bent further than a wire between guides can be."""
+    """The wire is bent further than a wire between guides can be."""
 
 
 class WireInMetalError(PlantError):
@@ -61,7 +61,7 @@ class WireInMetalError(PlantError):
 
 
 class NotFiniteError(PlantError):
-    """A value of the simulation is infinite or no number."""
+    """A value of the simulation is infinite or not a number."""
 
 
 _LEFT: dict[int, tuple[type[PlantError], str]] = {

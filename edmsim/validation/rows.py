@@ -19,7 +19,7 @@ Kind = Literal["judged", "calibration", "context"]
 
 @dataclass(frozen=True)
 class Row:
-    """One published fact and its simulated counterpart.
+    """A fact, published or in closed form, and its simulated counterpart.
 
     Build it with `Row.value`, `Row.band` or `Row.sign`, which set `passed`, or with `Row.report`.
     """

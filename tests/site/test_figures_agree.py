@@ -39,9 +39,9 @@ def test_no_page_gives_the_pace_of_another_computer():
 
 
 def test_what_a_policy_earns_where_it_was_trained_is_that_of_the_benchmark():
-    pages = (ROOT / "docs" / name for name in ("training.md", "benchmark.md"))
-    training, benchmark = (page.read_text(encoding="utf-8") for page in pages)
-    table = training.split("<!-- begin transfer -->")[1].strip().splitlines()
+    pages = (ROOT / "docs" / name for name in ("tasks/gap-feed.md", "benchmark.md"))
+    task, benchmark = (page.read_text(encoding="utf-8") for page in pages)
+    table = task.split("<!-- begin transfer -->")[1].strip().splitlines()
     names = re.findall(r"`([^`]+)`", table[0])
     cells = table[2].strip("| ").split(" | ")
     assert (cells[0], names[0]) == ("as trained", "policy:GapFeed-ppo")

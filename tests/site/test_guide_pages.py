@@ -82,8 +82,8 @@ def keys(value, before=""):
 def test_the_outputs_are_those_of_a_cut(tmp_path):
     edmsim.cut(ROOT / "examples" / "punch.ngc", height_mm=10, resolution="fast", max_time_s=1, out=tmp_path)
     text = page("guide/outputs")
-    files, report = text.split("\n## ")[0], text.split("\n## report.json")[1]
-    drawing = text.split("\n## part.npz")[1].split("\n## ")[0]
+    files = text.split("\n## ")[0]
+    report, drawing = (text.split(f"\n## {name}")[1].split("\n## ")[0] for name in ("report.json", "part.npz"))
     assert {file.name for file in tmp_path.iterdir()} == set(cells(files)) - {"checkpoint.npz"}
     with np.load(tmp_path / "part.npz") as part:
         fields, arrays = json.loads(part["fields"].tobytes()), {name: part[name] for name in part.files}
