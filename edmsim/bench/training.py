@@ -34,8 +34,7 @@ SPELLS = 3
 """Rollouts with their updates that are timed; the fastest counts, as others use the machine too."""
 
 
-# untyped where the extra is missing
-class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+class _Timed(VecEnvWrapper):
     """Sub-environments that sum up the time of their steps."""
 
     spent_s = 0.0
