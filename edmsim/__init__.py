@@ -54,7 +54,7 @@ def _register() -> None:
 
     register_all()
     MAKERS["policy"] = "edmsim.learning.bandit_controller:from_name"
-    PASS_MAKERS["policy"] = "edmsim.learning.pass_policy:from_name"
+    PASS_MAKERS["policy"] = "edmsim.learning.policy_controller:passes_from_name"
 
 
 def __dir__() -> list[str]:

@@ -36,7 +36,7 @@ def height_at(found, *points):
 
 
 def test_the_height_changes_square_across_the_path():
-    found = relief(Heights.of(10.0, [(2.0, 5.0), (3.0, 7.0)], []), path_of([(0, 0), (6_000, 0)]))
+    found = relief(Heights(10.0, [(2.0, 5.0), (3.0, 7.0)]), path_of([(0, 0), (6_000, 0)]))
     for across in (0.0, -REACH_UM + 1, REACH_UM - 1):
         assert height_at(found, (1_999, across), (2_001, across), (2_999, across), (3_001, across)) == [10, 5, 5, 7]
     assert height_at(found, (-REACH_UM + 5, 0), (6_000 + REACH_UM - 5, 0)) == [10, 7]  # behind and ahead of it
@@ -45,7 +45,7 @@ def test_the_height_changes_square_across_the_path():
 
 def test_heights_count_from_the_start_over_all_contours():
     path = path_of([(0, 0), (2_000, 0)], [(0, 5_000), (3_000, 5_000)])
-    found = relief(Heights.of(10.0, [(0.0, 5.0), (2.5, 10.0)], []), path)
+    found = relief(Heights(10.0, [(0.0, 5.0), (2.5, 10.0)], []), path)
     assert height_at(found, (100, 0), (1_900, 0), (400, 5_000), (600, 5_000)) == [5, 5, 5, 10]
 
 
@@ -53,7 +53,7 @@ def test_outside_of_a_corner_nothing_is_left_unclaimed():
     """All the metal the wire can see at a corner where the height changes has one of the two heights."""
     for end in ([2_000, 3_000], [2_000, -3_000], [4_000, 1_500]):
         path = path_of([(0, 0), (2_000, 0), (end[0], end[1])])
-        found = relief(Heights.of(5.0, [(2.0, 7.0), (3.0, 10.0)], []), path)
+        found = relief(Heights(5.0, [(2.0, 7.0), (3.0, 10.0)], []), path)
         angles = np.linspace(0, 2 * np.pi, 64, endpoint=False)
         ring = [(2_000 + r * np.cos(a), r * np.sin(a)) for a in angles for r in (50.0, 200.0, 400.0)]
         assert set(height_at(found, *ring)) == {5.0, 7.0}
@@ -63,7 +63,7 @@ def test_outside_of_a_corner_nothing_is_left_unclaimed():
 
 
 def test_inside_a_corner_the_nearer_stretch_holds():
-    found = relief(Heights.of(10.0, [(2.0, 5.0)], []), path_of([(0, 0), (2_000, 0), (2_000, 3_000)]))
+    found = relief(Heights(10.0, [(2.0, 5.0)], []), path_of([(0, 0), (2_000, 0), (2_000, 3_000)]))
     for away in (60.0, 150.0, 350.0):
         near, far = away - 45, away + 45  # from one of the two ways
         assert height_at(found, (2_000 - far, near), (2_000 - near, far)) == [10, 5]
@@ -71,13 +71,13 @@ def test_inside_a_corner_the_nearer_stretch_holds():
 
 def test_where_a_contour_closes_the_nearer_stretch_holds():
     path = path_of([(0, 0), (4_000, 0), (4_000, 4_000), (0, 4_000), (0, 0)])
-    found = relief(Heights.of(10.0, [(12.5, 5.0)], []), path)
+    found = relief(Heights(10.0, [(12.5, 5.0)], []), path)
     assert height_at(found, (0, 3_600), (0, 3_400), (0, 60), (60, 0), (300, 100), (100, 300)) == [10, 5, 5, 10, 10, 5]
 
 
 def test_areas_lie_in_the_programs_coordinates_and_hold_before_lengths():
     square = [(1.0, -1.0), (2.0, -1.0), (2.0, 1.0), (1.0, 1.0)]
-    heights = Heights.of(10.0, [(1.5, 5.0)], [(square, 20.0), (shapely.box(0.5, -1, 2.5, 1), 15.0)])
+    heights = Heights(10.0, [(1.5, 5.0)], [(shapely.Polygon(square), 20.0), (shapely.box(0.5, -1, 2.5, 1), 15.0)])
     assert (heights.greatest_mm, heights.lowest_mm) == (20.0, 5.0)
     found = relief(heights, path_of([(0, 0), (6_000, 0)]), n_slices=20)
     assert height_at(found, (100, 0), (600, 0), (1_100, 0), (1_600, 0), (2_100, 0), (3_000, 0)) == [
@@ -88,8 +88,8 @@ def test_areas_lie_in_the_programs_coordinates_and_hold_before_lengths():
 
 def test_no_change_of_height_is_no_step():
     path = path_of([(0, 0), (6_000, 0)])
-    assert Heights.of(10.0, [], []).steps(path, 250.0) == ()
-    assert Heights.of(10.0, [(2.0, 10.0)], []).steps(path, 250.0) == ()
+    assert Heights(10.0, [], []).steps(path, 250.0) == ()
+    assert Heights(10.0, [(2.0, 10.0)], []).steps(path, 250.0) == ()
 
 
 @pytest.mark.parametrize(("text", "pair"), [("12.5:30", (12.5, 30.0)), ("0:5", (0.0, 5.0)), (" 1 : 2 ", (1.0, 2.0))])

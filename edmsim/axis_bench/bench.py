@@ -8,21 +8,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.axis_bench.motion import BenchAxes
+from edmsim.axis_bench.motion import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, run
 from edmsim.axis_bench.serial_link import SerialLink
 from edmsim.compiled import axis_rows
+from edmsim.compiled.axis_rows import N_AXES
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.machine import Machine
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.axes.board import fault_net_low, hold_in_reset
-from edmsim.plant.axes.drives import AXIS_NAMES
+from edmsim.plant.axes.drives import AXIS_NAMES, Drives
 from edmsim.plant.axes.encoder import LONG_AGO_NS, read_phases
-from edmsim.plant.axes.steps import DIR_OPEN, STEP_OPEN, move
+from edmsim.plant.axes.steps import DIR_OPEN, MOVE, STEP_OPEN, move
+from edmsim.plant.constants import screws, table_mechanics
+from edmsim.plant.kernel.declare import sizes_of
+from edmsim.plant.kernel.state import STATE
+from edmsim.plant.mechanics.mujoco_table import TableMechanics
 
 _TURN_NS = 10_000_000  # a drive is asked for what it sends unasked so often (ours)
 _QUIET_NS, _LONGEST_TALK_NS = 20_000_000, 1_000_000_000
 """A talk is over after so long without a byte, or so long at all (ours)."""
+_CHANGES, _SAMPLES = 64, 4096  # room for notes of one compiled run (ours)
+_LONGEST_US = 100.0
+"""Time step of MuJoCo (ours): 0.2 of the radian of the swing of the DEM-15's carriages on their screws."""
 _PHASES = {"A": axis_rows.PHASE_A, "B": axis_rows.PHASE_B, "AB": axis_rows.PHASE_A | axis_rows.PHASE_B}
 _WIRES = {**_PHASES, "index": axis_rows.INDEX_WIRE}
 _STEP_INPUTS = {"step": STEP_OPEN, "dir": DIR_OPEN}
@@ -63,30 +71,57 @@ class AxisBench:
     ------
     InputError
         An axis or the mechanics is unknown, a drive's record, period or motor is invalid, or it has no loop.
+
+    Attributes
+    ----------
+    trace : bool
+        Whether `samples` are recorded.
     """
 
     def __init__(
         self, drives: Mapping[str, Drive], *, mechanics: str = "modal", machine: Machine | None = None, seed: int = 0
     ) -> None:
-        self._motion = BenchAxes(drives, mechanics, machine, whole_from("seed", seed))
+        if mechanics not in ("modal", "mujoco"):
+            raise InputError(f"there are no mechanics {mechanics!r}; choose modal or mujoco")
+        if mechanics == "mujoco":
+            machine = machine or Machine.load()
+        travel_um = machine.base.table.travel_mm.value * 1e3 if machine else np.inf
+        self._drives = Drives(drives, travel_um, sizes_of(1, 8, 1), screws(machine) if machine else None)
+        if not drives or self._drives.axes.loops != len(drives):
+            raise InputError("a bench needs drives with a loop: a motor and a sample")
+        place_um = np.zeros(N_AXES)
+        if machine:
+            place_um[:2] = machine.base.table.centre_um
+        self._drives.switch_on(place_um, whole_from("seed", seed))
+        self._state = np.zeros(1, STATE)
+        self._table = table_mechanics(machine, _LONGEST_US) if machine and mechanics == "mujoco" else None
+        if self._table is not None:
+            self._put_into(self._table, place_um)
+        self._now_ns = 0
+        self.trace = False
+        self._moves: NDArray[np.void] = np.zeros(0, MOVE)
+        self._unplugged = np.zeros(N_AXES, np.int64)  # bits of `steps` of every axis
+        self._notes = np.zeros(_SAMPLES, SAMPLE_ROW), np.zeros(_CHANGES, CHANGE_ROW), np.zeros(2, np.int64)
+        self._samples: list[NDArray[np.void]] = []
+        self._changes: list[NDArray[np.void]] = []
         self.names = tuple(name for name in AXIS_NAMES if name in drives)
         self._lines = {name: SerialLink(self.drive(name)) for name in self.names}
         for name in self.names:
             self._power_up(name)
 
-    @property
-    def trace(self) -> bool:
-        """Whether `samples` are recorded."""
-        return self._motion.trace
-
-    @trace.setter
-    def trace(self, on: bool) -> None:
-        self._motion.trace = on
+    def _put_into(self, table: TableMechanics, place_um: NDArray[np.float64]) -> None:
+        """Put the motors into MuJoCo's model; an axis without one rests under its stepper."""
+        self._state["commanded_um"] = self._state["axis_um"] = place_um
+        for axis in range(2):
+            table.link.qpos[table.link.carriage[axis]] = place_um[axis] * 1e-6
+            table.link.qpos[table.link.rotor[axis]] = place_um[axis] * table.link.rad_per_um[axis]
+            if self._drives.has_loop(axis):
+                table.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
 
     @property
     def time_s(self) -> float:
         """Simulated time in s."""
-        return self._motion.now_ns * 1e-9
+        return self._now_ns * 1e-9
 
     def run(self, seconds: float) -> None:
         """Run for a time.
@@ -96,26 +131,45 @@ class AxisBench:
         EdmsimError
             A drive commands more than its supply, or an axis is out of range or not finite.
         """
-        self.run_to(self._motion.now_ns + _ns("seconds", seconds))
+        self.run_to(self._now_ns + _ns("seconds", seconds))
 
     def run_to(self, end_ns: int) -> None:
         """Run until a time; see `run`."""
         end_ns = round(finite("end_ns", end_ns))
-        while self._motion.now_ns < end_ns:
-            coming = [ns for line in self._lines.values() if (ns := line.next_ns) is not None]
-            stop_ns = min(end_ns, (self._motion.now_ns // _TURN_NS + 1) * _TURN_NS, *coming)
-            self._motion.run_to(max(stop_ns, self._motion.now_ns))
+        while self._now_ns < end_ns:
+            coming = [ns for line in self._lines.values() if (ns := line.to_drive.next_ns) is not None]
+            stop_ns = min(end_ns, (self._now_ns // _TURN_NS + 1) * _TURN_NS, *coming)
+            self._advance(max(stop_ns, self._now_ns))
             for name in self.names:
                 running = not self._row(name)["in_reset"]
-                self._lines[name].exchange(self._motion.now_ns, running, self._motion.now_ns % _TURN_NS == 0)
+                self._lines[name].exchange(self._now_ns, running, self._now_ns % _TURN_NS == 0)
+
+    def _advance(self, until_ns: int) -> None:
+        """Run the axes to a time without their serial lines."""
+        samples, changes, noted = self._notes
+        traced = samples if self.trace else samples[:0]
+        axes, link = self._drives.axes, self._table.link if self._table else None
+        self._state["time_ns"] = self._now_ns
+        end = None
+        while end != DONE:
+            end = run(self._state, axes, link, self._moves, self._unplugged, until_ns, traced, changes, noted)
+            if self.trace:
+                self._samples.append(samples[: noted[0]].copy())
+            if noted[1]:
+                self._changes.append(changes[: noted[1]].copy())
+            if end == LOST:
+                raise EdmsimError("a drive commands what is not a share of its supply, or its axis has run away")
+        self._now_ns = until_ns
+        if len(self._moves):
+            self._moves = self._moves[self._moves["made"] < np.abs(self._moves["count"])]
 
     def send(self, data: bytes, axis: str = "") -> None:
         """Send bytes to a drive at the terminal's baud, after those still in transmission."""
-        self._line(axis).send(data, self._motion.now_ns)
+        self._line(axis).to_drive.put(data, self._now_ns)
 
     def sending(self, axis: str = "") -> bool:
         """Return whether bytes to a drive are in transmission."""
-        return self._line(axis).next_ns is not None
+        return self._line(axis).to_drive.next_ns is not None
 
     def received(self, axis: str = "") -> bytes:
         """Return a drive's bytes since the last call."""
@@ -130,11 +184,11 @@ class AxisBench:
         line = self._line(axis)
         line.received_at()
         self.send(data, axis)
-        quiet_ns, end_ns, heard = self._motion.now_ns, self._motion.now_ns + _LONGEST_TALK_NS, 0
-        while self._motion.now_ns < min(end_ns, quiet_ns + _QUIET_NS):
-            self.run_to(self._motion.now_ns + _TURN_NS // 2)
-            if line.busy or line.heard != heard:
-                quiet_ns, heard = self._motion.now_ns, line.heard
+        quiet_ns, end_ns, heard = self._now_ns, self._now_ns + _LONGEST_TALK_NS, 0
+        while self._now_ns < min(end_ns, quiet_ns + _QUIET_NS):
+            self.run_to(self._now_ns + _TURN_NS // 2)
+            if line.busy or len(line.heard) != heard:
+                quiet_ns, heard = self._now_ns, len(line.heard)
         return self.received(axis)
 
     def host_baud(self, baud: float, axis: str = "") -> None:
@@ -143,7 +197,7 @@ class AxisBench:
 
     def open_terminal(self, is_open: bool, axis: str = "") -> None:
         """Open or close the terminal; a closed one loses the drive's bytes."""
-        self._line(axis).open_terminal(is_open)
+        self._line(axis).to_host.open = is_open
 
     def steps(self, axis: str, count: int, rate_Hz: float = 0.0, accel_Hz_s: float = 0.0) -> None:
         """Send step pulses after those still pending.
@@ -161,9 +215,9 @@ class AxisBench:
         count, rate_Hz = whole_from("count", count), finite("rate_Hz", rate_Hz, 0.0)
         accel_Hz_s = finite("accel_Hz_s", accel_Hz_s, 0.0)
         k = self._number(axis)
-        ends = self._motion.moves["end_ns"][self._motion.moves["axis"] == k]
-        start_ns = max(self._motion.now_ns, int(ends.max(initial=0)))
-        self._motion.moves = np.concatenate([self._motion.moves, move(k, start_ns, count, rate_Hz, accel_Hz_s)])
+        ends = self._moves["end_ns"][self._moves["axis"] == k]
+        start_ns = max(self._now_ns, int(ends.max(initial=0)))
+        self._moves = np.concatenate([self._moves, move(k, start_ns, count, rate_Hz, accel_Hz_s)])
 
     def step_times(self, axis: str, times_ns: Sequence[int], direction: int) -> None:
         """Send step pulses at listed times."""
@@ -171,13 +225,13 @@ class AxisBench:
         if whole_from("direction", direction) not in (1, -1):
             raise InputError(f"direction is {direction!r}: give 1 or -1")
         rows = [move(k, round(finite("times_ns", at_ns)), direction, 0.0, 0.0) for at_ns in times_ns]
-        self._motion.moves = np.concatenate([self._motion.moves, *rows])
+        self._moves = np.concatenate([self._moves, *rows])
 
     def unplug(self, axis: str, wire: str, plugged: bool = False) -> None:
         """Unplug a wire (or plug it in, if `plugged`): A, B, index, step, dir or fault (the input's net)."""
         row = self._row(axis)
         if wire in _STEP_INPUTS:
-            k, bit, open_ = self._number(axis), _STEP_INPUTS[wire], self._motion.unplugged
+            k, bit, open_ = self._number(axis), _STEP_INPUTS[wire], self._unplugged
             open_[k] = open_[k] & ~bit if plugged else open_[k] | bit
         elif wire == "fault":
             _switch(row, "wiring", axis_rows.NET_IN, plugged)
@@ -230,7 +284,7 @@ class AxisBench:
     def fault_net_low(self) -> bool:
         """Whether the fault net is low."""
         by_hand = any(self._row(name)["hand_lines"] & axis_rows.FAULT_IN for name in self.names)
-        return bool(by_hand or fault_net_low(self._motion.drives.axes))
+        return bool(by_hand or fault_net_low(self._drives.axes))
 
     def supply(self, axis: str, volts: float) -> None:
         """Set the motor supply's voltage, 0 or more."""
@@ -244,9 +298,11 @@ class AxisBench:
         """Pull a drive's reset pin low; on release the drive restarts."""
         held = bool(self._row(axis)["in_reset"])
         if low and not held:
-            k, pins = self._number(axis), int(self._row(axis)["pins"])
-            hold_in_reset(self._motion.drives.axes, k)
-            self._motion.note_pins(k, pins)
+            k, before = self._number(axis), int(self._row(axis)["pins"])
+            hold_in_reset(self._drives.axes, k)
+            pins = int(self._row(axis)["pins"])
+            if pins != before:
+                self._changes.append(np.array([(k, self._now_ns, pins)], CHANGE_ROW))
         elif held and not low:
             self._power_up(axis)
 
@@ -260,12 +316,12 @@ class AxisBench:
     def _power_up(self, name: str) -> None:
         drive, row = self.drive(name), self._row(name)
         record = drive.record
-        record["now_ns"] = self._motion.now_ns
+        record["now_ns"] = self._now_ns
         row["in_reset"] = 0
         text = drive.power_up() if isinstance(drive, StartsAnew) else b""
         if record["watchdog_ns"][0] > 0:
-            record["alarm_ns"] = self._motion.now_ns + record["watchdog_ns"]
-        self._lines[name].reply(text, int(record["due_ns"][0]))
+            record["alarm_ns"] = self._now_ns + record["watchdog_ns"]
+        self._lines[name].to_host.put(text, int(record["due_ns"][0]))
 
     def hold(self, axis: str, held: bool) -> None:
         """Lock or release the rotor."""
@@ -295,7 +351,7 @@ class AxisBench:
     def press_home(self, axis: str, closed: bool) -> None:
         """Close or open the home input of an axis without a cam."""
         row = self._row(axis)
-        row["cam"], row["cam_ns"] = closed, self._motion.now_ns
+        row["cam"], row["cam_ns"] = closed, self._now_ns
 
     def share_output(self, axes: Sequence[str], connected: str | None = None) -> None:
         """Let drives share an analogue output; a contactor connects it to the motor of one axis, or of none."""
@@ -306,7 +362,7 @@ class AxisBench:
 
     def stall(self, axis: str, seconds: float) -> None:
         """Stop a drive's computation for a time; its interrupts still count."""
-        self.drive(axis).record["stalled_until_ns"] = self._motion.now_ns + _ns("seconds", seconds)
+        self.drive(axis).record["stalled_until_ns"] = self._now_ns + _ns("seconds", seconds)
 
     def flip_bits(self, axis: str, bits: Sequence[int]) -> None:
         """Flip bits of a drive's EEPROM: bit `b` of byte `k` is number ``8 k + b``."""
@@ -318,7 +374,7 @@ class AxisBench:
 
     def drive(self, axis: str = "") -> Drive:
         """Return the bench's copy of a drive."""
-        found: Any = self._motion.drives.by_axis[AXIS_NAMES[self._number(axis)]]
+        found: Any = self._drives.by_axis[AXIS_NAMES[self._number(axis)]]
         drive: Drive = found
         return drive
 
@@ -328,7 +384,7 @@ class AxisBench:
 
     def motor(self, axis: str = "") -> np.void:
         """Return the row of an axis' motor (`edmsim.compiled.axis_rows.MOTOR`); you can write it."""
-        row: np.void = self._motion.drives.axes.motors[self._number(axis)]
+        row: np.void = self._drives.axes.motors[self._number(axis)]
         return row
 
     def _number(self, axis: str) -> int:
@@ -338,7 +394,7 @@ class AxisBench:
         return AXIS_NAMES.index(name)
 
     def _row(self, axis: str) -> np.void:
-        row: np.void = self._motion.drives.axes.rows[self._number(axis)]
+        row: np.void = self._drives.axes.rows[self._number(axis)]
         return row
 
     def _line(self, axis: str) -> SerialLink:
@@ -356,19 +412,24 @@ class AxisBench:
 
     def samples(self, axis: str = "") -> NDArray[np.void]:
         """Return an axis' samples since the last call (`edmsim.axis_bench.motion.SAMPLE_ROW`)."""
-        return self._motion.samples(AXIS_NAMES[self._number(axis)])
+        return _taken(self._samples, SAMPLE_ROW, self._number(axis))
 
     def changes(self, axis: str = "") -> NDArray[np.void]:
         """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.motion.CHANGE_ROW`)."""
-        return self._motion.changes(AXIS_NAMES[self._number(axis)])
+        return _taken(self._changes, CHANGE_ROW, self._number(axis))
 
     def snapshot(self) -> dict[str, Any]:
         """Return the state: drives, axes, pending steps and time. The serial lines must be idle."""
-        return self._motion.snapshot()
+        return {
+            **self._drives.snapshot(), "motors": self._drives.axes.motors.copy(), "moves": self._moves.copy(),
+            "time_ns": self._now_ns,
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restore a `snapshot` of the same drives; it continues bit for bit."""
-        self._motion.restore(state)
+        self._drives.restore(state)
+        self._drives.axes.motors[:] = state["motors"]
+        self._moves, self._now_ns = state["moves"].copy(), state["time_ns"]
         for line in self._lines.values():
             line.forget()
 
@@ -376,3 +437,12 @@ class AxisBench:
 def _ns(name: str, seconds: float) -> int:
     """Return a time in whole nanoseconds; refuses what is not a finite number of 0 or more."""
     return round(finite(name, seconds, 0.0) * 1e9)
+
+
+def _taken(parts: list[NDArray[np.void]], kind: np.dtype[np.void], axis: int) -> NDArray[np.void]:
+    """Take an axis' rows out of notes, and leave the others'."""
+    rows = np.concatenate(parts) if parts else np.zeros(0, kind)
+    own: NDArray[np.bool_] = rows["axis"] == axis
+    parts[:] = [rows[~own]]
+    found: NDArray[np.void] = rows[own]
+    return found

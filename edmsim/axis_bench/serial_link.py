@@ -106,41 +106,19 @@ class SerialLink:
         self._drive = drive
         self._serial = drive if isinstance(drive, SerialDrive) else None
         baud = self._serial.baud if self._serial else _NO_BAUD
-        self._to_drive, self._to_host = Sender(baud), Sender(baud)
+        self.to_drive, self.to_host = Sender(baud), Sender(baud)
         self._drained = 0
-        self._heard: list[tuple[int, float]] = []
-
-    @property
-    def next_ns(self) -> int | None:
-        """When the next byte for the drive has come; None if none is on its way."""
-        return self._to_drive.next_ns
+        self.heard: list[tuple[int, float]] = []  # bytes at the terminal, not yet taken by `received_at`
 
     @property
     def busy(self) -> bool:
         """Whether bytes are in transit either way."""
-        return self._to_drive.next_ns is not None or self._to_host.next_ns is not None
-
-    @property
-    def heard(self) -> int:
-        """How many bytes the terminal has, not yet taken by `received_at`."""
-        return len(self._heard)
+        return self.to_drive.next_ns is not None or self.to_host.next_ns is not None
 
     def set_host_baud(self, baud: float) -> None:
         """Set the terminal's baud, which at first is the drive's."""
-        self._to_drive.baud = self._to_host.input_baud = baud
-        self._to_drive.input_baud = self._to_host.baud
-
-    def open_terminal(self, is_open: bool) -> None:
-        """Open or close the terminal; what a drive sends to a closed one is lost."""
-        self._to_host.open = is_open
-
-    def send(self, data: bytes, now_ns: int) -> None:
-        """Send some bytes to the drive."""
-        self._to_drive.put(data, now_ns)
-
-    def reply(self, data: bytes, at_ns: int) -> None:
-        """Let the drive send some bytes."""
-        self._to_host.put(data, at_ns)
+        self.to_drive.baud = self.to_host.input_baud = baud
+        self.to_drive.input_baud = self.to_host.baud
 
     def exchange(self, now_ns: int, running: bool, unasked: bool) -> None:
         """Pass received bytes to the drive (lost in reset), and collect its answers and unsolicited bytes."""
@@ -148,21 +126,21 @@ class SerialLink:
         sent, n_sent = record["sent"][0], int(record["n_sent"][0])
         for k in range(max(self._drained, n_sent - SENT), n_sent):
             value = int(sent[k % SENT])
-            self._to_host.put(bytes([value & 0xFF]), value >> 8)
+            self.to_host.put(bytes([value & 0xFF]), value >> 8)
         self._drained = n_sent
-        for byte in self._to_drive.take(now_ns):
+        for byte in self.to_drive.take(now_ns):
             if running:
                 record["now_ns"] = now_ns
                 if self._serial and not byte.framed:
                     self._serial.receive_error()
-                self._to_host.put(self._drive.line(bytes([byte.value])), now_ns)
+                self.to_host.put(self._drive.line(bytes([byte.value])), now_ns)
         if running and unasked:
-            self._to_host.put(self._drive.line(b""), now_ns)
-        self._heard += [(byte.value, byte.time_ns * 1e-9) for byte in self._to_host.take(now_ns)]
+            self.to_host.put(self._drive.line(b""), now_ns)
+        self.heard += [(byte.value, byte.time_ns * 1e-9) for byte in self.to_host.take(now_ns)]
 
     def received_at(self) -> list[tuple[int, float]]:
         """Return the bytes that the terminal has got since the last call, each with its time in s."""
-        heard, self._heard = self._heard, []
+        heard, self.heard = self.heard, []
         return heard
 
     def forget(self) -> None:

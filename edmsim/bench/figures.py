@@ -20,6 +20,7 @@ from edmsim.bench.plant import (
     mujoco_realtime_factor,
     pulses_per_s,
     ray_sums_per_s,
+    spent_s,
     thread_scaling,
 )
 from edmsim.controllers import make
@@ -82,20 +83,20 @@ SLICE_S, SLICES = 0.05, 20
 moment of the computer more easily than a long one."""
 
 
-def env_steps_per_s(resolution: str = "default") -> float:
+def env_steps_per_s() -> float:
     """Steps per second of processor time of one environment of `gymnasium.make`, in a straight cut."""
-    env = gym.make("edmsim/GapFeed-v2", resolution=resolution, **STANDARD)
+    env = gym.make("edmsim/GapFeed-v2", **STANDARD)
     env.reset(seed=0)
     action = np.array([FEED_UM_S / MAX_FEED_UM_S], np.float32)
-    rate = _best_rate(lambda: env.step(action), processor_s)
+    rate = _best_rate(lambda: env.step(action), time.process_time)
     env.close()
     return rate
 
 
-def vector_env_steps_per_s(resolution: str = "default", num_envs: int = NUM_ENVS) -> float:
+def vector_env_steps_per_s() -> float:
     """Steps per second of all of the native vector environment together, in straight cuts on all processors."""
-    with straight_cuts(num_envs, resolution) as step:
-        return num_envs * _best_rate(step, wall_s)
+    with straight_cuts(NUM_ENVS, "default") as step:
+        return NUM_ENVS * _best_rate(step, time.perf_counter)
 
 
 @contextmanager
@@ -141,7 +142,7 @@ def drawn_machines() -> dict[str, float]:
     drawn, reused = (gym.make("edmsim/GapFeed-v2", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
     for env in (drawn, reused):
         env.reset(seed=0)
-    drawn_s, reused_s = (_timed_s(env.reset, RESETS) for env in (drawn, reused))
+    drawn_s, reused_s = (spent_s(env.reset, RESETS) / RESETS for env in (drawn, reused))
     action = np.zeros(reused.action_space.shape or (), np.float32)
 
     def episode() -> None:
@@ -151,38 +152,18 @@ def drawn_machines() -> dict[str, float]:
             *_, terminated, truncated, _ = reused.step(action)
             over = terminated or truncated
 
-    episode_s = _timed_s(episode, EPISODES)
+    episode_s = spent_s(episode, EPISODES) / EPISODES
     return {"drawn_reset_ms": drawn_s * 1e3, "drawn_machines_cost": (episode_s - reused_s + drawn_s) / episode_s}
 
 
-def _timed_s(run: Callable[[], object], times: int) -> float:
-    started = time.process_time()
-    for _ in range(times):
-        run()
-    return (time.process_time() - started) / times
-
-
-def _best_rate(step: Callable[[], object], taken_s: Callable[[Callable[[], object], int], float]) -> float:
+def _best_rate(step: Callable[[], object], clock: Callable[[], float]) -> float:
     steps = settled(step)
-    return steps / min(taken_s(step, steps) for _ in range(SLICES))
+    return steps / min(spent_s(step, steps, clock) for _ in range(SLICES))
 
 
 def settled(step: Callable[[], object]) -> int:
     """Run environments to a steady state, and return the number of steps per spell."""
-    return max(1, round(SLICE_S / wall_s(step, SETTLE_STEPS) * SETTLE_STEPS))
-
-
-def processor_s(step: Callable[[], object], steps: int) -> float:
-    """Return the processor time of some steps together."""
-    return _timed_s(step, steps) * steps
-
-
-def wall_s(step: Callable[[], object], steps: int) -> float:
-    """Return how long some steps take together."""
-    started = time.perf_counter()
-    for _ in range(steps):
-        step()
-    return time.perf_counter() - started
+    return max(1, round(SLICE_S / spent_s(step, SETTLE_STEPS, time.perf_counter) * SETTLE_STEPS))
 
 
 def half_cheetah_comparison() -> dict[str, float]:
@@ -197,31 +178,32 @@ def half_cheetah_comparison() -> dict[str, float]:
         spells = [settled(step) for step in steps]
         for _ in range(SLICES):
             for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
-                best[k] = min(best[k], wall_s(step, spell) / spell)
+                best[k] = min(best[k], spent_s(step, spell, time.perf_counter) / spell)
     names = "vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"
     return {name: NUM_ENVS / step_s for name, step_s in zip(names, best, strict=True)}
 
 
 def _half_cheetahs(count: int) -> Callable[[], object]:
     """Gymnasium's default vector environment of HalfCheetah-v5, which steps them one after another in one process."""
-    try:
-        with warnings_unseen():
-            env: Any = gym.make_vec("HalfCheetah-v5", num_envs=count, max_episode_steps=-1)
-    except (ImportError, gym.error.DependencyNotInstalled) as error:
-        raise InputError(
-            'HalfCheetah-v5, which the environments are compared with, is missing: pip install "gymnasium[mujoco]"'
-        ) from error
+    with half_cheetahs():
+        env: Any = gym.make_vec("HalfCheetah-v5", num_envs=count, max_episode_steps=-1)
     env.reset(seed=0)
     actions = np.full(env.action_space.shape, 0.1, np.float32)
     return lambda: env.step(actions)
 
 
 @contextmanager
-def warnings_unseen() -> Iterator[None]:
-    """Silence MuJoCo's warnings about Gymnasium's own models, one per environment."""
+def half_cheetahs() -> Iterator[None]:
+    """Make HalfCheetah-v5 without MuJoCo's warnings about its model; where it is missing, say what to install."""
     mujoco.set_mju_user_warning(lambda _: None)
-    yield
-    mujoco.set_mju_user_warning(None)
+    try:
+        yield
+    except (ImportError, gym.error.DependencyNotInstalled) as error:
+        raise InputError(
+            'HalfCheetah-v5, which edmsim is compared with, is missing: pip install "gymnasium[mujoco]"'
+        ) from error
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 CUT_WINDOWS = 100
@@ -237,19 +219,8 @@ def _cut(controller: str, planner: str = "poscal") -> Simulation:
     contour = WireContour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "bench")
     cut = Simulation(Machine.load(), path, make(controller), seed=0, planner=planner)
-    _advance(cut, CUT_SETTLE_WINDOWS)
+    spent_s(cut.step, CUT_SETTLE_WINDOWS)
     return cut
-
-
-def _advance(cut: Simulation, windows: int) -> None:
-    for _ in range(windows):
-        cut.step()
-
-
-def _run_s(cut: Simulation, windows: int) -> float:
-    started = time.process_time()
-    _advance(cut, windows)
-    return time.process_time() - started
 
 
 def controller_overhead() -> float:
@@ -258,14 +229,14 @@ def controller_overhead() -> float:
     Both cut the same, by turns.
     """
     law, whole = _cut("counts"), _cut("mcu")
-    times = [(_run_s(law, CUT_WINDOWS), _run_s(whole, CUT_WINDOWS)) for _ in range(REPEATS)]
+    times = [(spent_s(law.step, CUT_WINDOWS), spent_s(whole.step, CUT_WINDOWS)) for _ in range(REPEATS)]
     return min(t for _, t in times) / min(t for t, _ in times) - 1
 
 
 def literal_realtime_factor() -> float:
     """Simulated seconds per second of the processor in a cut whose steps the timers of 1982 make, at `default`."""
     cut = _cut("mcu", "poscal-literal")
-    return CUT_WINDOWS * cut.plant.window_ns * 1e-9 / best_s(lambda: _advance(cut, CUT_WINDOWS))
+    return CUT_WINDOWS * cut.plant.window_ns * 1e-9 / best_s(cut.step, CUT_WINDOWS)
 
 
 def poscal_calls_per_s() -> float:
@@ -302,9 +273,7 @@ def _factor(name: str) -> float:
     for _ in range(SERVO_REPEATS):
         bench.steps("x", 100, 300.0, 3_000.0)
         bench.steps("x", -100, 300.0, 3_000.0)
-        started = time.process_time()
-        bench.run(SPAN_S)
-        least_s = min(least_s, time.process_time() - started)
+        least_s = min(least_s, spent_s(lambda: bench.run(SPAN_S)))
     return SPAN_S / least_s
 
 

@@ -59,31 +59,29 @@ def _straight_cut(plant: Plant) -> Iterator[None]:
 def _settled_cut(plant: Plant) -> Iterator[None]:
     """Return the windows of a straight cut behind those until the wire cuts a full kerf."""
     cut = _straight_cut(plant)
-    _advance(cut, SETTLE_WINDOWS)
+    for _ in range(SETTLE_WINDOWS):
+        next(cut)
     return cut
 
 
-def _advance(cut: Iterator[None], windows: int) -> None:
-    for _ in range(windows):
-        next(cut)
-
-
-def best_s(run: Callable[[], object]) -> float:
-    """Return the shortest processor time that a function took, of `REPEATS`."""
-
-    def once() -> float:
-        started = time.process_time()
+def spent_s(run: Callable[[], object], times: int = 1, clock: Callable[[], float] = time.process_time) -> float:
+    """Return the processor time, or that of another clock, of some calls together."""
+    started = clock()
+    for _ in range(times):
         run()
-        return time.process_time() - started
+    return clock() - started
 
-    return min(once() for _ in range(REPEATS))
+
+def best_s(run: Callable[[], object], times: int = 1) -> float:
+    """Return the shortest processor time that some calls together took, of `REPEATS`."""
+    return min(spent_s(run, times) for _ in range(REPEATS))
 
 
 def pulses_per_s(resolution: str) -> tuple[float, Plant]:
     """Pulses per second of one core in a straight cut, and the plant as it was left."""
     plant = Plant(Machine.load(), seed=0, resolution=resolution)
     cut = _settled_cut(plant)
-    return TIMED_WINDOWS * WINDOW_PULSES / best_s(lambda: _advance(cut, TIMED_WINDOWS)), plant
+    return TIMED_WINDOWS * WINDOW_PULSES / best_s(cut.__next__, TIMED_WINDOWS), plant
 
 
 def mujoco_realtime_factor() -> float:
@@ -91,7 +89,7 @@ def mujoco_realtime_factor() -> float:
     plant = Plant(Machine.load(), seed=0, mechanics="mujoco")
     cut = _straight_cut(plant)
     next(cut)
-    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / best_s(lambda: _advance(cut, MUJOCO_WINDOWS))
+    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / best_s(cut.__next__, MUJOCO_WINDOWS)
 
 
 @compiled
@@ -145,7 +143,7 @@ def thread_scaling() -> tuple[float, float]:
     cuts = [_settled_cut(plant) for plant in plants]
     law = gap_law(plants[0].machine, plants[0].resolution, timing(plants[0].machine).open_V)
     rays = plants[0].rays()
-    advance: list[Callable[[], object]] = [lambda cut=cut: next(cut) for cut in cuts]  # type: ignore[misc]
+    advance: list[Callable[[], object]] = [cut.__next__ for cut in cuts]
     compute = [_summing(rays, law) for _ in range(2)]
     gains = []
     for works in (advance, compute):

@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from edmsim.bench.figures import warnings_unseen
+from edmsim.bench.figures import half_cheetahs
 from edmsim.errors import InputError
 
 try:
@@ -25,7 +25,7 @@ try:
 except ImportError as error:
     raise InputError(f"the speed of trainings needs {error.name}: pip install 'edmsim[rl]'") from error
 
-ENV_ID, OTHER = "edmsim/GapFeed-v2", "HalfCheetah-v5"
+ENV_ID = "edmsim/GapFeed-v2"
 COUNTS = (64, 256)
 """Numbers of environments."""
 ROLLOUT, BATCH, EPOCHS = 64, 2048, 5
@@ -34,8 +34,7 @@ SPELLS = 3
 """Rollouts with their updates that are timed; the fastest counts, as others use the machine too."""
 
 
-# untyped where the extra is missing
-class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+class _Timed(VecEnvWrapper):
     """Sub-environments that sum up the time of their steps."""
 
     spent_s = 0.0
@@ -72,13 +71,8 @@ def _ours(count: int) -> Any:
 
 
 def _half_cheetahs(count: int) -> Any:
-    try:
-        with warnings_unseen():
-            return DummyVecEnv([lambda: gym.make(OTHER)] * count)
-    except (ImportError, gym.error.DependencyNotInstalled) as error:
-        raise InputError(
-            f'{OTHER}, which trainings are compared with, is missing: pip install "gymnasium[mujoco]"'
-        ) from error
+    with half_cheetahs():
+        return DummyVecEnv([lambda: gym.make("HalfCheetah-v5")] * count)
 
 
 class _Training:

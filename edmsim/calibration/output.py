@@ -28,24 +28,15 @@ STRONG = 0.95
 """Errors correlated as strongly as this are reported: the log knows a combination better than either (ours)."""
 
 
-def files_of(fit: Fit, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
-    """Return the files a fit is written to, by the options of ``edmsim cut`` that take them."""
+def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
+    """Write the fitted set-up as new files, each replaced atomically; returns them by options of ``edmsim cut``."""
     # the machine's constants go into `out`; those of material and wire, if any were fitted or given to the cut
     # of the log, into files beside it
-    names = [*(constant.name for constant in fit.constants), *extra_files]
-    parts = {name.partition(".")[0] for name in names}
-    files = {"machine": out}
-    for part in ("material", "wire"):
-        if part in parts:
-            files[part] = out.with_name(f"{out.stem}-{part}.toml")
-    return files
-
-
-def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
-    """Write the fitted set-up as new files, each replaced atomically; returns them as `files_of`."""
     machine = _with_sources(fit, log_name)
-    files = files_of(fit, out, extra_files)
     models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
+    parts = {name.partition(".")[0] for name in (*(constant.name for constant in fit.constants), *extra_files)}
+    files = {"machine": out}
+    files |= {part: out.with_name(f"{out.stem}-{part}.toml") for part in ("material", "wire") if part in parts}
     make_writable(out.parent)
     heading = f"# Fitted to {log_name} by edmsim calibrate ({__version__}).\n"
     for part, file in files.items():
@@ -110,16 +101,13 @@ def render(fit: Fit, resolution: str) -> RenderableType:
         Text(f"the log does not determine {name}: {reason}", "yellow") for name, reason in fit.undetermined.items()
     ]
     warnings = [Text(line, "yellow") for line in (*causes(fit, resolution), *correlated(fit), *refusal(fit))]
-    return Group(table, *undetermined, Text(_misfit_text(fit)), *warnings, _comparison_table(fit))
+    over = f"per degree of freedom over {len(fit.stretches)} stretches; noise alone makes about 1"
+    misfit = Text(f"misfit {fit.misfit:.2f} {over}")
+    return Group(table, *undetermined, misfit, *warnings, _comparison_table(fit))
 
 
 def _between(interval: tuple[float, float]) -> str:
     return f"{interval[0]:.4g} .. {interval[1]:.4g}"
-
-
-def _misfit_text(fit: Fit) -> str:
-    count = len(fit.stretches)
-    return f"misfit {fit.misfit:.2f} per degree of freedom over {count} stretches; noise alone makes about 1"
 
 
 MUCH = 4.0  # a misfit above this is not noise: residuals are twice as large as it (ours)

@@ -8,7 +8,7 @@ interrupts; they share what is around it: `WindowObservation.of`, `edmsim.cosim.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from edmsim.controllers.axis.elcam.file import StepCompensation
 from edmsim.controllers.planner.lateral_offset import PathOffset
@@ -40,18 +40,6 @@ class Motion(Protocol):
         """Take note of when the window ended: steps planned for later are undone."""
 
 
-class _Speeds(NamedTuple):
-    """Speeds of a window in units: one, and from a time on another."""
-
-    first: int
-    change_ns: int
-    then: int
-
-    def at(self, end_ns: int) -> int:
-        """Return the speed in force at the window's end."""
-        return self.then if self.change_ns < end_ns else self.first
-
-
 class PlannerMotion(Snapshots):
     """Motion along a leg that a planner turns into steps; a command's feed counts when its latency is over."""
 
@@ -69,7 +57,7 @@ class PlannerMotion(Snapshots):
         self._drives = drives
         self._limit_um_s = max_feed_um_s
         self._units = 0
-        self._speeds = _Speeds(0, 0, 0)
+        self._speeds = 0, 0, 0  # units, a time in ns, and the units from then on
         self._before: Any = None
         self._offset = offset
         self._compensation = compensation
@@ -102,23 +90,24 @@ class PlannerMotion(Snapshots):
                 self._compensation.restore(compensation)
             self._before = None
             self._to_motors(self._drive(self._steps(start_ns, end_ns)))
-        self._units = self._speeds.at(end_ns)
+        first, change_ns, then = self._speeds
+        self._units = then if change_ns < end_ns else first
 
-    def _speeds_from(self, start_ns: int) -> _Speeds:
+    def _speeds_from(self, start_ns: int) -> tuple[int, int, int]:
         """Return the speeds of the window that begins: the last one until the controller is done, then its new."""
         if start_ns < self.rest_until_ns:
-            return _Speeds(0, start_ns, 0)
+            return 0, start_ns, 0
         feed_um_s = max(-self._limit_um_s, min(self._limit_um_s, self.command.feed_um_s))
         units = round(feed_um_s * 1e3 / self.planner.speed_unit_nm_s)
-        return _Speeds(self._units, start_ns + round(self.command.latency_s * 1e9), units)
+        return self._units, start_ns + round(self.command.latency_s * 1e9), units
 
     def _steps(self, start_ns: int, end_ns: int) -> list[Step]:
-        speeds = self._speeds
-        change_ns = min(speeds.change_ns, end_ns)
-        if change_ns <= start_ns or speeds.first == speeds.then:
-            return self.planner.advance(start_ns, end_ns, speeds.then)
-        steps = self.planner.advance(start_ns, change_ns, speeds.first)
-        return steps + self.planner.advance(change_ns, end_ns, speeds.then) if change_ns < end_ns else steps
+        first, change_ns, then = self._speeds
+        change_ns = min(change_ns, end_ns)
+        if change_ns <= start_ns or first == then:
+            return self.planner.advance(start_ns, end_ns, then)
+        steps = self.planner.advance(start_ns, change_ns, first)
+        return steps + self.planner.advance(change_ns, end_ns, then) if change_ns < end_ns else steps
 
     def _drive(self, steps: list[Step]) -> list[Step]:
         """Return the steps the motors are to make: a controller that has lines to x and y makes these itself."""

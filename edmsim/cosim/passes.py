@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -243,7 +243,7 @@ class PassLog(Snapshots):
         if self._open:
             last = self.records[-1]
             last.end_s, last.end_um = time_s, path_um
-            last.sums = _less(sums, self._before)
+            last.sums = Sums(**{name: value - getattr(self._before, name) for name, value in asdict(sums).items()})
 
     def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
         """Measure the wall at the end of a pass, and see what has come loose."""
@@ -287,10 +287,6 @@ class PassLog(Snapshots):
             f"the workpiece, {piece.area * 1e-6:.2f} mm² of it"
             + (f", {taken_mm3:.2f} mm³ of them near the wire's path" if taken_mm3 else "")
         )
-
-
-def _less(now: Sums, before: Sums) -> Sums:
-    return Sums(**{one.name: getattr(now, one.name) - getattr(before, one.name) for one in fields(Sums)})
 
 
 def _is_part(piece: shapely.Polygon, contour: WireContour) -> bool:

@@ -19,6 +19,7 @@ from edmsim.plant.kernel.state import OPEN, PULSE, Timing
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
+from edmsim.snapshots import ArraySnapshots, with_prefix
 
 # Where the other side wants the axes: places, velocities or steps, made into motor steps frame by frame.
 
@@ -29,14 +30,16 @@ gone stands still, as one does whose step pulses stop."""
 _NEAR = 1e-6  # share of a step within which a step's place is reached: places are sums of floats
 
 
-class Setpoints:
+class Setpoints(ArraySnapshots):
     """Setpoints of x and y, from 0 to the travel, which move in motor steps up to a speed."""
+
+    STATE = ("_counted", "_now_um", "_target_um", "_velocity_um_s", "_until_ns")
 
     def __init__(self, place_um: tuple[float, float], step_um: float, max_um_s: float, travel_um: float) -> None:
         self._step_um, self._max_um_s, self._travel_um = step_um, max_um_s, travel_um
         self._counted = list(place_um)
         self._now_um = list(place_um)
-        self._target_um: list[float | None] = list(place_um)
+        self._target_um = list(place_um)  # NaN for none
         self._velocity_um_s = [0.0, 0.0]
         self._until_ns = 0
 
@@ -52,7 +55,7 @@ class Setpoints:
     def step(self, axis: int, steps: int) -> None:
         """Make some steps of an axis, in front of those that are still to be made."""
         target = self._target_um[axis]
-        at = self._counted[axis] if target is None else target
+        at = self._counted[axis] if math.isnan(target) else target
         self._target_um[axis] = self._within(at + steps * self._step_um)
 
     def move_at(self, velocity_um_s: tuple[float, float], now_ns: int) -> None:
@@ -61,7 +64,7 @@ class Setpoints:
             raise InputError("a feed in um/s must be a number, not nan")
         most = self._max_um_s
         self._velocity_um_s = [max(-most, min(most, v)) for v in velocity_um_s]
-        self._target_um = [None, None]
+        self._target_um = [math.nan, math.nan]
         self._until_ns = now_ns + round(VELOCITY_COUNTS_S * 1e9)
 
     def plan(self, start_ns: int, end_ns: int) -> list[tuple[int, int, int]]:
@@ -85,20 +88,8 @@ class Setpoints:
             speed, seconds = self._speed(axis, start_ns, end_ns)
             target = self._target_um[axis]
             reached = self._within(self._now_um[axis] + speed * seconds)
-            there = target is not None and abs(target - reached) < _NEAR * self._step_um
-            self._now_um[axis] = target if target is not None and there else reached
+            self._now_um[axis] = target if abs(target - reached) < _NEAR * self._step_um else reached
         self._counted = list(counted_um)
-
-    def snapshot(self) -> tuple[list[list[float]], list[float], list[float], int]:
-        """Everything that changes: places, targets (NaN for none), velocity, and until when that counts."""
-        targets = [math.nan if target is None else target for target in self._target_um]
-        return [self._counted, self._now_um], targets, self._velocity_um_s, self._until_ns
-
-    def restore(self, places: list[list[float]], targets: list[float], velocity: list[float], until_ns: int) -> None:
-        """Continue where `snapshot` was taken."""
-        self._counted, self._now_um = places
-        self._target_um = [None if math.isnan(target) else target for target in targets]
-        self._velocity_um_s, self._until_ns = velocity, until_ns
 
     def _within(self, place_um: float) -> float:
         return max(0.0, min(self._travel_um, place_um))
@@ -107,7 +98,7 @@ class Setpoints:
         """Speed of a setpoint within the frame, and for how long it moves."""
         frame_s = (end_ns - start_ns) * 1e-9
         target = self._target_um[axis]
-        if target is not None:
+        if not math.isnan(target):
             way = target - self._now_um[axis]
             return math.copysign(self._max_um_s, way) if way else 0.0, min(abs(way) / self._max_um_s, frame_s)
         left_s = max(self._until_ns - start_ns, 0) * 1e-9
@@ -221,24 +212,23 @@ class Gap:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return everything that changes, as arrays; `restore` continues bit for bit."""
-        places, targets, velocity, until_ns = self.setpoints.snapshot()
-        choices = [np.nan if value is None else value for value in self._choices]
-        return {
-            **self.plant.snapshot(), "gap.places": np.array(places), "gap.targets": np.array(targets),
-            "gap.velocity": np.array(velocity), "gap.until_ns": np.array(until_ns), "gap.choices": np.array(choices),
-            "gap.lost": np.frombuffer(self.lost.encode(), np.uint8).copy(),
-        }  # fmt: skip
+        return {**self.plant.snapshot(), **{f"gap.{name}": array for name, array in self._own_state().items()}}
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Load a `snapshot` of a gap with the same set-up; raises `InputError` for a damaged one."""
-        own = {name: value for name, value in state.items() if name.startswith("gap.")}
-        if set(own) != {f"gap.{name}" for name in ("places", "targets", "velocity", "until_ns", "choices", "lost")}:
+        own = with_prefix(state, "gap.")
+        if own.keys() != self._own_state().keys():
             raise InputError("this is not a snapshot of a gap: its setpoints are missing")
-        self._choose(*(None if np.isnan(value) else float(value) for value in own["gap.choices"]))
-        self.plant.restore({name: value for name, value in state.items() if name not in own})
-        lists = (own[f"gap.{name}"].tolist() for name in ("places", "targets", "velocity", "until_ns"))
-        self.setpoints.restore(*lists)
-        self.lost = own["gap.lost"].tobytes().decode()
+        self._choose(*(None if np.isnan(value) else float(value) for value in own["choices"]))
+        self.plant.restore({name: value for name, value in state.items() if not name.startswith("gap.")})
+        self.setpoints.restore(own)
+        self.lost = own["lost"].tobytes().decode()
+
+    def _own_state(self) -> dict[str, NDArray[Any]]:
+        """Return what changes beside the plant."""
+        choices = [np.nan if value is None else value for value in self._choices]
+        lost = np.frombuffer(self.lost.encode(), np.uint8).copy()
+        return {**self.setpoints.snapshot(), "choices": np.array(choices), "lost": lost}
 
     def _set(self, output: Output) -> None:
         plant = self.plant

@@ -54,24 +54,12 @@ class Inspection:
 
 def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> report.Totals:
     """Return what was counted over the cut."""
-    sums, cut = simulation.sums, _cut_alone(simulation, windows)
+    cut = _cut_alone(simulation, windows)
     return report.Totals(
-        machining_time_s=simulation.plant.time_ns * 1e-9,
-        wall_time_s=wall_time_s,
-        short=sums.short,
-        open=sums.open,
-        spark=sums.spark,
-        arc=sums.arc,
-        path_length_mm=simulation.path_um * 1e-3,
-        cut_area_mm2=_face_mm2(simulation, cut),
-        cutting_time_s=cut.time_s,
-        energy=sums.energy,
-        removed_mm3=simulation.plant.removed_mm3,
-        vibration_um_rms=math.sqrt(sums.vibration2_pulses / sums.pulses) if sums.pulses else math.nan,
-        feed_limit_um_s=simulation.max_feed_um_s,
-        limited_share=_limited_share(simulation, windows, cut),
-        equalising_J=sums.equalising_J,
-    )
+        simulation.plant.time_ns * 1e-9, wall_time_s, simulation.sums, simulation.path_um * 1e-3,
+        _face_mm2(simulation, cut), cut.time_s, simulation.plant.removed_mm3, simulation.max_feed_um_s,
+        _limited_share(simulation, windows, cut),
+    )  # fmt: skip
 
 
 def _face_mm2(simulation: Simulation, cut: CutAlone) -> float:

@@ -281,7 +281,7 @@ class CutSettings(SetUpOptions, MachineOption):
     @property
     def workpiece(self) -> Heights:
         """The heights of the workpiece."""
-        return Heights.of(self.height_mm, self.heights, self.height_areas)
+        return Heights(self.height_mm, self.heights, cast(Any, self.height_areas))
 
     @property
     def overrides(self) -> tuple[tuple[str, float], ...]:

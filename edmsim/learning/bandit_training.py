@@ -63,14 +63,6 @@ class BanditSettings(Choices):
         return self.passes * len(self.settings)
 
 
-class About(NamedTuple):
-    """What a policy file says of its training."""
-
-    command: str
-    seed: int
-    steps: int
-
-
 class History(NamedTuple):
     """What was recorded on a training machine."""
 
@@ -115,13 +107,15 @@ class Prior(NamedTuple):
     breaks_s: float
 
 
-def card_of(env_id: str, settings: BanditSettings, prior: Prior, about: About) -> BanditCard:
-    """Return a policy with these settings and this prior."""
+def card_of(
+    env_id: str, settings: BanditSettings, prior: Prior, command: str, seed: int, steps: int
+) -> BanditCard:
+    """Return a policy with these settings and this prior, and by which command and segments it was trained."""
     choices = {name: getattr(settings, name) for name in Choices.model_fields}
     versions = {name: version(name) for name in ("edmsim", "numpy")}
     return BanditCard(
         format=bandit_file.FORMAT, env_id=env_id, environment={}, **choices, **prior._asdict(), drift=settings.drift,
-        algorithm="bandit", **about._asdict(), versions=versions,
+        algorithm="bandit", command=command, seed=seed, steps=steps, versions=versions,
     )  # fmt: skip
 
 
@@ -134,7 +128,7 @@ class Trier(BanditController):
     def __init__(self, env_id: str, settings: BanditSettings, seed: int) -> None:
         count = len(settings.settings)
         unknown = Prior([0.0] * 3 * count, np.eye(3 * count).tolist(), [1.0] * 3, 0.0, [0.0] * count, 1.0)
-        super().__init__(card_of(env_id, settings, unknown, About("", seed, 0)))
+        super().__init__(card_of(env_id, settings, unknown, "", seed, 0))
         self.rows: list[tuple[int, float, float]] = []  # setting, shares of opens and shorts
         self._random = np.random.default_rng(seed)
         self._order: list[int] = []
@@ -292,9 +286,9 @@ def train(
         )  # fmt: skip
     histories = [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
     command += f" --steps {machines * settings.segments} --seed {seed}{options}"
-    about = About(command, seed, sum(len(history.rows) for history in histories))
+    segments = sum(len(history.rows) for history in histories)
     known_as, _ = stand_in(*find(env_id))
-    return card_of(known_as, settings, prior_of(histories, settings), about)
+    return card_of(known_as, settings, prior_of(histories, settings), command, seed, segments)
 
 
 def _recorded(env_id: str, settings: BanditSettings, seed: int) -> dict[str, Any]:

@@ -40,8 +40,7 @@ LEAST_RATE = 0.02
 """What is left of the learning rate in the end (ours): it falls with the steps left, so that noise averages out."""
 
 
-# untyped where the extra is missing
-class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+class TaughtVecEnv(VecEnvWrapper):
     """Sub-environments, each with a teacher that observes every window; they record observations and its actions."""
 
     def __init__(self, venv: EdmVecEnv, teacher: str) -> None:
@@ -125,8 +124,7 @@ class _Follows(ABC):
         """Draw decisions, and return their rows and the policy's means."""
 
 
-# untyped where the extra is missing
-class Imitation(_Follows, PPO):  # type: ignore[misc, unused-ignore]
+class Imitation(_Follows, PPO):
     """A learner that cuts as PPO does, and follows a teacher in place of the reward."""
 
     def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -136,8 +134,7 @@ class Imitation(_Follows, PPO):  # type: ignore[misc, unused-ignore]
         return rows, gaussian.mean
 
 
-# untyped where the extra is missing
-class RecurrentImitation(_Follows, RecurrentPPO):  # type: ignore[misc, unused-ignore]
+class RecurrentImitation(_Follows, RecurrentPPO):
     """The same with an LSTM, which learns from whole rollouts and begins each with the memory that it had there.
 
     The memory of an old rollout is that of the network of then (Kapturowski et al., ICLR 2019, measure the effect).
@@ -171,8 +168,7 @@ class RecurrentImitation(_Follows, RecurrentPPO):  # type: ignore[misc, unused-i
         return rows, gaussian.mean
 
 
-# untyped where the extra is missing
-class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+class CostVecEnv(VecEnvWrapper):
     """Sub-environments whose rewards are less `multiplier` times their costs."""
 
     def __init__(self, venv: VecEnv, multiplier: float) -> None:
@@ -196,7 +192,7 @@ class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return observations, (rewards - self.multiplier * cost).astype(np.float32), done, infos
 
 
-class Multiplier(BaseCallback):  # type: ignore[misc, unused-ignore]
+class Multiplier(BaseCallback):
     """Raises the multiplier by `rate` per mean cost of a rollout's episodes beyond the limit, or lowers it."""
 
     def __init__(self, vec_env: CostVecEnv, limit: float, rate: float) -> None:
@@ -219,8 +215,7 @@ TRUTHS = ("gap_um", "wire_temperature_K", "debris", "error_um")
 """Entries of the last window's ``info`` that the critic observes; the episode's drawn constants follow."""
 
 
-# untyped where the extra is missing
-class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+class PrivilegedVecEnv(VecEnvWrapper):
     """Sub-environments that append the true state to the observations."""
 
     def __init__(self, venv: VecEnv) -> None:
@@ -260,7 +255,7 @@ class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return np.concatenate([observations, truths, self._constants], axis=1)
 
 
-class VisibleEntries(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
+class VisibleEntries(BaseFeaturesExtractor):
     """The first entries of an observation unchanged, and 0 in place of the others."""
 
     def __init__(self, observation_space: gym.spaces.Box[Any], entries: int) -> None:
@@ -274,7 +269,7 @@ class VisibleEntries(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore
         return observations * self.shown
 
 
-class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
+class AsymmetricPolicy(ActorCriticPolicy):
     """An actor-critic whose actor sees only the first `shown_entries` of an observation."""
 
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
@@ -289,8 +284,7 @@ class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
         return {**super()._get_constructor_parameters(), "shown_entries": self._shown_entries}
 
 
-# untyped where the extra is missing
-class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+class ResidualVecEnv(VecEnvWrapper):
     """Environments whose first action is added to the feed of a law (Johannink et al., ICRA 2019)."""
 
     def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:

@@ -1,4 +1,4 @@
-"""A trained policy as a feed controller, with the observations and actions of its environment."""
+"""A trained policy as a feed controller or who decides on passes, as in its environment."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us, to_detents
 from edmsim.envs.observation import EXACT
 from edmsim.envs.observation_builder import ObservationBuilder, window_of
+from edmsim.envs.part_task import Part
 from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE, SUB_ENV
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Polyline
-from edmsim.learning.policy_file import Policy
+from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
 from edmsim.snapshots import Snapshots
@@ -205,3 +206,28 @@ class PolicyController(Snapshots):
             with suppress(InputError):
                 self._setting_us = setting_us
                 break
+
+
+class PassPolicy:
+    """Decides on the passes of a part as a policy trained in Part does; see `edmsim.envs.pass_laws.PassLaw`."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.policy = policy
+        self._memory = policy.fresh_memory()
+
+    def begin(self) -> None:
+        """Begin a part."""
+        self._memory = self.policy.fresh_memory()
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the policy's action for an observation."""
+        action, self._memory = self.policy.act(observation, self._memory)
+        return action
+
+
+def passes_from_name(name: str) -> PassPolicy:
+    """Make it of a policy's file, or of a name under ``models/policies``."""
+    policy = load(name)
+    if not isinstance(policy.arguments(), Part):
+        raise InputError(f"the policy {name} was trained in {policy.card.env_id}: it decides on windows, not passes")
+    return PassPolicy(policy)

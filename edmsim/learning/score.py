@@ -27,22 +27,11 @@ RIVALS = ("counts", "voltage")
 RESOLUTIONS = ("fast", "default", "fine")
 
 
-class Measured(NamedTuple):
-    """What a policy's cuts are compared with, and at which resolutions."""
-
-    rivals: tuple[str, ...]
-    resolutions: tuple[str, ...]
-
-
-def measured_with(env_id: str) -> Measured:
+def measured_with(env_id: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return rivals and resolutions of an environment; parts and shifts take long, and are cut as they are learnt."""
     if is_part(env_id):
-        return Measured(("technology", "corrected"), ("fast",))
-    return Measured(("adaptive-hold",), ("fast",)) if _is_shift(env_id) else Measured(RIVALS, RESOLUTIONS)
-
-
-def _is_shift(env_id: str) -> bool:
-    return issubclass(find(env_id)[0], Shift)
+        return ("technology", "corrected"), ("fast",)
+    return (("adaptive-hold",), ("fast",)) if issubclass(find(env_id)[0], Shift) else (RIVALS, RESOLUTIONS)
 
 
 class Score(NamedTuple):
@@ -89,10 +78,10 @@ def measure(
     if episodes < 2:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more")
     scores = []
-    measured = measured_with(env_id)
-    for resolution in resolutions or measured.resolutions:
+    rivals, usual = measured_with(env_id)
+    for resolution in resolutions or usual:
         made_so_far = None if watch is None else partial(watch, f"{policy}, {resolution}")
-        results = run(env_id, [f"policy:{policy}", *measured.rivals], episodes, resolution, made_so_far, table=table)
+        results = run(env_id, [f"policy:{policy}", *rivals], episodes, resolution, made_so_far, table=table)
         scores += [score(made, resolution) for made in results.values()]
     return [row._replace(controller="policy") if row.controller.startswith("policy:") else row for row in scores]
 

@@ -179,8 +179,7 @@ def _begin(
     return Trained(run, parameters, *made, vec_env)
 
 
-# untyped where the extra is missing
-class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
+class _Keeper(BaseCallback):
     """Reports the progress of a training, and saves its last checkpoint atomically."""
 
     def __init__(self, trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None) -> None:

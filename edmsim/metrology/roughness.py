@@ -64,19 +64,28 @@ def ra_over_depth(seed: int = 0) -> float:
     draw = np.random.default_rng(seed)
     height = 1e-3 * draw.random((CELLS, CELLS))
     radius = CELLS_PER_DIAMETER / 2
-    reach = np.arange(-int(radius) - 1, int(radius) + 2)
     craters = round(LAYERS * CELLS**2 / (np.pi * radius**2))
     skipped = craters * LEFT_OUT // LAYERS
     total = 0.0
     for k in range(craters):
-        row, column = np.unravel_index(int(height.argmax()), height.shape)
-        down, right = reach[:, None] + draw.random() - 0.5, reach[None, :] + draw.random() - 0.5
-        bowl = np.sqrt(np.maximum(0.0, 1.0 - (down**2 + right**2) / radius**2))
-        around = np.ix_((row + reach) % CELLS, (column + reach) % CELLS)
-        height[around] = _cut(height[around], bowl)
+        _lay(height, radius, draw)
         if k >= skipped:
             total += float(np.abs(height - height.mean()).mean())
     return total / (craters - skipped)
+
+
+def _lay(
+    height: NDArray[np.float64], radius: float, draw: np.random.Generator, volume: float | None = None
+) -> None:
+    """Lay a crater of a radius (and volume), in cells, on the highest spot of a face that goes on at its edges."""
+    reach = np.arange(-int(radius) - 1, int(radius) + 2)
+    row, column = np.unravel_index(int(height.argmax()), height.shape)
+    down, right = reach[:, None] + draw.random() - 0.5, reach[None, :] + draw.random() - 0.5
+    bowl = np.sqrt(np.maximum(0.0, 1.0 - (down**2 + right**2) / radius**2))
+    if volume is not None:
+        bowl *= volume / bowl.sum()
+    around = np.ix_((row + reach) % len(height), (column + reach) % len(height))
+    height[around] = _cut(height[around], bowl)
 
 
 def _cut(surface: NDArray[np.float64], bowl: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -151,17 +160,7 @@ def face_roughness_um(
         across = max(float(diameter) / cell_um, FEWEST_CELLS)
         most = FACE_LAYERS * FACE_CELLS**2 / (math.pi * (across / 2) ** 2)
         count = min(max(share, 0.0) * (FACE_CELLS * cell_um) ** 2 / volume, most)
-        _lay(height, round(count), across, volume / cell_um**3, draw)
+        for _ in range(round(count)):
+            _lay(height, across / 2, draw, volume / cell_um**3)
         found.append(float(np.abs(height - height.mean()).mean()) * cell_um)
     return found
-
-
-def _lay(height: NDArray[np.float64], count: int, across: float, volume: float, draw: np.random.Generator) -> None:
-    """Lay craters of a diameter and a volume, in cells, on the highest spots of a face that goes on at its edges."""
-    reach = np.arange(-int(across / 2) - 1, int(across / 2) + 2)
-    for _ in range(count):
-        row, column = np.unravel_index(int(height.argmax()), height.shape)
-        down, right = reach[:, None] + draw.random() - 0.5, reach[None, :] + draw.random() - 0.5
-        bowl = np.sqrt(np.maximum(0.0, 1.0 - (down**2 + right**2) / (across / 2) ** 2))
-        around = np.ix_((row + reach) % FACE_CELLS, (column + reach) % FACE_CELLS)
-        height[around] = _cut(height[around], bowl * (volume / bowl.sum()))

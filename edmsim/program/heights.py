@@ -48,12 +48,6 @@ class Heights:
     # holds. Shapely polygons in mm of the program.
     areas: Sequence[tuple[shapely.Polygon, float]] = ()
 
-    @classmethod
-    def of(cls, height_mm: float, along: Sequence[Height], areas: Sequence[Area]) -> Heights:
-        """Check what a user gave: heights that machines take, lengths that rise, areas that are polygons."""
-        check_height(height_mm)
-        return cls(float(height_mm), checked_changes(along), checked_areas(areas))
-
     @property
     def all_mm(self) -> list[float]:
         """All heights, some perhaps more than once."""
@@ -115,7 +109,7 @@ class Heights:
 
 
 def checked_changes(value: Sequence[Height]) -> tuple[Height, ...]:
-    """Return changes of height over path length, checked; raises `InputError` as `Heights.of`."""
+    """Return changes of height over path length; raises `InputError` for lengths that do not rise, or odd heights."""
     before = -math.inf
     checked = []
     for place, height in (_pair(plain(item), "a path length") for item in value):
@@ -132,7 +126,7 @@ def checked_changes(value: Sequence[Height]) -> tuple[Height, ...]:
 
 
 def checked_areas(value: Sequence[Area]) -> tuple[tuple[shapely.Polygon, float], ...]:
-    """Return areas of another height, checked; raises `InputError` as `Heights.of`."""
+    """Return areas of another height; raises `InputError` for what is no polygon, or an odd height."""
     checked = []
     for number, (corners, height) in enumerate((_pair(item, "a polygon") for item in value), 1):
         check_height(height, f" of area {number}")

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from rich.console import RenderableType
 
+    from edmsim.cosim.passes import Sums
+
 
 class FigureKind(NamedTuple):
     """A number's unit (shares in ``%`` are stored as 0 to 1), meaning, decimals and name in a table of runs."""
@@ -450,21 +452,14 @@ class Totals:
 
     machining_time_s: float
     wall_time_s: float
-    # pulses by how they ended, all pulses of the generator, also those the analyser did not count
-    short: int
-    open: int
-    spark: int
-    arc: int
+    sums: Sums  # over all pulses of the generator, also those the analyser did not count
     path_length_mm: float
     # of the cut alone (`edmsim.recording.windows`): path length times the local height of the workpiece, and time
     cut_area_mm2: float
     cutting_time_s: float
-    energy: float  # of all discharges in J
     removed_mm3: float
-    vibration_um_rms: float  # of the wire's motion about its mean deflection
     feed_limit_um_s: float = math.nan
     limited_share: float = math.nan  # of the cut alone, at the greatest feed
-    equalising_J: float = 0.0  # from the supply of the equalising pulses
 
 
 def build_report(
@@ -472,8 +467,7 @@ def build_report(
     seed: int, settings: Mapping[str, Any], version: str,
 ) -> Report:
     """Return the report of a cut: `part` has the figures that were measured on the part."""
-    pulses = totals.short + totals.open + totals.spark + totals.arc
-    kinds = ("spark", "arc", "short", "open")
+    sums, pulses = totals.sums, totals.sums.pulses
     return replace(
         part, outcome=outcome, reason=reason,
         machining_time_s=totals.machining_time_s, wall_time_s=totals.wall_time_s,
@@ -485,17 +479,17 @@ def build_report(
         cutting_time_s=totals.cutting_time_s,
         cutting_rate_mm2_min=_rate(totals.cut_area_mm2, totals.cutting_time_s),
         overall_rate_mm2_min=_rate(totals.cut_area_mm2, totals.machining_time_s),
-        pulse_share=PulseShare(*(_ratio(getattr(totals, kind), pulses) for kind in kinds)),
+        pulse_share=PulseShare(*(_ratio(count, pulses) for count in (sums.spark, sums.arc, sums.short, sums.open))),
         wire=WireFigures(
-            _weighted(lag_along_um(windows), column(windows, "t_period_us")), totals.vibration_um_rms,
-            _most(windows, "wire_temperature_K"),
+            _weighted(lag_along_um(windows), column(windows, "t_period_us")),
+            math.sqrt(sums.vibration2_pulses / pulses) if pulses else None, _most(windows, "wire_temperature_K"),
         ),
         following_error_um=_following(windows),
         coverage=Coverage(_mean(windows, "coverage"), _most(windows, "coverage")),
-        energy_J=totals.energy, removed_mm3=totals.removed_mm3,
+        energy_J=sums.energy, removed_mm3=totals.removed_mm3,
         mean_current_A=_mean(windows, "mean_current_A"), mean_voltage_V=_mean(windows, "mean_voltage_V"),
         equalising=None if "net_voltage_V" not in windows.column_names else Equalising(
-            _mean(windows, "net_voltage_V"), _mean(windows, "equalising_W"), totals.equalising_J
+            _mean(windows, "net_voltage_V"), _mean(windows, "equalising_W"), sums.equalising_J
         ),
         seed=seed, settings=dict(settings), notices=list(notices), edmsim_version=version,
     )  # fmt: skip

@@ -12,6 +12,7 @@ shorts and dwells are. Every picture, figure and table takes that from here.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -28,8 +29,6 @@ from edmsim.snapshots import ArraySnapshots
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-
 
 THREADING_S = 1.0  # least time that it takes to thread a wire (ours)
 _JUMP_UM = 20.0
@@ -144,8 +143,6 @@ NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)  # names of al
 ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 """What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
 
-_BLOCK = 4096
-
 
 class WindowTable(ArraySnapshots, Observer):
     """Rows of a cut in progress, with `EQUALISING_COLUMNS` if the generator has such pulses; read at the end."""
@@ -156,11 +153,10 @@ class WindowTable(ArraySnapshots, Observer):
     def __init__(self, equalising: bool = False) -> None:
         self._more = EQUALISING_COLUMNS if equalising else ()
         self._width = len(ROW_NAMES) + len(self._more)
-        self._blocks: list[Floats] = []
-        self._used = _BLOCK
+        self._values = array("d")
 
     def __len__(self) -> int:
-        return (len(self._blocks) - 1) * _BLOCK + self._used if self._blocks else 0
+        return len(self._values) // self._width
 
     def window(self, turn: Turn, plant: PlantView) -> None:
         """Add a window of a cut."""
@@ -176,27 +172,16 @@ class WindowTable(ArraySnapshots, Observer):
 
     def append(self, row: Sequence[float]) -> None:
         """Add one window: the values of `ROW_NAMES`, then those of `EQUALISING_COLUMNS`, if the table has them."""
-        if self._used == _BLOCK:
-            self._blocks.append(np.empty((_BLOCK, self._width)))
-            self._used = 0
-        self._blocks[-1][self._used, :] = row
-        self._used += 1
+        self._values.extend(row)
 
     @property
     def rows(self) -> Floats:
         """A copy of all rows, columns as `append` takes them."""
-        if not self._blocks:
-            return np.empty((0, self._width))
-        return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
+        return np.array(self._values).reshape(-1, self._width)
 
     @rows.setter
     def rows(self, rows: Floats) -> None:
-        self._blocks = []
-        for start in range(0, len(rows), _BLOCK):
-            block = np.empty((_BLOCK, self._width))
-            block[: len(rows) - start] = rows[start : start + _BLOCK]
-            self._blocks.append(block)
-        self._used = len(rows) - (len(self._blocks) - 1) * _BLOCK if self._blocks else _BLOCK
+        self._values = array("d", rows.tobytes())
 
     def columns(self) -> dict[str, Floats]:
         """Return a copy of all columns by name."""

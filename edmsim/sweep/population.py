@@ -15,6 +15,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -126,10 +127,13 @@ def _run(folder: Path, plan: Plan, journal: RunTable, watch: Callable[[Populatio
 
 def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
     space = training_space(plan.algo)
-    drawn = {key: _domain(bound) for key, bound in space.items()}
+    drawn = {
+        key: (tune.loguniform if bound.scale == "log" else tune.uniform)(bound.low, bound.high)
+        for key, bound in space.items()
+    }
     scheduler = PopulationBasedTraining(
         time_attr="training_iteration", metric="score", mode="max", perturbation_interval=1, synch=True,
-        hyperparam_mutations=drawn, custom_explore_fn=_Within(space), log_config=False,
+        hyperparam_mutations=drawn, custom_explore_fn=partial(_clamped, space), log_config=False,
     )  # fmt: skip
     first = within(space, plan.parameters["algorithm"])
     return tune.Tuner(
@@ -146,19 +150,9 @@ def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
     )  # fmt: skip
 
 
-def _domain(bound: Bound) -> Any:
-    return (tune.loguniform if bound.scale == "log" else tune.uniform)(bound.low, bound.high)
-
-
-@dataclass(frozen=True)
-class _Within:
-    """Clamps explored values to the bounds of the search."""
-
-    space: Mapping[str, Bound]
-
-    def __call__(self, config: dict[str, Any]) -> dict[str, Any]:
-        clamped = {key: min(max(config[key], bound.low), bound.high) for key, bound in self.space.items()}
-        return {**config, **clamped}
+def _clamped(space: Mapping[str, Bound], config: dict[str, Any]) -> dict[str, Any]:
+    """Return explored values within the bounds of the search."""
+    return {**config, **{key: min(max(config[key], bound.low), bound.high) for key, bound in space.items()}}
 
 
 def _result_of(metrics: Mapping[str, Any]) -> PopulationResult:

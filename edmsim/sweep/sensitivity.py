@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -309,25 +309,22 @@ class Sensitivity:
     unexplained: float
 
 
-class VariedSetting(NamedTuple):
-    """A setting: its name, its value in each run, and whether numbers are only names, like those of machines."""
+def sensitivity(
+    settings: Mapping[str, Sequence[Any]], figure: NDArray[np.float64], names: Collection[str] = ()
+) -> Sensitivity:
+    """Return the sensitivity of a figure to settings, from their values per run; runs without it are left out.
 
-    name: str
-    values: Sequence[Any]
-    is_name: bool = False
-
-
-def sensitivity(settings: Sequence[VariedSetting], figure: NDArray[np.float64]) -> Sensitivity:
-    """Return the sensitivity of a figure to settings, from their values per run; runs without it are left out."""
+    The numbers of the settings in `names` are only names, like those of machines.
+    """
     known = np.isfinite(figure)
     values = figure[known]
-    factors = {s.name: _factor(s, known) for s in settings}
+    factors = {name: _factor(column, known, name in names) for name, column in settings.items()}
     differ = {name: factor for name, factor in factors.items() if factor.size > 1}
     shares = _shares(list(differ.values()), values)
     unknown = math.nan, math.nan
     pairs = dict(zip(differ, zip(shares.first_order, shares.total, strict=True), strict=True))
     effects = {
-        s.name: Effect(*pairs.get(s.name, unknown), _rank_correlation(factors[s.name], values)) for s in settings
+        name: Effect(*pairs.get(name, unknown), _rank_correlation(factor, values)) for name, factor in factors.items()
     }
     return Sensitivity(effects, shares.interactions, shares.unexplained)
 
@@ -342,10 +339,10 @@ def _shares(factors: list[Factor], values: NDArray[np.float64]) -> Shares:
     return fit(factors, values) if found is None else found
 
 
-def _factor(setting: VariedSetting, known: NDArray[np.bool_]) -> Factor:
+def _factor(column: Sequence[Any], known: NDArray[np.bool_], is_name: bool) -> Factor:
     """Return the levels of a setting in the runs whose figure is known."""
-    known_values = [value for value, is_known in zip(setting.values, known, strict=True) if is_known]
-    is_number = not setting.is_name and all(isinstance(value, int | float) for value in known_values)
+    known_values = [value for value, is_known in zip(column, known, strict=True) if is_known]
+    is_number = not is_name and all(isinstance(value, int | float) for value in known_values)
     keep_if = np.array(known_values, float) if is_number else np.array([str(value) for value in known_values])
     kinds, levels = np.unique(keep_if, return_inverse=True)
     return Factor(levels, len(kinds), is_number)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.evaluation.compare import Figure, mean
 from edmsim.sweep.run import FIGURES
-from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, VariedSetting, sensitivity
+from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, sensitivity
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -80,10 +80,8 @@ def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
     Constants of drawn machines count as settings if the sweep drew more machines than there are constants.
     Otherwise their effects cannot be separated, and the machine counts as one setting.
     """
-    settings = [
-        VariedSetting(name, table[name].to_pylist(), is_name=name == MACHINE) for name in _distinguishing(table)
-    ]
-    return {name: sensitivity(settings, _values(table, name)) for name in measured(table)}
+    settings = {name: table[name].to_pylist() for name in _distinguishing(table)}
+    return {name: sensitivity(settings, _values(table, name), [MACHINE]) for name in measured(table)}
 
 
 def _distinguishing(table: pa.Table) -> list[str]:

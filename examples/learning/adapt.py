@@ -29,7 +29,7 @@ from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 from edmsim.learning import bandit_file, bandit_training
 from edmsim.learning.bandit_controller import BanditController
-from edmsim.learning.bandit_training import About, BanditSettings, History
+from edmsim.learning.bandit_training import BanditSettings, History
 from edmsim.runs import RunTable, perform
 
 ENV_ID, FIRST_SEED, NEW_MACHINE = "edmsim/MaxRateShift-v0", 23_000, 24_000
@@ -82,8 +82,8 @@ def main() -> None:
     )  # fmt: skip
     histories = [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
     steps = sum(len(history.rows) for history in histories)
-    about = About("python " + " ".join(sys.argv), 0, steps)
-    card = bandit_training.card_of(ENV_ID, SETTINGS, bandit_training.prior_of(histories, SETTINGS), about)
+    prior, command = bandit_training.prior_of(histories, SETTINGS), "python " + " ".join(sys.argv)
+    card = bandit_training.card_of(ENV_ID, SETTINGS, prior, command, 0, steps)
     bandit_file.write(card, arguments.out / "policy.json")
     if arguments.watch:
         print("Rate beside that of setting 0, by what the policy knows of a new machine:")

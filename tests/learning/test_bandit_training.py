@@ -11,10 +11,9 @@ from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
 from edmsim.learning import bandit_file, bandit_training
 from edmsim.learning.bandit_file import Belief, Segment
-from edmsim.learning.bandit_training import About, History
+from edmsim.learning.bandit_training import History
 
 ENV_ID = "edmsim/MaxRateShift-v0"
-ABOUT = About("a test", 0, 0)
 SHIPPED = bandit_training.load(ENV_ID)
 COUNT = 6
 SETTINGS = SHIPPED.model_copy(update={"settings": SHIPPED.settings[:COUNT], "passes": 4})
@@ -56,7 +55,7 @@ def test_the_prior_is_what_machines_have_in_common():
 
 
 def test_with_the_prior_one_segment_tells_which_setting_pays():
-    card = bandit_training.card_of(ENV_ID, SETTINGS, bandit_training.prior_of(histories()[0], SETTINGS), ABOUT)
+    card = bandit_training.card_of(ENV_ID, SETTINGS, bandit_training.prior_of(histories()[0], SETTINGS), "", 0, 0)
     for short, best in ((0.2, {2, 3}), (0.4, {4, 5})):
         belief = Belief(card)
         belief.learn(0, Segment(6.0, 0.1, short))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
+from edmsim.cosim.passes import Sums
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CornerError
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
@@ -138,9 +139,9 @@ def cut():
     )  # fmt: skip
     arrow = table.to_arrow(4.0 * np.sin(np.arange(N_WINDOWS) / 200))
     totals = Totals(
-        machining_time_s=1650.0, wall_time_s=41.0, short=90_000, open=1_200_000, spark=1_650_000, arc=60_000,
-        path_length_mm=33.2, cut_area_mm2=33.2 * 20.0, cutting_time_s=1500.0, energy=1800.0, removed_mm3=205.0,
-        vibration_um_rms=0.8,
+        machining_time_s=1650.0, wall_time_s=41.0,
+        sums=Sums(90_000, 1_200_000, 1_650_000, 60_000, energy=1800.0, vibration2_pulses=0.64 * 3_000_000),
+        path_length_mm=33.2, cut_area_mm2=33.2 * 20.0, cutting_time_s=1500.0, removed_mm3=205.0,
     )  # fmt: skip
     part = Report(
         origin_mm=Origin(20.0, 20.0), kerf_um=Kerf(308.0, 301.0, 314.0),

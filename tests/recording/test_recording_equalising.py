@@ -118,7 +118,7 @@ def test_the_figure_has_a_second_voltage(equalised):
 
 
 def test_the_report_says_what_is_left_and_what_it_takes(equalised, cut):
-    totals = replace(cut.totals, equalising_J=2.5)
+    totals = replace(cut.totals, sums=replace(cut.totals.sums, equalising_J=2.5))
     report = build_report(
         cut.part, equalised.table, totals, outcome="finished", reason=None, notices=(), seed=1, settings={},
         version="0",

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from edmsim.cosim.passes import Sums
 from edmsim.recording.report import (
     Corner,
     Feed,
@@ -42,7 +43,7 @@ def text_of(report):
 
 
 def nothing_known():
-    totals = Totals(NAN, 0.0, 0, 0, 0, 0, NAN, 0.0, 0.0, 0.0, 0.0, NAN)
+    totals = Totals(NAN, 0.0, Sums(), NAN, 0.0, 0.0, 0.0)
     return made_of(
         totals, WindowTable().to_arrow(), offset=Offset(NAN, NAN, NAN), outcome="stopped", reason="persistent short",
         settings={"out": Path("x"), "t": NAN},
@@ -54,7 +55,7 @@ def of_windows(*rows, totals=None):
     table = WindowTable()
     for row in rows:
         table.append([row.get(name, 0.0) for name in ROW_NAMES])
-    return made_of(totals or Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0), table.to_arrow())
+    return made_of(totals or Totals(1.0, 1.0, Sums(spark=1), 1.0, 1.0, 1.0, 1.0), table.to_arrow())
 
 
 def made_of(totals, windows, offset=None, **changes):
@@ -67,13 +68,14 @@ def made_of(totals, windows, offset=None, **changes):
 MANY_WINDOWS = """
 import json
 import numpy as np, pyarrow as pa
+from edmsim.cosim.passes import Sums
 from edmsim.recording.report import Report, Totals, build_report
 from edmsim.recording.windows import WindowTable
 draw = np.random.default_rng(1)
 schema = WindowTable().to_arrow().schema
 columns = [pa.array(1e3 * draw.random(40_000)).cast(kind, safe=False) for kind in schema.types]
 windows = pa.table(columns, schema.names)
-totals = Totals(60.0, 1.0, 1, 1, 1, 1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+totals = Totals(60.0, 1.0, Sums(1, 1, 1, 1), 1.0, 1.0, 1.0, 1.0)
 more = dict(outcome="finished", reason=None, notices=(), seed=1, settings={}, version="0")
 print(json.dumps(dict(build_report(Report(), windows, totals, **more))))
 """
@@ -99,12 +101,12 @@ def test_derived_figures(cut):
     assert report["overall_rate_mm2_min"] == pytest.approx(33.2 * 20 / (1650 / 60))
     assert report["wire"]["lag_um"] == pytest.approx(4.0, abs=0.05)
     assert report["wire"]["temperature_K_max"] == pytest.approx(350, abs=0.1)
-    assert report["energy_J"] == totals.energy
+    assert report["energy_J"] == totals.sums.energy
     assert report["reason"] is None
 
 
 def test_means_are_weighted_by_the_time_a_window_takes():
-    limit = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, feed_limit_um_s=40.0, limited_share=1 / 3)
+    limit = Totals(1.0, 1.0, Sums(spark=1), 1.0, 1.0, 1.0, 1.0, feed_limit_um_s=40.0, limited_share=1 / 3)
     rows = [{"feed_um_s": u, "mean_current_A": u / 10, "t_period_us": t} for u, t in ((10.0, 100.0), (40.0, 50.0))]
     report = of_windows(*rows, totals=limit)
     assert report["feed_um_s"] == {
@@ -135,7 +137,7 @@ def test_what_could_not_be_obtained_is_null(tmp_path):
 
 
 def test_numpy_values_become_plain_json(cut, tmp_path):
-    totals = dataclasses.replace(cut.totals, energy=np.float64(3.5), spark=np.int64(10))
+    totals = dataclasses.replace(cut.totals, sums=Sums(spark=np.int64(10), energy=np.float64(3.5)))
     report = made_of(totals, cut.windows, settings={"sizes": np.array([1.0, np.nan])})
     write_json(report, tmp_path / "report.json")
     back = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from edmsim.sweep.sensitivity import VariedSetting, sensitivity
+from edmsim.sweep.sensitivity import sensitivity
 
 NAMES = "abcdefgh"
 
@@ -20,7 +20,7 @@ def sobol(dimensions, points, seed=1):
 
 
 def found(runs, figure):
-    return sensitivity([VariedSetting(n, column.tolist()) for n, column in zip(NAMES, runs.T, strict=False)], figure)
+    return sensitivity({n: column.tolist() for n, column in zip(NAMES, runs.T, strict=False)}, figure)
 
 
 def first(result):
@@ -102,7 +102,7 @@ def test_settings_that_only_change_together_are_not_parted():
 def test_a_setting_that_is_a_name_counts_by_its_names():
     runs = [(name, height) for name in ("counts", "voltage", "fixed") for height in (5, 10)]
     figure = np.array([{"counts": 3.0, "voltage": 0.0, "fixed": 3.0}[name] + height for name, height in runs])
-    settings = [VariedSetting("controller", [r[0] for r in runs]), VariedSetting("height_mm", [r[1] for r in runs])]
+    settings = {"controller": [r[0] for r in runs], "height_mm": [r[1] for r in runs]}
     result = sensitivity(settings, figure)
     assert first(result) == pytest.approx([2 / 8.25, 6.25 / 8.25])
     assert np.isnan(result.effects["controller"].rank_correlation)

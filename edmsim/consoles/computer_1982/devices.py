@@ -12,7 +12,7 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from edmsim.consoles.computer_1982.operation import Operation
@@ -112,12 +112,6 @@ class Pipe:
 
 class Keyboard(Pipe):
     """A person's terminal: characters come as they are typed, and nothing but the program echoes them."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return None
 
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:

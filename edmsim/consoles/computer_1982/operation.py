@@ -165,8 +165,8 @@ class Operation:
         """Start timers and generator along a path, after the settings before its first move."""
         self._check_still()
         route = lay_out(self.rig.computer.position, program, self.rig.unit_um)
-        while route.dues and not route.dues[0].path_um:
-            self.rig.set(route.dues.pop(0).setting)
+        while route.dues and not route.dues[0][0]:
+            self.rig.set(route.dues.pop(0)[1])
         self._check_pulses()
         self.rig.begin_cut(route)
 

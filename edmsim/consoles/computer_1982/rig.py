@@ -37,32 +37,18 @@ from edmsim.plant.window import PlantError
 Point = tuple[int, int]  # a place by the position counters, in um or steps
 
 
-class SettingChange(NamedTuple):
-    """A setting of a program and the length of path from which on it holds."""
-
-    path_um: float
-    setting: Setting
-
-
-class RouteMove(NamedTuple):
-    """A move of a program and the length of path up to its end."""
-
-    end_um: float
-    move: Move
-
-
 class Route(NamedTuple):
     """A program laid out from where the wire is."""
 
     corners: list[Point]
     lengths_um: list[float]  # length of path up to every corner but the first
-    dues: list[SettingChange]  # in order
-    moves: list[RouteMove]
+    dues: list[tuple[float, Setting]]  # settings in order, each behind the length of path from which on it holds
+    moves: list[tuple[float, Move]]  # each behind the length of path up to its end
 
     def move_at(self, path_um: float) -> Move:
         """Return the move that is under way."""
-        number = bisect_right([stretch.end_um for stretch in self.moves], path_um)
-        return self.moves[min(number, len(self.moves) - 1)].move
+        number = bisect_right([end_um for end_um, _ in self.moves], path_um)
+        return self.moves[min(number, len(self.moves) - 1)][1]
 
     def corner_ahead(self, path_um: float) -> Point:
         """Corner that the wire runs to."""
@@ -74,13 +60,13 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
     corners, lengths, dues, moves = [start], [0.0], [], []
     for entry in program:
         if isinstance(entry, Setting):
-            dues.append(SettingChange(lengths[-1], entry))
+            dues.append((lengths[-1], entry))
             continue
         for corner in _corners_of(corners[-1], entry):
             way = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
             lengths.append(lengths[-1] + unit_um * way)
             corners.append(corner)
-        moves.append(RouteMove(lengths[-1], entry))
+        moves.append((lengths[-1], entry))
     if not lengths[-1]:
         raise InputError("the wire is there already; give another new position")
     return Route(corners, lengths[1:], dues, moves)
@@ -443,9 +429,9 @@ class Rig:
     def _take_over(self, path_um: float) -> None:
         """Take over the program's settings that are due."""
         dues = self._route.dues
-        while dues and path_um >= dues[0].path_um:
+        while dues and path_um >= dues[0][0]:
             try:
-                self.set(dues.pop(0).setting)
+                self.set(dues.pop(0)[1])
             except InputError as error:
                 self.refuse(f"{error.reason}; the old setting stays")
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Self
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -53,12 +53,11 @@ class View(Keyboard):
         self._panel: Panel | None = None
         self._last_state: tuple[list[int], Status, bool] | None = None
 
-    def __enter__(self) -> Self:
-        self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._live.stop()
+    @contextmanager
+    def in_character_mode(self) -> Iterator[None]:
+        """Keep the panel, as long as characters are read one by one."""
+        with super().in_character_mode(), self._live:
+            yield
 
     def write(self, data: bytes) -> None:
         """Print finished lines above the panel; keep the begun one in it."""
@@ -559,7 +558,7 @@ def run(
             return begin(Pipe(interrupts), interrupts, speed=speed).run()
         keyboard = _screen(interrupts, view)
         session = begin(keyboard, interrupts, speed=speed or REAL_TIME, person=True)
-        with keyboard.in_character_mode(), keyboard:
+        with keyboard.in_character_mode():
             return session.run()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,10 +72,15 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
     """Draw the main series of the windows over machine time, one of `PANELS` on each of the axes."""
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
-    for axes, (label, draw) in zip(panels, PANELS.items(), strict=True):
+    for axes, (label, lines) in zip(panels, PANELS.items(), strict=True):
         quiet(axes)
         mark_pauses(axes, t_s, seconds, "threading" if axes is panels[0] else None)
-        draw(axes, t_s / seconds, windows)
+        if lines:
+            _draw_bands(axes, t_s / seconds, windows, lines)
+        else:
+            draw_shares(axes, t_s / seconds, windows)
+        if label.endswith("\nµm"):
+            axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
         _label(axes, label)
         axes.margins(x=0.005)
         axes.yaxis.set_label_coords(-0.052, 0.5)
@@ -96,10 +101,12 @@ def time_unit(longest_s: float) -> tuple[str, float]:
     return ("min", 60.0) if longest_s < 3 * 3600 else ("h", 3600.0)
 
 
-def _band(axes: Axes, t: Floats, values: Floats, windows: pa.Table, colour: str, label: str) -> None:
-    for number, band in enumerate(bands(t, values, column(windows, "t_s"))):
-        axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
-        axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=None if number else label)
+def _draw_bands(axes: Axes, t: Floats, windows: pa.Table, lines: Sequence[tuple[str, str, str]]) -> None:
+    for quantity, colour, name in lines:
+        values = lag_along_um(windows) if quantity == "lag_um" else column(windows, quantity)
+        for number, band in enumerate(bands(t, values, column(windows, "t_s"))):
+            axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
+            axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=None if number else name)
 
 
 def draw_shares(axes: Axes, t: Floats, windows: pa.Table, bins: int = BINS) -> None:
@@ -124,30 +131,13 @@ def _label(axes: Axes, label: str) -> None:
         )
 
 
-def _panel_feed(axes: Axes, t: Floats, windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "feed_um_s"), windows, palette.BLUE, "feed")
-
-
-def _panel_gap(axes: Axes, t: Floats, windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "gap_um"), windows, palette.BLUE, "gap")
-    _band(axes, t, lag_along_um(windows), windows, palette.ORANGE, "wire lag")
-    axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
-
-
-def _panel_error(axes: Axes, t: Floats, windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "error_um"), windows, palette.VERMILION, "error")
-    axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
-
-
-def _panel_wire(axes: Axes, t: Floats, windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "wire_temperature_K"), windows, palette.VERMILION, "wire")
-
-
-PANELS: dict[str, Callable[[Axes, Floats, pa.Table], None]] = {
-    "feed\nµm/s": _panel_feed, "pulses\n%": draw_shares, "gap, lag\nµm": _panel_gap,
-    "profile error\nµm": _panel_error, "wire temp.\nK": _panel_wire,
+PANELS = {
+    "feed\nµm/s": [("feed_um_s", palette.BLUE, "feed")], "pulses\n%": [],
+    "gap, lag\nµm": [("gap_um", palette.BLUE, "gap"), ("lag_um", palette.ORANGE, "wire lag")],
+    "profile error\nµm": [("error_um", palette.VERMILION, "error")],
+    "wire temp.\nK": [("wire_temperature_K", palette.VERMILION, "wire")],
 }  # fmt: skip
-"""Panels over machine time by their labels, from above."""
+"""Panels over machine time by their labels, from above: quantity, colour and name of each line; or shares."""
 
 
 Box = tuple[float, float, float, float]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -61,60 +61,35 @@ def sizes_of(scene: Scene, deflection_factor: float, end_s: float) -> Sizes:
 
 
 PROCESS: tuple[Plot, ...] = (
-    Plot(
-        "pulses",
-        "pulses, %",
-        (
-            Series("spark", "spark", CLASS_COLOURS["spark"]), Series("open", "open", CLASS_COLOURS["open"]),
-            Series("short", "short", CLASS_COLOURS["short"]), Series("arc", "arc", CLASS_COLOURS["arc"]),
-        ),
-    ),
+    Plot("pulses", "pulses, %", tuple(Series(name, name, colour) for name, colour in CLASS_COLOURS.items())),
     Plot("feed", "feed, µm/s", (Series("feed_um_s", "feed", palette.SKY),)),
-    Plot(
-        "gap",
-        "gap, wire lag, profile error, µm",
-        (
-            Series("gap_um", "gap", palette.SKY),
-            Series("lag_um", "wire lag", palette.ORANGE),
-            Series("error_um", "profile error", palette.VERMILION),
-        ),
-    ),
+    Plot("gap", "gap, wire lag, profile error, µm", (
+        Series("gap_um", "gap", palette.SKY), Series("lag_um", "wire lag", palette.ORANGE),
+        Series("error_um", "profile error", palette.VERMILION),
+    )),
     Plot("wire", "wire temperature, K", (Series("wire_temperature_K", "hottest place", palette.VERMILION),)),
     Plot("fluid", "debris, volume share", (Series("debris", "debris", palette.GREEN),)),
     Plot("gas", "gas on the wire's front, share", (Series("coverage", "mean over height", palette.SKY),)),
-)
+)  # fmt: skip
 """Views of the first tab."""
 
 ELECTRICAL: tuple[Plot, ...] = (
-    Plot(
-        "voltage",
-        "gap voltage, V",
-        (
-            Series("mean_voltage_V", "mean voltage", palette.SKY),
-            Series("net_voltage_V", "with equalising pulses", palette.ORANGE),
-        ),
-    ),
+    Plot("voltage", "gap voltage, V", (
+        Series("mean_voltage_V", "mean voltage", palette.SKY),
+        Series("net_voltage_V", "with equalising pulses", palette.ORANGE),
+    )),
     Plot("current", "gap current, A", (Series("mean_current_A", "mean current", palette.VERMILION),)),
-    Plot(
-        "times",
-        "ignition delay, on-time, period, µs",
-        (
-            Series("mean_delay_us", "ignition delay", palette.SKY),
-            Series("t_on_us", "on-time", palette.ORANGE),
-            Series("t_period_us", "period", palette.MUTED),
-        ),
-    ),
-    Plot(
-        "position",
-        "guides on the table, µm",
-        (Series("x_um", "X", palette.SKY), Series("y_um", "Y", palette.VERMILION)),
-    ),
-    Plot(
-        "following",
-        "following error of the drives, µm",
-        (Series("following_x_um", "X", palette.SKY), Series("following_y_um", "Y", palette.VERMILION)),
-    ),
-)
+    Plot("times", "ignition delay, on-time, period, µs", (
+        Series("mean_delay_us", "ignition delay", palette.SKY), Series("t_on_us", "on-time", palette.ORANGE),
+        Series("t_period_us", "period", palette.MUTED),
+    )),
+    Plot("position", "guides on the table, µm", (
+        Series("x_um", "X", palette.SKY), Series("y_um", "Y", palette.VERMILION),
+    )),
+    Plot("following", "following error of the drives, µm", (
+        Series("following_x_um", "X", palette.SKY), Series("following_y_um", "Y", palette.VERMILION),
+    )),
+)  # fmt: skip
 """Views of the second tab; ``net_voltage_V`` is there of generators with equalising pulses only."""
 
 
@@ -180,35 +155,47 @@ def workpiece_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial3DView:
         "base", "cross/**", "deflection", "axis", "table/carriage", "table/plate", "table/corners", "table/error/**",
         "table/starts", "table/stop", "table/cut/**", "table/nominal/bottom",
     )  # fmt: skip
-    return rrb.Spatial3DView(
-        origin=f"{prefix}/world",
-        contents=[f"{prefix}/world/**", *(f"- {prefix}/world/{part}" for part in hidden)],
-        name=name,
-        background=rrb.Background(color=palette.rgb(palette.INK)),
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(
-            position=(-0.45 * size, -0.6 * size, middle + 0.55 * size),
-            look_target=(0.0, 0.0, middle),
-            eye_up=(0.0, 0.0, 1.0),
-        ),
+    return _space_view(
+        f"{prefix}/world", name, hidden, (-0.45 * size, -0.6 * size, middle + 0.55 * size), (0.0, 0.0, middle),
         overrides={f"{prefix}/world/table/done": _history()},
-    )
+    )  # fmt: skip
 
 
 def _machine_view(sizes: Sizes) -> rrb.Spatial3DView:
     hidden = (
         "table/corners", "table/error/**", "table/done", "table/starts", "table/stop", "deflection", "axis", "guides",
     )  # fmt: skip
-    return rrb.Spatial3DView(
-        origin="world",
-        contents=["world/**", *(f"- world/{part}" for part in hidden)],
-        name=f"machine, mm (wire deflection × {sizes.deflection_factor:g})",
-        background=rrb.Background(color=palette.rgb(palette.INK)),
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(
-            position=(-300.0, -470.0, 240.0), look_target=(5.0, 40.0, -30.0), eye_up=(0.0, 0.0, 1.0)
-        ),
+    name = f"machine, mm (wire deflection × {sizes.deflection_factor:g})"
+    return _space_view("world", name, hidden, (-300.0, -470.0, 240.0), (5.0, 40.0, -30.0))
+
+
+def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
+    x0, y0, x1, y1 = sizes.x0_mm, sizes.y0_mm, sizes.x1_mm, sizes.y1_mm
+    middle = ((x0 + x1) / 2, (y0 + y1) / 2)
+    away = sizes.height_mm + 1.0 * max(x1 - x0, y1 - y0, 1.0)
+    hidden = ("carriage", "plate", "workpiece", "nominal/bottom", "cut/bottom", "cut/middle", "discharges")
+    name = (
+        f"part from above (deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g}, "
+        "at corners in µm)"
     )
+    return _space_view(
+        "world/table", name, hidden, (*middle, away), (*middle, sizes.height_mm), eye_up=(0.0, 1.0, 0.0),
+        more=("world/deflection", "world/axis"), overrides={"world/table/done": _history()},
+    )  # fmt: skip
+
+
+def _space_view(
+    origin: str, name: str, hidden: Sequence[str], position: tuple[float, float, float],
+    look_target: tuple[float, float, float], *, eye_up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    more: Sequence[str] = (), overrides: Any = None,
+) -> rrb.Spatial3DView:
+    """Return a view of what is logged under a place but for what is hidden, and of more."""
+    return rrb.Spatial3DView(
+        origin=origin, contents=[f"{origin}/**", *more, *(f"- {origin}/{part}" for part in hidden)], name=name,
+        background=rrb.Background(color=palette.rgb(palette.INK)), line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(position=position, look_target=look_target, eye_up=eye_up),
+        overrides=overrides,
+    )  # fmt: skip
 
 
 def gap_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial2DView:
@@ -226,25 +213,6 @@ def scope_view(prefix: str, name: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{prefix}/scope", name=name, background=rrb.Background(color=palette.rgb(palette.INK)),
         visual_bounds=rrb.VisualBounds2D(x_range=(-26.0, SCOPE_WIDTH + 10.0), y_range=(-6.0, high + 20.0)),
-    )
-
-
-def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
-    x0, y0, x1, y1 = sizes.x0_mm, sizes.y0_mm, sizes.x1_mm, sizes.y1_mm
-    middle = ((x0 + x1) / 2, (y0 + y1) / 2)
-    away = sizes.height_mm + 1.0 * max(x1 - x0, y1 - y0, 1.0)
-    hidden = ("carriage", "plate", "workpiece", "nominal/bottom", "cut/bottom", "cut/middle", "discharges")
-    return rrb.Spatial3DView(
-        origin="world/table",
-        contents=["world/table/**", "world/deflection", "world/axis", *(f"- world/table/{low}" for low in hidden)],
-        name=f"part from above (deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g}, "
-        "at corners in µm)",
-        background=rrb.Background(color=palette.rgb(palette.INK)),
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(
-            position=(*middle, away), look_target=(*middle, sizes.height_mm), eye_up=(0.0, 1.0, 0.0)
-        ),
-        overrides={"world/table/done": _history()},
     )
 
 
