@@ -191,10 +191,10 @@ def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
         raise InputError(f"the policy adds {laws[0]}, the training {laws[1]}: begin with the same residual")
     sees = [[entry.name for entry in each.entries()] for each in (theirs, family)]
     if sees[0] != sees[1] or meanings(theirs) != meanings(family):
-        has, wanted = (
+        has, expected = (
             f"{len(each.entries())} entries and sets {', '.join(each.action_names)}" for each in (theirs, family)
         )
-        raise InputError(f"the policy, of {card.env_id}, sees {has}; in the training a policy sees {wanted}")
+        raise InputError(f"the policy, of {card.env_id}, sees {has}; in the training a policy sees {expected}")
     shape, own = shape_in_words(card.widths, card.activation, card.lstm, card.output), network.words()
     if shape != own:
         raise InputError(f"the policy has {shape}; the learner has {own}: choose its algorithm and network so")
