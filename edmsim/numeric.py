@@ -122,11 +122,11 @@ def named_numbers(text: str, what: str) -> dict[str, float]:
 
 
 def listed(text: str) -> list[str]:
-    """Split a list at its commas, but for those between the numbers of a controller: ``a:x=1,y=2,b`` is two."""
+    """Split a list at its commas, but for those between the numbers of a controller: ``a:x=1,y=2,b,b`` is two."""
     pieces: list[str] = []
     for piece in text.split(","):
         if pieces and "=" in piece and ":" not in piece:
             pieces[-1] += f",{piece}"
         else:
             pieces.append(piece.strip())
-    return [piece for piece in pieces if piece]
+    return list(dict.fromkeys(piece for piece in pieces if piece))

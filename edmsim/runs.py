@@ -159,7 +159,7 @@ def perform(
     Parameters
     ----------
     watch : callable, optional
-        Called with the jobs done and to do.
+        Called with the jobs done and to do, first before any of them.
     engine : Engine, optional
         By default threads. For another one, `work` and the jobs must be picklable.
     table : RunTable, optional
@@ -182,11 +182,12 @@ def perform(
         return saved(numbered[0], work(numbered[1]))
 
     left = [numbered for numbered in enumerate(jobs) if numbered[0] not in answers]
+    watch = watch or (lambda *_: None)
+    watch(len(answers), len(jobs))  # the first job may take minutes
     found = Threads().done(made, left) if engine is None else _done_elsewhere(engine, work, left, saved)
     for (number, _), answer in found:
         answers[number] = answer
-        if watch is not None:
-            watch(len(answers), len(jobs))
+        watch(len(answers), len(jobs))
     return [answers[number] for number in range(len(jobs))]
 
 

@@ -17,7 +17,9 @@ def train(
     env_id: Environment,
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc, imitation or bandit.")] = "ppo",
-    steps: Annotated[int | None, typer.Option(help="Total number of steps; default by environment.")] = None,
+    steps: Annotated[
+        int | None, typer.Option(help="Total number of steps, rounded up to whole rollouts; default by environment.")
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Resume from the folder's checkpoint.")] = False,
     score: Annotated[
         int, typer.Option(metavar="EPISODES", help="Number of held-back episodes to score the policy; 0 for none.")
@@ -38,7 +40,7 @@ def train(
         str | None, typer.Option(metavar="POLICY", help="Start from this policy: policy:GapFeed-ppo, or policy:FILE.")
     ] = None,
     record_every: Annotated[
-        int | None, typer.Option(metavar="N", help="Record every N-th episode of the first sub-environment.")
+        int | None, typer.Option(metavar="N", min=1, help="Record every N-th episode of the first sub-environment.")
     ] = None,
     live: Annotated[bool, typer.Option("--live", help="Show them in rerun's viewer when they end.")] = False,
     safe: Annotated[

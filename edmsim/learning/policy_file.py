@@ -136,6 +136,10 @@ class Policy:
     biases: tuple[Floats, ...]  # (outputs,)
     lstm: Lstm | None = None  # LSTM before the layers; None if the policy has no LSTM
 
+    def __repr__(self) -> str:
+        """Return what it is in a line: the network's numbers would fill pages of a notebook."""
+        return f"<Policy of {self.card.env_id}: {self.card.algorithm}, {self.card.steps:,} steps>"
+
     @cached_property
     def _normal(self) -> tuple[Floats, Floats]:
         """Mean and scale of every entry."""

@@ -77,6 +77,9 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
     entry_count = len(arguments_with(env_id, **environment).entries())
     if vec_env.observation_space != model.observation_space or vec_env.action_space != model.action_space:
         raise InputError("the learner has other observations or actions than this environment: give its own")
+    trained_in = model.get_vec_normalize_env()
+    if trained_in is not None and trained_in.norm_obs and wrapped.normalise is None:
+        raise InputError("the learner has learned from normalised observations: give its environment in VecNormalize")
     weights, biases, lstm = _arrays(network, entry_count)
     packed = pack(weights, biases, lstm)
     mean, variance, epsilon, clip = _normalisation(wrapped.normalise, entry_count)
@@ -186,12 +189,15 @@ def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
         both = card.residual, wrapped.residual
         laws = [f"to {each.law} by {each.range_um_s:g} um/s" if each else "to no law" for each in both]
         raise InputError(f"the policy adds {laws[0]}, the training {laws[1]}: begin with the same residual")
+    sees = [[entry.name for entry in each.entries()] for each in (theirs, family)]
+    if sees[0] != sees[1] or meanings(theirs) != meanings(family):
+        has, expected = (
+            f"{len(each.entries())} entries and sets {', '.join(each.action_names)}" for each in (theirs, family)
+        )
+        raise InputError(f"the policy, of {card.env_id}, sees {has}; in the training a policy sees {expected}")
     shape, own = shape_in_words(card.widths, card.activation, card.lstm, card.output), network.words()
     if shape != own:
         raise InputError(f"the policy has {shape}; the learner has {own}: choose its algorithm and network so")
-    sees = [[entry.name for entry in each.entries()] for each in (theirs, family)]
-    if sees[0] != sees[1] or meanings(theirs) != meanings(family):
-        raise InputError(f"the policy, of {card.env_id}, sees or does something else than the training's environment")
     for name in SCALES:
         here, there = getattr(family, name, None), getattr(theirs, name, None)
         if here != there:
@@ -319,7 +325,10 @@ def around(vec_env: Any) -> Around:
             raise _unknown(env)
         env = env.env
     if not isinstance(env, EdmEnv):
-        raise InputError(f"{type(env).__name__} is not an environment of edmsim: make it by make_sb3_vec_env")
+        raise InputError(
+            f"{type(env).__name__} is not an environment of edmsim, or in other processes: give one of "
+            "make_sb3_vec_env with the same arguments"
+        )
     return Around(env.family, normalise, residual)
 
 

@@ -97,7 +97,7 @@ def train(
     resume : bool
         Whether to resume the folder's last checkpoint, with its hyperparameters.
     watch : callable, optional
-        Called with a `TrainingProgress` after every step of all sub-environments.
+        Called with a `TrainingProgress` at the start and after every step of all sub-environments.
     parameters : Hyperparameters, optional
         By default those of ``models/training``.
     callbacks : sequence of BaseCallback
@@ -188,11 +188,17 @@ class _Keeper(BaseCallback):
         self._every = max(trained.run.steps // CHECKPOINTS, 1)
         self._saved = trained.model.num_timesteps
 
-    def _on_step(self) -> bool:
+    def _on_training_start(self) -> None:
+        self._report()  # the first step of a part takes a minute
+
+    def _report(self) -> None:
         if self._watch is not None:
             returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
             mean = float(np.mean(returns)) if returns else float("nan")
             self._watch(TrainingProgress(self.model.num_timesteps, self._trained.run.steps, mean))
+
+    def _on_step(self) -> bool:
+        self._report()
         if self.model.num_timesteps - self._saved >= self._every:
             self.save()
         return True

@@ -304,4 +304,6 @@ def sweep(
             store.add(run, outcome)
             count(outcome.row["error"] is not None, 1)
             tell(now)
+        if not now.made:
+            tell(now)
         return now

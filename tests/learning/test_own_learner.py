@@ -77,6 +77,7 @@ def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp
     assert (card.env_id, card.environment) == ("edmsim/GapFeed-v2", {"height_mm": 5.0})
     assert (card.algorithm, card.clip, card.steps, card.seed) == (kind.removesuffix("-gsde"), 5.0, 32, 2)
     assert card.observation[0].mean == vec_env.obs_rms.mean[0]
+    assert repr(policy) == f"<Policy of edmsim/GapFeed-v2: {card.algorithm}, 32 steps>"
 
 
 @pytest.mark.slow
@@ -136,6 +137,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     twice = VecNormalize(VecNormalize(bare))
     refused(new("ppo", twice), twice, "normalised twice")
     refused(new("ppo", bare), make_sb3_vec_env("edmsim/GapFeed-v2", 2, history=2), "other observations or actions")
+    refused(new("ppo", VecNormalize(bare)), bare, "learned from normalised observations")
 
     class Halved(FlattenExtractor):
         def forward(self, observations):
@@ -151,7 +153,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     scaled = DummyVecEnv([lambda: gym.wrappers.RescaleAction(gym.make("edmsim/GapFeed-v2"), -1.0, 1.0)])
     refused(new("ppo", scaled), scaled, "RescaleAction around the environment")
     other = DummyVecEnv([lambda: gym.make("Pendulum-v1")])
-    refused(new("ppo", other), other, "PendulumEnv is not an environment of edmsim")
+    refused(new("ppo", other), other, "PendulumEnv is not an environment of edmsim, or in other processes")
     with pytest.raises(InputError, match=r"name the policy's file NAME\.json"):
         export_sb3(new("ppo", bare), bare, tmp_path / "policy.zip")
 
@@ -200,8 +202,9 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
     ("env_id", "algo", "policy", "options", "match"),
     [
         ("GapFeed", "sac", "GapFeed-ppo", {}, "output by clip; the learner has .* output by tanh"),
-        ("GapFeed", "recurrent-ppo", "GapFeed-ppo", {}, "the learner has an LSTM of 64 cells"),
-        ("Corner", "ppo", "GapFeed-ppo", {}, "of edmsim/GapFeed-v2, sees or does something else"),
+        ("GapFeed", "recurrent-ppo", "GapFeed-ppo", {}, "sees 46 entries and sets feed; .* sees 16 entries"),
+        ("Corner", "ppo", "GapFeed-ppo", {}, "of edmsim/GapFeed-v2, sees 46 .* sees 51 entries and sets target"),
+        ("GapFeed", "ppo", "Corner-lag", {}, "of edmsim/Corner-v3, sees .* sees 46 entries and sets feed"),
         ("GapFeed", "ppo", "GapFeed-ppo", {"residual": "voltage"}, "adds to no law, the training to voltage by 5"),
         ("GapFeed", "ppo", "GapFeed-ppo", {"privileged_critic": True}, "privileged critic"),
     ],
