@@ -17,7 +17,7 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
 from edmsim.plant.kernel.state import OPEN, PULSE, Timing
 from edmsim.plant.resolution import Resolution
-from edmsim.plant.window import PlantError
+from edmsim.plant.window import PlantError, forget_places
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 
 # Where the other side wants the axes: places, velocities or steps, made into motor steps frame by frame.
@@ -263,4 +263,5 @@ def _without_wire(window: PulseWindow, timing: Timing) -> NDArray[np.void]:
     pulses = np.zeros(window.pulses, PULSE)
     pulses["start_us"] = np.arange(window.pulses) * window.duration_ns * 1e-3 / window.pulses
     pulses["delay_us"], pulses["open_V"], pulses["kind"], pulses["slice"] = timing.wait_us, timing.open_V, OPEN, -1
+    forget_places(pulses)
     return pulses

@@ -32,7 +32,7 @@ from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.snapshot import check_snapshot, digest_of
-from edmsim.plant.window import PlantError, left_validity, pass_window, read_window, wrong_step
+from edmsim.plant.window import PlantError, forget_places, left_validity, pass_window, read_window, wrong_step
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
@@ -746,7 +746,9 @@ class Plant:
         """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""
         fired = sum(self._window["counts"][0].tolist()) if len(self._pulses) else 0
         # as bytes: numpy copies records field by field, which takes twenty times as long
-        return self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
+        pulses = self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
+        forget_places(pulses)  # the loop writes none, so a row would have that of an earlier window
+        return pulses
 
     def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
         """Return where a slice's wire was when its rays were last traced, and every ray's gap then (rays,).
