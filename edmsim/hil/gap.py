@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.straight import begin
-from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
@@ -141,6 +141,7 @@ def check_gap(machine: Machine, gap_um: float) -> None:
         raise InputError(f"the gap is 1 to {machine.wire_diameter_um:g} um, a wire's diameter, not {gap_um:g}")
 
 
+@methods_refuse_wrong_types
 class Gap:
     """A wire at the end of a short slot along +x, with commanded axes.
 
@@ -162,7 +163,6 @@ class Gap:
         Reason why the wire is lost; empty while there is a wire.
     """
 
-    @refuses_wrong_types
     def __init__(
         self, machine: Machine, seed: int = 0, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM
     ) -> None:
