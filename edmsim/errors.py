@@ -71,6 +71,10 @@ class InputError(EdmsimError):
         return f"{place}: {self.reason}" if place else self.reason
 
 
+class WrongTypeError(InputError):
+    """An argument of a type that the function cannot take; its caller may know it by another name."""
+
+
 class CombinationError(InputError):
     """Values that could each be used, but not together."""
 
@@ -93,12 +97,12 @@ def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Ar
     def run(*args: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
         try:
             return function(*args, **options)
-        except (AttributeError, LookupError, TypeError, ValueError):
+        except (AttributeError, LookupError, TypeError, ValueError, WrongTypeError):
             for name, value in (*zip(function.__code__.co_varnames, args, strict=False), *options.items()):
                 kind = _shown(function.__annotations__.get(name, "Any"))
                 if not _may_be(value, kind):
                     shown = one_line(repr(value), LONGEST_PLACE)
-                    raise InputError(f"{name} cannot be {shown}: give {kind}") from None
+                    raise WrongTypeError(f"{name} cannot be {shown}: give {kind}") from None
             raise
 
     return run
