@@ -231,12 +231,12 @@ def read_specification(file: str | Path) -> Specification:
 
 def _repeated(values: list[Any]) -> Any:
     """Return the first value that a list has twice; None if there is none."""
-    seen = set()
+    known = set()
     for value in values:
         key = value if isinstance(value, int | float) else repr(value)
-        if key in seen:
+        if key in known:
             return value
-        seen.add(key)
+        known.add(key)
     return None
 
 
