@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,9 +18,18 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import real
-from edmsim.user_code import UserObject, failure, run
+from edmsim.user_code import UserObject, failure, naming_failures, run
 
 NEEDED = ("name", "reset", "update", "snapshot", "restore")  # what a feed controller must offer
+_PROTOCOLS = (
+    protocols.FeedController, protocols.SeesTruth, protocols.KnowsSetup, protocols.KnowsPart, protocols.SeesBreaks,
+    protocols.DrivesSteps, protocols.HasSwitches,
+)  # fmt: skip
+_CALLED = tuple(
+    name for protocol in _PROTOCOLS for name, method in vars(protocol).items()
+    if inspect.isfunction(method) and name[0] != "_"
+)  # fmt: skip
+"""Methods of a controller that cuts and comparisons call."""
 
 
 def from_file(own: UserObject, parameters: dict[str, float]) -> protocols.FeedController:
@@ -38,7 +47,7 @@ def from_file(own: UserObject, parameters: dict[str, float]) -> protocols.FeedCo
             has = f"it has {', '.join(known)}" if known else "it has none"
             raise InputError(f"{own.name} has no parameter {parameter!r}; {has}", own.file)
     try:
-        return cast(protocols.FeedController, kind(**parameters))
+        return cast(protocols.FeedController, naming_failures(cast(Any, kind), own.file, _CALLED)(**parameters))
     except InputError:
         raise
     except Exception as error:

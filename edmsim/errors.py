@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
+from inspect import formatannotation, isfunction
 from numbers import Number
 from os import PathLike
 from pathlib import Path
@@ -36,6 +37,7 @@ _REASONS = {"missing": "missing", "extra_forbidden": "unknown", "model_type": "m
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
+_Class = TypeVar("_Class", bound=type)
 
 
 class EdmsimError(Exception):
@@ -69,6 +71,10 @@ class InputError(EdmsimError):
         return f"{place}: {self.reason}" if place else self.reason
 
 
+class WrongTypeError(InputError):
+    """An argument of a type that the function cannot take; its caller may know it by another name."""
+
+
 class CombinationError(InputError):
     """Values that could each be used, but not together."""
 
@@ -91,15 +97,28 @@ def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Ar
     def run(*args: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
         try:
             return function(*args, **options)
-        except (AttributeError, LookupError, TypeError, ValueError):
+        except (AttributeError, LookupError, TypeError, ValueError, WrongTypeError):
             for name, value in (*zip(function.__code__.co_varnames, args, strict=False), *options.items()):
-                kind = function.__annotations__.get(name, "Any")
+                kind = _shown(function.__annotations__.get(name, "Any"))
                 if not _may_be(value, kind):
                     shown = one_line(repr(value), LONGEST_PLACE)
-                    raise InputError(f"{name} cannot be {shown}: give {kind}") from None
+                    raise WrongTypeError(f"{name} cannot be {shown}: give {kind}") from None
             raise
 
     return run
+
+
+def methods_refuse_wrong_types(kind: _Class) -> _Class:
+    """Let all public methods of a class, and its making, do as `refuses_wrong_types` says."""
+    for name, method in [*vars(kind).items()]:
+        if isfunction(method) and (name == "__init__" or not name.startswith("_")):
+            setattr(kind, name, refuses_wrong_types(method))
+    return kind
+
+
+def _shown(annotation: object) -> str:
+    """Return an annotation as text, one that was evaluated without modules."""
+    return annotation if isinstance(annotation, str) else re.sub(r"\w+\.", "", formatannotation(annotation))
 
 
 _PLAIN = {"None", "Path", "bool", "float", "int", "str"}

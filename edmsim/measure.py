@@ -29,6 +29,7 @@ from edmsim.geometry import arc_lengths
 from edmsim.job.cut import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import ProfileError, profile_error, slice_heights_mm
+from edmsim.numeric import whole_from
 from edmsim.plant.axes.ways import StillTable
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import plan_path
@@ -260,7 +261,7 @@ def measure_table(
         raise InputError(f"an interval of {interval_mm:g} mm is not within 0.02..{travel_mm / 4:g} mm")
     if not 2 <= runs <= 100:
         raise InputError(f"{runs} runs are not within 2..100: a spread needs two")
-    bench = _Bench(machine, compensation, np.random.default_rng(seed))
+    bench = _Bench(machine, compensation, np.random.default_rng(whole_from("seed", seed, 0)))
     places = np.arange(interval_mm / 2, travel_mm, interval_mm)
     targets = np.array([bench.whole_steps(mm * 1e3) for mm in places])
     along = {}
@@ -475,6 +476,7 @@ def block(angle_deg: float) -> Program:
     return Program((outline,), (), "test block")
 
 
+@refuses_wrong_types
 def measure_guides(
     machine: Machine, angle_deg: float = 10.0, errors_mm: tuple[float, float] = (0.0, 0.0), *, seed: int = 0,
     resolution: str = "fast", watch: Callable[[Progress], None] | None = None,

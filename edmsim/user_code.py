@@ -5,15 +5,16 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from functools import cache, lru_cache, wraps
 from importlib import import_module
+from inspect import getattr_static, isfunction
 from pathlib import Path
 from traceback import extract_tb
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.files import read_text
 
 MAKERS: dict[str, str] = {}
@@ -71,7 +72,31 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
 
 
 def failure(error: Exception, file: str, what: str) -> InputError:
-    """Return an error of the user's code as one that names the line of the file at which it arose."""
+    """Return an error of the user's code as one that names the line of the file where it arose, and its callers."""
     place = str(Path(file).absolute())
-    lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == place]
-    return InputError(f"{what}: {type(error).__name__}: {error}", file, lines[-1] if lines else None)
+    frames = [frame for frame in extract_tb(error.__traceback__) if frame.filename == place]
+    callers = " from ".join(f"line {frame.lineno} in {frame.name}" for frame in reversed(frames[:-1]))
+    called = f"; {frames[-1].name} was called at {callers}" if callers else ""
+    said = f"{type(error).__name__}: {error}".removesuffix(": ")
+    return InputError(f"{what}: {said}{called}", file, frames[-1].lineno if frames else None)
+
+
+@cache
+def naming_failures(kind: Any, file: str, methods: tuple[str, ...]) -> Any:
+    """Return a user's class whose methods of these names fail with a `failure`."""
+
+    def naming(method: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(method)
+        def run(*args: Any, **options: Any) -> Any:
+            try:
+                return method(*args, **options)
+            except EdmsimError:
+                raise
+            except Exception as error:
+                raise failure(error, file, f"{kind.__name__}.{method.__name__} fails") from error
+
+        return run
+
+    found = {name: getattr_static(kind, name, None) for name in methods}
+    own = {name: naming(method) for name, method in found.items() if isfunction(method)}
+    return type(kind.__name__, (kind,), {"__module__": kind.__module__, "__doc__": kind.__doc__, **own})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import gc
 import sys
-from collections.abc import Callable
 from functools import partialmethod
 from importlib import resources
 from importlib.util import module_from_spec, spec_from_file_location
@@ -93,7 +92,6 @@ class Outcome(NamedTuple):
     err: str
 
 
-Run = Callable[..., Outcome]
 FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"]
 """What a cut writes."""
 

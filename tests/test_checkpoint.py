@@ -59,6 +59,7 @@ def assert_same(a, b):
     assert timeless(a.report) == timeless(b.report)
     np.testing.assert_equal(columns(a), columns(b))
     assert a.contour(0).equals(b.contour(0))
+    assert a.closeups.table().tobytes() == b.closeups.table().tobytes()
 
 
 @pytest.fixture(scope="module")

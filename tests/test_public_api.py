@@ -1,17 +1,30 @@
 """What users import: the agreed names, and an import that stays cheap."""
 
 import inspect
+import math
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 import edmsim
+from edmsim.axis_bench.bench import AxisBench
+from edmsim.controllers import axis
+from edmsim.hil.rig import Rig
+from edmsim.measure import measure_guides, measure_table
+from edmsim.program.path import plan_path
+from edmsim.program.tables import read_offsets
 
 HEAVY = ("rerun", "matplotlib", "torch", "numba", "mujoco", "scipy", "pyarrow", "ezdxf", "shapely", "pydantic")
+
+
+@pytest.fixture(scope="module")
+def plant():
+    return edmsim.Plant(edmsim.Machine.load(), resolution="fast")
 
 
 @pytest.mark.slow
@@ -42,10 +55,47 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else():
     (lambda: edmsim.Machine.load().sample(None, only=5), "rng cannot be None"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), drives=5), r"drives cannot be 5: give Mapping\[str, AxisDrive\]"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), seed=None), "seed is None"),
+    (lambda: edmsim.Machine.load().with_(pulse_shape=[]), r"unknown pulse shape '\[\]'"),
+    (lambda: Rig(5), r"board cannot be 5: give str \| Board"),
+    (lambda: axis.from_text("uhu").line("R"), "text cannot be 'R': give bytes"),
+    (lambda: measure_table(edmsim.Machine.load(), seed=-1), "seed is -1: give a whole number, 0 or more"),
+    (lambda: measure_guides(5), "machine cannot be 5: give Machine"),
+    (lambda: read_offsets(None), r"file cannot be None: give str \| Path"),
+    (lambda: plan_path(b"x", auto_offset_mm=0.1), r"file cannot be b'x': give str \| Path \| Program"),
 ])  # fmt: skip
 def test_an_argument_of_another_type_is_named(call, said):
     with pytest.raises(edmsim.InputError, match=said):
         call()
+
+
+@pytest.mark.parametrize(("call", "said"), [
+    (lambda plant: plant.drift(5), "machine cannot be 5: give Machine"),
+    (lambda plant: plant.walls_um(99), "slice_index is 99: give a whole number from 0 to 4"),
+    (lambda plant: plant.walls_um(-1), "slice_index is -1"),
+    (lambda plant: plant.switch_generator(""), "on is '': give True or False"),
+    (lambda plant: plant.set_generator([], 100.0), r"t_on_us cannot be \[\]: give float"),
+])  # fmt: skip
+def test_a_plant_that_refused_an_argument_goes_on_as_before(plant, call, said):
+    before = plant.snapshot()
+    with pytest.raises(edmsim.InputError, match=said):
+        call(plant)
+    plant.restore(before)
+    np.testing.assert_equal(plant.snapshot(), before)
+    assert plant.machine.t_on_us == edmsim.Machine.load().t_on_us
+
+
+@pytest.mark.parametrize("text", [5, None, []])
+def test_a_serial_line_takes_texts(text):
+    rig = Rig("spark")
+    for line in (rig.send, rig.move, rig.board.line):
+        with pytest.raises(edmsim.InputError, match=r"text cannot be .*: give str"):
+            line(text)
+    with pytest.raises(edmsim.InputError, match="seconds is nan"):
+        rig.run(math.nan)
+    bench = AxisBench({"x": axis.from_text("uhu")})
+    for send in (bench.send, bench.talk):
+        with pytest.raises(edmsim.InputError, match=r"data cannot be .*: give bytes"):
+            send("a" if text is None else text)
 
 
 def test_errors_that_no_argument_explains_stay_as_they_are():

@@ -16,6 +16,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
 from edmsim.controllers.axis.parameters import WORD, Command, LineEditor, ServoChip, command_in, lines_of
+from edmsim.errors import methods_refuse_wrong_types
 
 # The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
 
@@ -460,6 +461,7 @@ def _servo_module(drive_at: Any, axis_at: Any) -> None:
     drive.lines = _lines(reg)
 
 
+@methods_refuse_wrong_types
 class ServoModule(ServoChip):
     r"""The servo processor module on an axis.
 

@@ -17,6 +17,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
 from edmsim.controllers.axis.parameters import LineEditor, ServoChip, command_in, lines_of, number_in
+from edmsim.errors import methods_refuse_wrong_types
 
 DATA = data_of("uhu")
 
@@ -209,6 +210,7 @@ def _period_ns(cycle: int) -> tuple[int, int]:
     return num // common, den // common
 
 
+@methods_refuse_wrong_types
 class Uhu(ServoChip):
     r"""A UHU servo controller.
 

@@ -169,7 +169,7 @@ def main() -> None:
         board = leaderboard(BOARD)
     except EdmsimError as error:
         parser.error(str(error))
-    PAGE.write_text(page([board[env_id] for env_id in env_ids() if env_id in board]), encoding="utf-8")
+    PAGE.write_text(page([board[of] for env_id in env_ids() for of in board if of[0] == env_id]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ EDGES_UM = (-100.0, 0.0, 20.0, 60.0, 100.0)  # places of the guides behind the c
 
 def errors() -> str:
     """Return every controller's error, in um and in parts of the constant's, its time and return."""
-    results = leaderboard(DOCS / "leaderboard.jsonl")[ENV_ID].results
+    results = leaderboard(DOCS / "leaderboard.jsonl")[ENV_ID, "fast"].results
     errors_um = {name: np.array([cut.error_um for cut in cuts]) for name, cuts in results.items()}
     there = np.isfinite(list(errors_um.values())).all(axis=0)
     constant_um = errors_um[lines_of(ENV_ID).blind][there]

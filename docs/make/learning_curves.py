@@ -72,7 +72,8 @@ def on_grid(curves: list[np.ndarray], column: int = 1) -> tuple[np.ndarray, np.n
 def lines_to_draw(task: str) -> dict[str, float]:
     """Return the mean returns of a task's two reference lines and of its best classic law, by their labels."""
     env_id = env_id_of(task)
-    figures, lines = leaderboard(ROOT / "docs" / "leaderboard.jsonl")[env_id].figures, lines_of(env_id)
+    board, lines = leaderboard(ROOT / "docs" / "leaderboard.jsonl"), lines_of(env_id)
+    figures = board[env_id, "fast"].figures
     ends = lines.blind, lines.reference
     laws = [name for name in figures if name not in ends and not name.startswith("policy:")]
     best = max(laws, key=lambda name: figures[name]["score"].value)

@@ -13,7 +13,7 @@ from edmsim.axis_bench.serial_link import SerialLink
 from edmsim.compiled import axis_rows
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.axes.board import fault_net_low, hold_in_reset
@@ -51,6 +51,7 @@ def _switch(row: np.void, field: str, bits: int, on: bool) -> None:
     row[field] = row[field] | bits if on else row[field] & ~bits
 
 
+@methods_refuse_wrong_types
 class AxisBench:
     """Axes with drives on a bench. A method's optional axis is by default the first one.
 
@@ -165,7 +166,7 @@ class AxisBench:
 
     def send(self, data: bytes, axis: str = "") -> None:
         """Send bytes to a drive at the terminal's baud, after those still in transmission."""
-        self._line(axis).to_drive.put(data, self._now_ns)
+        self._line(axis).to_drive.put(bytes(memoryview(data)), self._now_ns)  # no text, number or list
 
     def sending(self, axis: str = "") -> bool:
         """Return whether bytes to a drive are in transmission."""

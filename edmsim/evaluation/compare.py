@@ -155,8 +155,8 @@ def _result_of(row: Mapping[str, Any]) -> Result:
 CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # what the rows of a table of cuts must have
 
 
-def leaderboard(file: Path) -> dict[str, Comparison]:
-    """Return the comparisons that a table of cuts holds, by environment id; none if there is no such file.
+def leaderboard(file: Path) -> dict[tuple[str, str], Comparison]:
+    """Return the comparisons of a table of cuts, by environment id and resolution; none if there is no such file.
 
     Of a cut that was made again the last one counts. A comparison has the seeds of its references; a controller
     without cuts of all of them is left out.
@@ -180,7 +180,7 @@ def leaderboard(file: Path) -> dict[str, Comparison]:
         if seeds:
             complete = {name: made[name] for name in sorted(made) if made[name].keys() >= set(seeds)}
             results = {name: [by_seed[seed] for seed in seeds] for name, by_seed in complete.items()}
-            found[env_id] = Comparison.of(env_id, resolution, seeds, results)
+            found[env_id, resolution] = Comparison.of(env_id, resolution, seeds, results)
     return found
 
 

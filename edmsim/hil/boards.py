@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, methods_refuse_wrong_types, one_of
 from edmsim.hil.gap import Frame, Output
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
@@ -135,6 +135,7 @@ def _whole(text: str) -> int:
     return max(-(2**31), min(2**31 - 1, int(found[1]))) if found else 0
 
 
+@methods_refuse_wrong_types
 class PowercoreV3(Board):
     """Powercore V3: lines at 115,200 baud, FEEDBACK and enable."""
 
@@ -354,6 +355,7 @@ _FRAME_US = 5000.0  # pulses of a frame take about that long (ours: hosts poll a
 _WATER_C = 25  # temperature of the heatsink that the register shows (ours: the board's cooling is not modelled)
 
 
+@methods_refuse_wrong_types
 class Pulser(Board):
     """The board's registers, each of a byte; `enabled` is the level of GATE, without which no current flows."""
 

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.straight import begin
-from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
 from edmsim.plant.kernel.state import OPEN, PULSE, Timing
 from edmsim.plant.resolution import Resolution
-from edmsim.plant.window import PlantError
+from edmsim.plant.window import PlantError, forget_places
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.snapshots import ArraySnapshots, with_prefix
 
@@ -132,6 +132,7 @@ def check_gap(machine: Machine, gap_um: float) -> None:
         raise InputError(f"the gap is 1 to {machine.wire_diameter_um:g} um, a wire's diameter, not {gap_um:g}")
 
 
+@methods_refuse_wrong_types
 class Gap:
     """A wire at the end of a short slot along +x, with commanded axes.
 
@@ -153,7 +154,6 @@ class Gap:
         Reason why the wire is lost; empty while there is a wire.
     """
 
-    @refuses_wrong_types
     def __init__(
         self, machine: Machine, seed: int = 0, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM
     ) -> None:
@@ -253,4 +253,5 @@ def _without_wire(window: PulseWindow, timing: Timing) -> NDArray[np.void]:
     pulses = np.zeros(window.pulses, PULSE)
     pulses["start_us"] = np.arange(window.pulses) * window.duration_ns * 1e-3 / window.pulses
     pulses["delay_us"], pulses["open_V"], pulses["kind"], pulses["slice"] = timing.wait_us, timing.open_V, OPEN, -1
+    forget_places(pulses)
     return pulses

@@ -4,15 +4,18 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from edmsim.errors import methods_refuse_wrong_types
 from edmsim.hil.boards import Board, make_board
 from edmsim.hil.gap import AXES, Frame, Gap
 from edmsim.machine.machine import Machine
+from edmsim.numeric import finite
 
 MOST_LINE = 127  # longest line in bytes (Powercore V3)
 _MOST_STEPS = 100_000
 _MOST_HZ = 1000.0
 
 
+@methods_refuse_wrong_types
 class Rig:
     r"""A board, the gap it fires into, and the axes.
 
@@ -67,7 +70,7 @@ class Rig:
 
     def run(self, seconds: float) -> None:
         """Run frames for some machine time."""
-        until_s = self.time_s + seconds
+        until_s = self.time_s + finite("seconds", seconds, 0.0)
         while self.time_s < until_s:
             self.frame()
 

@@ -15,6 +15,8 @@ from typing_extensions import TypedDict
 
 from edmsim.envs.registry import arguments_with, base_of, find
 from edmsim.errors import InputError, invalid_entry, located, one_of
+from edmsim.evaluation.episode import ORACLE
+from edmsim.evaluation.lines import lines_of
 from edmsim.files import read_toml
 from edmsim.numeric import Number, WholeNumber, real
 
@@ -136,6 +138,8 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
     own = folder / f"{base_of(family)}-{algo}.toml"
     file = own if own.is_file() else folder / f"{algo}.toml"
     ours = tomllib.loads(file.read_text(encoding="utf-8"))
+    if algo == "imitation" and file is not own and (reference := lines_of(env_id).reference) != ORACLE:
+        ours["teacher"] = reference  # the oracle is the best of several cuts, which no learner can follow
     known = {one.name for one in fields(family)} - set(registered)  # type: ignore[arg-type]
     left = {name: value for name, value in ours["environment"].items() if name in known}
     usual = Hyperparameters.model_validate({**ours, "environment": left})

@@ -12,7 +12,7 @@ from edmsim.controllers.user_controllers import rehearsed
 from edmsim.envs.environment import check_acts
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.task import Family
-from edmsim.errors import InputError
+from edmsim.errors import InputError, located
 from edmsim.evaluation.episode import is_part
 from edmsim.learning.hyperparameters import REPLAYS, Hyperparameters
 from edmsim.learning.policy_file import Residual
@@ -61,7 +61,8 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
     if not isinstance(family, Family):
         return
     if parameters.teacher is not None:
-        check_acts(family, parameters.teacher)
+        with located(name="teacher"):
+            check_acts(family, parameters.teacher)
     residual = residual_of(parameters)
     if residual is not None:
         commands = rehearsed(residual.make, family.greatest_feed_um_s)

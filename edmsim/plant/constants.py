@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from edmsim.machine import setting
 from edmsim.machine.machine import Machine, mjcf_version
+from edmsim.machine.parts import Part
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
@@ -94,14 +95,14 @@ def _kerf_um(machine: Machine) -> float:
     return machine.wire_diameter_um + 2 * machine.base.dielectric.side_gap_um.value
 
 
+def _same_names(part: Part) -> dict[str, Any]:
+    """Return the constants of a part that the loop takes as they are, by the same names."""
+    return {name: constant.value for name, constant in part if name in Constants._fields}
+
+
 def constants(machine: Machine, res: Resolution) -> Constants:
     """Numbers of the loop that do not depend on the generator's setting."""
     base, water, spark = machine.base, machine.base.dielectric, machine.base.discharge
-    parts = (base.gap, spark, base.gas, base.cooling, base.table, machine.wire)
-    # those that the loop takes as they are, by the same names
-    same_names: dict[str, Any] = {
-        name: constant.value for part in parts for name, constant in part if name in Constants._fields
-    }
     radius = machine.wire_diameter_um / 2
     slice_um = machine.height_mm * 1e3 / res.slices
     slice_m = slice_um * 1e-6
@@ -109,7 +110,9 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
     flow, wake, bends = flushing(machine), _wake_jets(machine), setting.guide_bends(machine)
     return Constants(
-        **same_names,
+        # part by part, so that a name which two of them have is an error
+        **_same_names(base.gap), **_same_names(spark), **_same_names(base.gas), **_same_names(base.cooling),
+        **_same_names(base.table), **_same_names(machine.wire),
         radius_um=radius,
         slice_um=slice_um,
         cell_um=res.cell_um,

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
-from edmsim.errors import InputError, one_of, refuses_wrong_types
+from edmsim.errors import InputError, methods_refuse_wrong_types, one_of
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
-from edmsim.numeric import finite, whole_from
+from edmsim.numeric import finite, whole_from, whole_within
 from edmsim.plant import constants
 from edmsim.plant.axes import faults
 from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
@@ -32,7 +32,7 @@ from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.snapshot import check_snapshot, digest_of
-from edmsim.plant.window import PlantError, left_validity, pass_window, read_window, wrong_step
+from edmsim.plant.window import PlantError, forget_places, left_validity, pass_window, read_window, wrong_step
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
@@ -58,6 +58,7 @@ def shapes() -> list[tuple[int, int, int, bool]]:
     ]
 
 
+@methods_refuse_wrong_types
 class Plant:
     """A wire-EDM machine at work.
 
@@ -92,7 +93,6 @@ class Plant:
     255
     """
 
-    @refuses_wrong_types
     def __init__(
         self,
         machine: Machine,
@@ -189,7 +189,6 @@ class Plant:
             self._grid_us = setting.timing.grid_us
             constants.fill_propagators(self._propagators, self._model, setting.timing)
 
-    @refuses_wrong_types
     def reset(
         self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None,
         machine: Machine | None = None,
@@ -236,7 +235,6 @@ class Plant:
             raise InputError(f"position_um, X {x:g} Y {y:g} um, is not on the table of 0 to {travel_um:g} um")
         return place
 
-    @refuses_wrong_types
     def change_setup(self, machine: Machine) -> None:
         """Continue with another setting of the same machine, as for the next pass.
 
@@ -276,6 +274,7 @@ class Plant:
             The plant's, with another dielectric and other nozzle pressures; the present pulse setting stays.
         """
         now = self.machine
+        machine.with_pulses(now.t_on_us, now.t_period_us)  # refused before anything is changed
         self._first_machine = machine
         self._take_constants()
         self._set(now.t_on_us, now.t_period_us, self._setting.on)
@@ -303,7 +302,9 @@ class Plant:
         With the generator stopped, windows keep their length and table and wire move, without voltage or current. A
         window then counts opens, and shorts where the wire touches.
         """
-        self._set(self.machine.t_on_us, self.machine.t_period_us, on)
+        if on not in (True, False):
+            raise InputError(f"on is {on!r}: give True or False")
+        self._set(self.machine.t_on_us, self.machine.t_period_us, bool(on))
 
     def rethread(self, position_um: Sequence[float], duration_ns: int) -> float:
         """Cut the wire, move to another place with the generator off, and thread a new wire there.
@@ -337,7 +338,6 @@ class Plant:
             self._arrays.table_q[:] = table_q  # steps once lost stay lost
         return late_s
 
-    @refuses_wrong_types
     def take_metal(self, metal: KerfField) -> None:
         """Continue with a copy of the remaining metal of another cut, with as many slices and as large cells.
 
@@ -382,7 +382,6 @@ class Plant:
         self._pulses = np.zeros(WINDOW_PULSES, loop.PULSE)
         self._memory.put_own(pulses=self._pulses)
 
-    @refuses_wrong_types
     def advance(self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES) -> PulseWindow:
         """Fire 255 pulses, or fewer.
 
@@ -444,7 +443,6 @@ class Plant:
         """
         self._state["broken"] = loop.BARE
 
-    @refuses_wrong_types
     def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
         """Fire one pulse, for studies of single pulses; breaks of the wire are not checked.
 
@@ -532,7 +530,6 @@ class Plant:
         state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._setting.on], np.float64)
         return state
 
-    @refuses_wrong_types
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Load a `snapshot` of a plant with the same set-up and resolution; others raise `InputError`."""
         check_snapshot(state, self.snapshot(), self._sizes)
@@ -746,12 +743,15 @@ class Plant:
         """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""
         fired = sum(self._window["counts"][0].tolist()) if len(self._pulses) else 0
         # as bytes: numpy copies records field by field, which takes twenty times as long
-        return self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
+        pulses = self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
+        forget_places(pulses)  # the loop writes none, so a row would have that of an earlier window
+        return pulses
 
     def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
         """Return the place of a slice's wire when its rays were last traced, and every ray's gap then (rays,).
 
         Ray ``k`` looks along the angle ``2 pi k / rays``; one that met no metal within reach has a gap beyond 1e6.
         """
+        whole_within("slice_index", slice_index, 0, self.resolution.slices - 1)
         x, y = self._arrays.reference_um[:, slice_index]
         return (float(x), float(y)), self._arrays.edge_um[slice_index].copy()

@@ -90,6 +90,14 @@ def read_window(row: memoryview) -> PulseWindow:
     )  # fmt: skip
 
 
+def forget_places(pulses: NDArray[np.void]) -> None:
+    """Give pulses without a place (rows of `state.PULSE`) no gap and no ray, too."""
+    nowhere = pulses["slice"] < 0
+    for name in ("gap_um", "x_um", "y_um"):
+        pulses[name][nowhere] = np.nan
+    pulses["ray"][nowhere] = -1
+
+
 def left_validity(status: int, window: PulseWindow, time_s: float, commanded_um: tuple[float, float]) -> PlantError:
     """Return the error that tells why a window did not begin, or how, when and where it left the model's range."""
     if status == BROKEN:

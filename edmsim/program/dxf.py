@@ -25,7 +25,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError, located
+from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.program import entities
 from edmsim.program.limits import MOST_POINTS, check_contours, check_count, check_points, check_size
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, refuse_self_crossing, signed_area
@@ -400,6 +400,7 @@ UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "mil": 9, "um": 13}  # name
 LEAST_EXTENT_MM = 0.5  # a drawing that spans less has another unit (ours: nothing smaller is cut with a wire)
 
 
+@refuses_wrong_types
 def read_dxf(
     file: str | Path, layers: Sequence[str] = (), unit: str | None = None, without: str | None = None
 ) -> Program:

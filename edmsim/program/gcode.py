@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError, located
+from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.program import dialects
 from edmsim.program.arcs import rounding_of
 from edmsim.program.blocks import (
@@ -493,6 +493,7 @@ def _part_side(edge: NDArray[np.float64], closed: bool, side: Side | None, appro
     return "left" if (signed_area(edge) > 0) != from_inside else "right"
 
 
+@refuses_wrong_types
 def read_gcode(
     file: str | Path, ignore: Sequence[str] = (), offsets: Mapping[str, float] | None = None,
     dialect: str = dialects.AUTO, conditions: Mapping[str, Mapping[str, float]] | None = None,

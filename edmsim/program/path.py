@@ -12,9 +12,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from edmsim.errors import InputError, located
+from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
+from edmsim.numeric import whole_from
 from edmsim.program.dialects import AUTO
 from edmsim.program.limits import MOST_TABLES
 from edmsim.program.offset import (
@@ -34,6 +35,7 @@ from edmsim.program.tables import GREATEST_MM, in_um
 from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
 
 
+@refuses_wrong_types
 def ruled_between(below: Program, above: Program) -> Program:
     """Return the program whose walls are ruled between the contours of two, the lower and the upper face."""
     # every contour below goes with the one above whose middle is nearest; lines and arcs go with each other in
@@ -91,6 +93,7 @@ def _spread(points: Floats, chords: int) -> Floats:
 GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")  # read as G-code; ``.dxf`` is a drawing
 
 
+@refuses_wrong_types
 def load_program(
     file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None,
     offsets: str | Path | None = None, upper_layer: str | None = None, dialect: str = AUTO,
@@ -305,6 +308,7 @@ class _Lead:
     lines: tuple[int, ...]
 
 
+@refuses_wrong_types
 def plan_path(
     file: str | Path | Program,
     offset: float | str = "auto",
@@ -368,7 +372,7 @@ def plan_path(
     InputError
         If an input is invalid, the wire does not fit, an approach crosses the part, or the job is too large.
     """
-    chosen_mm = _offset_mm(offset, auto_offset_mm)
+    chosen_mm, grid_um = _offset_mm(offset, auto_offset_mm), whole_from("grid_um", grid_um, 1)
     for name, value in (("lead_in_mm", lead_in_mm), ("start_hole_radius_mm", start_hole_radius_mm)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: give a length above 0 mm")

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.files import read_toml
 from edmsim.numeric import real
 from edmsim.program.dialects import Dialect
@@ -23,6 +23,7 @@ def register(letter: str, number: str | float) -> str:
     return f"{letter}{int(number)}"
 
 
+@refuses_wrong_types
 def read_offsets(file: str | Path) -> dict[str, float]:
     """Read a table of offsets: lines like ``D1 = 0.155`` in mm; ``#`` begins a comment.
 
@@ -184,6 +185,7 @@ def _number(name: str, column: str, text: str) -> float:
         raise InputError(f"the condition {name} has {text[:12]!r} for {column}: write a number") from None
 
 
+@refuses_wrong_types
 def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
     """Read settings of machining conditions from TOML.
 

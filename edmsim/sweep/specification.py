@@ -175,6 +175,12 @@ class Specification(BaseModel, extra="forbid", frozen=True):
     def _check(self) -> Specification:
         if bool(self.program) == bool(self.environment):
             raise InputError("a sweep is of programs or of environments: give either program or environment")
+        lists: dict[str, list[Any]] = {
+            "program": self.program, "environment": self.environment, "seeds": self.seeds, **self.grid,
+        }  # fmt: skip
+        for name, values in lists.items():
+            if (twice := _repeated(values)) is not None:
+                raise InputError(f"{name} has {twice!r} twice: a sweep makes every run once")
         if not self.seeds:
             raise InputError("a sweep without seeds has no run: give a number of them, or a list")
         for file in self.program:
@@ -221,6 +227,17 @@ def read_specification(file: str | Path) -> Specification:
         raise error if error.file else InputError(error.reason, file) from None
     except RecursionError:
         raise InputError("its tables stand too deep within each other", file) from None
+
+
+def _repeated(values: list[Any]) -> Any:
+    """Return the first value that a list has twice; None if there is none."""
+    known = set()
+    for value in values:
+        key = value if isinstance(value, int | float) else repr(value)
+        if key in known:
+            return value
+        known.add(key)
+    return None
 
 
 def _is_file(name: str) -> bool:

@@ -195,6 +195,24 @@ def test_a_file_that_cannot_be_run_is_one_line(law, text, message):
         from_text(f"{law.parent / 'none.py'}:Half")
 
 
+def test_an_error_in_a_method_is_one_line_with_the_users_frames(law):
+    law.write_text(LAW.replace("(1 - window.short / 255)", "rest(window)") + """
+
+def rest(window):
+    return 1 / (255 - window)
+""")
+    controller = from_text(f"{law}:Half")
+    assert controller == from_text(f"{law}:Half")
+    controller.reset(30.0)
+    with pytest.raises(InputError) as error:
+        controller.update(255)
+    assert str(error.value) == (
+        f"{law}:36: Half.update fails: ZeroDivisionError: division by zero; rest was called at line 19 in update"
+    )
+    with pytest.raises(InputError, match=r"law.py:25: Half.restore fails: KeyError: 'most'$"):
+        controller.restore({})
+
+
 @pytest.mark.slow
 def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(law, small_punch, tmp_path):
     out = tmp_path / "out"

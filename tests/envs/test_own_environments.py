@@ -18,7 +18,6 @@ from edmsim.errors import InputError
 from edmsim.evaluation import compare, episode
 from edmsim.job.cut import cut
 from edmsim.learning import hyperparameters, policy_file
-from tests.conftest import Run
 
 BEND = '''\
 from dataclasses import dataclass
@@ -170,7 +169,7 @@ def test_registered_arguments_stay_where_controllers_are_compared_and_policies_t
 
 
 @pytest.mark.slow
-def test_controllers_are_compared_in_it(bend: str, edmsim: Run) -> None:
+def test_controllers_are_compared_in_it(bend, edmsim):
     shown = edmsim("evaluate", bend, "--controllers", "voltage", "--seeds", 2, "--resolution", "fast", "--json")
     (found,) = json.loads(shown.out)
     assert found["env_id"] == BEND_ID
@@ -181,8 +180,8 @@ def test_controllers_are_compared_in_it(bend: str, edmsim: Run) -> None:
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
 @pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="the extra rl is not installed")
 def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
-    bend: str, small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch, short_training: None
-) -> None:
+    bend, small_punch, tmp_path, edmsim, monkeypatch, short_training
+):
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
     assert edmsim("train", bend, "--steps", 64, "--score", 2, "--out", tmp_path / "bend").status == 0
     gym.registry.pop(BEND_ID)

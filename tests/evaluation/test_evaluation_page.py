@@ -9,7 +9,7 @@ BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.jsonl"
 
 
 def test_a_page_has_the_table_and_a_row_of_the_figure_for_every_controller(tmp_path):
-    made = leaderboard(BOARD)["edmsim/GapFeed-v2"]
+    made = leaderboard(BOARD)["edmsim/GapFeed-v2", "fast"]
     file = tmp_path / "new" / "compared.md"
     write_page(file, [made])
     text = file.read_text(encoding="utf-8")

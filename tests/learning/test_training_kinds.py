@@ -188,9 +188,16 @@ def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, optio
 
 
 def test_a_teacher_without_a_target_is_none_for_a_servo(short_training, tmp_path):
-    with pytest.raises(InputError, match="voltage holds no share of open pulses"):
+    with pytest.raises(InputError, match=r"^teacher: voltage holds no share of open pulses"):
         exported(tmp_path / "out", "edmsim/Corner-v3", "imitation", teacher="voltage")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("env_id", "teacher"), [
+    ("edmsim/MaxRate-v1", "heat-oracle"), ("edmsim/MaxRateShift-v0", "adaptive-hold"), ("edmsim/Trim-v1", "voltage"),
+])  # fmt: skip
+def test_the_usual_teacher_is_a_tasks_reference_unless_that_rehearses(env_id, teacher):
+    assert hyperparameters.load(env_id, "imitation").teacher == teacher
 
 
 @pytest.mark.slow

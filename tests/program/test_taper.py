@@ -83,6 +83,16 @@ def test_guides_stand_where_the_wire_would_pass_them():
     assert np.abs(gaps - OFFSET * 1e3 / math.cos(math.radians(3.0))).max() < 2.0
 
 
+@pytest.mark.parametrize("turned_deg", [30.0, 45.0])
+def test_the_slant_of_a_wall_is_across_its_path_in_any_direction(turned_deg):
+    turned = square(3.0)
+    cosine, sine = math.cos(math.radians(turned_deg)), math.sin(math.radians(turned_deg))
+    turned = replace(turned, points_mm=turned.points_mm @ np.array([(cosine, sine), (-sine, cosine)]))
+    contour = plan_path(Program((turned,), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES]).contours[0]
+    slant = contour.way.slant[contour.lead_in_moves :]
+    np.testing.assert_allclose(slant, 1 / math.cos(math.radians(3.0)), atol=1e-5)
+
+
 def test_the_bend_of_guides_is_where_stiffness_and_edge_put_it():
     guides = GUIDES._replace(stiff_mm=1.4, radius_mm=2.0)
     slope = np.array([[math.tan(math.radians(30.0)), 0.0], [0.0, 0.0]])

@@ -86,7 +86,8 @@ def test_seeds_of_environments_are_those_held_back():
     ({"settings": {"gap.colour": 5}}, "gap.critical_um"),
     ({"settings": {"wire.stress_MPa": 5}}, "tension"),
     ({"settings": {"gap.critical_um": "wide"}}, "wide"),
-    ({"seeds": [0, -1]}, "seeds.1 cannot be -1"),
+    ({"seeds": [0, -1]}, "seeds.1 cannot be -1"), ({"seeds": [1, 2, 1]}, "seeds has 1 twice"),
+    ({"grid": {"height_mm": "5,5:20:5"}}, "height_mm has 5 twice"), ({"grid": {"height_mm": [5, 5.0]}}, "5.0 twice"),
     ({"sobol": {"samples": 6, "ranges": {"tension": [8, 12]}}}, "4 or 8"),
     ({"sobol": {"samples": 4, "ranges": {"tension": [12, 8]}}}, "[low, high]"),
     ({"sobol": {"samples": 4, "ranges": {"tension": "range"}}}, "published range"),
@@ -102,6 +103,7 @@ def test_what_is_no_sweep_is_refused_in_one_line(line, options, named):
 
 @pytest.mark.parametrize(("options", "named"), [
     ({"machine_samples": 2}, "randomise"), ({"recordings": "all"}, "no recordings"),
+    ({"environment": ["edmsim/GapFeed-v2"] * 2}, "environment has 'edmsim/GapFeed-v2' twice"),
     ({"settings": {"colour": 1}}, "colour"), ({"settings": {"gap.critical_um": 5}}, "randomise"),
     ({"grid": {"weights.colour": [1]}}, "weights has no entry 'colour'"),
     ({"grid": {"machine.wire": ["brass-200"]}, "settings": {"machine": "production"}}, "give one of them"),

@@ -20,7 +20,7 @@ from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.controllers.axis.eanpos.moves import warn
 from edmsim.controllers.axis.eanpos.sample import eanpos_sample, start_refused
 from edmsim.controllers.axis.parameters import Registers
-from edmsim.errors import InputError
+from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.numeric import whole
 
 ALIASES = {
@@ -139,6 +139,7 @@ def _holds(reg: NDArray[np.int64], condition: str) -> bool:
     return bool(fulfilled[condition])
 
 
+@methods_refuse_wrong_types
 class Eanpos:
     """A positioner on an axis.
 

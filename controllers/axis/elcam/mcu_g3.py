@@ -18,7 +18,7 @@ from edmsim.compiled.axis_rows import SampleFunction, carray, sample
 from edmsim.controllers.axis.drive import axis_row, new_record
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.table import DATA, Function, Mode, blend
-from edmsim.errors import InputError
+from edmsim.errors import InputError, methods_refuse_wrong_types
 
 CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9  # interpolator's cycle
 
@@ -67,6 +67,7 @@ class ControlAxis:
         self.setpoint += self.velocity * dt
 
 
+@methods_refuse_wrong_types
 class MotionControl:
     """Axes under one control.
 
