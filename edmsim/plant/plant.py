@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
-from edmsim.errors import InputError, one_of, refuses_wrong_types
+from edmsim.errors import InputError, one_of, refuse_unknown, refuses_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
@@ -106,8 +106,7 @@ class Plant:
     ) -> None:
         if isinstance(machine, str):
             raise InputError(f"a plant takes a machine, not its name: edmsim.Machine.load({machine!r})")
-        if mechanics not in MECHANICS:
-            raise InputError(f"unknown mechanics '{mechanics}'; there are: {one_of(mechanics, MECHANICS)}")
+        refuse_unknown("mechanics", mechanics, MECHANICS)
         self.mechanics = mechanics
         self.resolution = res = named_resolution(resolution)
         coordinates = _coordinates(res, mechanics)
