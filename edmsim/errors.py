@@ -157,6 +157,13 @@ def one_of(name: object, known: Iterable[str], listed: Iterable[str] | None = No
     return ", ".join(by_lower.values() if listed is None else listed) + hint
 
 
+def refuse_unknown(what: str, name: object, known: Iterable[str], file: str | Path | None = None) -> None:
+    """Refuse a name that is not among those there are."""
+    names = [*known]
+    if name not in names:
+        raise InputError(f"unknown {what} {name!r}; there are: {one_of(name, names)}", file)
+
+
 def one_line(text: str, longest: int = LONGEST_REASON) -> str:
     """Return a message as one line of at most ``longest`` characters; what cannot be shown becomes a blank."""
     shown = text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)

@@ -17,7 +17,7 @@ from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from edmsim.errors import InputError, invalid_entry, one_of
+from edmsim.errors import InputError, invalid_entry, one_of, refuse_unknown
 from edmsim.machine.machine import Machine
 from edmsim.numeric import keep_plain, real, whole
 from edmsim.numeric import plain as plain_number
@@ -107,12 +107,6 @@ def check_kinds(record: object) -> None:
             *first, last = (_SAID.get(kind) or kind.__name__ for kind in kinds)
             said = f"{', '.join(first)} or {last}" if first else last
             raise InputError(f"{name} is {value!r}: give {said} ({meaning})")
-
-
-def refuse_unknown(name: str, value: str, known: Sequence[str]) -> None:
-    """Refuse an argument that is not among those there are."""
-    if value not in known:
-        raise InputError(f"unknown {name} {value!r}; there are: {one_of(value, known)}")
 
 
 def ends_of(name: str, value: Range) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import key_of
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import servo
@@ -16,7 +17,6 @@ from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.observation_builder import ObservationBuilder
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.reward import StepRewards
-from edmsim.envs.step_info import STEP_INFO, fill
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.machine.machine import Machine
@@ -42,6 +42,62 @@ def observation_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
 def reward_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
     """Return the space of rewards: as many as objectives, or one."""
     return gym.spaces.Box(-np.inf, np.inf, (len(family.objectives) or 1,), np.float32)
+
+
+STEP_INFO = np.dtype(
+    [
+        ("time_s", "f8"),  # machine time at the end of the step
+        ("dt_s", "f8"),  # that of the step
+        ("path_um", "f8"),  # length of path behind the wire by the planner, over all legs
+        ("feed_um_s", "f8"),
+        ("offset_um", "f8"),
+        ("t_on_us", "f8"),
+        ("t_period_us", "f8"),
+        ("energy_mJ", "f8"),  # of a discharge of the setting
+        ("short", "i8"),  # pulses of the step by class
+        ("open", "i8"),
+        ("spark", "i8"),
+        ("arc", "i8"),
+        ("gap_um", "f8"),  # mean of the last window's ignitions; -1 without any, as checkers take no NaN for another
+        ("wire_temperature_K", "f8"),  # greatest of the last window
+        ("debris", "f8"),  # at its end
+        ("error_um", "f8"),  # distance of the wire from the path at its end
+        ("area_mm2", "f8"),  # cut in the step
+        ("wires_lost", "i8"),  # in the episode
+        ("cost", "f8"),  # of the step
+    ]
+)
+"""Numbers of `info` at every step; a real machine does not measure all of them."""
+
+
+@exactly_compiled
+def fill_infos(
+    rows: NDArray[np.void], states: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void],
+    accounts: NDArray[np.void], infos: NDArray[np.void],
+) -> None:
+    """Write `STEP_INFO` (n,) of all sub-environments, from the records of their plants, observations and rewards."""
+    for i in range(infos.shape[0]):
+        info, row, window, sums, account = infos[i], rows[i], windows[i], shown[i], accounts[i]
+        setting_us, ignitions = row.setting_us, window.ignitions
+        info.time_s = states[i].time_ns * 1e-9
+        info.dt_s = row.step_ns * 1e-9
+        info.path_um = row.before_um + row.path_um
+        info.feed_um_s = row.feed_um_s
+        info.offset_um = row.offset_um
+        info.t_on_us = setting_us[0]
+        info.t_period_us = setting_us[1]
+        info.energy_mJ = row.energy_mJ
+        info.short = sums.short
+        info.open = sums.open
+        info.spark = sums.ignited - sums.arc
+        info.arc = sums.arc
+        info.gap_um = window.gap_um / ignitions if ignitions > 0 else -1.0
+        info.wire_temperature_K = window.temperature_max_K
+        info.debris = window.debris
+        info.error_um = row.error_um
+        info.area_mm2 = account.area_mm2
+        info.wires_lost = row.wires_lost
+        info.cost = account.cost
 
 
 class Batch:
@@ -190,7 +246,7 @@ class Batch:
         """
         sub_envs, fleet = self.sub_envs, self.sub_envs.fleet
         step: NDArray[np.void] = np.empty(sub_envs.count, STEP_INFO)
-        fill(sub_envs.rows, fleet.states, fleet.windows, self.builder.sums, self.account.rows, step)
+        fill_infos(sub_envs.rows, fleet.states, fleet.windows, self.builder.sums, self.account.rows, step)
         return {
             **{name: step[name] for name in STEP_INFO.names or ()},
             "reward_terms": self.account.terms,

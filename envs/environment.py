@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
 from edmsim.controllers.user_controllers import rehearsed
-from edmsim.envs.arguments import checked_actions, checked_options, plain, refuse_unknown
+from edmsim.envs.arguments import checked_actions, checked_options, plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import EnvArguments, Family
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuse_unknown
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import whole_from

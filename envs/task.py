@@ -24,13 +24,12 @@ from edmsim.envs.arguments import (
     ends_of,
     machine_of,
     record_of,
-    refuse_unknown,
     shows_arguments,
 )
 from edmsim.envs.observation import EXACT, Entry, Sensors, entries
 from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario, draw_machine, names_of
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.machine.machine import Machine
 from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.plant import MECHANICS

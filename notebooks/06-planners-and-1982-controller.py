@@ -177,7 +177,7 @@ computer.start(generator=False)
 computer.move_to(1040, 2010)
 steps = computer.run_until(3_000_000_000)
 for name, address in (("PORT2A, V(t(i))", PORT2A), ("PORT2B, V(t(p))", PORT2B), ("PORT2C, the lines", PORT2C)):
-    print(f"{name:20} {address:04X}H  {computer.read(address):02X}H")
+    print(f"{name:20} {address:04X}H  {computer.bus.read(address):02X}H")
 print(f"{len(steps)} steps in {steps[-1].time_ns * 1e-6:.0f} ms, position now {computer.position}")
 print(f"spent {computer.t_states} T-states: {1e3 * duration_s(computer.t_states):.1f} ms")
 

@@ -137,6 +137,11 @@ class ServoChip(ABC):
         changed: dict[str, Any] = {names.get(key.upper(), key): value for key, value in changes.items()}
         return cls(axis_row(axis), {**tuned[axis], **fitted, **changed})
 
+    @property
+    def _reg(self) -> NDArray[np.int64]:
+        registers: NDArray[np.int64] = self.record["reg"][0]
+        return registers
+
 
 # The code of a drive's words in its EEPROM: a checksum, and every half byte as an extended Hamming word.
 # Ten words make 42 bytes, so three banks of the UHU's parameters fill 126 of the ATtiny2313's 128 bytes. The manual
@@ -176,11 +181,6 @@ def _nearest(byte: int) -> tuple[int, int]:
 _DECODE = tuple(_nearest(byte) for byte in range(256))
 
 
-def size_of(n_words: int) -> int:
-    """Return the bytes that some words take in the EEPROM."""
-    return 2 * (2 * n_words + 1)
-
-
 def encode(words: Sequence[int], *, false_checksum: bool = False) -> bytes:
     """Return the EEPROM's code of words (0 to 65535); a new UHU has a false checksum (row U-28)."""
     plain = bytearray(itertools.chain.from_iterable(word.to_bytes(2, "big") for word in words))
@@ -217,7 +217,6 @@ _RUB_OUT = b"\b \b"
 LONGEST = 32
 """Characters of a line (ours; the longest command that means something has seven). A longer line is spoilt."""
 _COMMAND = re.compile(r"([^0-9])(-?[0-9]+)?")
-_NUMBER = re.compile(r"-?[0-9]+")
 
 
 class Command(NamedTuple):
@@ -275,8 +274,3 @@ def command_in(text: str) -> Command | None:
     """Return the command that a line holds, None if it holds no command: ``P600`` is ``Command("P", 600)``."""
     found = _COMMAND.fullmatch(text)
     return Command(found[1], None if found[2] is None else int(found[2])) if found else None
-
-
-def number_in(text: str) -> int | None:
-    """Return the whole number that a line is, None if it is not one."""
-    return int(text) if _NUMBER.fullmatch(text) else None

@@ -505,10 +505,10 @@ class ServoModule(ServoChip):
         self.extensions["saturating_arithmetic"] = 1
         self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
-        self.record["eeprom"][0, : N_IMAGE] = list(parameters.encode(words_of(self.record["reg"][0])))
+        self.record["eeprom"][0, : N_IMAGE] = list(parameters.encode(words_of(self._reg)))
 
     def _fresh(self, words: Sequence[int] = DELIVERED) -> NDArray[np.void]:
-        record = new_record((1, 1))
+        record = new_record()
         reg = record["reg"][0]
         reg[list(PARAMETERS)] = words
         reg[OFFSET] = wrapped(reg[OFFSET], 16)
@@ -516,33 +516,33 @@ class ServoModule(ServoChip):
         reg[list(CHIP)] = _CHIP["duty_centre"], _CHIP["greatest_clamp"], round(_BITS_OF_A_BYTE * 1e9 / _CHIP["baud"])
         put_duty(reg, 0)
         record["delay_ns"], record["pwm_ns"] = _CHIP["calculation_ns"], _CHIP["duty_period_ns"]
-        record["num"], record["den"] = _period(reg)
+        record["num"] = _period_ns(reg)
         record["count_rate_Hz"] = _count_rate(reg)
         return record
 
     @property
     def counts_per_step(self) -> float:
         """Encoder counts per step edge, X + 1."""
-        reg = self.record["reg"][0]
+        reg = self._reg
         return float((reg[MULTIPLIER] + 1) * reg[STEP_SENSE] * reg[ENCODER_SENSE])
 
     @property
     def recording(self) -> bool:
         """Whether the recorder fills its memory or sends it; not before its trigger, or with the loop off."""
-        reg = self.record["reg"][0]
+        reg = self._reg
         fills = bool(reg[STATUS] & TRIGGERED_BIT and not reg[STATUS] & FAULT_BIT)
         return fills or reg[DUMPING] != 0
 
     def why_stopped(self) -> str:
         """Return why its loop is off, except by the fault input."""
-        reg = self.record["reg"][0]
+        reg = self._reg
         if reg[STATUS] & FOLLOWING_BIT:
             return f"its following error passed the limit E of {reg[LIMIT]} counts"
         return "its loop is off" if reg[STATUS] & FAULT_BIT and not reg[STATUS] & EXTERNAL_BIT else ""
 
     def line(self, text: bytes) -> bytes:
         """Receive text over the serial line and return the answer."""
-        reg = self.record["reg"][0]
+        reg = self._reg
         reg[NOW_NS] = self.record["now_ns"][0]
         take_steps(reg, int(self.record["setpoint"][0]))
         sent = []
@@ -558,8 +558,8 @@ class ServoModule(ServoChip):
         stored = parameters.decode(self.record["eeprom"][0, : N_IMAGE].tobytes())
         words = stored.words if stored.valid else None
         fresh = self._fresh(words or DELIVERED)
-        old, reg = self.record["reg"][0], fresh["reg"][0]
-        reg[extensions.EXTENSION_WORDS] = old[extensions.EXTENSION_WORDS]
+        reg = fresh["reg"][0]
+        reg[extensions.EXTENSION_WORDS] = self._reg[extensions.EXTENSION_WORDS]
         reg[FRESH], reg[EDGES], reg[NOW_NS] = 1, self.record["setpoint"][0], self.record["now_ns"][0]
         reg[MOVED_NS] = reg[NOW_NS] - reg[REST_NS]
         if words is None:
@@ -571,14 +571,14 @@ class ServoModule(ServoChip):
 
     def receive_error(self) -> None:
         """Set the receive error in the status; the current line becomes an unknown command."""
-        self.record["reg"][0, STATUS] |= RECEIVE_BIT
+        self._reg[STATUS] |= RECEIVE_BIT
         self._editor.take(0)
 
 
-def _period(reg: Words) -> tuple[int, int]:
-    """Return the time of a cycle in ns, as a fraction (guide 4.10)."""
+def _period_ns(reg: Words) -> int:
+    """Return the time of a cycle (guide 4.10)."""
     divider = min(int(reg[DIVIDER]), _CHIP["greatest_loop_divider"]) + _CHIP["loop_divider_offset"]
-    return _CHIP["duty_period_ns"] * divider, 1
+    return int(_CHIP["duty_period_ns"] * divider)
 
 
 def _count_rate(reg: Words) -> float:
@@ -591,6 +591,5 @@ def _obey(record: NDArray[np.void]) -> None:
     """Let a new loop rate and a new filter act."""
     reg = record["reg"][0]
     record["count_rate_Hz"] = _count_rate(reg)
-    num, den = _period(reg)
-    if num != record["num"][0]:
-        set_period(record, num, den)
+    if _period_ns(reg) != record["num"][0]:
+        set_period(record, _period_ns(reg), 1)

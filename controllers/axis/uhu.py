@@ -16,7 +16,7 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import LineEditor, ServoChip, command_in, lines_of, number_in
+from edmsim.controllers.axis.parameters import LineEditor, ServoChip, command_in, lines_of
 from edmsim.errors import methods_refuse_wrong_types
 
 DATA = data_of("uhu")
@@ -365,13 +365,8 @@ class Uhu(ServoChip):
         """Start or stop the stream of tracking errors (row U-33)."""
         self._reg[STREAM_ON], self._reg[STREAM_WAIT] = int(on), 0
 
-    @property
-    def _reg(self) -> NDArray[np.int64]:
-        registers: NDArray[np.int64] = self.record["reg"][0]
-        return registers
-
     def _place(self, bank: int) -> slice:
-        size = parameters.size_of(len(_STORED))
+        size = 2 * (2 * len(_STORED) + 1)  # a word is two bytes, with a checksum behind all, each of two halves
         return slice(bank * size, (bank + 1) * size)
 
     def _read(self, bank: int) -> parameters.Stored:
@@ -384,11 +379,9 @@ class Uhu(ServoChip):
         pending, self._pending = self._pending, ""
         if not line:
             return PROMPT
-        if pending:
-            return self._set(pending, number_in(line))
-        if line == _COUNTER:
+        if line == _COUNTER and not pending:
             return _reply(f"{_LAST_LINES[0]:13}{self.position}")
-        command = command_in(line)
+        command = command_in(pending + line)
         if command is None:
             return _reply(_UNKNOWN)
         letter, number = command

@@ -241,10 +241,11 @@ class Computer(Snapshots):
 
     def __init__(self, board: Board | None = None, *, unit: Unit = "um", wrap: bool = False) -> None:
         self.board = board or Board()
+        self.bus = self.board.bus  # memory and ports; the program's own checks are not asked
         self.state = OFF
         self.cause: tuple[str, ...] = ()
         self.keys: list[int] = []
-        self.streams = Streams(self.board.bus)
+        self.streams = Streams(self.bus)
         self.steppers = Steppers(self.board, self.serve, unit, wrap)
         self._t_states = 0
         self._enabled = False
@@ -257,24 +258,8 @@ class Computer(Snapshots):
             at.INIT: self.init,
         }
         self.code = MachineCode(self.board, self.streams, routines)
-        load_start_values(self.board.bus)
-        set_up_monitor(self.board.bus)
-
-    def read(self, address: int) -> int:
-        """Byte at an address: memory or port."""
-        return self.board.bus.read(address)
-
-    def write(self, address: int, byte: int) -> None:
-        """Put a byte at an address: memory or port. The program's own checks are not asked."""
-        self.board.bus.write(address, byte)
-
-    def word(self, address: int) -> int:
-        """Word in RAM, 0..65535; the names are in `memory_map`."""
-        return self.board.bus.word(address)
-
-    def store(self, address: int, word: int) -> None:
-        """Put a word into RAM, masked to sixteen bits."""
-        self.board.bus.store(address, word)
+        load_start_values(self.bus)
+        set_up_monitor(self.bus)
 
     def signed(self, address: int) -> int:
         """Word in RAM as a signed number."""
@@ -288,7 +273,7 @@ class Computer(Snapshots):
     def reset(self) -> None:
         """What the reset button does: the machine is made safe, and the monitor sets up what it needs (row T-81)."""
         self.init()
-        set_up_monitor(self.board.bus)
+        set_up_monitor(self.bus)
         self.code.running, self.state = False, OFF
 
     def init(self) -> None:
@@ -300,7 +285,7 @@ class Computer(Snapshots):
     def emergency(self) -> None:
         """INIT in an emergency: data are copied first, outputs changed afterwards (5.1.1, 5.3.2, row T-49)."""
         for k, address in enumerate(at.SAVED_WORDS):
-            self.store(at.SAVED + 2 * k, self.word(address))
+            self.bus.store(at.SAVED + 2 * k, self.bus.word(address))
         self._initialise()
         self.code.running = False
         self.state, self.cause = EMERGENCY, self.board.switches.open
@@ -309,25 +294,25 @@ class Computer(Snapshots):
     def _initialise(self) -> None:
         """Both uses of INIT: start values by a copy, STOP, safe outputs, the 8259 (rows T-50, T-80, T-A14)."""
         self._enabled = False
-        copy_start_values(self.board.bus)
+        copy_start_values(self.bus)
         self.keys.clear()
         self.steppers.stop()
-        make_outputs_safe(self.board.bus, self.board.lines.oev)
-        self.write(bus.INTERRUPTS, pic.ICW1)
-        self.write(bus.INTERRUPTS + 1, pic.ICW2)
+        make_outputs_safe(self.bus, self.board.lines.oev)
+        self.bus.write(bus.INTERRUPTS, pic.ICW1)
+        self.bus.write(bus.INTERRUPTS + 1, pic.ICW2)
 
     @property
     def position(self) -> tuple[int, int]:
         """Position counters, in um or in steps."""
-        return self.word(at.XPOS), self.word(at.YPOS)
+        return self.bus.word(at.XPOS), self.bus.word(at.YPOS)
 
     def set_position(self, x: int, y: int) -> None:
         """Set the position counters; raises `InputError` while the table moves, or for what is not a word."""
         if self.moving:
             raise InputError("the table is moving: the position can be set when it stands")
         check_place(x, y)
-        self.store(at.XPOS, x)
-        self.store(at.YPOS, y)
+        self.bus.store(at.XPOS, x)
+        self.bus.store(at.YPOS, y)
 
     @property
     def pulse_codes(self) -> tuple[int, int]:
@@ -344,13 +329,13 @@ class Computer(Snapshots):
     @property
     def speed(self) -> int:
         """Greatest cutting speed in units."""
-        return self.word(at.MAXVEL)
+        return self.bus.word(at.MAXVEL)
 
     def set_speed(self, units: int) -> None:
         """Set the greatest cutting speed, 0..127 units (row T-A1); a move under way takes it, too."""
         if not (isinstance(units, int) and 0 <= units <= MAX_SPEED):
             raise InputError(f"the cutting speed is 0..{MAX_SPEED} units of 262.5 nm/s, not {units!r}")
-        self.store(at.MAXVEL, units)
+        self.bus.store(at.MAXVEL, units)
         if self.moving and units:
             self.steppers.set_speed(units)
 
@@ -361,14 +346,14 @@ class Computer(Snapshots):
         if self.board.switches.open:
             raise InputError(f"the {self.board.switches.open[0]} switch is open: put that right first")
         if generator:
-            self.write(bus.CPORT2, self.board.lines.oev << 1)
+            self.bus.write(bus.CPORT2, self.board.lines.oev << 1)
         self._enabled, self.state = True, RUNNING
 
     def stop(self) -> None:
         """Stop table and generator; codes, speed and position stay, and `start` goes on."""
-        self.write(bus.CPORT2, self.board.lines.oev << 1 | 1)
+        self.bus.write(bus.CPORT2, self.board.lines.oev << 1 | 1)
         self.steppers.stop()
-        self.store(at.CUTVEL, 0)
+        self.bus.store(at.CUTVEL, 0)
         self._enabled = False
         if self.state == RUNNING:
             self.state = STAND_BY
@@ -418,14 +403,14 @@ class Computer(Snapshots):
             except NoCodeError as error:
                 self.emergency()
                 self.cause = (f"interrupt: {error.reason}",)
-            self.write(bus.INTERRUPTS, pic.END_OF_INTERRUPT)
+            self.bus.write(bus.INTERRUPTS, pic.END_OF_INTERRUPT)
             self._enabled = self.state == RUNNING
         return self._enabled
 
     def _keyboard(self) -> None:
         """The routine of the keyboard interrupt: all keys that wait."""
-        while self.read(bus.DISPLAY + 1) & 0x0F:
-            self.keys.append(self.read(bus.DISPLAY))
+        while self.bus.read(bus.DISPLAY + 1) & 0x0F:
+            self.keys.append(self.bus.read(bus.DISPLAY))
             self._t_states += timers.KEYBOARD_T
 
     def take_keys(self) -> list[int]:
@@ -438,30 +423,30 @@ class Computer(Snapshots):
     def result_waits(self) -> bool:
         """Whether the counts of 255 pulses wait in the latches (IBF A and IBF B)."""
         full = ppi.IBF_A | ppi.IBF_B
-        return self.read(bus.PORT3C) & full == full
+        return self.bus.read(bus.PORT3C) & full == full
 
     def optimise(self, clock: int, path: int) -> tuple[int, int]:
         """Read the counts and run the optimising routine in RAM; returns speed in units and T-states."""
         if not self.result_waits():
             return self.signed(at.CUTVEL), timers.READ_OUT_T
         short, open = self.read_counts()
-        memory = self.board.bus
+        memory = self.bus
         variables = at.variables(memory)
         units, t_states = optimise(at.constants(memory), variables, short, open, clock, path)
         at.set_variables(memory, variables)
         if self.steppers.own:
-            self.store(at.CUTVEL, units)
+            self.bus.store(at.CUTVEL, units)
             self.steppers.busy(t_states)
-        elif units & WORD != self.word(at.CUTVEL):
+        elif units & WORD != self.bus.word(at.CUTVEL):
             self.steppers.set_speed(units)
         self._t_states += t_states
         return units, t_states
 
     def read_counts(self) -> tuple[int, int]:
         """Read the latches of short and open pulses, and keep the counts."""
-        short, open = self.read(bus.PORT3A), self.read(bus.PORT3B)
+        short, open = self.bus.read(bus.PORT3A), self.bus.read(bus.PORT3B)
         for address, count in ((at.SHORTS, short), (at.OPENS, open), (at.COUNTED, WINDOW_PULSES)):
-            self.store(address, count)
+            self.bus.store(address, count)
         return short, open
 
 

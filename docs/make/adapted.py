@@ -23,7 +23,6 @@ from edmsim.evaluation.compare import held_back, mean, ratio
 from edmsim.evaluation.episode import Result, cut
 from edmsim.learning import bandit_file, score
 
-PAGE = Path(__file__).parents[1] / "tasks" / "max-rate-shift.md"
 ENV_ID, POLICY, LAW = "edmsim/MaxRateShift-v0", "policy:MaxRateShift-adapt", "adaptive-hold"
 MACHINES = 36
 """Twelve hours of machine time for each controller."""
@@ -111,14 +110,14 @@ def main() -> None:
     policy = arguments.policy
     names = {policy: f"`{policy}`", law_below(policy): "one setting for all", LAW: f"`{LAW}`"}
     cuts.make(list(names), seeds)
-    found, each = earnings(names, seeds, cuts), machines(names, seeds, cuts)
-    print(found, each, sep="\n\n")
+    found = f"{earnings(names, seeds, cuts)}\n\n{machines(names, seeds, cuts)}"
     if policy != POLICY:
+        print(found)
         return
-    write_sections(PAGE, {"adapted": f"{found}\n\n{each}"})
+    write_sections("tasks/max-rate-shift.md", {"adapted": found})
     scores = [score.score(cuts.results(name, seeds), "fast") for name in (POLICY, LAW)]
     score.write_card(POLICY.removeprefix("policy:"), [scores[0]._replace(controller="policy"), scores[1]])
-    write_sections(PAGE, {"adapted-elsewhere": elsewhere(POLICY)})
+    write_sections("tasks/max-rate-shift.md", {"adapted-elsewhere": elsewhere(POLICY)})
 
 
 if __name__ == "__main__":

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
-from sections import table
+from sections import DOCS, table
 
 from edmsim.errors import EdmsimError
 from edmsim.evaluation.compare import CUT_TEXTS, Comparison, env_ids, evaluate, leaderboard
@@ -19,7 +18,7 @@ from edmsim.evaluation.lines import ORACLE_GAPS_UM, USUAL, lines_of
 from edmsim.evaluation.table import markdown_table, ranked, shown
 from edmsim.runs import RunTable
 
-BOARD, PAGE = (Path(__file__).parents[1] / name for name in ("leaderboard.jsonl", "benchmark.md"))
+BOARD, PAGE = DOCS / "leaderboard.jsonl", DOCS / "benchmark.md"
 INTRODUCTION = """\
 # Benchmark of feed controllers
 

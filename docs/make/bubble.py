@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from sections import table, write_sections
+from sections import DOCS, table, write_sections
 from slit import (
     DISC,
     GAP_UM,
@@ -36,7 +35,6 @@ from edmsim.plant.gap import bubble
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.figures.style import write_figure
 
-PAGE = Path(__file__).parents[1] / "theory" / "gas.md"
 HOT, WET, AT_ONCE = 480.0, 150.0, math.inf
 """Speeds of escape in m/s: of steam of 850 C, of steam that carries spray (ours); and as if nothing held it."""
 GAPS_UM = 13.0, 20.0, 30.0
@@ -165,9 +163,8 @@ def main() -> None:
     slit = strip()
     constant_Ns = float(f"{impulse_10mJ_Ns(slit):.2g}")
     tables = {"impulses": impulses(slit, constant_Ns), "doubts": doubts(slit), "facts": facts(slit)}
-    print("\n\n".join(tables.values()))
-    write_sections(PAGE, tables)
-    write_figure(figure(slit, constant_Ns), PAGE.parents[1] / "figures" / "bubble.png")
+    write_sections("theory/gas.md", tables)
+    write_figure(figure(slit, constant_Ns), DOCS / "figures" / "bubble.png")
 
 
 if __name__ == "__main__":

@@ -9,11 +9,12 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from sections import DOCS
+
 import edmsim
 from edmsim.controllers.axis.elcam.file import load_tables, text_of
 from edmsim.measure import measure_table, part_figure
 
-DOCS = Path(__file__).parents[1]
 PERFECT = (
     'title = "worn-table without its errors"\nlike = "agiecut-dem15"\n'
     '[table]\nstep_um = {value = 1.0, source = "as worn-table"}\n'

@@ -13,11 +13,9 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-from sections import table, write_sections
+from sections import DOCS, table, write_sections
 from vector_envs import processor
 
-PAGE = Path(__file__).parents[1] / "performance.md"
-ROOT = PAGE.parents[1]
 LINE = "G21 G90\nG0 X0 Y0\nG1 X0.5 F5\nM2\n"
 CUT = [sys.executable, "-m", "edmsim", "cut", "one.ngc", "--height", "3", "--resolution", "fast"]
 STEP = "import gymnasium, edmsim.envs; env = gymnasium.make('edmsim/GapFeed-v2'); env.reset(seed=0); env.step([0.0])"
@@ -35,7 +33,7 @@ def once() -> dict[str, float]:
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "one.ngc").write_text(LINE, encoding="utf-8")
-        surroundings = os.environ | {"XDG_CACHE_HOME": str(Path(folder) / "cache"), "PYTHONPATH": str(ROOT)}
+        surroundings = os.environ | {"XDG_CACHE_HOME": str(Path(folder) / "cache"), "PYTHONPATH": str(DOCS.parent)}
         surroundings.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation has the modules' bytecode
         for name, command in MEASURED.items():
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -50,7 +48,7 @@ def main() -> None:
     runs = [once() for _ in range(int(sys.argv[1]) if sys.argv[1:] else 3)]
     rows = [(name, f"{median(run[name] for run in runs):.1f} s") for name in MEASURED]
     times = table(("process", "processor time"), rows, numbers=1)
-    write_sections(PAGE, {"compile time": f"{times}\n\nMedians of {len(runs)} runs on {processor()}."})
+    write_sections("performance.md", {"compile time": f"{times}\n\nMedians of {len(runs)} runs on {processor()}."})
 
 
 if __name__ == "__main__":

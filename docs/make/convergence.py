@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from sections import table
+from sections import DOCS, table
 
 from edmsim.bench.plant import pulses_per_s
 from edmsim.controllers import from_text, make
@@ -133,12 +133,11 @@ def _punch(resolution: str, seed: int) -> tuple[float, float]:
     return float(np.mean(errors)), float(report["profile_error_um"]["rms"])
 
 
-def page(watch: Callable[[str], None] | None = None) -> str:
-    """Return the page of the documentation; `watch` is called with which resolution is at work."""
+def page() -> str:
+    """Return the page of the documentation, and say which resolution is at work."""
     columns, speeds = [], []
     for name in RESOLUTIONS:
-        if watch is not None:
-            watch(name)
+        print(name, file=sys.stderr)
         columns.append(measure(name))
         speeds.append(pulses_per_s(name)[0])
     heads = [f"{name} ({r.slices} x {r.rays} x {r.modes})" for name, r in RESOLUTIONS.items()]
@@ -158,5 +157,4 @@ def page(watch: Callable[[str], None] | None = None) -> str:
 
 
 if __name__ == "__main__":
-    text = page(lambda resolution: print(resolution, file=sys.stderr))
-    (Path(__file__).parents[1] / "convergence.md").write_text(text, encoding="utf-8")
+    (DOCS / "convergence.md").write_text(page(), encoding="utf-8")

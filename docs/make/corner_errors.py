@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import argparse
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from headroom import shown
 from numpy.typing import NDArray
-from sections import table, write_sections
+from sections import DOCS, table, write_sections
 
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
@@ -23,8 +22,6 @@ from edmsim.evaluation.compare import held_back, leaderboard, mean, ratio
 from edmsim.evaluation.episode import Episode
 from edmsim.evaluation.lines import lines_of
 
-DOCS = Path(__file__).parents[1]
-PAGE = DOCS / "tasks" / "corner.md"
 ENV_ID, POLICY = "edmsim/Corner-v3", "policy:Corner-lag"
 MACHINES = 16  # held-back ones whose cuts are made again
 EDGES_UM = (-100.0, 0.0, 20.0, 60.0, 100.0)  # places of the guides behind the corner
@@ -88,14 +85,13 @@ def where() -> str:
 
 
 def main() -> None:
-    """Write the tables into the page, and print them."""
+    """Write the tables into the page."""
     parser = argparse.ArgumentParser(description="Errors near the corner.")
     parser.add_argument("what", nargs="?", choices=["where"], help="where they arise, too")
     tables = {"errors": errors()}
     if parser.parse_args().what:
         tables["where"] = where()
-    print("\n\n".join(tables.values()))
-    write_sections(PAGE, tables)
+    write_sections("tasks/corner.md", tables)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ from sections import table, write_sections
 import edmsim
 from edmsim.errors import BAD_INPUT, InputError
 
-DOCS = Path(__file__).parents[1]
 PAGES = {"uhu": "servo-drives.md", "servo-module": "servo-drives.md", "eanpos": "positioner.md"}
 LINE = "G21 G90\nG1 X0.4 Y0.3\nM2\n"
 SQUARES = """G21 G90
@@ -111,4 +110,4 @@ if __name__ == "__main__":
     heads = "what fails", "typed", "outcome, status", "reason"
     for drive, page in PAGES.items():
         print(drive, file=sys.stderr)
-        write_sections(DOCS / page, {f"failures {drive}": table(heads, map(row, failures(drive)))})
+        write_sections(page, {f"failures {drive}": table(heads, map(row, failures(drive)))})

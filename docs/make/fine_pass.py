@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 from sections import table, write_sections
 
@@ -18,7 +17,6 @@ from edmsim.evaluation.technology import cut_in_passes
 from edmsim.machine.technology import Technology, technology_for
 from edmsim.validation.passes import HEIGHT_MM, LENGTH_MM
 
-PAGE = Path(__file__).parents[1] / "theory" / "passes.md"
 PASSES, SEED = 7, 1
 FURTHER_UM = (0.0, 2.0, 4.0)
 """By how much the offset of the last pass is greater than the technology's."""
@@ -56,8 +54,7 @@ def main() -> None:
     """Make the cuts and put their table into the page."""
     heads = "offset further by, um", "removed, um", "shorts, %", "vibration, um rms", "feed, mm/min"
     found = table(heads, [row(further_um) for further_um in FURTHER_UM], numbers=5)
-    print(found)
-    write_sections(PAGE, {"fine pass": found})
+    write_sections("theory/passes.md", {"fine pass": found})
 
 
 if __name__ == "__main__":

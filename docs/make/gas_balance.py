@@ -7,8 +7,6 @@ The rough cut of 30 mm, and Sato's stable cutting of 80 mm with a wire that hold
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 from sections import table, write_sections
@@ -19,7 +17,6 @@ from edmsim.validation.breakage import STABLE_MM, rough_rig, sato_rig
 from edmsim.validation.lag import ROUGH_MM, ROUGH_OPEN_SHARE
 from edmsim.validation.setups import UNBREAKABLE, servo_cut
 
-PAGE = Path(__file__).parents[1] / "theory" / "gas.md"
 SEEDS = range(1, 17)
 STABLE_PERIOD_US = 11.2
 """Period at which the model has the 60 000 discharges per second of Sato's stable cutting."""
@@ -53,9 +50,7 @@ def main() -> None:
         each = [means[name] for _, means in cases.values()]
         places = [(one[len(one) // 2], (one[0] + one[-1]) / 2) for one in each]
         rows.append((text, *(f"{middle:.{digits}f}, {faces:.{digits}f}" for middle, faces in places)))
-    found = table(("", *heads), rows)
-    print(found)
-    write_sections(PAGE, {"gas balance": found})
+    write_sections("theory/gas.md", {"gas balance": table(("", *heads), rows)})
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sections import DOCS, table
 
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.evaluation.compare import CUT_TEXTS, Figure, held_back, leaderboard, mean
@@ -29,7 +30,6 @@ from edmsim.evaluation.episode import Result, cut_job, engine_of
 from edmsim.evaluation.lines import OF_TASK, ORACLE_GAPS_UM
 from edmsim.runs import RunTable, perform
 
-DOCS = Path(__file__).parents[1]
 FOUND, PAGE, CUTS = DOCS / "headroom.json", DOCS / "headroom.md", Path("out/headroom")
 BOARD = DOCS / "leaderboard.jsonl"
 SHIFTS = "MaxRateShift", "ThinWireShift"
@@ -47,7 +47,6 @@ OF_MACHINE = {"MaxRateShift": {1_000_008: ("adaptive-hold:limit_share=0.6,limit_
 SERVO_SETTINGS = """In MaxRateShift a law that knows the wire's limit was tried on one machine: it loses fewer wires
 there and earns less. Settings of the servo were not tried here: see
 [a policy that learns them](training.md#adapt-to-a-machine)."""
-RULE = "|---" * 5 + "|"
 SERVO = "set-point:open_target_share="
 GAP = f"{SERVO}0.05"
 
@@ -308,25 +307,27 @@ same number of held-back machines. Returns have 95 % bootstrap intervals over th
 
 def page(board: dict[str, Any]) -> str:
     """Return the page of the documentation."""
-    head = "| task | best law | with privileged knowledge | above the best law | use |"
-    parts = [INTRODUCTION, "## Summary", "", head, RULE]
+    rows = []
     for task, found in ((name, board[name]) for name in board if name not in SHIFTS):
         above, share, end = margin(found)
         best = mean(np.array(found["lines"]["best law"]["returns"]))
         more = mean(np.array(found["lines"][end]["returns"]))
         gain = f"{shown(above)}, {100 * share:.0f} %"
-        parts.append(f"| {task} | {shown(best)} | {shown(more)}, {end} | {gain} | {verdict(above, share)} |")
-    parts += [
-        "", f"Use a task with less than {100 * (LEAST_GAIN - 1):.0f} % above the best law to compare laws and "
+        rows.append((task, shown(best), f"{shown(more)}, {end}", gain, verdict(above, share)))
+    heads = "task", "best law", "with privileged knowledge", "above the best law", "use"
+    parts = [
+        INTRODUCTION, "## Summary", "", table(heads, rows), "",
+        f"Use a task with less than {100 * (LEAST_GAIN - 1):.0f} % above the best law to compare laws and "
         "learners, but not to show that learning pays.", "", OF_PART, "", *_of_shifts(board),
     ]  # fmt: skip
     for task, found in board.items():
-        parts += [f"## {task}", "", "| line | return | net rate, mm2/min | wires lost, jams | |", RULE]
+        rows = []
         for line, row in found["lines"].items():
             mean_return, rate = mean(np.array(row["returns"])), mean(np.array(row["rates"]))
             name = f"`{row['name']}`" if row["name"] else ""
-            parts.append(f"| {line} | {shown(mean_return)} | {shown(rate, 1)} | {row['lost']} | {name} |")
-        parts += ["", f"{found['seeds']} machines, resolution `fast`.", ""]
+            rows.append((line, shown(mean_return), shown(rate, 1), str(row["lost"]), name))
+        made = table(("line", "return", "net rate, mm2/min", "wires lost, jams", "controller"), rows)
+        parts += [f"## {task}", "", made, "", f"{found['seeds']} machines, resolution `fast`.", ""]
     return "\n".join(parts)
 
 

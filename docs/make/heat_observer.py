@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from sections import table
 
 from edmsim.controllers import FeedController
 from edmsim.controllers.feed.law import Gauge, ServoLaw
@@ -89,10 +90,10 @@ def record(seed: int) -> Recorded:
         lost = task.wires_lost
         meter.see(truth)
         rows.append((*features(window, gauge, age_s, machine), meter.near(window), gauge.flux.max(), age_s))
-    table = np.array(rows)
-    superheat = np.maximum(table[:, -3], COLDEST)
-    counts, hidden = (table[:, -1] > BEGIN_S) & (superheat < DRY), machine.uncertain().values()
-    return Recorded(table[:, :-3], superheat, table[:, -2], counts, np.array([constant.value for constant in hidden]))
+    found = np.array(rows)
+    superheat = np.maximum(found[:, -3], COLDEST)
+    counts, hidden = (found[:, -1] > BEGIN_S) & (superheat < DRY), machine.uncertain().values()
+    return Recorded(found[:, :-3], superheat, found[:, -2], counts, np.array([constant.value for constant in hidden]))
 
 
 class Network(torch.nn.Module):
@@ -229,10 +230,9 @@ def main() -> None:
             fitted([cut.with_hidden() for cut in learned]), [cut.with_hidden() for cut in tested]
         ),
     }  # fmt: skip
-    print("| superheat explained by | from window to window | between machines |\n|---|---|---|")
-    for name, values in predicted.items():
-        print("| {} | {:.0%} | {:.0%} |".format(name, *explained(tested, values)), flush=True)
-    print("\n| law | mean rate, mm2/min | wires lost in 96 cuts |\n|---|---|---|")
+    shares = [[name, *map("{:.0%}".format, explained(tested, values))] for name, values in predicted.items()]
+    print(table(("superheat explained by", "from window to window", "between machines"), shares), flush=True)
+    rows = []
     laws: dict[str, Callable[[], FeedController]] = {"`heat-flux`": HeatFluxController}
     laws |= {
         f"the network's superheat held at {hold:g}": partial(holding, network, hold) for hold in NETWORK_HOLDS
@@ -241,7 +241,8 @@ def main() -> None:
         with ThreadPoolExecutor(2) as threads:
             made = list(threads.map(partial(cut_with, make), CUT))
         rate, lost = np.mean([result.rate_mm2_min for result in made]), sum(result.wires_lost for result in made)
-        print(f"| {name} | {rate:.1f} | {lost} |", flush=True)
+        rows.append((name, f"{rate:.1f}", str(lost)))
+    print(table(("law", "mean rate, mm2/min", "wires lost in 96 cuts"), rows))
 
 
 if __name__ == "__main__":

@@ -6,11 +6,11 @@ the feed follow the gap, with its generator and all else as preset, cut to its e
 
 from __future__ import annotations
 
-from pathlib import Path
+from sections import DOCS, table
 
 import edmsim
 
-PROGRAM = Path(__file__).parents[2] / "examples" / "punch.ngc"
+PROGRAM = DOCS.parent / "examples" / "punch.ngc"
 HEIGHTS_MM = (20.0, 40.0, 80.0)
 PERIODS_US = (20.0, 32.0, 40.0, 50.0, 72.0)
 
@@ -28,10 +28,8 @@ def ended(height_mm: float, period_us: float) -> str:
 
 def main() -> None:
     """Print the table."""
-    print("| height, mm | " + " | ".join(f"{period:g} us" for period in PERIODS_US) + " |")
-    print("|---" * (1 + len(PERIODS_US)) + "|")
-    for height in HEIGHTS_MM:
-        print(f"| {height:g} | " + " | ".join(ended(height, period) for period in PERIODS_US) + " |", flush=True)
+    rows = ([f"{height:g}", *(ended(height, period) for period in PERIODS_US)] for height in HEIGHTS_MM)
+    print(table(["height, mm", *(f"{period:g} us" for period in PERIODS_US)], rows))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from sections import write_sections
+from sections import DOCS, write_sections
 from tasks import PAGES
 
 from edmsim.envs.registry import env_id_of
@@ -25,7 +25,6 @@ from edmsim.evaluation.lines import lines_of
 from edmsim.learning.command import in_words
 from edmsim.recording.figures.palette import BLUE, MUTED
 
-ROOT = Path(__file__).parents[2]
 SEEDS = (1, 2, 3, 4, 5)
 LEGEND_LETTERS = 66
 """Letters of three lines' labels that have room side by side."""
@@ -55,7 +54,7 @@ def curve(folder: Path, name: str, seed: int) -> np.ndarray:
         partial = file.with_suffix(".part")
         program, where = ("ppo", ("--env", env_id_of(name))) if name in TASKS else (name, ())
         arguments = ["--seed", str(seed), "--steps", str(STEPS[name]), "--out", str(partial), *OWN.get(name, ())]
-        file_of = ROOT / "examples" / "learning" / f"{program}.py"
+        file_of = DOCS.parent / "examples" / "learning" / f"{program}.py"
         subprocess.run([sys.executable, file_of, *where, *arguments], check=True)
         partial.rename(file)
     with file.open(newline="") as rows:
@@ -72,8 +71,7 @@ def on_grid(curves: list[np.ndarray], column: int = 1) -> tuple[np.ndarray, np.n
 def lines_to_draw(task: str) -> dict[str, float]:
     """Return the mean returns of a task's two reference lines and of its best classic law, by their labels."""
     env_id = env_id_of(task)
-    board, lines = leaderboard(ROOT / "docs" / "leaderboard.jsonl"), lines_of(env_id)
-    figures = board[env_id, "fast"].figures
+    figures, lines = leaderboard(DOCS / "leaderboard.jsonl")[env_id, "fast"].figures, lines_of(env_id)
     ends = lines.blind, lines.reference
     laws = [name for name in figures if name not in ends and not name.startswith("policy:")]
     best = max(laws, key=lambda name: figures[name]["score"].value)
@@ -106,7 +104,7 @@ def draw_task(task: str, curves: list[np.ndarray]) -> None:
     )
     axes.set_ylabel("return of an episode")
     figure.tight_layout()
-    figure.savefig(ROOT / "docs" / "tasks" / f"{PAGES[task]}-learning.png", dpi=110)
+    figure.savefig(DOCS / "tasks" / f"{PAGES[task]}-learning.png", dpi=110)
 
 
 def _draw_seeds(axes: Axes, decisions: np.ndarray, values: np.ndarray) -> None:
@@ -130,7 +128,7 @@ def draw_examples(curves: dict[str, list[np.ndarray]]) -> None:
     panels[-1].set_ylim(0, None)
     panels[-1].legend(fontsize=8, frameon=False, loc="upper right")
     figure.tight_layout()
-    figure.savefig(ROOT / "docs" / "training-examples.png", dpi=110)
+    figure.savefig(DOCS / "training-examples.png", dpi=110)
 
 
 def learned(name: str, curves: list[np.ndarray]) -> str:
@@ -160,17 +158,12 @@ def main() -> None:
         if task in which:
             curves = [curve(arguments.folder, task, seed) for seed in SEEDS]
             draw_task(task, curves)
-            _tell(ROOT / "docs" / "tasks" / f"{PAGES[task]}.md", learned(task, curves))
+            write_sections(f"tasks/{PAGES[task]}.md", {"learned": learned(task, curves)})
     if "examples" in which:
         of_both = {name: [curve(arguments.folder, name, seed) for seed in SEEDS] for name in EXAMPLES}
         draw_examples(of_both)
-        _tell(ROOT / "docs" / "training.md", "\n".join(f"`{n}.py`: {learned(n, of)}\n" for n, of in of_both.items()))
-
-
-def _tell(page: Path, text: str) -> None:
-    """Write what was learned into a page."""
-    print(f"{page.name}: {text}")
-    write_sections(page, {"learned": text.strip()})
+        said = "\n\n".join(f"`{n}.py`: {learned(n, of)}" for n, of in of_both.items())
+        write_sections("training.md", {"learned": said})
 
 
 if __name__ == "__main__":

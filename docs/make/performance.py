@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import os
 import sys
-from pathlib import Path
 
-from sections import write_sections
+from sections import DOCS, table, write_sections
 from vector_envs import processor
 
 from edmsim.bench.pairs import PAIRS, Pairs, compare
 from edmsim.bench.profile import PARTS, LoopProfile, draw, profile
 
-PAGE = Path(__file__).parents[1] / "performance.md"
-FIGURE = PAGE.parent / "figures" / "loop-profile.png"
 AGAINST = "a80349b"
 NAMES = {
     "pulses_per_s_fast": "pulses at `fast`",
@@ -30,42 +27,42 @@ NAMES = {
 """Figures of `bench.subject`, and what the page calls them."""
 
 
-def profile_lines(found: dict[str, LoopProfile]) -> list[str]:
+def parts(found: dict[str, LoopProfile]) -> str:
     """Return the table of a pulse's parts."""
-    head = " | ".join(f"`{name}`, ns | `{name}`, %" for name in found)
-    lines = [f"| part | {head} |", "|---" + "|--:" * 2 * len(found) + "|"]
-    for part in PARTS:
-        cells = " | ".join(f"{one.ns(part):.0f} | {100 * one.shares[part]:.0f}" for one in found.values())
-        lines.append(f"| {part} | {cells} |")
-    lines.append("| together | " + " | ".join(f"{one.ns_per_pulse:.0f} | 100" for one in found.values()) + " |")
+    heads = [f"`{name}`, {unit}" for name in found for unit in ("ns", "%")]
+    rows = [
+        [part, *(f"{value:.0f}" for one in found.values() for value in (one.ns(part), 100 * one.shares[part]))]
+        for part in PARTS
+    ]
+    rows.append(["together", *(cell for one in found.values() for cell in (f"{one.ns_per_pulse:.0f}", "100"))])
     slower = " and ".join(f"{one.marked_ns_per_pulse / one.ns_per_pulse:.2f}" for one in found.values())
     looks = " and ".join(f"{one.looks:,}" for one in found.values())
-    return [*lines, "", f"On {processor()}; {looks} looks. With marks a pulse took {slower} times as long."]
+    made = table(["part", *heads], rows, numbers=len(heads))
+    return f"{made}\n\nOn {processor()}; {looks} looks. With marks a pulse took {slower} times as long."
 
 
-def pair_lines(found: Pairs, load: tuple[float, ...]) -> list[str]:
+def pairs(found: Pairs, load: tuple[float, ...]) -> str:
     """Return the table of ratios; `load` is how many programs wanted a processor before and after."""
-    lines = [f"| per second of the processor | over that at {found.commit[:7]} | 95 % interval |", "|---|--:|--:|"]
-    for name, words in NAMES.items():
-        ratio = found.ratio(name)
-        lines.append(f"| {words} | {ratio.value:.2f} | {ratio.low:.2f} to {ratio.high:.2f} |")
-    count = len(found.here[name])
+    heads = "per second of the processor", f"over that at {found.commit[:7]}", "95 % interval"
+    ratios = [(words, found.ratio(name)) for name, words in NAMES.items()]
+    rows = [(words, f"{one.value:.2f}", f"{one.low:.2f} to {one.high:.2f}") for words, one in ratios]
+    count = len(next(iter(found.here.values())))
     before, after = (f"{value:.1f}" for value in load)
-    return [
-        *lines, "",
-        f"{count} pairs on {processor()}, with a load average of {before} before and {after} after: this measurement "
-        "takes 1.",
-    ]
+    return (
+        f"{table(heads, rows, numbers=2)}\n\n{count} pairs on {processor()}, "
+        f"with a load average of {before} before and {after} after: this measurement "
+        "takes 1."
+    )
 
 
 def main() -> None:
     """Measure, and write the page's sections and the figure."""
     shares = profile()
-    draw(shares).savefig(FIGURE, metadata={"Software": "edmsim"})
+    draw(shares).savefig(DOCS / "figures" / "loop-profile.png", metadata={"Software": "edmsim"})
     before = os.getloadavg()[0]
     compared = compare(AGAINST, int(sys.argv[1]) if sys.argv[1:] else PAIRS)
-    pairs = pair_lines(compared, (before, os.getloadavg()[0]))
-    write_sections(PAGE, {"parts": "\n".join(profile_lines(shares)), "pairs": "\n".join(pairs)})
+    load = before, os.getloadavg()[0]
+    write_sections("performance.md", {"parts": parts(shares), "pairs": pairs(compared, load)})
 
 
 if __name__ == "__main__":

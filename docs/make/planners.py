@@ -6,13 +6,14 @@ python docs/make/planners.py
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from sections import DOCS, table
 
 from edmsim.controllers.planner.errors import (
     COMPARED,
@@ -34,6 +35,10 @@ Errors = Mapping[tuple[str, int, int], NDArray[np.float64]]
 """`around` by planner, length in um and speed in units."""
 
 HEADS = ("planner", "speed", "path max, um", "path rms, um", "mean speed, %", "ripple, %", "end, um")
+FAILURE_HEADS = (
+    "row", "move, um", "speed", "what happens", "path max, um", "mean speed, %", "end, um", "`mcu`: path max, um",
+    "`mcu`: mean speed, %", "default: path max, um", "default: mean speed, %",
+)  # fmt: skip
 
 
 class Failure(NamedTuple):
@@ -109,64 +114,52 @@ The tables below have the errors on straight moves over {long} um and over {shor
 """
 
 
-def measure(watch: Callable[[str], None] | None = None) -> dict[tuple[str, int, int], NDArray[np.float64]]:
-    """Run every move of the page; `watch` is called with which planner is at work."""
+def measure() -> dict[tuple[str, int, int], NDArray[np.float64]]:
+    """Run every move of the page, and say which planner is at work."""
     errors = {}
     for planner in COMPARED:
         for length in (LONG_UM, SHORT_UM):
             for speed in SPEEDS:
-                if watch is not None:
-                    watch(f"{planner}, {length} um, {speed} units")
+                print(f"{planner}, {length} um, {speed} units", file=sys.stderr)
                 errors[planner, length, speed] = around(planner, length, speed)
     return errors
 
 
 def page(errors: Errors) -> str:
     """Return the page of the documentation."""
-    lines = [_introduction(errors)]
+    parts = [_introduction(errors)]
     for length, name in ((LONG_UM, "Long moves"), (SHORT_UM, "Short moves")):
-        lines += [f"## {name}, {length} um", "", _cells(HEADS), "|---" * len(HEADS) + "|"]
-        for planner in COMPARED:
-            lines += [row(planner, speed, errors[planner, length, speed]) for speed in SPEEDS]
-        lines.append("")
-    lines += [
-        "## Where the algorithm of 1982 fails",
-        "",
-        "The moves that the rows of `poscal-literal` single out, and the same with the default planner.",
-        "",
-        _cells(("row", "move, um", "speed", "what happens", "path max, um", "mean speed, %", "end, um",
-                "`mcu`: path max, um", "`mcu`: mean speed, %", "default: path max, um", "default: mean speed, %")),
-        "|---" * 11 + "|",
-        *(failure_row(failure) for failure in FAILURES),
-    ]  # fmt: skip
-    return "\n".join(lines) + "\n"
+        rows = [row(planner, speed, errors[planner, length, speed]) for planner in COMPARED for speed in SPEEDS]
+        parts += [f"## {name}, {length} um\n", table(HEADS, rows) + "\n"]
+    parts += [
+        "## Where the algorithm of 1982 fails\n",
+        "The moves that the rows of `poscal-literal` single out, and the same with the default planner.\n",
+        table(FAILURE_HEADS, [failure_row(failure) for failure in FAILURES]),
+    ]
+    return "\n".join(parts) + "\n"
 
 
-def row(planner: str, speed: int, errors: NDArray[np.float64]) -> str:
-    """Return one line of a table: a planner at one speed, over all directions."""
+def row(planner: str, speed: int, errors: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return one row of a table: a planner at one speed, over all directions."""
     found = MoveError(*errors.T)
     low, high = np.min(found.speed_percent), np.max(found.speed_percent)
     ripple = np.max(found.ripple_percent)
-    return _cells(
-        (
-            f"`{planner}`", str(speed), f"{np.max(found.path_max_um):.2f}",
-            f"{np.sqrt(np.mean(np.square(found.path_rms_um))):.2f}", f"{low:+.1f} .. {high:+.1f}",
-            "" if np.isnan(ripple) else f"{ripple:.1f}", f"{np.max(found.end_um):.2f}",
-        )
+    return (
+        f"`{planner}`", str(speed), f"{np.max(found.path_max_um):.2f}",
+        f"{np.sqrt(np.mean(np.square(found.path_rms_um))):.2f}", f"{low:+.1f} .. {high:+.1f}",
+        "" if np.isnan(ripple) else f"{ripple:.1f}", f"{np.max(found.end_um):.2f}",
     )  # fmt: skip
 
 
-def failure_row(failure: Failure) -> str:
-    """Return one line of the last table."""
+def failure_row(failure: Failure) -> tuple[str, ...]:
+    """Return one row of the last table."""
     literal = move("poscal-literal", failure.run_um, failure.speed)
     machine = move(MACHINE, failure.run_um, failure.speed)
     default = move("poscal", failure.run_um, failure.speed)
-    return _cells(
-        (
-            failure.row, str(failure.run_um), str(failure.speed), failure.what, f"{literal.path_max_um:.1f}",
-            f"{literal.speed_percent:+.1f}", f"{literal.end_um:.1f}", f"{machine.path_max_um:.1f}",
-            f"{machine.speed_percent:+.1f}", f"{default.path_max_um:.2f}", f"{default.speed_percent:+.1f}",
-        )
+    return (
+        failure.row, str(failure.run_um), str(failure.speed), failure.what, f"{literal.path_max_um:.1f}",
+        f"{literal.speed_percent:+.1f}", f"{literal.end_um:.1f}", f"{machine.path_max_um:.1f}",
+        f"{machine.speed_percent:+.1f}", f"{default.path_max_um:.2f}", f"{default.speed_percent:+.1f}",
     )  # fmt: skip
 
 
@@ -185,10 +178,6 @@ def _introduction(errors: Errors) -> str:
         literal=literal[:, 0].max(), machine=np.abs(itself[:, 0] - literal[:, 0]).max(),
         lost=move("poscal-literal", LOST.run_um, LOST.speed).end_um,
     )  # fmt: skip
-
-
-def _cells(cells: tuple[str, ...]) -> str:
-    return "| " + " | ".join(cells) + " |"
 
 
 def figure(errors: Errors) -> Figure:
@@ -210,12 +199,12 @@ def figure(errors: Errors) -> Figure:
     return drawn
 
 
-def write(file: Path, watch: Callable[[str], None] | None = None) -> None:
+def write(file: Path) -> None:
     """Measure, and write the page and, beside it, its picture ``planners.png``."""
-    errors = measure(watch)
+    errors = measure()
     write_figure(figure(errors), file.with_name("planners.png"))
     file.write_text(page(errors), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    write(Path(__file__).parents[1] / "planners.md", lambda text: print(text, file=sys.stderr))
+    write(DOCS / "planners.md")

@@ -5,18 +5,16 @@ python docs/make/positioner.py
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from sections import DOCS
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
 
-DOCS = Path(__file__).parents[1]
 EXAMPLE = {
     "measure": 10000, "pulse": 40000, "maxvel": 100000, "maxfollerr": 10000, "taccdec": 100, "toll": 5, "pgain": 100,
     "feedfw": 1000, "setvel": 50000, "setpos": 2000, "prsvel": 20000, "sprsvel": 10000,

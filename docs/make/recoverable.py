@@ -19,7 +19,7 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from sections import table, write_sections
+from sections import DOCS, table, write_sections
 
 from edmsim.controllers import from_text
 from edmsim.controllers.protocols import FeedCommand, tell
@@ -30,7 +30,6 @@ from edmsim.evaluation.episode import Episode
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.recording.figures.palette import BLUE, MUTED
 
-DOCS = Path(__file__).parents[1]
 FOLDS, CELLS, RATE, DECAY = 5, 24, 5e-3, 1e-2
 LIMIT_EPOCHS, EPOCHS = 200, 60
 """Of the network that says the limit alone, and of the one that says all drawn constants."""
@@ -313,7 +312,7 @@ def main() -> None:
         f"the prediction of the median of the later breaks, on the {count} machines with several."
     )
     shown = table(["constant", *(f"after {moment}" for moment in said)], rows)
-    write_sections(DOCS / "tasks" / "max-rate-shift.md", {"recoverable": f"{shown}\n\n{text}"})
+    write_sections("tasks/max-rate-shift.md", {"recoverable": f"{shown}\n\n{text}"})
     draw({name: [share[0] for share in found[name].values()] for name in certain}, list(said))
 
 

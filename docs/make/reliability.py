@@ -12,7 +12,6 @@ from typing import Any
 
 from sections import table, write_sections
 
-PAGE = Path(__file__).parents[1] / "reliability.md"
 Known = dict[str, dict[str, Any]]
 
 
@@ -78,7 +77,7 @@ def main() -> None:
         file = out / name / f"{name}.json"
         if file.exists():
             written[name] = made(json.loads(file.read_text(encoding="utf-8")))
-    write_sections(PAGE, written)
+    write_sections("reliability.md", written)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ from edmsim.sweep.run import Outcome, blank, perform, sweep
 from edmsim.sweep.specification import Specification, runs_of
 from edmsim.sweep.table import RESULTS, ROWS_PER_PART, Store, read
 
-PAGE = Path(__file__).parents[1] / "scaling.md"
 PUNCH = "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"
 """A punch of 1 x 1 mm, some two minutes of machine time."""
 ROWS = 20_000
@@ -147,12 +146,9 @@ def main() -> None:
     """Measure, and write the tables into the page."""
     with tempfile.TemporaryDirectory() as name:
         sections = dict(zip(("measured", "follows"), measure(Path(name)), strict=True))
-    written = {}
-    for section, rows in sections.items():
-        shown = table(("what", "how much"), rows)
-        print(shown)
-        written[section] = f"{shown}\n\nOn {processor()}."
-    write_sections(PAGE, written)
+    heads = "what", "how much"
+    made = {name: f"{table(heads, rows)}\n\nOn {processor()}." for name, rows in sections.items()}
+    write_sections("scaling.md", made)
 
 
 if __name__ == "__main__":

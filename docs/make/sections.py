@@ -1,24 +1,46 @@
-"""What a script writes into a page: sections between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``, tables."""
+"""What the scripts share: tables of Markdown, and the places of a page that they write."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
+from edmsim.errors import InputError
 
-def with_sections(text: str, sections: Mapping[str, str]) -> str:
-    """Return a page with the text of each section."""
+DOCS = Path(__file__).parents[1]
+_TABLE = re.compile(r"(<!-- begin table: ([\w-]+) ?([^\n]*?) -->\n).*?(<!-- end table -->)", re.DOTALL)
+"""Place of a table, with its kind and the words that say what it is of."""
+
+
+def has_tables(page: Path) -> bool:
+    """Say whether a page has places of tables."""
+    return _TABLE.search(page.read_text(encoding="utf-8")) is not None
+
+
+def with_tables(text: str, made: Mapping[str, Callable[..., str] | None], page: Path | None = None) -> str:
+    """Return a page with its tables made again by kind, those of None as they are; messages name the page."""
+
+    def written(mark: re.Match[str]) -> str:
+        begin, kind, words, end = mark.groups()
+        if kind not in made:
+            raise InputError(f"no table '{kind} {words}'; there are {' and '.join(made)}", page)
+        make = made[kind]
+        return mark[0] if make is None else f"{begin}\n{make(*words.split())}\n\n{end}"
+
+    return _TABLE.sub(written, text)
+
+
+def write_sections(page: str, sections: Mapping[str, str]) -> None:
+    """Print the texts of sections, and write each into a page of `DOCS`, ``<!-- begin NAME -->`` to the end mark."""
+    file = DOCS / page
+    text = file.read_text(encoding="utf-8")
     for name, section in sections.items():
+        print(section, end="\n\n", flush=True)
         begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->"
-        mark = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
-        text = mark.sub(lambda _, written=f"{begin}\n{section}\n\n{end}": written, text)
-    return text
-
-
-def write_sections(page: Path, sections: Mapping[str, str]) -> None:
-    """Write the text of each section into a page."""
-    page.write_text(with_sections(page.read_text(encoding="utf-8"), sections), encoding="utf-8")
+        place = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
+        text = place.sub(lambda _, written=f"{begin}\n{section}\n\n{end}": written, text)
+    file.write_text(text, encoding="utf-8")
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0) -> str:

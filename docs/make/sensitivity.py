@@ -6,7 +6,6 @@ python docs/make/sensitivity.py
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from statistics import fmean
 
 from sections import table, write_sections
@@ -22,7 +21,6 @@ from edmsim.validation.pulse_ratios import drum_um
 from edmsim.validation.setups import UNBREAKABLE, altered
 from edmsim.validation.stable_rate import FLUSHED_MM, QUICKER, THIN_MM, preset, rates_mm2_min, thin_rig
 
-PAGE = Path(__file__).parents[1] / "theory" / "emergence.md"
 SEEDS, ROUGH_S = (1, 2), 2.0
 FINER = {"25 slices, 24 modes": Resolution(25, 128, 24, film_spans=2), "40, 31": Resolution(40, 64, 31, film_spans=2)}
 SEARCHES = tuple(range(1, 21))  # seeds of searches whose differences are small
@@ -116,7 +114,7 @@ def worn() -> str:
 
 
 if __name__ == "__main__":
-    write_sections(PAGE, {
+    write_sections("theory/emergence.md", {
         "rough cut by resolution": rough(),
         "misses at height by resolution": tall(),
         "Mori's rig by speed and heat": mori(),

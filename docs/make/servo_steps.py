@@ -5,16 +5,14 @@ python docs/make/servo_steps.py
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from matplotlib.figure import Figure
+from sections import DOCS
 
 from edmsim.consoles.autotune import Tuning, autotune, draw_move, draw_step
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.recording.figures.palette import INK
 from edmsim.recording.figures.style import TITLE_PT, legend, write_figure
 
-PICTURE = Path(__file__).parents[1] / "figures" / "servo-steps.png"
 DRIVES = {"uhu": "UHU 3.00", "servo-module": "servo processor module"}
 
 
@@ -31,4 +29,5 @@ def figure(tunings: dict[str, Tuning]) -> Figure:
 
 
 if __name__ == "__main__":
-    write_figure(figure({name: autotune(name, axis_row("table"), print) for name in DRIVES}), PICTURE)
+    drawn = figure({name: autotune(name, axis_row("table"), print) for name in DRIVES})
+    write_figure(drawn, DOCS / "figures" / "servo-steps.png")

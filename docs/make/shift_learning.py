@@ -9,10 +9,10 @@ The machine is one of training (seed 100 or as `SHOWN` says).
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from sections import DOCS
 
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.adaptive_hold import AdaptiveHold
@@ -22,7 +22,6 @@ from edmsim.evaluation.episode import Episode
 from edmsim.evaluation.lines import OF_TASK
 from edmsim.recording.figures.palette import BLUE, MUTED
 
-TASKS = Path(__file__).parents[1] / "tasks"
 THIN = next(law for law in OF_TASK["ThinWireShift"].compared if law.startswith("adaptive-hold"))
 SHOWN = {
     "MaxRateShift": ("max-rate-shift", 104, "adaptive-hold"), "ThinWireShift": ("thin-wire-shift", 106, THIN),
@@ -68,7 +67,7 @@ def draw(task: str) -> None:
     axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderpad=0.0)
     axes.spines[["top", "right"]].set_visible(False)
     figure.tight_layout()
-    figure.savefig(TASKS / f"{page}-learning.png", dpi=110)
+    figure.savefig(DOCS / "tasks" / f"{page}-learning.png", dpi=110)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ The searches are those of the validation, on the production machine as it is loa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from statistics import fmean
 
 from sections import table, write_sections
@@ -18,7 +17,6 @@ from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import OFF_MM
 from edmsim.validation.stable_rate import APPROACH_S, FLUSHED_MM, HOLD_S, preset
 
-PAGE = Path(__file__).parents[1] / "theory" / "emergence.md"
 SEEDS = (1, 2, 3, 4)
 HEIGHTS_MM = (10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)
 PRESSURES_BAR = (0.2, 0.5, 2.0, 4.0, 8.0, 16.0)
@@ -43,7 +41,7 @@ def main() -> None:
     pressures = {
         bar: base.with_(flushing_lower_Pa=1e5 * bar, flushing_upper_Pa=1e5 * bar) for bar in PRESSURES_BAR
     }
-    write_sections(PAGE, {
+    write_sections("theory/emergence.md", {
         "stable rates by height": rates("height, mm", {mm: preset(mm) for mm in HEIGHTS_MM}),
         "stable rates by pressure": rates("pressure at 40 mm, bar", pressures),
         "stable rates without a nozzle": rates(

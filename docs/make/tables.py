@@ -11,7 +11,6 @@ A page marks the place of a table with two comments; what stands between them is
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -19,7 +18,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from field_comments import declared_fields
-from sections import table
+from sections import DOCS, has_tables, table, with_tables
 from typer.models import ArgumentInfo
 
 from edmsim import controllers
@@ -33,11 +32,6 @@ from edmsim.machine.options import Names, SetUpOptions, available, fact, limits_
 from edmsim.machine.setting import most_current_A, open_V, pulse_shape
 from edmsim.recording.windows import COLUMNS, EQUALISING_COLUMNS
 
-DOCS = Path(__file__).parents[1]
-MARK = re.compile(
-    r"(?P<begin><!-- begin table: (?P<kind>commands|columns|letters|options|parameters|set-ups) ?"
-    r"(?P<words>.*?) -->\n).*?(?P<end><!-- end table -->)", re.DOTALL,
-)
 LINUXCNC = {
     "proportional_gain": "Pgain", "integral_gain": "Igain", "derivative_gain": "Dgain", "clamp": "maxoutput",
     "output_offset": "bias", "velocity_feed_forward": "FF1", "acceleration_feed_forward": "FF2",
@@ -49,16 +43,12 @@ VALUES = {str: "TEXT", int: "INTEGER", float: "NUMBER", Path: "PATH"}
 
 def refreshed(text: str) -> str:
     """Return a page with its tables written again."""
-
-    def written(mark: re.Match[str]) -> str:
-        return f"{mark['begin']}\n{TABLES[mark['kind']](*mark['words'].split())}\n\n{mark['end']}"
-
-    return MARK.sub(written, text)
+    return with_tables(text, TABLES)
 
 
 def pages() -> list[Path]:
-    """Return the pages with such tables."""
-    return [page for page in sorted(DOCS.rglob("*.md")) if MARK.search(page.read_text(encoding="utf-8"))]
+    """Return the pages with tables, but those of `validation.py`."""
+    return [page for page in sorted(DOCS.rglob("*.md")) if page.parent.name != "theory" and has_tables(page)]
 
 
 def commands() -> str:

@@ -9,12 +9,11 @@ A picture is taken where a servo has cut for a while, on the machine that seed 1
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import gymnasium
 import numpy as np
 from PIL import Image
-from sections import table, write_sections
+from sections import DOCS, table, write_sections
 
 import edmsim  # noqa: F401 - registers the environments
 from edmsim.envs.registry import env_id_of
@@ -23,7 +22,6 @@ from edmsim.evaluation.episode import is_part
 from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.table import ranked, shown
 
-DOCS = Path(__file__).parents[1]
 PAGES = {
     "GapFeed": "gap-feed", "HeightStep": "height-step", "Corner": "corner", "Contour": "contour",
     "MaxRate": "max-rate", "ThinWire": "thin-wire", "Trim": "trim", "Part": "part",
@@ -85,7 +83,7 @@ def main() -> None:
     pictures = parser.parse_args().what is not None
     board = leaderboard(DOCS / "leaderboard.jsonl")
     for name, page in PAGES.items():
-        write_sections(DOCS / "tasks" / f"{page}.md", {"lines": lines(board[env_id_of(name), "fast"])})
+        write_sections(f"tasks/{page}.md", {"lines": lines(board[env_id_of(name), "fast"])})
         if pictures:
             photograph(name)
 

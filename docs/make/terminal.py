@@ -5,12 +5,11 @@ python docs/make/terminal.py
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from matplotlib.figure import Figure
 from rich.console import Console, Group
 from rich.style import Style
 from rich.text import Text
+from sections import DOCS
 
 import edmsim
 from edmsim.consoles.computer_1982.devices import Interrupts
@@ -19,7 +18,6 @@ from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import Session, panel
 from edmsim.recording.figures.style import write_figure
 
-PICTURE = Path(__file__).parents[1] / "figures" / "terminal.png"
 COLUMNS, LINES = 80, 24
 TYPED = (
     "G 0400", "TI 30 TP 100 SPEED 110", "NEW 32700 32500", "START", "WAIT 3", "MON", "D 2040,2061", "D 2070,2083",
@@ -86,4 +84,4 @@ def figure() -> Figure:
 
 
 if __name__ == "__main__":
-    write_figure(figure(), PICTURE)
+    write_figure(figure(), DOCS / "figures" / "terminal.png")

@@ -9,7 +9,6 @@ import operator
 import sys
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from edmsim.evaluation.episode import Result, cut, engine_of
 from edmsim.evaluation.table import shown
 from edmsim.runs import perform
 
-PAGE = Path(__file__).parents[1] / "tasks" / "gap-feed.md"
 ENV_ID = "edmsim/GapFeed-v2"
 CONTROLLERS = ("policy:GapFeed-ppo", "delay", "counts")
 CUTS = 12
@@ -67,7 +65,7 @@ def main() -> None:
         [place, *(cell([cuts[name, place, seed] for seed in held_back(CUTS)]) for name in CONTROLLERS)]
         for place in places()
     ]
-    write_sections(PAGE, {"transfer": table(["place", *(f"`{name}`" for name in CONTROLLERS)], rows)})
+    write_sections("tasks/gap-feed.md", {"transfer": table(["place", *(f"`{name}`" for name in CONTROLLERS)], rows)})
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ before corners that technologies have, and without it.
 from __future__ import annotations
 
 import numpy as np
+from sections import table
 
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.technology import Technology, technology_for
@@ -65,22 +66,20 @@ def measured(passes: int, share: float) -> tuple[float, float]:
 def by_passes() -> None:
     """Print the error by number of passes."""
     most = max(MATERIALS.values())
-    print("| passes |", " | ".join(map(str, range(1, most + 1))), "|\n|---|" + "--:|" * most)
+    rows = []
     for material, passes in MATERIALS.items():
         own = technology_for(material)
         for name, technology in ((f"{material}, without it", careless(own)), (material, own)):
             found = [cut_corner(technology, n, MATERIALS_SEED, CORNER_MM) for n in range(1, passes + 1)]
-            texts = [f"{corner.corner_um:.1f}" for corner in found]
-            print("|", " | ".join([name, *texts, *[""] * (most - passes)]), "|", flush=True)
+            rows.append([name, *(f"{corner.corner_um:.1f}" for corner in found), *[""] * (most - passes)])
+    print(table(["passes", *map(str, range(1, most + 1))], rows, numbers=most))
 
 
 def main() -> None:
     """Print the tables."""
-    print("| passes | tension of the last | push from the wall, um | error of the corner, um |\n|---|---|---|---|")
-    for passes, share in CASES:
-        push, error = measured(passes, share)
-        print(f"| {passes} | {share:g} | {push:.1f} | {error:.1f} |", flush=True)
-    print()
+    rows = [(str(n), f"{share:g}", *(f"{um:.1f}" for um in measured(n, share))) for n, share in CASES]
+    heads = "passes", "tension of the last", "push from the wall, um", "error of the corner, um"
+    print(table(heads, rows), end="\n\n", flush=True)
     by_passes()
 
 

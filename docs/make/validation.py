@@ -13,11 +13,11 @@ that kind; ``rows`` takes a topic of the validation.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
-from sections import table
+from sections import DOCS, table, with_tables
 
 from edmsim import validation
 from edmsim.errors import InputError
@@ -27,11 +27,6 @@ from edmsim.machine.parts import Constant
 from edmsim.runs import Processes
 from edmsim.validation.report import judged, reasons_table, rows_table, summary
 from edmsim.validation.rows import Row
-
-DOCS = Path(__file__).parents[1]
-_MARK = re.compile(
-    r"(?P<begin><!-- begin table: (?P<kind>\w+) (?P<words>[^>]*?) -->\n).*?(?P<end><!-- end table -->)", re.DOTALL
-)
 
 
 def write(folder: Path, rows: Sequence[Row]) -> None:
@@ -45,22 +40,14 @@ def write(folder: Path, rows: Sequence[Row]) -> None:
 def refreshed(text: str, rows: Sequence[Row] | None = None, page: Path | None = None) -> str:
     """Return a page with its tables written again; without `rows` those of rows stay. Messages name the `page`."""
 
-    def written(mark: re.Match[str]) -> str:
-        kind, words = mark["kind"], mark["words"].strip()
-        if kind == "constants":
-            text = constants_table(words.split(), page)
-        elif kind != "rows":
-            raise InputError(f"no table '{kind} {words}'; there are constants and rows", page)
-        elif rows is None:
-            return mark[0]
-        else:
-            text = "\n".join(rows_table([row for row in rows if row.topic == words], "docs/theory"))
-        return f"{mark['begin']}\n{text}\n\n{mark['end']}"
+    def of_topic(*words: str) -> str:
+        return "\n".join(rows_table([row for row in rows or () if row.topic == " ".join(words)], "docs/theory"))
 
-    return _MARK.sub(written, text)
+    made = {"constants": partial(constants_table, page=page), "rows": None if rows is None else of_topic}
+    return with_tables(text, made, page)
 
 
-def constants_table(words: Sequence[str], page: Path | None = None) -> str:
+def constants_table(*words: str, page: Path | None) -> str:
     """Return a Markdown table of constants, of sections as ``gap`` or ``machine.gap``, or of what `_sections` has."""
     rows = []
     for word in words:

@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from sections import write_sections
+from sections import table, write_sections
 
 from edmsim.bench.figures import half_cheetah_comparison, settled, straight_cuts
 from edmsim.bench.plant import spent_s
 
-PAGE = Path(__file__).parents[1] / "environments.md"
 COUNTS, THREADS = (1, 4, 16, 64, 256), (1, 2)
 """Numbers of environments and threads of the table."""
 ROUNDS = 8
@@ -36,8 +35,8 @@ class VectorRate(NamedTuple):
     processor_us: float
 
 
-def table(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> list[VectorRate]:
-    """Return the rows of straight cuts at ``fast``."""
+def rates(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> list[VectorRate]:
+    """Measure straight cuts at ``fast``."""
     kinds = [(count, many) for count in counts for many in threads]
     best_s, processor_best_s = np.full(len(kinds), np.inf), np.full(len(kinds), np.inf)
     with ExitStack() as opened:
@@ -61,24 +60,24 @@ def processor() -> str:
     return f"{os.cpu_count()} processors, {named[1] if named else platform.processor() or platform.machine()}"
 
 
-def lines(rows: list[VectorRate], comparison: dict[str, float]) -> list[str]:
+def section(rows: list[VectorRate], comparison: dict[str, float]) -> str:
     """Return the table, and the sentence below it."""
     most = max(row.environments for row in rows)
-    head = "| environments | threads | windows per s | processor time of a window, us |\n|--:|--:|--:|--:|"
-    body = [f"| {r.environments} | {r.threads} | {r.windows_per_s:,.0f} | {r.processor_us:.0f} |" for r in rows]
+    heads = "environments", "threads", "windows per s", "processor time of a window, us"
+    cells = [(f"{n}", f"{threads}", f"{per_s:,.0f}", f"{us:.0f}") for n, threads, per_s, us in rows]
     ours, theirs = comparison.values()
     alone, many = (next(r.processor_us for r in rows if r.environments == n and r.threads == 1) for n in (1, most))
-    return [
-        head, *body, "",
+    return (
+        f"{table(heads, cells, numbers=4)}\n\n"
         f"On {processor()}. A window of one environment costs {alone / many:.1f} times one of {most}: Python's "
         f"share, which they divide. 64 environments with all processors made {ours / theirs:.2f} times the steps per "
-        "second of 64 HalfCheetah-v5, timed in turns.",
-    ]
+        "second of 64 HalfCheetah-v5, timed in turns."
+    )
 
 
 def main() -> None:
     """Measure, and write the page's section."""
-    write_sections(PAGE, {"vector environments": "\n".join(lines(table(), half_cheetah_comparison()))})
+    write_sections("environments.md", {"vector environments": section(rates(), half_cheetah_comparison())})
 
 
 if __name__ == "__main__":

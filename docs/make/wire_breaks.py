@@ -12,11 +12,10 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from sections import write_sections
+from sections import table, write_sections
 
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import shorted
@@ -24,7 +23,6 @@ from edmsim.controllers.feed.periods import BOILING_K
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 
-PAGE = Path(__file__).parents[1] / "tasks" / "max-rate-shift.md"
 ENV_ID, LAW = "edmsim/MaxRateShift-v0", "adaptive-hold"
 SEEDS, SECONDS = (22_002, 22_003, 22_004), 600.0
 USUAL_S = 1.0  # time constant of the usual ignitions in each fifth
@@ -74,15 +72,15 @@ def main() -> None:
     parser.add_argument("controller", nargs="?", default=LAW)
     parser.add_argument("--seconds", type=float, default=SECONDS)
     arguments = parser.parse_args()
-    rows = ["| machine | broke after, s | dry for, ms | ignitions over the usual | a short had cleared |"]
-    rows += ["|---" * 5 + "|"]
+    heads = "machine", "broke after, s", "dry for, ms", "ignitions over the usual", "a short had cleared"
+    rows = []
     for seed in SEEDS:
         for one in breaks(seed, arguments.controller, arguments.seconds):
             short = "yes" if one.after_short else "no"
-            rows.append(f"| {seed} | {one.time_s:.0f} | {1e3 * one.dry_s:.0f} | {one.burst:.2f} | {short} |")
-            print(rows[-1], flush=True)
+            rows.append((str(seed), f"{one.time_s:.0f}", f"{1e3 * one.dry_s:.0f}", f"{one.burst:.2f}", short))
+            print(*rows[-1], flush=True)
     if arguments.controller == LAW:
-        write_sections(PAGE, {"wire-breaks": "\n".join(rows)})
+        write_sections("tasks/max-rate-shift.md", {"wire-breaks": table(heads, rows)})
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
 from pydantic import ValidationError
 
 from edmsim import models
-from edmsim.errors import InputError, one_of, refused_entry, refuses_wrong_types
+from edmsim.errors import InputError, one_of, refuse_unknown, refused_entry, refuses_wrong_types
 from edmsim.files import read_text
 from edmsim.machine.options import USUAL_MACHINE, Choices, Kind, SetUpOptions, available, refusal, show
 from edmsim.machine.parts import Base, Constant, Generator, Material, Part, SetUp, Wire
@@ -58,10 +58,7 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
 
 
 def _our_file(kind: Kind, name: str, referring_file: str | None = None) -> str:
-    names = available(kind)
-    if name not in names:
-        one = "technology" if kind == "technologies" else kind[:-1]
-        raise InputError(f"unknown {one} '{name}'; there are: {one_of(name, names)}", referring_file)
+    refuse_unknown("technology" if kind == "technologies" else kind[:-1], name, available(kind), referring_file)
     return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
 
 

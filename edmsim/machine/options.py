@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from edmsim.errors import InputError, one_of, refused_entry
+from edmsim.errors import InputError, one_of, refuse_unknown, refused_entry
 from edmsim.numeric import Number
 
 Kind = Literal["machines", "wires", "materials", "generators", "technologies"]
@@ -196,9 +196,8 @@ def limits_text(name: str, field: FieldInfo) -> str:
 def checked_name(options: type[BaseModel], name: str, value: Any) -> Any:
     """Return an option's value; raises `InputError` for a name that its registry does not have."""
     names = fact(options.model_fields[name], Names)
-    known = [] if names is None or names.or_else else [*names.listed()]
-    if known and value not in known:
-        raise InputError(f"unknown {name.replace('_', ' ')} '{value}'; there are: {one_of(str(value), known)}")
+    if names is not None and not names.or_else and (known := [*names.listed()]):
+        refuse_unknown(name.replace("_", " "), value, known)
     return value
 
 

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from edmsim.errors import CombinationError, InputError, one_of
+from edmsim.errors import CombinationError, InputError, refuse_unknown
 from edmsim.machine.options import Choices, SetUpOptions, bare_name, limits_of, unit_of
 from edmsim.machine.parts import Constant, SetUp
 
@@ -210,8 +210,7 @@ def _check_choices(machine: SetUp) -> None:
     if machine.ignition_wait_us is not None and mode == "iso-pulse":
         raise InputError("an iso-pulse generator has no ignition wait: its switch opens at t_on, ignited or not")
     shape = pulse_shape(machine)
-    if shape not in [*PULSE_FORMS]:  # a list asks for no hash, which not everything has
-        raise InputError(f"unknown pulse shape '{shape}'; there are: {one_of(shape, PULSE_FORMS)}")
+    refuse_unknown("pulse shape", shape, PULSE_FORMS)
     if shape == "triangle" and mode == "iso-pulse":
         raise InputError("an iso-pulse generator makes no triangles: the switch would cut them off; choose "
                          "iso-energetic or ignition-pulse, whose discharges all last t_on")

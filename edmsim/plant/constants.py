@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -385,9 +385,6 @@ def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:
         getattr(a, name).fill(others.get(name, 0))
 
 
-_MOST = 128  # settings that are kept, some 10 kB each; a knob with detents comes back to them
-
-
 class GeneratorSetting(NamedTuple):
     """Times and currents of a setting, what follows for breakdown and gas; the machine with it; whether it is on."""
 
@@ -398,26 +395,15 @@ class GeneratorSetting(NamedTuple):
     on: bool
 
 
-class GeneratorSettings:
-    """The settings of one machine."""
+def settings_of(machine: Machine, resolution: Resolution) -> Callable[[float, float, bool], GeneratorSetting]:
+    """Return what makes a machine's settings of on-time, period and on or off; `InputError` for one it refuses."""
 
-    def __init__(self, machine: Machine, resolution: Resolution) -> None:
-        self._machine, self._resolution = machine, resolution
-        self._known: dict[tuple[float, float, bool], GeneratorSetting] = {}
+    @functools.lru_cache(128)  # some 10 kB each; a knob with detents comes back to them
+    def made(t_on_us: float, t_period_us: float, on: bool) -> GeneratorSetting:
+        same = (t_on_us, t_period_us) == (machine.t_on_us, machine.t_period_us)
+        with_it = machine if same else machine.with_pulses(t_on_us, t_period_us)
+        times = timing(with_it) if on else switched_off(timing(with_it))
+        law = gap_law(with_it, resolution, times.open_V)
+        return GeneratorSetting(times, law, gas_law(with_it, times), with_it, on)
 
-    def get(self, t_on_us: float, t_period_us: float, on: bool) -> GeneratorSetting:
-        """Return a setting, with the generator on or off; raises `InputError` if the generator refuses it."""
-        key = t_on_us, t_period_us, on
-        if key not in self._known:
-            if len(self._known) == _MOST:
-                self._known.clear()
-            self._known[key] = self._make(*key)
-        return self._known[key]
-
-    def _make(self, t_on_us: float, t_period_us: float, on: bool) -> GeneratorSetting:
-        machine = self._machine
-        if (t_on_us, t_period_us) != (machine.t_on_us, machine.t_period_us):
-            machine = machine.with_pulses(t_on_us, t_period_us)
-        times = timing(machine) if on else switched_off(timing(machine))
-        law = gap_law(machine, self._resolution, times.open_V)
-        return GeneratorSetting(times, law, gas_law(machine, times), machine, on)
+    return made

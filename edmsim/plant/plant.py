@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
-from edmsim.errors import InputError, methods_refuse_wrong_types, one_of
+from edmsim.errors import InputError, methods_refuse_wrong_types, one_of, refuse_unknown
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
@@ -21,7 +21,6 @@ from edmsim.plant.axes import faults
 from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
 from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
-from edmsim.plant.constants import GeneratorSettings
 from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
 from edmsim.plant.kernel import state as loop
@@ -106,8 +105,7 @@ class Plant:
     ) -> None:
         if isinstance(machine, str):
             raise InputError(f"a plant takes a machine, not its name: edmsim.Machine.load({machine!r})")
-        if mechanics not in MECHANICS:
-            raise InputError(f"unknown mechanics '{mechanics}'; there are: {one_of(mechanics, MECHANICS)}")
+        refuse_unknown("mechanics", mechanics, MECHANICS)
         self.mechanics = mechanics
         self.resolution = res = named_resolution(resolution)
         coordinates = _coordinates(res, mechanics)
@@ -152,7 +150,7 @@ class Plant:
         constants.fill_arrays(self._arrays, self._model, machine, res)
         for group in (self._constants, constants.heat_law(machine, res), constants.push_law(machine)):
             self._memory.put(group)
-        self._settings = GeneratorSettings(machine, res)
+        self._settings = constants.settings_of(machine, res)
 
     def _set_up_drives(self, machine: Machine, drives: Mapping[str, AxisDrive]) -> None:
         ways, travel_um = ways_of(machine, nuts=self.mechanics == "modal"), machine.base.table.travel_mm.value * 1e3
@@ -182,7 +180,7 @@ class Plant:
         return full
 
     def _set(self, t_on_us: float, t_period_us: float, on: bool) -> None:
-        self._setting = setting = self._settings.get(t_on_us, t_period_us, on)
+        self._setting = setting = self._settings(t_on_us, t_period_us, on)
         for group in setting[:3]:
             self._memory.put(group)
         if isinstance(self._model, ModalModel) and self._grid_us != setting.timing.grid_us:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from edmsim.errors import InputError, one_of
+from edmsim.errors import refuse_unknown
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,5 @@ def resolution(name: str | Resolution) -> Resolution:
     """Look up a resolution by name; an own one is returned as it is."""
     if isinstance(name, Resolution):
         return name
-    if name not in RESOLUTIONS:
-        raise InputError(f"unknown resolution '{name}'; there are: {one_of(name, RESOLUTIONS)}")
+    refuse_unknown("resolution", name, RESOLUTIONS)
     return RESOLUTIONS[name]

@@ -285,7 +285,7 @@ def test_a_compensation_may_come_in_slowly():
 def test_a_reversal_is_taken_out_by_direction():
     rig = rig_of("xyu")
     table(rig, 0, ((-10.0, 0.0), (200.0, 0.0)), axis=X, master=X, mode=Mode.COMPENSATION)
-    rig.control.elcam.tables[0].extensions.reversal = 0.008
+    rig.control.elcam.tables[0].reversal = 0.008
     run(rig, 0)
     compensate(rig)
     for place, error in ((10.0, 0.004), (5.0, -0.004)):

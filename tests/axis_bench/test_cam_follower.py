@@ -263,7 +263,7 @@ def test_a_curve_passes_through_the_points_without_corners():
         rig = rig_of()
         points = [(x, 5.0 * np.sin(2 * np.pi * x / 40.0)) for x in np.arange(0.0, 41.0, 4.0)]
         table(rig, 0, points)
-        rig.control.elcam.tables[0].extensions.cubic = cubic
+        rig.control.elcam.tables[0].cubic = cubic
         run(rig, 0)
         for x, y in points[1:4]:
             go(rig, X, x)

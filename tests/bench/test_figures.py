@@ -46,7 +46,7 @@ def test_figures():
 @pytest.mark.usefixtures("short")
 def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads(load_script):
     script = load_script(Path(__file__).parents[2] / "docs" / "make" / "vector_envs.py")
-    rows = script.table(counts=(1, 3), threads=(1, 2))
+    rows = script.rates(counts=(1, 3), threads=(1, 2))
     assert [(row.environments, row.threads) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
     assert all(row.windows_per_s > 0 and row.processor_us > 0 for row in rows)
 

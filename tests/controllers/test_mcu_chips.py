@@ -521,5 +521,5 @@ def test_the_dip_of_oev_in_init_does_not_reach_the_generator():  # T-84, T-50
     computer = Computer()
     computer.board.open_V = 100.0
     computer.init()
-    assert computer.read(bus.PORT2C) & 1
+    assert computer.bus.read(bus.PORT2C) & 1
     assert computer.board.generator_line.voltage_V(0) == 0.0

@@ -60,9 +60,9 @@ def test_init_leaves_a_safe_stand_by():  # T-43, T-51, T-50
     computer.init()
     assert computer.state == "stand-by"
     assert (computer.position, computer.pulse_codes) == (place, (0, 0))
-    assert computer.read(0x4022) & 1  # OEV
+    assert computer.bus.read(0x4022) & 1  # OEV
     assert not computer.board.generator_on
-    assert computer.read(0x4032) & (ppi.INTE_A | ppi.INTE_B | ppi.IBF_A | ppi.IBF_B) == 0
+    assert computer.bus.read(0x4032) & (ppi.INTE_A | ppi.INTE_B | ppi.IBF_A | ppi.IBF_B) == 0
     assert computer.run_until(5 * SECOND) == computer.drive([Step(6 * SECOND, 0, 1)]) == []
     assert computer.position == place
 
@@ -78,9 +78,9 @@ def test_init_keeps_the_documents_order():  # T-50, T-48
     first = [addresses.index(address) for address in order]
     assert first == sorted(first)
     assert dict(writes)[bus.PORT2A] == dict(writes)[bus.PORT2B] == 0
-    table = [computer.read(0x3FE0 + 4 * level) for level in range(8)]
+    table = [computer.bus.read(0x3FE0 + 4 * level) for level in range(8)]
     assert table == [0xC3] * 8  # JMP
-    assert computer.word(0x3FE1 + 4 * pic.EMERGENCY) == at.EMERGENCY_ROUTINE
+    assert computer.bus.word(0x3FE1 + 4 * pic.EMERGENCY) == at.EMERGENCY_ROUTINE
 
 
 def test_emergency_copies_its_data_before_it_changes_outputs():  # T-49
@@ -89,7 +89,7 @@ def test_emergency_copies_its_data_before_it_changes_outputs():  # T-49
     computer.move_to(30_500, 29_000)
     computer.run_until(SECOND)
     place = computer.position
-    moving = computer.word(at.XVELOC), computer.word(at.YVELOC)
+    moving = computer.bus.word(at.XVELOC), computer.bus.word(at.YVELOC)
     assert 0 not in moving
     writes = record_writes(computer)
     computer.emergency()
@@ -97,7 +97,7 @@ def test_emergency_copies_its_data_before_it_changes_outputs():  # T-49
     copies = [k for k, (address, _) in enumerate(writes) if at.SAVED <= address < at.SAVED + 10]
     assert len(copies) == len(at.SAVED_WORDS)
     assert max(copies) < min(ports)
-    saved = [computer.word(at.SAVED + 2 * k) for k in range(5)]
+    saved = [computer.bus.word(at.SAVED + 2 * k) for k in range(5)]
     assert saved == [place[0], moving[0], place[1], moving[1], 127]
     assert (computer.position, computer.pulse_codes, computer.board.generator_on) == (place, (0, 0), False)
 
@@ -135,14 +135,14 @@ def test_hardware_cuts_the_steppers_even_where_the_program_goes_on():  # T-47
     computer = ready()
     computer.board.switches.trip(X_END)
     for bit in (2, 4):
-        computer.write(bus.CPORT2, bit << 1 | 1)
+        computer.bus.write(bus.CPORT2, bit << 1 | 1)
     assert computer.board.steps == []
 
 
 def test_the_emergency_comes_before_a_step_that_is_due():  # T-45
     computer = ready()
     computer.board.interrupts.request(pic.X_STEPPER)
-    computer.store(at.XVELOC, 127)
+    computer.bus.store(at.XVELOC, 127)
     computer.board.switches.trip(WIRE_BREAK)
     computer.serve()
     assert (computer.state, computer.position) == ("emergency", START)
@@ -193,7 +193,7 @@ def test_a_move_ends_at_its_target_and_a_new_speed_counts_from_the_next_step(): 
 def test_only_rising_edges_step():  # T-16, T-17
     computer = ready(start=False)
     for byte, steps in ((0x01, 0), (0x05, 1), (0x05, 1), (0x01, 1), (0x07, 2), (0x1F, 3), (0x00, 3)):
-        computer.write(0x4022, byte)
+        computer.bus.write(0x4022, byte)
         assert len(computer.board.steps) == steps
     assert [(s.axis, s.direction) for s in computer.board.steps] == [(0, -1), (0, 1), (1, 1)]
 
@@ -201,13 +201,13 @@ def test_only_rising_edges_step():  # T-16, T-17
 def test_another_order_of_the_lines():  # T-24, T-A9
     lines = LineOrder(7, 0, 1, 2, 3, 4, 5, 6)
     computer = ready(board=Board(lines=lines))
-    assert computer.read(0x4022) & 0x80 == 0
+    assert computer.bus.read(0x4022) & 0x80 == 0
     computer.move_to(30_010, 29_990)
     assert {(s.axis, s.direction) for s in computer.run_until(SECOND)} == {(0, 1), (1, -1)}
     computer.stop()
-    assert computer.read(0x4022) & 0x80
+    assert computer.bus.read(0x4022) & 0x80
     computer.set_pulse_codes(0x180, 0x1FF)
-    assert computer.read(0x4022) == 0x80 | 0x30 | computer.read(0x4022) & 0x05
+    assert computer.bus.read(0x4022) == 0x80 | 0x30 | computer.bus.read(0x4022) & 0x05
     with pytest.raises(InputError, match="bits 0 to 7, each once"):
         Board(lines=LineOrder(oev=7))
 
@@ -246,7 +246,7 @@ def test_more_than_2_ampere_is_refused_and_the_old_pair_stays():  # T-34
     with pytest.raises(InputError, match=r"draws 3\.31 A, above the generator's 2 A: t\(p\) must be at least 197 us"):
         computer.set_pulse_codes(255, 170)
     assert computer.pulse_codes == (102, 170)
-    assert (computer.read(0x4020), computer.read(0x4021)) == (102, 170)
+    assert (computer.bus.read(0x4020), computer.bus.read(0x4021)) == (102, 170)
     with pytest.raises(InputError):
         computer.set_pulse_codes(102.0, 170)
 
@@ -269,7 +269,7 @@ def test_no_pair_on_the_way_draws_too_much(a, b, c, d, law):  # T-34, T-35
     computer.set_pulse_codes(c, d)
     assert max(drawn) <= 2.0
     assert computer.pulse_codes == (c, d)
-    assert (computer.read(0x4020), computer.read(0x4021)) == (c & 0xFF, d & 0xFF)
+    assert (computer.bus.read(0x4020), computer.bus.read(0x4021)) == (c & 0xFF, d & 0xFF)
 
 
 def test_streams_go_where_the_two_words_point():  # T-58, T-59
@@ -278,18 +278,18 @@ def test_streams_go_where_the_two_words_point():  # T-58, T-59
     computer.board.receive(ord("A"))
     computer.board.receive(ord("H"), from_host=True)
     assert computer.streams.ci() == ord("A")
-    computer.store(at.CIADR, at.HOST_IN)
+    computer.bus.store(at.CIADR, at.HOST_IN)
     assert computer.streams.ci() == ord("H")
     computer.streams.co(ord("x"))
-    computer.store(at.COADR, at.HOST_OUT)
+    computer.bus.store(at.COADR, at.HOST_OUT)
     computer.streams.co(ord("y"))
     assert (computer.board.sent, computer.board.sent_to_host) == (b"x", b"y")
     characters = []
     computer.streams.outputs[0x2400] = characters.append
-    computer.store(at.COADR, 0x2400)
+    computer.bus.store(at.COADR, 0x2400)
     computer.streams.co(ord("z"))
     assert characters == [ord("z")]
-    computer.store(at.CIADR, 0x1234)
+    computer.bus.store(at.CIADR, 0x1234)
     with pytest.raises(InputError, match="CIADR holds 1234H"):
         computer.streams.ci()
 

@@ -59,7 +59,7 @@ def test_registers_and_law_cut_the_same_bit_for_bit(planner, generator):  # T-15
     computer = whole.controller.computer
     assert computer.position == whole.plant.commanded_um
     shown = rows(whole)
-    assert (computer.word(at.SHORTS), computer.word(at.OPENS)) == (shown["short"][-1], shown["open"][-1])
+    assert (computer.bus.word(at.SHORTS), computer.bus.word(at.OPENS)) == (shown["short"][-1], shown["open"][-1])
     assert computer.t_states > 0
     assert len({*shown["feed_um_s"]}) > 5  # the law has had its say
 
@@ -124,8 +124,8 @@ def test_axis_speeds_follow_path_and_counts():  # T-69
     for path_um, direction in ((10.0, (3, 4)), (490.0, (3, 4)), (510.0, (0, -1))):
         computer = whole.computer
         if path_um > 500:
-            computer.store(at.XPOS, 30_300)
-            computer.store(at.YPOS, 30_400)
+            computer.bus.store(at.XPOS, 30_300)
+            computer.bus.store(at.YPOS, 30_400)
         for _ in range(60):
             whole.update(window(0, 255, path_um))
         assert computer.signed(at.CUTVEL) == 127

@@ -41,15 +41,15 @@ def test_every_area_lies_in_ram_and_touches_no_other():  # T-20
 
 def test_init_copies_its_table_and_keeps_positions_and_targets():  # T-80, T-A14, T-49
     computer = started()
-    place, target = computer.position, (computer.word(at.NEWX), computer.word(at.NEWY))
-    assert computer.word(at.XVELOC) != 0
+    place, target = computer.position, (computer.bus.word(at.NEWX), computer.bus.word(at.NEWY))
+    assert computer.bus.word(at.XVELOC) != 0
     first = sum(size for area, size in at.START_AREAS if area < at.ENTRY)
-    computer.write(at.START_VALUES + first, 42)
+    computer.bus.write(at.START_VALUES + first, 42)
     for stop in (computer.emergency, computer.init):
         stop()
-        assert (computer.position, (computer.word(at.NEWX), computer.word(at.NEWY))) == (place, target)
-        assert [computer.word(a) for a in (at.XVELOC, at.YVELOC, at.CUTVEL)] == [0, 0, 0]
-        assert computer.word(at.ENTRY) == 42
+        assert (computer.position, (computer.bus.word(at.NEWX), computer.bus.word(at.NEWY))) == (place, target)
+        assert [computer.bus.word(a) for a in (at.XVELOC, at.YVELOC, at.CUTVEL)] == [0, 0, 0]
+        assert computer.bus.word(at.ENTRY) == 42
         assert computer.speed == 100
         assert computer.run_until(9_000_000_000) == []
 
@@ -61,7 +61,7 @@ def test_the_monitor_sets_up_the_serial_lines_and_init_leaves_them():  # T-81
     computer.board.receive(ord("A"))
     assert computer.streams.ci() == ord("A")
     assert computer.state == "off"
-    computer.write(bus.TERMINAL + 1, uart.COMMAND_RESET)
+    computer.bus.write(bus.TERMINAL + 1, uart.COMMAND_RESET)
     computer.init()
     computer.board.receive(ord("B"))
     assert computer.streams.ci() is None
@@ -73,30 +73,30 @@ def test_the_monitor_sets_up_the_serial_lines_and_init_leaves_them():  # T-81
 def test_the_jump_table_decides_what_an_interrupt_runs():  # T-82
     computer = started()
     entry, place = 0x3FE0 + 4 * pic.X_STEPPER, computer.position
-    assert [computer.read(entry + k) for k in range(4)] == [0xC3, at.X_ENTRY & 0xFF, at.X_ENTRY >> 8, 0]
+    assert [computer.bus.read(entry + k) for k in range(4)] == [0xC3, at.X_ENTRY & 0xFF, at.X_ENTRY >> 8, 0]
     assert bus.RAM[-1] + 1 == 0x3FE0 + 32
-    computer.store(entry + 1, at.NO_ROUTINE)  # I1AD leads elsewhere: x stands, y goes on
+    computer.bus.store(entry + 1, at.NO_ROUTINE)  # I1AD leads elsewhere: x stands, y goes on
     computer.run_until(2_000_000_000)
     assert computer.position[0] == place[0]
     assert computer.position[1] > place[1]
-    computer.write(0x3FE0 + 4 * pic.Y_STEPPER, 0x08)
+    computer.bus.write(0x3FE0 + 4 * pic.Y_STEPPER, 0x08)
     computer.run_until(3_000_000_000)
     assert computer.state == "emergency"
     assert computer.cause == ("interrupt: 08H at 3FE8H is not an instruction of the 8085",)
     computer.init()  # the jump table comes from the start values again
-    assert computer.read(0x3FE0 + 4 * pic.Y_STEPPER) == 0xC3
+    assert computer.bus.read(0x3FE0 + 4 * pic.Y_STEPPER) == 0xC3
 
 
 def test_numbers_of_a_line_come_through_the_redirected_stream():  # T-83, T-58
     computer = Computer()
     buffer, addresses = InputBuffer(b"123 456", computer.streams), []
     fetch = computer.streams.inputs[at.BUFFER_IN]
-    computer.streams.inputs[at.BUFFER_IN] = lambda: addresses.append(computer.word(at.CIADR)) or fetch()
+    computer.streams.inputs[at.BUFFER_IN] = lambda: addresses.append(computer.bus.word(at.CIADR)) or fetch()
     assert getnum(buffer) == 123
     assert addresses == 4 * [at.BUFFER_IN]
-    assert computer.word(at.CIADR) == at.TERMINAL_IN
-    assert bytes(computer.read(at.BPTR_DATA + k) for k in range(8)) == b"123 456\0"
-    assert computer.word(at.BPTR) == at.BPTR_DATA + 3
+    assert computer.bus.word(at.CIADR) == at.TERMINAL_IN
+    assert bytes(computer.bus.read(at.BPTR_DATA + k) for k in range(8)) == b"123 456\0"
+    assert computer.bus.word(at.BPTR) == at.BPTR_DATA + 3
 
 
 def test_the_optimiser_keeps_its_words_in_ram():  # T-20

@@ -131,13 +131,13 @@ def test_a_new_speed_waits_for_the_optimising_routine_and_steps_put_it_off():  #
     follow(real, [127] * 10)
     computer.steppers.busy(400_000)
     undisturbed_ns = computer.steppers.free_ns
-    assert computer.word(at.XVELOC) == 127 * 4 // 5
+    assert computer.bus.word(at.XVELOC) == 127 * 4 // 5
     steps = real.advance(10 * WINDOW, undisturbed_ns, 10)
-    assert computer.word(at.XVELOC) == 127 * 4 // 5
+    assert computer.bus.word(at.XVELOC) == 127 * 4 // 5
     assert len(steps) >= 3
     assert computer.steppers.free_ns - undisturbed_ns == pytest.approx(len(steps) * ns(ROUTINE_T), abs=4 * len(steps))
     real.advance(undisturbed_ns, undisturbed_ns + WINDOW, 10)
-    assert (computer.word(at.CUTVEL), computer.word(at.XVELOC)) == (10, 8)
+    assert (computer.bus.word(at.CUTVEL), computer.bus.word(at.XVELOC)) == (10, 8)
 
 
 @pytest.mark.parametrize("window", [7_000_000, 25_500_000, 400_000_000])

@@ -4,9 +4,7 @@ import pytest
 
 import edmsim
 from edmsim import models
-from edmsim.plant.workpiece.kerf_field import Stock
-
-CENTRE_UM = (32_500.0, 32_500.0)
+from edmsim.validation import setups
 
 
 @pytest.fixture(scope="session")
@@ -26,24 +24,12 @@ def published():
 
 @pytest.fixture(scope="session")
 def altered():
-    """Replace constants, whatever their range: ``altered(machine, {"base.gap.critical_um": 9.0})``."""
-
-    def set_path(part, keys, value):
-        old = getattr(part, keys[0])
-        deeper = len(keys) > 1
-        new = set_path(old, keys[1:], value) if deeper else type(old)(value=value, source="set by a test")
-        return part.model_copy(update={keys[0]: new})
-
-    def apply(machine, values):
-        for path, value in values.items():
-            machine = set_path(machine, path.split("."), value)
-        return machine
-
-    return apply
+    """Replace constants, whatever their range."""
+    return setups.altered
 
 
 @pytest.fixture(scope="session")
-def in_a_hole(altered):
+def in_a_hole():
     """A plant whose wire hangs in the middle of a round hole, where discharges do (nearly) nothing."""
     quiet = {
         "material.removal_mm3_J": 1e-15, "base.discharge.impulse_10mJ_Ns": 0.0, "base.discharge.bubble_share": 1e-12,
@@ -53,11 +39,8 @@ def in_a_hole(altered):
     }  # fmt: skip
 
     def make(machine, gap_um, *, seed=1, resolution="fast", still=True, **constants):
-        machine = altered(machine, quiet | constants) if still else altered(machine, constants)
-        x, y = CENTRE_UM
-        radius = machine.wire_diameter_um / 2 + gap_um
-        stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, radius),))
-        return edmsim.Plant(machine, seed, stock=stock, position_um=CENTRE_UM, resolution=resolution)
+        machine = setups.altered(machine, (quiet if still else {}) | constants)
+        return setups.in_a_hole(machine, gap_um, seed, resolution=resolution)
 
     return make
 

@@ -10,12 +10,21 @@ from scipy.optimize import curve_fit
 
 import edmsim
 from edmsim.cosim.straight import begin
-from edmsim.plant.constants import RAY_RANGE_UM, constants, full_mechanics, gap_law, modal_model, wire_setup
+from edmsim.plant.constants import (
+    RAY_RANGE_UM,
+    constants,
+    fill_propagators,
+    full_mechanics,
+    gap_law,
+    modal_model,
+    wire_setup,
+)
 from edmsim.plant.gap.breakdown import slice_sums
+from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
 from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.kernel.state import Arrays, Propagators
 from edmsim.plant.mechanics.film import (
     added_mass_kg_m,
     drag_N_s_m2,
@@ -23,7 +32,7 @@ from edmsim.plant.mechanics.film import (
     pull_sum_um2,
     suction_limited,
 )
-from edmsim.plant.mechanics.modal import push_out
+from edmsim.plant.mechanics.modal import kick, move, push_out
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
@@ -166,6 +175,63 @@ def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine
     assert lost == pytest.approx(0.5 * model.slice_mass_kg[2] * float((a.shape @ before_v[0])[2]) ** 2)
     push_out(a, 2, into, 0.0, 1.0)  # it leaves already: its speed stays
     np.testing.assert_allclose(a.shape @ a.wire_v[0], speed[:, 0], atol=1e-6)
+
+
+# --- one mode in the mean film: its motion over a pulse against its exact propagator ---
+
+
+def exact_period(omega, zeta, drag, spans_s, pull, jump):
+    """Exact map of a mode's place and speed over a pulse and what a period adds: pull before the kick, none after."""
+    system = np.array([[0.0, 1.0, 0.0], [-(omega**2), -2 * zeta * omega - drag, pull], [0.0, 0.0, 0.0]])
+    first = expm(system * spans_s[0])
+    second = expm(system[:2, :2] * spans_s[1])
+    return second @ first[:2, :2], second @ (first[:2, 2] + [0.0, jump])
+
+
+@pytest.fixture(scope="module")
+def first_mode(machine):
+    """Frequency and damping of the first mode, and its map over a pulse as the loop moves it."""
+    machine = machine.with_(t_period_us=100.0)
+    model = modal_model(machine, FAST)
+    sizes = sizes_of(FAST.slices, FAST.rays, FAST.modes)
+    p = allocate(Propagators, sizes)
+    fill_propagators(p, model, timing(machine))
+    a = arrays(model, sizes, 293.0, {})
+    a.mobility[:] = 1.0
+    loads = np.zeros_like(a.wire_q)
+
+    def period(braking, k_first, start, pull, impulse):
+        a.wire_q[:], a.wire_v[:] = 0.0, 0.0
+        (a.wire_q[0, 0], a.wire_v[0, 0]), loads[0, 0] = start, pull
+        move(a, p, loads, 1.0, k_first, braking * k_first * 1e-3)
+        kick(a, 2, impulse, 0.0)
+        move(a, p, loads, 0.0, 1_000 - k_first, braking * (1_000 - k_first) * 1e-3)
+        return np.array([a.wire_q[0, 0], a.wire_v[0, 0]])
+
+    return model.wire_omega[0], model.wire_zeta[0], float(a.shape[2, 0]), period
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("braking", [0.05, 0.4, 0.8])
+@pytest.mark.parametrize("k_first", [50, 350, 800])
+@pytest.mark.parametrize(("pull", "impulse"), [(1e7, 0.0), (0.0, 1e-6)])
+def test_a_mode_in_a_film_bends_and_decays_as_its_exact_propagator(first_mode, pull, impulse, k_first, braking):
+    """In the mean over pulses that are all alike, and left alone; the film's resistance is `braking` per period."""
+    omega, zeta, shape, period = first_mode
+    spans = np.array([k_first, 1_000 - k_first]) * 1e-7
+    exact, added = exact_period(omega, zeta, braking / 100e-6, spans, pull, shape * impulse * 1e6)
+    moved = np.column_stack([period(braking, k_first, start, 0.0, 0.0) for start in np.eye(2)])
+    adds = period(braking, k_first, (0.0, 0.0), pull, impulse)
+    bent = np.linalg.solve(np.eye(2) - moved, adds)[0]
+    assert bent == pytest.approx(np.linalg.solve(np.eye(2) - exact, added)[0], rel=1.2e-2)
+    assert np.log(np.linalg.det(moved)) == pytest.approx(np.log(np.linalg.det(exact)), rel=0.1)
+
+
+@pytest.mark.parametrize("braking", [5.0, 100.0, 1e6])
+def test_no_film_is_too_stiff_for_a_mode(first_mode, braking):
+    *_, period = first_mode
+    moved = np.column_stack([period(braking, 350, start, 0.0, 0.0) for start in np.eye(2)])
+    assert np.abs(np.linalg.eigvals(moved)).max() < 1.0
 
 
 # --- in a plant, the generator off ---

@@ -39,12 +39,13 @@ def test_the_ratios_of_the_page_are_those_that_are_measured(script):
 
 def test_the_script_writes_shares_and_ratios(script):
     shares = dict(zip(PARTS, [0.55, *[0.05] * 9], strict=True))
-    lines = script.profile_lines({"fast": LoopProfile(400.0, 420.0, shares, 21_000)})
+    lines = script.parts({"fast": LoopProfile(400.0, 420.0, shares, 21_000)}).splitlines()
     assert "| ray sums | 220 | 55 |" in lines
     assert "| together | 400 | 100 |" in lines
     assert "21,000 looks. With marks a pulse took 1.05 times as long." in lines[-1]
     rates = dict.fromkeys(script.NAMES, np.array([10.0, 12.0, 39.0]))
-    lines = script.pair_lines(Pairs("a80349b313", rates, dict.fromkeys(script.NAMES, np.full(3, 10.0))), (0.9, 2.5))
+    before = dict.fromkeys(script.NAMES, np.full(3, 10.0))
+    lines = script.pairs(Pairs("a80349b313", rates, before), (0.9, 2.5)).splitlines()
     assert "| pulses at `fast` | 1.20 | 1.00 to 3.90 |" in lines
     assert lines[-1].startswith("3 pairs on ")
     assert "load average of 0.9 before and 2.5 after" in lines[-1]

@@ -17,33 +17,35 @@ def planners(load_script):
     return load_script(DOCS / "make" / "planners.py")
 
 
-def section(heading):
-    return PAGE.split(f"## {heading}")[1].split("\n## ")[0].splitlines()
+def table(heading):
+    """Cells of a section's table, without its rule."""
+    lines = PAGE.split(f"## {heading}")[1].split("\n## ")[0].splitlines()
+    head, _, *rows = [tuple(map(str.strip, line.strip("|").split("|"))) for line in lines if line.startswith("|")]
+    return head, rows
 
 
 @pytest.mark.parametrize("heading", [f"Long moves, {LONG_UM} um", f"Short moves, {SHORT_UM} um"])
 def test_the_page_has_every_planner_at_every_speed(planners, heading):
-    lines = [line for line in section(heading) if line.startswith("|")]
-    assert [cell.strip() for cell in lines[0].strip("|").split("|")] == list(planners.HEADS)
-    listed = [tuple(cell.strip() for cell in line.strip("|").split("|"))[:2] for line in lines[2:]]
-    assert listed == [(f"`{planner}`", str(speed)) for planner in COMPARED for speed in SPEEDS]
+    head, rows = table(heading)
+    assert head == planners.HEADS
+    assert [row[:2] for row in rows] == [(f"`{planner}`", str(speed)) for planner in COMPARED for speed in SPEEDS]
     assert (DOCS / "planners.png").is_file()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("planner", COMPARED)
 def test_its_short_moves_are_those_of_the_present_code(planners, planner):
-    lines = section(f"Short moves, {SHORT_UM} um")
+    _, rows = table(f"Short moves, {SHORT_UM} um")
     for speed in (2, 127):
-        assert planners.row(planner, speed, around(planner, SHORT_UM, speed)) in lines
+        assert planners.row(planner, speed, around(planner, SHORT_UM, speed)) in rows
 
 
 @pytest.mark.slow
 def test_its_failures_are_those_of_the_present_code(planners):  # T-G6, T-G9, T-G11, T-G12
-    lines = section("Where the algorithm of 1982 fails")
+    _, rows = table("Where the algorithm of 1982 fails")
     short = [failure for failure in planners.FAILURES if max(failure.run_um) <= 10_000]
-    assert all(planners.failure_row(failure) in lines for failure in short)
-    assert len([line for line in lines if line.startswith("|")]) == 2 + len(planners.FAILURES)
+    assert all(planners.failure_row(failure) in rows for failure in short)
+    assert len(rows) == len(planners.FAILURES)
 
 
 @pytest.mark.slow
@@ -52,7 +54,7 @@ def test_page_and_picture_are_written(planners, tmp_path, monkeypatch):
         (planner, length, speed): np.tile([1.0, 0.5, 0.1, 0.2, 1.0], (360, 1))
         for planner in COMPARED for length in (LONG_UM, SHORT_UM) for speed in SPEEDS
     }  # fmt: skip
-    monkeypatch.setattr(planners, "measure", lambda watch: moves)
+    monkeypatch.setattr(planners, "measure", lambda: moves)
     planners.write(tmp_path / "planners.md")
     assert (tmp_path / "planners.md").read_text(encoding="utf-8").startswith("# Planners\n")
     assert (tmp_path / "planners.png").stat().st_size > 5000

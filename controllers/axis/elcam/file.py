@@ -260,10 +260,9 @@ def load_tables(tables: Sequence[ErrorTable | Cam], file: str | Path | None = No
             )  # fmt: skip
         if started is not CallStatus.OK:
             raise InputError(f"{name}: there is a table of {table.axis} along {table.master} already", file)
-        extensions = elcam.tables[index].extensions
-        extensions.cubic = table.cubic
+        elcam.tables[index].cubic = table.cubic
         if isinstance(table, ErrorTable):
-            extensions.reversal = table.reversal_um * 1e-3
+            elcam.tables[index].reversal = table.reversal_um * 1e-3
     elcam.write_int(Descriptor(DATA["elcam"]["bus"], 0, Function.COMPENSATION, 0), 1)
     return elcam
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import SampleFunction, carray, sample
 from edmsim.controllers.axis.drive import axis_row, new_record
 from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.axis.elcam.table import DATA, Function, Mode, blend
+from edmsim.controllers.axis.elcam.table import DATA, Function, Mode
 from edmsim.errors import InputError, methods_refuse_wrong_types
 
 CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9  # interpolator's cycle
@@ -192,7 +192,8 @@ class MotionControl:
         if k in self._ramps:
             offset, passed_s, ramp_s = self._ramps[k]
             passed_s += CYCLE_S
-            place += offset * (1.0 - blend(passed_s / ramp_s))
+            share = min(passed_s / ramp_s, 1.0)
+            place += offset * (1.0 - share * share * (3.0 - 2.0 * share))  # no jump in speed at either end
             if passed_s >= ramp_s:
                 del self._ramps[k]
             else:

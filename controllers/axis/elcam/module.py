@@ -487,7 +487,7 @@ class Elcam:
         if table.was_started or count < 0:
             return CallStatus.REFUSED
         table.row_count = count
-        table.mode = table.mode | Mode.ROWS if count else table.mode & ~Mode.ROWS
+        table.set_bit(Mode.ROWS, count > 0)
         return CallStatus.OK
 
     def _set_size(self, table: CamTable, count: int) -> CallStatus:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any
 
@@ -85,18 +84,6 @@ class Mode(IntFlag):
 
 
 
-@dataclass
-class CamExtensions:
-    """Extensions of a table; by default all are off."""
-
-    # whether points are joined by cubics with the slopes of the points' neighbours instead of straight lines: the
-    # curve passes through every point, without steps in speed
-    cubic: bool = False
-    # for compensation tables: error while the master moves up, less error while it moves down, in units of the
-    # follower. Half of it is added upwards and subtracted downwards.
-    reversal: float = 0.0
-
-
 def cubic(xs: NDArray[Any], ys: NDArray[Any], k: int, share: float) -> float:
     """Return Hermite's cubic on piece `k` at a share of its way, with Catmull and Rom's slopes for uneven points."""
     width = float(xs[k + 1]) - float(xs[k])
@@ -115,18 +102,22 @@ def _slope(xs: NDArray[Any], ys: NDArray[Any], a: int, b: int) -> float:
     return (float(ys[b]) - float(ys[a])) / width if width > 0.0 else 0.0
 
 
-def blend(share: float) -> float:
-    """Return how much of a ramp is done at a share of its time: without a jump in speed at either end."""
-    share = min(max(share, 0.0), 1.0)
-    return share * share * (3.0 - 2.0 * share)
-
-
 UNSET = -1  # number of an axis that nobody has named yet
 _ROW_FAULTS = Error.ROW_SIZE | Error.ROW_START | Error.ROW_END | Error.ROW_AXIS
 
 
 class CamTable:
-    """One table."""
+    """One table; `cubic` and `reversal` are extensions.
+
+    Attributes
+    ----------
+    cubic : bool
+        Whether points are joined by cubics with the slopes of the points' neighbours instead of straight lines: the
+        curve passes through every point, without steps in speed.
+    reversal : float
+        For compensation tables: error while the master moves up, less error while it moves down, in units of the
+        follower. Half of it is added upwards and subtracted downwards.
+    """
 
     def __init__(self) -> None:
         self.error, self.mode = Error(0), Mode(0)
@@ -136,7 +127,7 @@ class CamTable:
         self.row_start = self.row_end = 0.0
         self.row_count = 0
         self.physical_address = 0
-        self.extensions = CamExtensions()  # what the document does not know; all off
+        self.cubic, self.reversal = False, 0.0
         # whether a compensation table was asked for a place beyond its ends since it was last started
         self.held = False
         self.direction, self._last_master = 0, math.nan
@@ -253,7 +244,7 @@ class CamTable:
         if master != self._last_master:
             self.direction = (master > self._last_master) - (master < self._last_master)
             self._last_master = master
-        return self.follow(master, row_place) + 0.5 * self.direction * self.extensions.reversal
+        return self.follow(master, row_place) + 0.5 * self.direction * self.reversal
 
     def go_on(self, direction: int, master: float) -> None:
         """Let the master of a compensation table have come to its place in some direction, as before a restart."""
@@ -307,5 +298,5 @@ class CamTable:
         k = min(max(bisect_right(xs, x) - 1, 0), count - 2)
         y0, y1, width = float(ys[k]), float(ys[k + 1]), float(xs[k + 1]) - float(xs[k])
         share = min(max((x - float(xs[k])) / width, 0.0), 1.0) if width > 0.0 else 0.0
-        value = cubic(xs, ys, k, share) if self.extensions.cubic else y0 + share * (y1 - y0)
+        value = cubic(xs, ys, k, share) if self.cubic else y0 + share * (y1 - y0)
         return value + passes * (float(ys[-1]) - float(ys[0]))

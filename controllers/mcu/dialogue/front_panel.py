@@ -90,13 +90,13 @@ class FrontPanel:
         return refused
 
     def _press(self, key: int) -> None:
-        entry = self._computer.word(at.ENTRY)
+        entry = self._computer.bus.word(at.ENTRY)
         if key < 10:
             if entry * 10 + key > WORD:
                 raise InputError(f"the number is past {WORD}")
-            self._computer.store(at.ENTRY, entry * 10 + key)
+            self._computer.bus.store(at.ENTRY, entry * 10 + key)
             return
-        self._computer.store(at.ENTRY, 0)
+        self._computer.bus.store(at.ENTRY, 0)
         if key not in self._commands:
             raise InputError(f"key {key & 0x3F} has no meaning {'with SHIFT or CTRL' if key > 0x3F else 'here'}")
         self._commands[key](entry)
@@ -114,9 +114,9 @@ class FrontPanel:
         computer = self._computer
         x, y = computer.position
         values = {
-            "x": x, "y": y, "speed": abs(computer.signed(at.CUTVEL)), "entry": computer.word(at.ENTRY),
-            "short": 100 * computer.word(at.SHORTS) // WINDOW_PULSES,
-            "open": 100 * computer.word(at.OPENS) // WINDOW_PULSES,
+            "x": x, "y": y, "speed": abs(computer.signed(at.CUTVEL)), "entry": computer.bus.word(at.ENTRY),
+            "short": 100 * computer.bus.word(at.SHORTS) // WINDOW_PULSES,
+            "open": 100 * computer.bus.word(at.OPENS) // WINDOW_PULSES,
         }  # fmt: skip
         for name, (first, count) in FIELDS.items():
             rest = values[name]

@@ -196,13 +196,13 @@ class Monitor:
         self._typed += data
         self._out(data)
 
-    def _number(self, figures: int) -> Generator[None, int, _Number]:
+    def _number(self, figures: int, may_lack: bool = False) -> Generator[None, int, _Number]:
         """Read a hexadecimal number up to a separator or the end of the line (GETHX)."""
         value, count = 0, 0
         while True:
             character = normal(bytes([(yield)]))[0]
             self._echo(character)
-            if character in _ENDS or (character in _SEPARATORS and count):
+            if character in _ENDS or (character in _SEPARATORS and (count or may_lack)):
                 return _Number(value if count else None, character)
             if character == SPACE:
                 continue
@@ -210,9 +210,6 @@ class Monitor:
                 found = chr(character) if SPACE < character < 0x7F else f"{character:02X}H"
                 raise InputError(f"a hexadecimal number of up to {figures} figures is wanted, not {found}")
             value, count = value << 4 | _HEX.index(character), count + 1
-
-    def _address(self) -> Generator[None, int, _Number]:
-        return (yield from self._number(4))
 
     def _end(self) -> _Typing:
         """Let nothing but the end of the line follow."""
@@ -235,12 +232,12 @@ class Monitor:
 
     def _range(self, with_name: bool) -> Generator[None, int, tuple[int, int]]:
         """Read two addresses; the second may be left away where the line may end."""
-        first = yield from self._address()
+        first = yield from self._number(4)
         if first.value is None:
             raise InputError("an address is wanted")
         if first.end in _ENDS and not with_name:
             return first.value, first.value | BYTES_A_LINE - 1
-        last = first if first.end in _ENDS else (yield from self._address())
+        last = first if first.end in _ENDS else (yield from self._number(4))
         if last.value is None or last is first or (last.end in _ENDS) == with_name:
             raise InputError("a first and a last address are wanted" + (", and a name" if with_name else ""))
         if last.value < first.value:
@@ -252,10 +249,10 @@ class Monitor:
         self._new_line()
         for begin in range(first & -BYTES_A_LINE, last + 1, BYTES_A_LINE):
             addresses = range(max(begin, first), min(begin + BYTES_A_LINE, last + 1))
-            self._say(f"{addresses[0]:04X}  " + " ".join(f"{self._computer.read(a):02X}" for a in addresses))
+            self._say(f"{addresses[0]:04X}  " + " ".join(f"{self._computer.bus.read(a):02X}" for a in addresses))
 
     def _substitute(self) -> _Typing:
-        address = yield from self._address()
+        address = yield from self._number(4)
         if address.value is None:
             raise InputError("an address is wanted")
         place = address.value
@@ -263,27 +260,14 @@ class Monitor:
             self._new_line()
             self._show(b"%04X " % place)
         while True:
-            self._show(b"%02X-" % self._computer.read(place))
-            new = yield from self._byte()
+            self._show(b"%02X-" % self._computer.bus.read(place))
+            new = yield from self._number(2, may_lack=True)
             if new.value is not None:
                 self._write(place, new.value)
             if new.end in _ENDS:
                 break
             place = place + 1 & WORD
         self._new_line()
-
-    def _byte(self) -> Generator[None, int, _Number]:
-        """Read a byte; a separator alone leaves the old one."""
-        value: int | None = None
-        for _ in range(3):
-            character = normal(bytes([(yield)]))[0]
-            self._echo(character)
-            if character in _ENDS or character in _SEPARATORS:
-                return _Number(value, character)
-            if character not in _HEX:
-                break
-            value = (value or 0) << 4 | _HEX.index(character)
-        raise InputError("a byte is two hexadecimal figures")
 
     def _read(self) -> _Typing:
         name = yield from self._name()
@@ -315,12 +299,12 @@ class Monitor:
         self._new_line()
         if last not in bus.RAM and last not in bus.EPROM:
             raise InputError(f"{last:04X}H is not memory; {bus.EPROM[0]:04X}H to {bus.RAM[-1]:04X}H are punched")
-        self._put_away(name, punch(bytes(map(self._computer.read, range(first, last + 1))), first))
+        self._put_away(name, punch(bytes(map(self._computer.bus.read, range(first, last + 1))), first))
         self._say(f"{last - first + 1} BYTES ON TAPE {name}")
 
     def _write(self, address: int, byte: int) -> None:
-        self._computer.board.bus.check_writable(address)
-        self._computer.write(address, byte)
+        self._computer.bus.check_writable(address)
+        self._computer.bus.write(address, byte)
 
     def _put_away(self, name: str, text: str) -> None:
         """Keep a tape that was punched; one that was punched before is not punched again."""
@@ -333,7 +317,7 @@ class Monitor:
             raise InputError(f"the tape {name} cannot be punched: {error.strerror}") from None
 
     def _go(self) -> _Typing:
-        address = yield from self._address()
+        address = yield from self._number(4)
         if address.end not in _ENDS:
             yield from self._end()
         self._new_line()

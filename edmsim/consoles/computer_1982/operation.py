@@ -106,7 +106,7 @@ class Operation:
 
     def status(self) -> Status:
         """State of the machine."""
-        rig, computer = self.rig, self.rig.computer
+        rig, computer, bus = self.rig, self.rig.computer, self.rig.computer.bus
         t_i, t_p = computer.pulse_codes
         t_i_us, t_p_us = rig.board.times_us
         voltage, current = rig.gap
@@ -115,7 +115,7 @@ class Operation:
             state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else way,
             position=computer.position, unit=rig.unit_name, move=rig.move, time_s=rig.time_ns * 1e-9,
             speed=computer.speed, running=computer.signed(at.CUTVEL),
-            short=computer.word(at.SHORTS), open=computer.word(at.OPENS), counted=computer.word(at.COUNTED),
+            short=bus.word(at.SHORTS), open=bus.word(at.OPENS), counted=bus.word(at.COUNTED),
             windows=rig.windows, missed=rig.board.counters.missed,
             t_i=t_i, t_p=t_p, t_i_us=t_i_us, t_p_us=t_p_us,
             generator_on=rig.board.generator_on, voltage_V=voltage, current_A=current,

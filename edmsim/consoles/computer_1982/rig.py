@@ -276,7 +276,7 @@ class Rig:
     def _run_at(self, units: int) -> None:
         self._units = units
         self._busy_until_ns = self.time_ns
-        self.computer.store(at.CUTVEL, units)
+        self.computer.bus.store(at.CUTVEL, units)
 
     def stand(self, text: str) -> None:
         """Stop timers and generator, and add an event."""

@@ -134,11 +134,11 @@ class SerialLines:
 
     def heard_from_host(self, data: bytes) -> bytes:
         """Return what the program fetches of the bytes the host sent: the input stream is redirected meanwhile."""
-        self._computer.store(CIADR, HOST_IN)
+        self._computer.bus.store(CIADR, HOST_IN)
         try:
             return self._fetch(data, from_host=True)
         finally:
-            self._computer.store(CIADR, TERMINAL_IN)
+            self._computer.bus.store(CIADR, TERMINAL_IN)
 
     def spoken(self, data: bytes) -> bytes:
         """Return what arrives at the operator's screen of the bytes the program sends."""

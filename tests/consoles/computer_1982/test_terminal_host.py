@@ -41,7 +41,7 @@ def test_a_program_is_loaded_listed_and_run(operate, host, ends):
     assert "READY   X 32540 Y 32520 um" in session.lines
     assert "OF 100 UNITS" in session.lines[-5]
     assert session.lines[-4] == "t(i) 20 us (66H)   t(p) 150 us (FFH)"
-    assert session.rig.computer.word(CIADR) == TERMINAL_IN
+    assert session.rig.computer.bus.word(CIADR) == TERMINAL_IN
     assert session.status == 0
 
 

@@ -173,7 +173,7 @@ def test_every_character_is_handled_at_once(rig):  # T-83
     ("S", "an address is wanted"),
     ("S 0100 12", "0100H is EPROM, which cannot be written"),
     ("S 5000 12", "nothing answers at 5000H"),
-    ("S 3400 123", "a byte is two hexadecimal figures"),
+    ("S 3400 123", "a hexadecimal number of up to 2 figures is wanted, not 3"),
     ("S 4003 FF", "control word FFH: the counters of this 8253 take two bytes in binary, in mode 0, 2 or 3"),
     ("P 3400,3410", "a first and a last address are wanted, and a name"),
     ("P 3400,3410,", "a tape's name of up to 32 letters"),
