@@ -55,7 +55,7 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else():
     (lambda: edmsim.Machine.load().sample(None, only=5), "rng cannot be None"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), drives=5), r"drives cannot be 5: give Mapping\[str, AxisDrive\]"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), seed=None), "seed is None"),
-    (lambda: edmsim.Machine.load().with_(pulse_shape=[]), r"unknown pulse shape '\[\]'"),
+    (lambda: edmsim.Machine.load().with_(pulse_shape=[]), r"unknown pulse shape \[\]"),
     (lambda: Rig(5), r"board cannot be 5: give str \| Board"),
     (lambda: axis.from_text("uhu").line("R"), "text cannot be 'R': give bytes"),
     (lambda: measure_table(edmsim.Machine.load(), seed=-1), "seed is -1: give a whole number, 0 or more"),

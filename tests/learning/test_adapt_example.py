@@ -23,7 +23,7 @@ def test_the_example_learns_and_shows_what_it_expects(adapt, tmp_path, monkeypat
     monkeypatch.setattr(sys, "argv", words)
     adapt.main()
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1] == "2 of 2 machines recorded"
+    assert lines[2] == "2 of 2 machines recorded"
     assert next(line.split()[-1] for line in lines if "next:" in line) in ("1", "2")  # an untried setting
     assert "mm2/min" in lines[-1]
     assert bandit_file.load(tmp_path / "out" / "policy.json").steps == 18

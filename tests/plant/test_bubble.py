@@ -182,7 +182,7 @@ def test_a_refill_gives_back_what_it_draws(slit):
 
 
 def test_the_page_has_the_constant_that_the_equations_give(slit, strip):
-    page = slit.PAGE.read_text(encoding="utf-8")
+    page = (slit.DOCS / "theory" / "gas.md").read_text(encoding="utf-8")
     assert all(line in page for line in slit.facts(strip))
     machine = Machine.load().base.discharge.impulse_10mJ_Ns
     assert slit.impulse_10mJ_Ns(strip) == pytest.approx(machine.value, rel=0.03)

@@ -97,7 +97,7 @@ def test_the_command_sweeps_shows_and_goes_on(line, giving_up, tmp_path, monkeyp
     assert "4 runs, 0 made now, 2 failed." in again.out
     status, table, _ = edmsim("sweep", "show", "o")
     assert status == 0
-    for words in ("4 runs, 2 failed", "2 failed: RuntimeError: out of ideas", "height_mm"):
+    for words in ("4 runs, 2 failed", "Own.update fails: RuntimeError: out of ideas", "height_mm"):
         assert words in table
     with Image.open("o/pareto.png") as picture:
         assert picture.size[0] == 700

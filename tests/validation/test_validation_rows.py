@@ -171,7 +171,7 @@ def test_rows_come_in_order_whatever_finishes_first(monkeypatch):
     rows = validation.run(lambda done, total: observed.append((done, total)))
     assert [row.topic for row in rows] == ["t"] * 4 + ["other"]
     assert [row.simulated for row in rows[:4]] == [-10.0, -9.5] * 2
-    assert observed == [(1, 3), (2, 3), (3, 3)]
+    assert observed == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
 def test_an_error_in_a_check_is_not_hidden(monkeypatch):
