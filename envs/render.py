@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.errors import refuse_unknown
 
 if TYPE_CHECKING:
     import mujoco
@@ -36,8 +36,8 @@ _SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
 
 def check_render_mode(mode: str | None) -> str | None:
     """Raise `InputError` for a render mode there is not."""
-    if mode is not None and mode not in RENDER_MODES:
-        raise InputError(f"unknown render_mode {mode!r}; there are: {', '.join(RENDER_MODES)}")
+    if mode is not None:
+        refuse_unknown("render_mode", mode, RENDER_MODES)
     return mode
 
 

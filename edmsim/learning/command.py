@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.envs.registry import resolve
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, refuse_unknown
 from edmsim.learning import bandit_file, bandit_training, hyperparameters, policy_file, safe
 from edmsim.learning.hyperparameters import ALGORITHMS, Hyperparameters
 from edmsim.learning.policy_file import Policy
@@ -91,8 +91,7 @@ def run(
 
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
-    if algo not in (*ALGORITHMS, BANDIT):
-        raise InputError(f"unknown algorithm '{algo}'; there are: {one_of(algo, (*ALGORITHMS, BANDIT))}")
+    refuse_unknown("algorithm", algo, (*ALGORITHMS, BANDIT))
     if not resume:
         hyperparameters.refuse_training(out)
     if algo == BANDIT:

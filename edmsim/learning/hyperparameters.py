@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationErr
 from typing_extensions import TypedDict
 
 from edmsim.envs.registry import arguments_with, base_of, find
-from edmsim.errors import InputError, invalid_entry, located, one_of
+from edmsim.errors import InputError, invalid_entry, located, one_of, refuse_unknown
 from edmsim.evaluation.episode import ORACLE
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import read_toml
@@ -132,8 +132,7 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
         If the environment or algorithm is unknown, or the settings are invalid.
     """
     family, registered = find(env_id)
-    if algo not in ALGORITHMS:
-        raise InputError(f"unknown algorithm '{algo}'; there are: {one_of(algo, ALGORITHMS)}")
+    refuse_unknown("algorithm", algo, ALGORITHMS)
     folder = resources.files("edmsim.models") / "training"
     own = folder / f"{base_of(family)}-{algo}.toml"
     file = own if own.is_file() else folder / f"{algo}.toml"

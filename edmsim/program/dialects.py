@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from edmsim.errors import InputError, one_of
+from edmsim.errors import refuse_unknown
 
 Action = Literal[
     "thread", "cut off", "adaptive", "constant", "end", "idle", "no taper", "taper left", "taper right", "conical",
@@ -204,8 +204,7 @@ _COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
 
 def check_dialect(name: str) -> str:
     """Return the name of a dialect; raises `InputError` for an unknown one."""
-    if name not in (AUTO, *DIALECTS):
-        raise InputError(f"unknown dialect '{name}'; there are: {one_of(name, (AUTO, *DIALECTS))}")
+    refuse_unknown("dialect", name, (AUTO, *DIALECTS))
     return name
 
 

@@ -126,7 +126,7 @@ def checked_changes(value: Sequence[Height]) -> tuple[Height, ...]:
 
 
 def checked_areas(value: Sequence[Area]) -> tuple[tuple[shapely.Polygon, float], ...]:
-    """Return areas of another height; raises `InputError` for what is no polygon, or an odd height."""
+    """Return areas of another height; raises `InputError` for an invalid polygon or height."""
     checked = []
     for number, (corners, height) in enumerate((_pair(item, "a polygon") for item in value), 1):
         check_height(height, f" of area {number}")
