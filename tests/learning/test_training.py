@@ -163,7 +163,9 @@ def test_a_training_that_learned_nothing_leaves_none(short_training, tmp_path, e
     from edmsim.learning import learners
 
     monkeypatch.setattr(learners, "callbacks", lambda *_: signal.raise_signal(signal.SIGHUP))
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
     status, _, err = edmsim("train", "edmsim/GapFeed-v2", "--out", tmp_path)
+    signal.signal(signal.SIGHUP, before)
     assert (status, err) == (128 + signal.SIGHUP, "edmsim: interrupted; nothing was trained\n")
     assert not list(tmp_path.glob("checkpoint-*"))
 
