@@ -106,11 +106,11 @@ def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
 
 
 def _link_with_parts(self: Any, library: Any) -> None:
-    """Link a library and the parts that it has not been linked with."""
+    """Link a library and its parts, each after all that call it."""
+    # LLVM leaves out what nothing has called so far, and a part may have been linked before for another
     library._ensure_finalized()
-    for linked in (library, *(library._linking_libraries if isinstance(library, _PartLibrary) else ())):
-        if linked not in self._linking_libraries:
-            self._linking_libraries.append(linked)
+    added = [library, *(library._linking_libraries if isinstance(library, _PartLibrary) else ())]
+    self._linking_libraries = [*(linked for linked in self._linking_libraries if linked not in added), *added]
 
 
 class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]

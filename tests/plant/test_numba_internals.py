@@ -124,6 +124,34 @@ def test_python_calls_what_a_part_calls_and_is_compiled_with_liberties(tmp_path,
     assert sum(again.stats.cache_hits.values()) == 1
 
 
+def test_a_part_is_linked_after_all_that_call_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "folder", tmp_path)
+
+    @compiled
+    def inlined(x):  # numba's own `int` is inlined as well from now on
+        return int(x)
+
+    @exactly_compiled
+    def first(x):
+        return int(x) + 1
+
+    @exactly_compiled
+    def with_machine_code(x):
+        return first(x) + 1
+
+    @exactly_compiled
+    def second(x):
+        return int(x) + 2
+
+    @exactly_compiled
+    def whole(x):
+        return with_machine_code(x) + first(x) + second(x)
+
+    assert inlined(1) == 1
+    assert with_machine_code(1) == 3  # it holds `first`, whose own parts nothing calls any more
+    assert whole(1) == 8
+
+
 def test_compiled_code_calls_a_function_at_its_address(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "folder", tmp_path)
     part, third = exactly_compiled(_thirds), call_returning(types.float64)
