@@ -75,6 +75,14 @@ def test_where_a_contour_closes_the_nearer_stretch_holds():
     assert height_at(found, (0, 3_600), (0, 3_400), (0, 60), (60, 0), (300, 100), (100, 300)) == [10, 5, 5, 10, 10, 5]
 
 
+def test_a_region_whose_border_touches_itself_in_um_is_one_still():
+    """Of lengths in mm, rounded once more: the border crossed itself, and the cut could not begin."""
+    for place, x, y in ((0.5, 2_046, 1_772), (1.63, 1_869, 1_618)):
+        corner = [(x, 0), (-x // 2, y), (-x // 2, -y), (x, 0)]
+        found = relief(Heights(20.0, [(place, 10.0)]), path_of(corner))
+        assert height_at(found, (x - 10, 5), (-x // 2, 0), (x - 800, -500)) == [20, 10, 10]
+
+
 def test_areas_lie_in_the_programs_coordinates_and_hold_before_lengths():
     square = [(1.0, -1.0), (2.0, -1.0), (2.0, 1.0), (1.0, 1.0)]
     heights = Heights(10.0, [(1.5, 5.0)], [(shapely.Polygon(square), 20.0), (shapely.box(0.5, -1, 2.5, 1), 15.0)])

@@ -69,10 +69,7 @@ class Heights:
         steps = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + WIRE_MARGIN_MM)]
         if self.greatest_mm == self.lowest_mm:
             return ()
-        return tuple(
-            LowerRegion(shapely.transform(region, lambda mm: mm * 1000.0), height)
-            for region, height in [*steps, (blank, self.height_mm)]
-        )
+        return tuple(LowerRegion(_in_um(region), height) for region, height in [*steps, (blank, self.height_mm)])
 
     def _areas(self, path: CutPath, blank: BaseGeometry) -> list[tuple[BaseGeometry, float]]:
         placed = []
@@ -143,6 +140,12 @@ def parse_height(text: str) -> Height:
         low, high = LIMITS["height_mm"].range
         raise InputError(f"a change of height reads MM:MM, the path length and the height ({low:g}..{high:g}), as "
                          f"12.5:30, not '{text}'") from None
+
+
+def _in_um(region_mm: BaseGeometry) -> BaseGeometry:
+    """Convert a region from mm to um; where rounding lets its border cross itself there, that is mended."""
+    region = shapely.transform(region_mm, lambda mm: mm * 1000.0)
+    return region if region.is_valid else shapely.make_valid(region, method="structure", keep_collapsed=False)
 
 
 def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:
