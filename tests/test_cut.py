@@ -325,7 +325,7 @@ def test_bad_input_is_reported_and_nothing_is_written(cut_small, tmp_path, optio
 
 
 @pytest.mark.parametrize(("out", "named"), [
-    (5, "option out"), ("", "has no name"), ("a\0b", "the output folder cannot be written to: embedded null byte"),
+    (5, "option out"), ("", "has no name"), ("a\0b", "the output folder cannot be written to: .*embedded null"),
 ])  # fmt: skip
 def test_a_folder_that_cannot_be_is_refused(cut_small, tmp_path, monkeypatch, out, named):
     monkeypatch.chdir(tmp_path)

@@ -7,6 +7,7 @@ blank: the rim of a drilled start hole or the side of the blank closes a kerf th
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import reduce
 
 import numpy as np
 import shapely
@@ -43,7 +44,7 @@ def filled(rings: MultiLineString) -> BaseGeometry:
         return shapely.build_area(rings)
     except shapely.errors.GEOSException:  # rings that touch themselves: slower, but it takes them
         loops = [shapely.make_valid(Polygon(line.coords)) for line in rings.geoms if line.is_closed]
-        return shapely.symmetric_difference_all(loops)
+        return reduce(shapely.symmetric_difference, loops, Polygon())
 
 
 def contour(field: KerfField, slice_index: int) -> MultiPolygon:

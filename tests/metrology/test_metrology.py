@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from shapely.geometry import LineString
+from shapely.geometry import LineString, MultiLineString, Polygon
 
 from edmsim.errors import InputError
 from edmsim.metrology.edges import contour as kerf_polygons
-from edmsim.metrology.edges import cut_edges
+from edmsim.metrology.edges import cut_edges, filled
 from edmsim.metrology.kerf import kerf_width, width_stats
 from edmsim.metrology.profile import corners, depth_in_blank, profile_error
 from edmsim.metrology.roughness import ra_over_depth, roughness_um
@@ -351,6 +351,20 @@ def test_nothing_cut_gives_an_empty_contour():
     field.allocate(4_000.0, 4_000.0, 300.0)
     assert kerf_polygons(field, 0).is_empty
     assert cut_edges(field, 0).is_empty
+
+
+def test_edges_that_cross_count_even_odd():
+    """Of edges rounded for a recording; shapely's way to build areas fails at these."""
+    a, b, c = [
+        [(0.342, -0.304), (0.857, 1.35), (1.244, 0.886)],
+        [(0.624, 0.589), (0.518, 0.353), (0.551, 0.342)],
+        [(0.47, 0.539), (0.461, 0.554), (0.477, 0.558)],
+    ]
+    area = filled(MultiLineString([[*corners, corners[0]] for corners in (a, b, c)]))
+    whole, small = Polygon(a), [Polygon(b), Polygon(c)]
+    assert area.area == pytest.approx(
+        whole.area + sum(part.area - 2 * part.intersection(whole).area for part in small)
+    )
 
 
 def test_saddles_are_cut_apart_or_joined_by_their_mean():
