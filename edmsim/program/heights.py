@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry import shape
 from shapely.geometry.base import BaseGeometry
 
@@ -33,6 +34,7 @@ Area: TypeAlias = tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, 
 WIRE_MARGIN_MM = 0.4
 """How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
 beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
+NEAREST_MM = 1e-6  # distance of corners that rounding would spoil (ours: far below a cell, far above rounding)
 RING_MM = 0.035  # resolution of distances to the path (ours: a few of them fit between a kerf's middle and its wall)
 
 
@@ -143,9 +145,14 @@ def parse_height(text: str) -> Height:
 
 
 def _in_um(region_mm: BaseGeometry) -> BaseGeometry:
-    """Convert a region from mm to um; where rounding lets its border cross itself there, that is mended."""
-    region = shapely.transform(region_mm, lambda mm: mm * 1000.0)
-    return region if region.is_valid else shapely.make_valid(region, method="structure", keep_collapsed=False)
+    """Convert a region from mm to um."""
+    region = shapely.transform(region_mm, _um)
+    # corners nearer to each other than rounding may let its border cross itself
+    return region if region.is_valid else shapely.transform(shapely.set_precision(region_mm, NEAREST_MM), _um)
+
+
+def _um(mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    return mm * 1000.0
 
 
 def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:
