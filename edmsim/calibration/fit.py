@@ -185,8 +185,8 @@ def calibrate(
     steady = stretches(log, settle_um(machine))
     if not steady:
         raise InputError(
-            f"no stretch of {STRETCH_WINDOWS} windows can be used: behind {settle_um(machine):.0f} um of travel it must "
-            f"have one setting, a feed of {LEAST_FEED_UM_S:g} um/s or more that varies by at most "
+            f"no stretch of {STRETCH_WINDOWS} windows can be used: behind {settle_um(machine):.0f} um of travel it "
+            f"must have one setting, a feed of {LEAST_FEED_UM_S:g} um/s or more that varies by at most "
             f"{100 * FEED_SPREAD:g} %, at most {100 * AIR_SHARE:g} % open pulses, and no turn of more than "
             f"{TURN_DEG:g} degrees",
             log.name,
