@@ -199,7 +199,7 @@ def test_a_fault_that_is_none_is_refused(text, reason):
         parse_fault(text)
 
 
-def test_a_fault_behind_the_end_of_the_cut_is_told(cut_small):
+def test_a_fault_after_the_end_of_the_cut_is_a_notice(cut_small):
     faults = ["x:stuck@0.1", "y:stuck@9"]
     done = cut_small(max_time_s=0.5, drive="uhu", axis_faults=faults)
     assert [text for text in done.report["notices"] if "fault" in text] == [
