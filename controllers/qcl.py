@@ -443,6 +443,8 @@ class _Reader:
                 self._statements[place] = self._statements[place]._replace(to=self._labels[label])
             else:
                 problems.append(Problem(self._statements[place].line, f"there is no label {label!r} to jump to"))
+        if not (problems or self._statements):
+            problems.append(Problem(1, "the program has no statements"))
         if problems:
             raise QclError(problems, file)
         return tuple(self._statements)

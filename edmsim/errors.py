@@ -139,7 +139,7 @@ def _may_be(value: object, kind: str) -> bool:
 def refused_entry(error: ValidationError) -> tuple[str, str]:
     """Return the first entry that pydantic refused, as ``table.key``, and why, in words of a user of files."""
     first = error.errors()[0]
-    said = re.sub(r"^\w+ should\b", "must", first["msg"].removeprefix("Value error, "))
+    said = re.sub(r"^\w+ should\b", "must", re.sub("^Value error, | after validation", "", first["msg"]))
     return ".".join(map(str, first["loc"])), _REASONS.get(first["type"], said)
 
 

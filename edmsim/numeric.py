@@ -112,6 +112,8 @@ def named_numbers(text: str, what: str) -> dict[str, float]:
     found = {}
     for pair in filter(None, text.split(",")):
         key, equals, value = pair.partition("=")
+        if key.strip() in found:
+            raise InputError(f"{what} parameter '{key.strip()}' is given twice")
         try:
             found[key.strip()] = float(value)
         except ValueError:

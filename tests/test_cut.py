@@ -291,6 +291,7 @@ BAD = [
     ({"constants": ["gap.critical_um=5", "gap.critical_um=6"]}, "the constant gap.critical_um is given twice"),
     ({"drive": "steam"}, "no drive 'steam'; choose one of stepper, uhu, servo-module"),
     ({"drive": "uhu:P"}, "uhu parameter 'P' must read name=number"),
+    ({"controller": "fixed:feed_um_s=5,feed_um_s=6"}, "controller parameter 'feed_um_s' is given twice"),
     ({"drive": "uhu:P=nan"}, "proportional_gain is nan; it must be a whole number 0 to 65535"),
     ({"drive": "servo-module:stiffness=3"}, "the drive has no 'stiffness'; it has "),
     ({"height_mm": "tall"}, "height_mm cannot be 'tall'"),

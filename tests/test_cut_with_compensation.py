@@ -132,7 +132,7 @@ def test_steps_are_added_where_the_error_grows_and_left_out_where_it_falls():
      ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1, 1], [1, 2]]',
       "places must rise, but 1 mm follows 1 mm"),
      ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1]]', "table 1: points.1.1: missing"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0]]', "points: must have at least 2 items"),
+     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0]]', "points: must have at least 2 items, not 1"),
      ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, nan], [1, 1]]',
       "points.0.1: must be a finite number"),
      ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1, 1e300]]',

@@ -187,7 +187,7 @@ class FixedController(Snapshots):
 
     name: ClassVar[str] = "fixed"
 
-    # the feed in um/s, 0 or more (ours: at 20 um/s half of the pulses are open in 20 mm of steel)
+    # the feed in um/s, 0 or more (ours: at 20 um/s six of ten pulses are open in 20 mm of steel)
     feed_um_s: float = 20.0
     offset_um: float = 0.0  # offset to the left of the path, for example for a finishing pass
 

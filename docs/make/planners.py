@@ -76,7 +76,7 @@ A planner turns path and speed into the steps of two motors.
 | `poscal-literal` | the algorithm of the thesis: POSCAL once per move, and each axis stops at its own target |
 | `dda` | an ideal line: each axis within half a step of a point that runs along it |
 | `sine-table` | like `poscal`, with the direction from a table of 255 sines in place of the square root (T-72) |
-| `exact` | an ideal line in whole attometres: any feed in nm/s, any corners, no greatest feed of its own |
+| `exact` | an ideal line in whole attometres: any feed in nm/s, any corners, no limit of the feed but the machine's |
 | `mcu` | no planner: the computer of 1982 makes the steps, with `--controller mcu --planner poscal-literal` |
 
 The planner sets the times of the steps, with any controller. The exception is `--controller mcu --planner

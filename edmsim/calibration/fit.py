@@ -16,7 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
-from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
+from edmsim.calibration.log import (
+    AIR_SHARE,
+    FEED_SPREAD,
+    LEAST_FEED_UM_S,
+    STRETCH_WINDOWS,
+    TURN_DEG,
+    Log,
+    Stretch,
+    stretches,
+)
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.job.settings import CutSettings
@@ -176,7 +185,10 @@ def calibrate(
     steady = stretches(log, settle_um(machine))
     if not steady:
         raise InputError(
-            f"no steady stretch of {STRETCH_WINDOWS} windows in it, with metal near, one setting, one feed, no turn",
+            f"no stretch of {STRETCH_WINDOWS} windows can be used: behind {settle_um(machine):.0f} um of travel it "
+            f"must have one setting, a feed of {LEAST_FEED_UM_S:g} um/s or more that varies by at most "
+            f"{100 * FEED_SPREAD:g} %, at most {100 * AIR_SHARE:g} % open pulses, and no turn of more than "
+            f"{TURN_DEG:g} degrees",
             log.name,
         )
     picked = spread(steady, MOST_STRETCHES)

@@ -371,7 +371,7 @@ def _check(columns: Mapping[str, Array], file: str | Path) -> None:
     pulses = columns["short"] + columns["open"]
     wrong = {
         "short": ~((columns["short"] >= 0) & (pulses <= WINDOW_PULSES)),
-        "open": ~(columns["open"] >= 0),
+        "open": ~(columns["open"] >= 0) | ((pulses.max() <= 1) & (pulses % 1 > 0)),  # shares in place of counts
         "t_on_us": ~(columns["t_on_us"] > 0),
         "t_period_us": ~((columns["t_period_us"] > columns["t_on_us"]) & (columns["t_period_us"] < _MOST)),
         "mean_delay_us": (columns["mean_delay_us"] < 0) | (columns["mean_delay_us"] > _MOST),

@@ -13,7 +13,7 @@ import typer
 
 from edmsim.cli.console import ERR, INTERRUPTED, OUT, Json, Quiet, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.errors import InputError
+from edmsim.errors import BAD_INPUT, InputError
 
 if TYPE_CHECKING:
     from edmsim.hil.rig import Rig
@@ -311,7 +311,9 @@ def positioner(
     try:
         station = Station.of_files(configuration, program, axis, contactors)
     except QclError as error:
-        for problem in error.problems[1:_SHOWN]:
+        for problem in error.problems[:_SHOWN]:
             say(f"{error.file}:{problem.line}: {problem.what}")
-        raise
+        if (more := len(error.problems) - _SHOWN) > 0:
+            say(f"and {more} more")
+        raise typer.Exit(BAD_INPUT) from None
     run_and_tell(station, seconds, presses, print_line)

@@ -452,6 +452,7 @@ def fed_forward(operator: ModuleOperator, values: Values) -> Values:
 
 STEP_COUNTS = 50  # step of the measurement (ours): one that the UHU's stream shows
 _MEASURED_S, _DRAWN_MS = 0.4, 120.0  # time for which an answer is measured, and for which a step's is drawn (ours)
+_REST_BY_S = 0.95 * _MEASURED_S  # an axis that leaves its place later has not settled (ours)
 _TRIP = 4  # following error that trips the drive, over that of the move; or twice the step (ours)
 _OPERATORS: dict[str, type[Operator]] = {kind.chip: kind for kind in (UhuOperator, ModuleOperator)}
 
@@ -569,8 +570,9 @@ def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> 
     motor = np.array([bench_for(name, axis, tuned=False).motor()])  # of x and y with the machine's screw and table
     tuning = autotune(name, motor, say)
     for title, one in (("as delivered", tuning.before.figures), ("tuned", tuning.after.figures)):
+        rests = f"settled after {1e3 * one.settling_s:.0f} ms" if one.settling_s < _REST_BY_S else "not settled"
         say(
-            f"{title}: overshoot {100 * one.overshoot:.0f} %, settled after {1e3 * one.settling_s:.0f} ms, "
+            f"{title}: overshoot {100 * one.overshoot:.0f} %, {rests}, "
             f"following error of a move {one.rms:.1f} counts rms"
         )
     if out is not None:

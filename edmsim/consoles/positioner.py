@@ -16,7 +16,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_names, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.qcl import Control, read_configuration, read_program
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, located, one_of
 from edmsim.files import read_text
 from edmsim.plant.axes.drives import AXIS_NAMES
 
@@ -85,10 +85,12 @@ class Station:
         self, configuration: str, program: str, axis: str = "analogue",
         files: tuple[str | None, str | None] = (None, None), contactors: Mapping[str, str] = MappingProxyType({}),
     ) -> None:  # fmt: skip
-        self.configuration = read_configuration(configuration, files[0])
+        self.configuration, self._file = read_configuration(configuration, files[0]), files[1]
         declared = self.configuration.devices
         if not 1 <= len(declared) <= len(AXIS_NAMES):
-            raise InputError(f"the configuration declares {len(declared)} devices; it must be 1 to {len(AXIS_NAMES)}")
+            raise InputError(
+                f"the section INTDEVICE declares {len(declared)} devices; it must be 1 to {len(AXIS_NAMES)}", files[0]
+            )
         amplified = axis_names(amplifier=True)
         if axis not in amplified:
             raise InputError(f"there is no axis {axis!r} with an amplifier; choose one of {one_of(axis, amplified)}")
@@ -182,7 +184,8 @@ class Station:
         end_ns = round((self.bench.time_s + seconds) * 1e9)
         while (now_ns := round(self.bench.time_s * 1e9)) < end_ns:
             self.control.now_ms = now_ns // PASS_NS
-            waits_for = self.control.run_pass()
+            with located(self._file):
+                waits_for = self.control.run_pass()
             for contactors in self._contactors:
                 contactors.obey(self.control.outputs)
             if waits_for is None:
@@ -208,6 +211,8 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
     """Run a station, press its inputs when they are due, and say what changes."""
     for one in presses:
         station.input(one.name)
+        if one.from_s >= seconds:
+            raise InputError(f"--press closes {one.name} at {one.from_s:g} s, but the run ends at {seconds:g} s")
     begins = [(one.from_s, one.name, True) for one in presses]
     events = sorted(begins + [(one.to_s, one.name, False) for one in presses])
     before = station.shown()

@@ -57,7 +57,10 @@ class CutAxes(Snapshots):
         own = plant.own_step_um
         for fault in self._faults:
             if fault.axis not in own:
-                raise InputError(f"{fault.axis} has no drive with a loop, which the fault {fault.fault} needs")
+                raise InputError(
+                    f"{fault.axis} has no drive with a loop, which the fault {fault.fault} needs: choose the drive "
+                    "uhu, servo-module or eanpos"
+                )
         step_um = plant.machine.base.table.step_um.value
         for name, own_um in own.items():
             if not abs(own_um / step_um - 1) <= _STEP_SHARE:

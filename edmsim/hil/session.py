@@ -22,6 +22,7 @@ from edmsim.hil.samples import FrameFile
 # A log of ratios and positions like that of an open machine's controller, for ``edmsim calibrate``.
 
 LEAST_HZ, MOST_HZ = 2.0, 100.0
+_NO_TIME_S = 1e-9  # what sums of floats may differ by
 COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")
 
 
@@ -33,7 +34,7 @@ class RatioLog(FrameFile):
             raise InputError(f"a log of ratios has {LEAST_HZ:g} to {MOST_HZ:g} rows per second, not {rate_Hz:g}")
         check_suffix(file, "a log of ratios", ".csv")
         self._rig, self._every_s = rig, 1.0 / rate_Hz
-        self._last_s = rig.time_s
+        self._due_s = rig.time_s + self._every_s
         self._counts = [0, 0, 0]
         self.count = 0  # rows written
         super().__init__(file)
@@ -51,15 +52,17 @@ class RatioLog(FrameFile):
             for k, count in enumerate((window.short, window.open, window.pulses)):
                 self._counts[k] += count
         now_s = self._rig.time_s
-        if now_s - self._last_s < self._every_s or not self._counts[2]:
+        if now_s < self._due_s - _NO_TIME_S or not self._counts[2]:
             return
+        while self._due_s < now_s + _NO_TIME_S:
+            self._due_s += self._every_s
         short, open_, pulses = self._counts
         machine, (x, y) = self._rig.gap.plant.machine, self._rig.gap.place_um
         self._out.write(
             f"{now_s:.6f},{x:g},{y:g},{short / pulses:.4f},{open_ / pulses:.4f},"
             f"{machine.t_on_us:g},{machine.t_period_us:g}\n"
         )
-        self._counts, self._last_s, self.count = [0, 0, 0], now_s, self.count + 1
+        self._counts, self.count = [0, 0, 0], self.count + 1
 
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16

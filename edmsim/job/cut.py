@@ -426,6 +426,11 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
             f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "
             "than a window; a longer period leaves it time"
         )
+    ended_s = simulation.plant.time_ns * 1e-9
+    notices += [
+        f"the fault {text} did not happen: the cut was over at {ended_s:.1f} s"
+        for text in settings.axis_faults if parse_fault(text).at_s > ended_s
+    ]  # fmt: skip
     return notices
 
 

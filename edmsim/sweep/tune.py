@@ -230,8 +230,8 @@ def tune_training(
         write_found(folder, what, result.value, judged_by, "algorithm", trial.values, result.files)
 
     run_study(study, space, trials, engine or Processes(), made, watch, best)
-    first, values = study.trials[0].value, _rounded(study.best_trial)
-    first = math.nan if first is None else float(first)
+    in_use, values = study.trials[0].params, _rounded(study.best_trial)
+    first = next((float(t.value) for t in study.trials if t.params == in_use and t.value is not None), math.nan)
     return Tuned(values, float(study.best_value), first, made_in(study), made_in(study, "FAIL"))
 
 
@@ -245,6 +245,9 @@ def training_space(algo: str) -> dict[str, Bound]:
 def within(space: Mapping[str, Bound], values: Mapping[str, Any]) -> dict[str, float]:
     """Return those of some values that the search can reach."""
     return {key: float(values[key]) for key, b in space.items() if key in values and b.low <= values[key] <= b.high}
+
+
+_INTERRUPTED = "interrupted"  # the error of a trial that Ctrl-C ended
 
 
 def run_study(
@@ -271,7 +274,8 @@ def run_study(
                 watch(ended, float(study.best_value))
     finally:
         for left in under_way.values():
-            _tell(study, left, TrialResult(math.nan, "interrupted"))
+            _tell(study, left, TrialResult(math.nan, _INTERRUPTED))
+            study.enqueue_trial(left.params)
     if not made_in(study, "COMPLETE"):
         failed = study.trials[-1].user_attrs.get("error", "")
         raise InputError(f"no trial could be made: {failed}")
@@ -316,8 +320,11 @@ def _result_of(answer: Any) -> TrialResult:
 
 
 def made_in(study: Any, *states: str) -> int:
-    """Return how many trials have ended, or ended so."""
-    return sum(trial.state.name in (states or ("COMPLETE", "FAIL")) for trial in study.get_trials(deepcopy=False))
+    """Return how many trials have ended, or ended so; those that were interrupted are made again."""
+    return sum(
+        trial.state.name in (states or ("COMPLETE", "FAIL")) and trial.user_attrs.get("error") != _INTERRUPTED
+        for trial in study.get_trials(deepcopy=False)
+    )
 
 
 def _tell(study: Any, trial: Any, result: TrialResult) -> None:
@@ -481,7 +488,9 @@ def _bound(name: str, ends: Any, file: str) -> Bound:
         bound = Bound(float(low), float(high), scale)
         if math.isfinite(bound.high - bound.low) and bound.low < bound.high and (scale == "linear" or bound.low > 0):
             return bound
-    raise InputError(f"{name} is searched from a number to a greater one, not {ends!r}: {_RULE}", file)
+    raise InputError(
+        f"{name} is searched from a number to a greater one, with \"log\" from above 0, not {ends!r}: {_RULE}", file
+    )
 
 
 def _value_in_use(law: object, name: str) -> float:

@@ -206,7 +206,7 @@ def test_constants_that_cannot_be_fitted_are_refused(known):
 
 
 def test_a_log_without_a_steady_stretch_is_refused(known):
-    with pytest.raises(edmsim.InputError, match="known: no steady stretch of 400 windows"):
+    with pytest.raises(edmsim.InputError, match="known: no stretch of 400 windows can be used: behind 325 um"):
         calibrate(log_of(known.table.slice(0, 300)), known.machine)
 
 

@@ -128,6 +128,7 @@ HEADING = ",".join(COLUMNS) + "\n"
     ("log.csv", f"{HEADING.replace(',', ';')}1.020,5;1;2;20;1;9;30;100\n".encode(), "feed_um_s is '1.020,5'"),
     ("log.csv", f"{HEADING[:-1]},short\n20,1,2,20,1,9,30,100,1\n".encode(), "column short is there 2 times"),
     ("log.csv", f"{HEADING}20,200,100,20,1,9,30,100\n".encode(), "window 1: short 200 cannot be"),
+    ("log.csv", f"{HEADING}20,0.1,0.6,20,1,9,30,100\n".encode(), "open 0.6 cannot be; short and open are counts"),
     ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n".encode(), "window 2: t_period_us 30"),
     ("log.csv", f"{HEADING}20,1,2,,1,9,30,100\n".encode(), "window 1: mean_voltage_V nan"),
     ("log.csv", f"{HEADING}20,1,2,inf,1,9,30,100\n".encode(), "window 1: mean_voltage_V inf"),
@@ -284,6 +285,7 @@ def test_a_bench_s_log_has_the_statistics_of_its_own_counts(tmp_path):
             rig.gap.setpoints.move_at((12.0, 0.0), rig.gap.plant.time_ns)
             window = rig.frame().window
             counts += np.array([window.short, window.open, window.pulses]) * (rig.time_s > 40.0)
+    assert log.count == 600
     found = stretches(read_log(tmp_path / "ratios.csv"), settle_um(machine))
     late = [stretch for stretch in found if stretch.first * 0.0255 > 40.0]
     assert late[0].feed_um_s == pytest.approx(12.0, rel=0.03)

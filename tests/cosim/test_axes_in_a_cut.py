@@ -199,6 +199,14 @@ def test_a_fault_that_is_none_is_refused(text, reason):
         parse_fault(text)
 
 
+def test_a_fault_after_the_end_of_the_cut_is_a_notice(cut_small):
+    faults = ["x:stuck@0.1", "y:stuck@9"]
+    done = cut_small(max_time_s=0.5, drive="uhu", axis_faults=faults)
+    assert [text for text in done.report["notices"] if "fault" in text] == [
+        "the fault y:stuck@9 did not happen: the cut was over at 0.5 s"
+    ]
+
+
 def test_a_stepper_has_no_such_faults():
     with pytest.raises(InputError, match="y has no drive with a loop"):
         simulation(LINE, axis_faults=[AxisFault("y", "stuck", 0.0)])

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -234,6 +235,15 @@ def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(cut, record, tmp
     with pytest.raises(InputError, match="no window"):
         render(empty, tmp_path / "cut.gif")
     assert not (tmp_path / "cut.gif").exists()
+
+
+def test_a_viewer_without_a_window_does_not_outlast_its_command(tmp_path, monkeypatch):
+    shown = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"], start_new_session=True)
+    monkeypatch.setattr(viewer, "_started", lambda *options: shown)
+    monkeypatch.setattr(viewer, "_connected", lambda *of: os.kill(os.getpid(), signal.SIGTERM))
+    with pytest.raises(KeyboardInterrupt), viewer._headless(tmp_path / "cut.rrd"):
+        pass
+    assert shown.poll() is not None
 
 
 @pytest.mark.slow

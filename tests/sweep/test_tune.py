@@ -43,13 +43,22 @@ def test_a_search_finds_what_is_best_and_goes_on(tmp_path):
         tune_training(ENV_ID, tmp_path, trials=30, engine=first, watch=lambda *a: observed.append(a))
     again = Peak()
     found = tune_training(ENV_ID, tmp_path, trials=30, engine=again, watch=lambda *a: observed.append(a))
-    # the eleventh was asked for when the search was interrupted; nothing of it is left under way
-    assert (found.trials, found.failed, len(again.observed)) == (30, 2, 19)
+    # the eleventh was asked for when the search was interrupted: it is made again, and counts once
+    assert (found.trials, found.failed, len(again.observed)) == (30, 1, 20)
     assert found.values["clip_range"] == pytest.approx(0.3, abs=0.03)
     assert found.value >= max(found.first_value, observed[0][1])
     usual = load(ENV_ID, "ppo").algorithm
     assert first.observed[0].values == {name: pytest.approx(usual[name], rel=0.01) for name in found.values}
     assert tomllib.loads((tmp_path / "best.toml").read_text())["algorithm"] == found.values
+
+
+def test_settings_in_use_are_tried_again_if_their_trial_was_interrupted(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        tune_training(ENV_ID, tmp_path, trials=1, engine=Peak(stop_after=0))
+    found = tune_training(ENV_ID, tmp_path, trials=1, engine=(again := Peak()))
+    usual = load(ENV_ID, "ppo").algorithm
+    assert again.observed[0].values == {name: pytest.approx(usual[name], rel=0.01) for name in found.values}
+    assert (found.trials, found.failed, found.first_value) == (1, 0, found.value)
 
 
 def test_processes_share_a_study(tmp_path):

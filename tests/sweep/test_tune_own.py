@@ -132,7 +132,7 @@ def test_bounds_are_read_as_declared(tmp_path):
     ("{}", "does not say what is searched"), ("3", "does not say what is searched"),
     ('{"gain": (1, 2)}', "its parameters are feed_um_s, window_s"),
     ('{"feed_um_s": (2, 1)}', "from a number to a greater one"),
-    ('{"feed_um_s": (0, 1, "log")}', "from a number to a greater one"),
+    ('{"feed_um_s": (0, 1, "log")}', 'with "log" from above 0, not '),
     ('{"feed_um_s": (0, float("inf"))}', "from a number to a greater one"), ('{"feed_um_s": 4}', "not 4"),
     ('{"feed_um_s": (1, 2, "cubic")}', "from a number to a greater one"),
 ])  # fmt: skip

@@ -27,6 +27,7 @@ from edmsim.recording.figures import palette
 from edmsim.recording.rerun import blueprint
 from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
 from edmsim.recording.rerun.stream import PATH, TIME, releasing, saved
+from edmsim.signals import noted
 
 SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
 """Each cut's place in the recording, its letter and the colour of its curves."""
@@ -294,12 +295,13 @@ def _picture(client: ViewerClient) -> bytes:
 def _headless(recording: Path) -> Iterator[ViewerClient]:
     """Run the viewer without a window, bound to this machine, and give a client of it."""
     port = free_port(0)
-    process = _started(str(recording.resolve()), "--headless", "--port", str(port))
-    try:
-        yield _connected(process, ViewerClient, f"rerun+http://{HERE}:{port}/proxy")
-    finally:
-        _end(process)
-        process.wait()
+    with noted() as interrupts:  # a viewer of its own session would outlast a command that SIGTERM ends
+        process = _started(str(recording.resolve()), "--headless", "--port", str(port))
+        try:
+            interrupts.at_once()
+            yield _connected(process, ViewerClient, f"rerun+http://{HERE}:{port}/proxy")
+        finally:
+            _end(process)
 
 
 def _connected(process: subprocess.Popen[bytes], kind: type[ViewerClient], address: str) -> ViewerClient:

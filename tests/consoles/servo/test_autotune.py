@@ -1,5 +1,6 @@
 """``edmsim tune drive``: values found are better than those of delivery, can be typed in and saved; their picture."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -124,14 +125,16 @@ def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path, mo
     def found(drive, motor, tell):
         tell("told as it goes")
         assert motor.tobytes() == axis_row("table").tobytes()
-        return tuning(drive, "table")
+        restless = AxisTrace(np.array([0.0, 0.2, 0.399]), np.array([STEP_COUNTS, -STEP_COUNTS, STEP_COUNTS]))
+        return replace(tuning(drive, "table"), before=AxisResponse(*[restless] * 3))
 
     monkeypatch.setattr("edmsim.consoles.autotune.autotune", found)
     done = piped(b"", "tune", "drive", "servo-module", "--axis", "table", "--out", tmp_path / "steps.png")
     assert done.returncode == 0
     assert done.text[0].splitlines() == list(tuning("servo-module", "table").lines)
     assert "told as it goes" in done.text[1]
-    assert "as delivered: overshoot" in done.text[1]
+    assert "as delivered: overshoot 100 %, not settled, following error of a move 50.0 counts rms" in done.text[1]
+    assert "tuned: overshoot 0 %, settled after 1" in done.text[1]
     picture = np.asarray(Image.open(tmp_path / "steps.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(picture, axis=0)) > 10
 

@@ -147,11 +147,13 @@ def test_the_command_presses_inputs(piped):
 
 
 def test_the_command_lists_what_cannot_be_read(piped, tmp_path):
-    (tmp_path / "a.mod").write_text("Axis:posit = 0\nspeed = 1\nGO Axis\n", encoding="utf-8")
+    (tmp_path / "a.mod").write_text("Axis:posit = 0\nspeed = 1\nGO Axis\n" + "END 1\n" * 10, encoding="utf-8")
     done = piped(b"", "console", "positioner", FILES[0], tmp_path / "a.mod")
     assert done.returncode == 2
-    assert "a.mod:2: speed is not a variable" in done.text[1]
-    assert "a.mod:3: 'GO Axis' is not a statement" in done.text[1]
+    said = done.text[1].splitlines()
+    assert "a.mod:2: speed is not a variable" in said[0]
+    assert "a.mod:3: 'GO Axis' is not a statement" in said[1]
+    assert said[10:] == ["edmsim: and 2 more"]
 
 
 def test_bad_words_are_refused(tmp_path):
@@ -164,8 +166,12 @@ def test_bad_words_are_refused(tmp_path):
         one.press("ifstrat")
     with pytest.raises(InputError, match="no device 'Bxis'; there are: axis"):
         one.device("Bxis")
-    with pytest.raises(InputError, match="declares 0 devices"):
-        Station("END", "END")
+    with pytest.raises(InputError, match=r"a\.cnf: the section INTDEVICE declares 0 devices"):
+        Station("END", "END", files=("a.cnf", "a.mod"))
+    with pytest.raises(InputError, match=r"a\.mod: line 1: 1 is divided by nought"):
+        Station(FILES[0].read_text(encoding="utf-8"), "slShare = 1/0", files=("a.cnf", "a.mod")).run(0.1)
+    with pytest.raises(InputError, match="--press closes ifStart at 2 s, but the run ends at 1 s"):
+        run_and_tell(one, 1.0, [Press("ifStart", 2.0, 3.0)], print)
     with pytest.raises(InputError, match="no such file"):
         Station.of_files(tmp_path / "none.cnf", FILES[1], "analogue")
     with pytest.raises(InputError, match="no axis 'belt'"):

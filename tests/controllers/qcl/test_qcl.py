@@ -178,6 +178,7 @@ def test_a_loop_without_wait_ends_its_pass():
     ("Axis = 1", "Axis is not a variable"), ("seven = 8", "seven is not a variable"),
     ("a = Axis", "Axis is not a name"), ("START a", "a is not a device"),
     ("GO Axis", "'GO Axis' is not a statement"), ("Axis:speed = 1", "no parameter 'speed'"),
+    ("; nothing", "the program has no statements"),
     ("Axis:st_still = 1", "no parameter 'st_still'"), ("a = Axis:st_moving", "no state 'st_moving'"),
     ("Bxis:setpos = 1", "Bxis is not a device"), ("a = (1", "a bracket is not closed"),
     ("a = 1)", "')' is left over"),
