@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-FAILED, BAD_INPUT = 1, 2
-"""Exit statuses of a command: the model left its validity, or the like; bad usage or input."""
+FAILED, BAD_INPUT, STOPPED, INTERRUPTED = 1, 2, 3, 130
+"""Exit statuses of a command: the model left its validity, or the like; bad usage or input; the machine stopped
+before the end; interrupted by the user."""
 
 
 LONGEST_REASON, LONGEST_PLACE = 2000, 300

@@ -11,10 +11,12 @@ from pathlib import Path
 import pytest
 
 from edmsim import __version__
+from edmsim.__main__ import main
 from edmsim.bench import profile
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
 from edmsim.cosim.simulation import Simulation
+from edmsim.errors import INTERRUPTED
 from edmsim.job import checkpoint
 from edmsim.job.cut import CutProgress
 from edmsim.job.settings import CutSettings
@@ -227,6 +229,19 @@ def test_an_interrupted_comparison_is_one_line_and_130(edmsim, monkeypatch):
     outcome = edmsim("bench", "--against", "HEAD")
     assert (outcome.status, outcome.out) == (130, "")
     assert outcome.err == "edmsim: interrupted; no measurement was completed\n"
+
+
+class _Interrupted:
+    def __getattr__(self, name):
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_while_modules_load_is_silent_and_130(capfd, monkeypatch):
+    monkeypatch.setitem(sys.modules, "edmsim.cli.app", _Interrupted())
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == INTERRUPTED
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.slow
