@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
-from edmsim.controllers.user_controllers import rehearsed
+from edmsim.controllers.user_controllers import check_is_controller, rehearsed
 from edmsim.envs.arguments import checked_actions, checked_options, plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
@@ -104,7 +104,7 @@ class AttachedController:
     """A feed controller that is shown every window until `stop`; whether its commands are run is up to the caller."""
 
     def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
-        self._sub_envs, self._index, self._controller = sub_envs, index, controller
+        self._sub_envs, self._index, self._controller = sub_envs, index, check_is_controller(controller)
         self._leg = self._lost = 0
         self._command = FeedCommand(0.0)
         sub_envs.watchers.append((index, self._see))

@@ -10,7 +10,7 @@ from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
 
 from edmsim import user_code
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuses_wrong_types
 
 if TYPE_CHECKING:
     from edmsim.envs.task import EnvArguments, Family
@@ -39,6 +39,7 @@ def register_all() -> None:
         _register_classes(env_id_of(name), _classes_of(name), {}, one.reference)
 
 
+@refuses_wrong_types
 def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     """Register an own environment, single and vector, with Gymnasium.
 
@@ -65,7 +66,7 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     family.of(**arguments)
     registry.pop(env_id, None)
     if family is family_of(base):
-        _register_classes(env_id, _classes_of(base), {**arguments, "task": base})
+        _register_classes(env_id, (_classes_of(base)[0], _GENERAL[1]), {**arguments, "task": base})
     else:
         _OWN[env_id] = family
         _register_classes(env_id, _GENERAL, {**arguments, "task": env_id})
