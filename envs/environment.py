@@ -33,7 +33,7 @@ from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, refuse_unknown
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
-from edmsim.numeric import whole_from
+from edmsim.numeric import whole_from, whole_within
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -658,6 +658,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
 
     def attach_controller(self, index: int, controller: FeedController) -> AttachedController:
         """Attach a feed controller to a sub-environment: see `AttachedController`."""
+        whole_within("index", index, 0, self.num_envs - 1)
         return AttachedController(sub_envs_of(self._batch), index, controller)
 
     def recorder(self, index: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
@@ -665,6 +666,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         from edmsim.envs.recorder import EpisodeRecorder
 
         names = self.family.action_names if actions is None else actions
+        whole_within("index", index, 0, self.num_envs - 1)
         return EpisodeRecorder(sub_envs_of(self._batch), index, names)
 
     @property
@@ -727,6 +729,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         """Return an image of a sub-environment."""
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
+        whole_within("index", index, 0, self.num_envs - 1)
         return picture_of(self._batch, self._renderer, index)
 
     def close_extras(self, **_: Any) -> None:

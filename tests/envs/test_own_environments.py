@@ -88,6 +88,7 @@ def test_one_of_ours_with_other_arguments() -> None:
     register("lab/Careful-v0", GapFeed, weights=Weights(short=2.0), resolution="fast")
     family = make_family("lab/Careful-v0", history=2)
     assert (family.weights, family.history) == (Weights(short=2.0), 2)
+    assert gym.make_vec("lab/Careful-v0", 2).unwrapped.family.weights == family.weights
     kwargs = {"task": "GapFeed", "history": 3}
     gym.register("lab/Plain-v0", entry_point="edmsim.envs.environment:EdmEnv", kwargs=kwargs)
     assert make_family("lab/Plain-v0").history == 3
