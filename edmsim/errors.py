@@ -95,18 +95,18 @@ def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Ar
     """Let a function refuse what is no truth value, and name its first argument of a wrong type where it fails."""
     switches = {name for name, kind in function.__annotations__.items() if _shown(kind) == "bool"} - {"return"}
 
-    def given(args: tuple[object, ...], options: dict[str, object]) -> Iterator[tuple[str, object]]:
+    def arguments(args: tuple[object, ...], options: dict[str, object]) -> Iterator[tuple[str, object]]:
         yield from (*zip(function.__code__.co_varnames, args, strict=False), *options.items())
 
     @wraps(function)
     def run(*args: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
-        for name, value in given(args, options) if switches else ():
+        for name, value in arguments(args, options) if switches else ():
             if name in switches and type(value).__name__ != "bool":  # Python's or numpy's; others count as one, too
                 raise WrongTypeError(f"{name} is {value!r}: give True or False")
         try:
             return function(*args, **options)
         except (AttributeError, LookupError, TypeError, ValueError, WrongTypeError):
-            for name, value in given(args, options):
+            for name, value in arguments(args, options):
                 kind = _shown(function.__annotations__.get(name, "Any"))
                 if not _may_be(value, kind, function.__globals__):
                     shown = one_line(repr(value), LONGEST_PLACE)
