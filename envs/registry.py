@@ -77,10 +77,13 @@ def resolve(text: str) -> str:
     own = user_code.named(text)
     if own is None:
         return text
-    user_code.run(own.file)
+    module = user_code.run(own.file)
     spec = registry.get(own.name)
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"this file registers no environment {own.name!r} (edmsim.envs.register)", own.file)
+    if family := _OWN.get(own.name):
+        theirs = [name for kind in family.__mro__ if kind.__module__ == module.__name__ for name in vars(kind)]
+        _OWN[own.name] = user_code.naming_failures(family, own.file, ("draw", *theirs))
     return own.name
 
 
