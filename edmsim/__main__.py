@@ -3,10 +3,12 @@
 import sys
 
 from edmsim.errors import INTERRUPTED
+from edmsim.signals import raise_again
 
 
 def main() -> None:
     """Run the command line, which Ctrl-C also ends in silence while its modules are still loaded."""
+    sys.unraisablehook = raise_again
     try:
         from edmsim.cli.app import main as run
 

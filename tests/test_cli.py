@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ from edmsim.job.settings import CutSettings
 from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
+from edmsim.signals import raise_again
 
 from .conftest import FILES, Outcome
 
@@ -241,6 +243,25 @@ def test_ctrl_c_while_modules_load_is_silent_and_130(capfd, monkeypatch):
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == INTERRUPTED
+    assert capfd.readouterr() == ("", "")
+
+
+class _Gone:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+def _leave_one():
+    _Gone()
+    time.sleep(5.0)
+
+
+def test_ctrl_c_that_a_destructor_swallows_comes_again(monkeypatch, capfd):
+    monkeypatch.setattr(sys, "unraisablehook", raise_again)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores Ctrl-C
+    with pytest.raises(KeyboardInterrupt):
+        _leave_one()
+    signal.signal(signal.SIGINT, before)
     assert capfd.readouterr() == ("", "")
 
 
