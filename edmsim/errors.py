@@ -192,6 +192,19 @@ def run_command(run: Callable[[], object]) -> None:
     """Run a command; an `EdmsimError` becomes one line on standard error and an exit status."""
     try:
         run()
-    except EdmsimError as error:
+    except (EdmsimError, ImportError, SystemError) as error:
+        if _is_interrupted(error):
+            sys.exit(INTERRUPTED)
+        if not isinstance(error, EdmsimError):
+            raise
         print("edmsim: " + " ".join(str(error).splitlines()), file=sys.stderr)
         sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
+
+
+def _is_interrupted(error: BaseException | None) -> bool:
+    """Say whether an error comes from an import that Ctrl-C ended, which a compiled module makes another error of."""
+    while error is not None:
+        if isinstance(error, ImportError | SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

@@ -17,7 +17,7 @@ from edmsim.bench import profile
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
 from edmsim.cosim.simulation import Simulation
-from edmsim.errors import INTERRUPTED
+from edmsim.errors import INTERRUPTED, InputError
 from edmsim.job import checkpoint
 from edmsim.job.cut import CutProgress
 from edmsim.job.settings import CutSettings
@@ -231,6 +231,20 @@ def test_an_interrupted_comparison_is_one_line_and_130(edmsim, monkeypatch):
     outcome = edmsim("bench", "--against", "HEAD")
     assert (outcome.status, outcome.out) == (130, "")
     assert outcome.err == "edmsim: interrupted; no measurement was completed\n"
+
+
+@pytest.mark.parametrize("extra", [False, True])
+def test_an_import_that_ctrl_c_ends_is_silent_and_130(edmsim, monkeypatch, extra):
+    def compiled(*_):
+        try:
+            raise ImportError("initialization failed") from KeyboardInterrupt()
+        except ImportError as error:
+            if extra:
+                raise InputError("it is not installed") from error
+            raise
+
+    monkeypatch.setattr("edmsim.bench.pairs.compare", compiled)
+    assert edmsim("bench", "--against", "HEAD") == (130, "", "")
 
 
 class _Interrupted:
