@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections import abc
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
@@ -13,13 +13,14 @@ from inspect import formatannotation, isfunction
 from numbers import Number
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-FAILED, BAD_INPUT = 1, 2
-"""Exit statuses of a command: the model left its validity, or the like; bad usage or input."""
+FAILED, BAD_INPUT, STOPPED, INTERRUPTED = 1, 2, 3, 130
+"""Exit statuses of a command: the model left its validity, or the like; bad usage or input; the machine stopped
+before the end; interrupted by the user."""
 
 
 LONGEST_REASON, LONGEST_PLACE = 2000, 300
@@ -91,16 +92,23 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
 
 
 def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Let a function that fails name its first argument of another type than the signature says, if there is one."""
+    """Let a function refuse what is no truth value, and name its first argument of a wrong type where it fails."""
+    switches = {name for name, kind in function.__annotations__.items() if _shown(kind) == "bool"} - {"return"}
+
+    def arguments(args: tuple[object, ...], options: dict[str, object]) -> Iterator[tuple[str, object]]:
+        yield from (*zip(function.__code__.co_varnames, args, strict=False), *options.items())
 
     @wraps(function)
     def run(*args: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
+        for name, value in arguments(args, options) if switches else ():
+            if name in switches and type(value).__name__ != "bool":  # Python's or numpy's; others count as one, too
+                raise WrongTypeError(f"{name} is {value!r}: give True or False")
         try:
             return function(*args, **options)
         except (AttributeError, LookupError, TypeError, ValueError, WrongTypeError):
-            for name, value in (*zip(function.__code__.co_varnames, args, strict=False), *options.items()):
+            for name, value in arguments(args, options):
                 kind = _shown(function.__annotations__.get(name, "Any"))
-                if not _may_be(value, kind):
+                if not _may_be(value, kind, function.__globals__):
                     shown = one_line(repr(value), LONGEST_PLACE)
                     raise WrongTypeError(f"{name} cannot be {shown}: give {kind}") from None
             raise
@@ -124,16 +132,24 @@ def _shown(annotation: object) -> str:
 _PLAIN = {"None", "Path", "bool", "float", "int", "str"}
 
 
-def _may_be(value: object, kind: str) -> bool:
-    """Say whether a value may be of an annotated kind; of other classes than Python's own, not all is known."""
+def _may_be(value: object, kind: str, known: Mapping[str, object]) -> bool:
+    """Say whether a value may be of an annotated kind; of classes but Python's and edmsim's own, not all is known."""
     own, kinds = type(value), set(re.findall(r"\w+", re.sub(r"\[[^|]*\]", "", kind)))
     taken = {"Any", "object", "None" if value is None else own.__name__}
     taken |= {"float"} if own is int else {"Literal"} if own is str else set()
     if own.__module__ != "builtins":
-        return not kinds <= _PLAIN or isinstance(value, Number | PathLike)
+        classes = [known.get(name) for name in kinds - _PLAIN]
+        if not all(_is_own(one) for one in classes):
+            return True
+        plain = (Number, PathLike) if kinds & _PLAIN else ()
+        return isinstance(value, (*classes, *plain))  # type: ignore[arg-type]
     if taken & kinds:
         return True
     return any(isinstance(value, getattr(abc, name)) for name in kinds & {*abc.__all__})
+
+
+def _is_own(kind: object) -> bool:
+    return isinstance(kind, type) and kind.__module__.startswith(__package__) and not issubclass(kind, Protocol)
 
 
 def refused_entry(error: ValidationError) -> tuple[str, str]:
@@ -160,7 +176,7 @@ def one_of(name: object, known: Iterable[str], listed: Iterable[str] | None = No
 def refuse_unknown(what: str, name: object, known: Iterable[str], file: str | Path | None = None) -> None:
     """Refuse a name that is not among those there are."""
     names = [*known]
-    if name not in names:
+    if not isinstance(name, abc.Hashable) or name not in names:  # an array equals a name in every place or none
         raise InputError(f"unknown {what} {name!r}; there are: {one_of(name, names)}", file)
 
 
@@ -176,6 +192,19 @@ def run_command(run: Callable[[], object]) -> None:
     """Run a command; an `EdmsimError` becomes one line on standard error and an exit status."""
     try:
         run()
-    except EdmsimError as error:
+    except (EdmsimError, ImportError, SystemError) as error:
+        if _is_interrupted(error):
+            sys.exit(INTERRUPTED)
+        if not isinstance(error, EdmsimError):
+            raise
         print("edmsim: " + " ".join(str(error).splitlines()), file=sys.stderr)
         sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
+
+
+def _is_interrupted(error: BaseException | None) -> bool:
+    """Say whether an error comes from an import that Ctrl-C ended, which a compiled module makes another error of."""
+    while error is not None:
+        if isinstance(error, ImportError | SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 
 _LOCK = ".edmsim-lock"
 MOST_ARRAY_BYTES = 800_000_000
@@ -90,9 +90,10 @@ def read_toml(file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
         raise InputError(f"not {what}: {error}", file) from None
 
 
+@refuses_wrong_types
 def folder_of(name: str | Path) -> Path:
     """Return the folder that a user names; raises `InputError` for an empty name, which `Path` allows."""
-    if name == "":
+    if isinstance(name, str) and not name:
         raise InputError("the folder has no name: '.' is the present one")
     return Path(name)
 

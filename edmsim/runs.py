@@ -26,12 +26,14 @@ from traceback import format_exception, print_exc
 from typing import Any, BinaryIO, Protocol
 
 from edmsim import user_code
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types, refuses_wrong_types
 from edmsim.files import replacing
+from edmsim.numeric import whole_from
 
 Row = dict[str, Any]
 
 
+@methods_refuse_wrong_types
 class RunTable:
     """Finished runs: a row for each by its ``id``, in a file to which rows are appended, or in memory only.
 
@@ -54,8 +56,9 @@ class RunTable:
     """
 
     def __init__(
-        self, file: Path | None = None, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)
+        self, file: str | Path | None = None, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)
     ) -> None:
+        file = None if file is None else Path(file)
         self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
         self._file, self._of, self._lock = file, of, threading.Lock()
         if file is not None and file.exists():
@@ -82,10 +85,10 @@ class RunTable:
                 partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 
-def read_rows(file: Path, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)) -> list[Row]:
+def read_rows(file: str | Path, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)) -> list[Row]:
     """Return the rows of a table, even while runs are made; each has these texts. A last line cut off is skipped."""
     try:
-        lines = file.read_bytes().split(b"\n")[:-1]
+        lines = Path(file).read_bytes().split(b"\n")[:-1]
     except FileNotFoundError:
         return []
     rows = []
@@ -111,7 +114,7 @@ def read_of(file: Path) -> Row:
     return found
 
 
-def check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: Path) -> None:
+def check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: str | Path) -> None:
     """Refuse a file that has the runs of something else."""
     for name, value in now.items():
         if before[name] != value:
@@ -150,6 +153,7 @@ def identity(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
 
 
+@refuses_wrong_types
 def perform(
     work: Callable[[Any], Any], jobs: Sequence[Any], watch: Callable[[int, int], None] | None = None, *,
     engine: Engine | None = None, table: RunTable | None = None, ids: Sequence[str] = (),
@@ -271,6 +275,7 @@ class Threads:
                 pool.shutdown(cancel_futures=True)
 
 
+@methods_refuse_wrong_types
 class Processes:
     """Runs jobs in processes on this computer.
 
@@ -286,9 +291,7 @@ class Processes:
     """
 
     def __init__(self, count: int | None = None) -> None:
-        self.count = processors() if count is None else count
-        if self.count < 1:
-            raise InputError(f"{self.count} processes make no run: give 1 or more")
+        self.count = processors() if count is None else whole_from("count", count, 1)
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         """See `Engine.done`."""
@@ -419,6 +422,7 @@ IN_FLIGHT = 2
 LOOK_S = 2.0  # how often, at least, it is looked how many processors there are
 
 
+@methods_refuse_wrong_types
 class Cluster:
     """Runs jobs on a Ray cluster, one per processor.
 

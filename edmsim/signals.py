@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -42,6 +43,18 @@ class NotedSignals:
     def only_note(self) -> None:
         """From now on raise no more: the work is done, and nothing is left that could be ended."""
         self._at_once, self._came = False, None
+
+
+_AGAIN_S = 0.05  # after this time Python has left what ignores errors (ours)
+
+
+def raise_again(ignored: sys.UnraisableHookArgs) -> None:
+    """Raise an interruption that Python ignored, as in a callback of an import, once more: a `sys.unraisablehook`."""
+    if isinstance(ignored.exc_value, KeyboardInterrupt):
+        number = next(iter(ignored.exc_value.args), signal.SIGINT)
+        threading.Timer(_AGAIN_S, signal.raise_signal, [number]).start()
+    else:
+        sys.__unraisablehook__(ignored)
 
 
 @contextmanager

@@ -10,11 +10,11 @@ from functools import cache, lru_cache, wraps
 from importlib import import_module
 from inspect import getattr_static, isfunction
 from pathlib import Path
-from traceback import extract_tb
+from traceback import FrameSummary, extract_tb
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import EdmsimError, InputError, located
 from edmsim.files import read_text
 
 MAKERS: dict[str, str] = {}
@@ -66,37 +66,47 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
         raise
     except SyntaxError as error:
         raise InputError(f"is not Python: {error.msg}", shown, error.lineno) from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise failure(error, shown, "fails when it is run") from None
     return module
 
 
-def failure(error: Exception, file: str, what: str) -> InputError:
+def failure(error: BaseException, file: str, what: str) -> InputError:
     """Return an error of the user's code as one that names the line of the file where it arose, and its callers."""
-    place = str(Path(file).absolute())
-    frames = [frame for frame in extract_tb(error.__traceback__) if frame.filename == place]
+    frames = _frames(error, file)
     callers = " from ".join(f"line {frame.lineno} in {frame.name}" for frame in reversed(frames[:-1]))
     called = f"; {frames[-1].name} was called at {callers}" if callers else ""
     said = f"{type(error).__name__}: {error}".removesuffix(": ")
     return InputError(f"{what}: {said}{called}", file, frames[-1].lineno if frames else None)
 
 
+def _frames(error: BaseException, file: str) -> list[FrameSummary]:
+    """Return the calls of a file's code that an error came through, the innermost last."""
+    place = str(Path(file).absolute())
+    return [frame for frame in extract_tb(error.__traceback__) if frame.filename == place]
+
+
 @cache
 def naming_failures(kind: Any, file: str, methods: tuple[str, ...]) -> Any:
-    """Return a user's class whose methods of these names fail with a `failure`."""
+    """Return a user's class whose methods of these names fail with a `failure`; such a class as it is."""
+    if hasattr(kind, "__wrapped__"):
+        return kind
 
     def naming(method: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(method)
         def run(*args: Any, **options: Any) -> Any:
             try:
                 return method(*args, **options)
-            except EdmsimError:
-                raise
-            except Exception as error:
+            except EdmsimError as error:
+                frames = [] if getattr(error, "file", None) else _frames(error, file)
+                with located(file, frames[-1].lineno if frames else None):
+                    raise
+            except (Exception, SystemExit) as error:
                 raise failure(error, file, f"{kind.__name__}.{method.__name__} fails") from error
 
         return run
 
     found = {name: getattr_static(kind, name, None) for name in methods}
     own = {name: naming(method) for name, method in found.items() if isfunction(method)}
-    return type(kind.__name__, (kind,), {"__module__": kind.__module__, "__doc__": kind.__doc__, **own})
+    about = {"__module__": kind.__module__, "__doc__": kind.__doc__, "__wrapped__": kind}
+    return type(kind.__name__, (kind,), {**about, **own})

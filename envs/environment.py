@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
-from edmsim.controllers.user_controllers import rehearsed
+from edmsim.controllers.user_controllers import check_is_controller, rehearsed
 from edmsim.envs.arguments import checked_actions, checked_options, plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
@@ -33,7 +33,7 @@ from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, refuse_unknown
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
-from edmsim.numeric import whole_from
+from edmsim.numeric import whole_from, whole_within
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,7 +104,7 @@ class AttachedController:
     """A feed controller that is shown every window until `stop`; whether its commands are run is up to the caller."""
 
     def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
-        self._sub_envs, self._index, self._controller = sub_envs, index, controller
+        self._sub_envs, self._index, self._controller = sub_envs, index, check_is_controller(controller)
         self._leg = self._lost = 0
         self._command = FeedCommand(0.0)
         sub_envs.watchers.append((index, self._see))
@@ -658,6 +658,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
 
     def attach_controller(self, index: int, controller: FeedController) -> AttachedController:
         """Attach a feed controller to a sub-environment: see `AttachedController`."""
+        whole_within("index", index, 0, self.num_envs - 1)
         return AttachedController(sub_envs_of(self._batch), index, controller)
 
     def recorder(self, index: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
@@ -665,6 +666,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         from edmsim.envs.recorder import EpisodeRecorder
 
         names = self.family.action_names if actions is None else actions
+        whole_within("index", index, 0, self.num_envs - 1)
         return EpisodeRecorder(sub_envs_of(self._batch), index, names)
 
     @property
@@ -727,6 +729,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         """Return an image of a sub-environment."""
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
+        whole_within("index", index, 0, self.num_envs - 1)
         return picture_of(self._batch, self._renderer, index)
 
     def close_extras(self, **_: Any) -> None:

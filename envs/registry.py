@@ -10,7 +10,7 @@ from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
 
 from edmsim import user_code
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuses_wrong_types
 
 if TYPE_CHECKING:
     from edmsim.envs.task import EnvArguments, Family
@@ -39,6 +39,7 @@ def register_all() -> None:
         _register_classes(env_id_of(name), _classes_of(name), {}, one.reference)
 
 
+@refuses_wrong_types
 def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     """Register an own environment, single and vector, with Gymnasium.
 
@@ -65,7 +66,7 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     family.of(**arguments)
     registry.pop(env_id, None)
     if family is family_of(base):
-        _register_classes(env_id, _classes_of(base), {**arguments, "task": base})
+        _register_classes(env_id, (_classes_of(base)[0], _GENERAL[1]), {**arguments, "task": base})
     else:
         _OWN[env_id] = family
         _register_classes(env_id, _GENERAL, {**arguments, "task": env_id})
@@ -76,10 +77,13 @@ def resolve(text: str) -> str:
     own = user_code.named(text)
     if own is None:
         return text
-    user_code.run(own.file)
+    module = user_code.run(own.file)
     spec = registry.get(own.name)
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"this file registers no environment {own.name!r} (edmsim.envs.register)", own.file)
+    if family := _OWN.get(own.name):
+        theirs = [name for kind in family.__mro__ if kind.__module__ == module.__name__ for name in vars(kind)]
+        _OWN[own.name] = user_code.naming_failures(family, own.file, ("draw", *theirs))
     return own.name
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from edmsim.envs.environment import EdmVectorEnv, SubEnvView
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.numeric import whole, whole_from
 
 try:
@@ -187,6 +187,7 @@ class StepInfo(MutableMapping[str, Any]):
         return repr(self.copy())
 
 
+@refuses_wrong_types
 def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **options: Any) -> EdmVecEnv:
     """Make a vector environment for stable-baselines3 that logs the episodes' returns.
 

@@ -368,11 +368,22 @@ class Family(EnvArguments):
             machine = draw_machine(rng, self._bases, self.drawn_settings, self.drawn_constants, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
         seed = int(rng.integers(2**62))
-        scenario = self.draw_cut(rng, machine, seed, drawn)
+        scenario = self._checked(self.draw_cut(rng, machine, seed, drawn))
         grid = self._grid_um(scenario.machine)
         if not grid:
             return scenario
         return scenario._replace(legs_um=tuple(np.rint(leg / grid) * grid for leg in scenario.legs_um))
+
+    def _checked(self, scenario: Any) -> Scenario:
+        """Return what `draw_cut` returned, which may be a user's; refuse what is not a cut."""
+        returned = f"{type(self).__name__}.draw_cut returns"
+        if not isinstance(scenario, Scenario) or not isinstance(scenario.machine, Machine):
+            raise InputError(f"{returned} {scenario!r}: give a Scenario with a Machine")
+        legs = scenario.legs_um
+        points = [np.asarray(leg) for leg in legs] if isinstance(legs, tuple | list) else []
+        if not points or any(leg.ndim != 2 or leg.shape[1] != 2 or not np.isfinite(leg).all() for leg in points):
+            raise InputError(f"{returned} legs_um {legs!r}: give arrays (n, 2) of finite numbers")
+        return scenario
 
     @abstractmethod
     def draw_cut(

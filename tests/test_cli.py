@@ -6,21 +6,25 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from edmsim import __version__
+from edmsim.__main__ import main
 from edmsim.bench import profile
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
 from edmsim.cosim.simulation import Simulation
+from edmsim.errors import INTERRUPTED, InputError
 from edmsim.job import checkpoint
 from edmsim.job.cut import CutProgress
 from edmsim.job.settings import CutSettings
 from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
+from edmsim.signals import raise_again
 
 from .conftest import FILES, Outcome
 
@@ -227,6 +231,52 @@ def test_an_interrupted_comparison_is_one_line_and_130(edmsim, monkeypatch):
     outcome = edmsim("bench", "--against", "HEAD")
     assert (outcome.status, outcome.out) == (130, "")
     assert outcome.err == "edmsim: interrupted; no measurement was completed\n"
+
+
+@pytest.mark.parametrize("extra", [False, True])
+def test_an_import_that_ctrl_c_ends_is_silent_and_130(edmsim, monkeypatch, extra):
+    def compiled(*_):
+        try:
+            raise ImportError("initialization failed") from KeyboardInterrupt()
+        except ImportError as error:
+            if extra:
+                raise InputError("it is not installed") from error
+            raise
+
+    monkeypatch.setattr("edmsim.bench.pairs.compare", compiled)
+    assert edmsim("bench", "--against", "HEAD") == (130, "", "")
+
+
+class _Interrupted:
+    def __getattr__(self, name):
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_while_modules_load_is_silent_and_130(capfd, monkeypatch):
+    monkeypatch.setitem(sys.modules, "edmsim.cli.app", _Interrupted())
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == INTERRUPTED
+    assert capfd.readouterr() == ("", "")
+
+
+class _Gone:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+def _leave_one():
+    _Gone()
+    time.sleep(5.0)
+
+
+def test_ctrl_c_that_a_destructor_swallows_comes_again(monkeypatch, capfd):
+    monkeypatch.setattr(sys, "unraisablehook", raise_again)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores Ctrl-C
+    with pytest.raises(KeyboardInterrupt):
+        _leave_one()
+    signal.signal(signal.SIGINT, before)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.slow

@@ -13,8 +13,8 @@ from pathlib import Path
 import matplotlib
 import pytest
 
-from edmsim.cli.console import STOPPED
 from edmsim.compiled import cache
+from edmsim.errors import STOPPED
 from tests.plant.test_determinism import HASH, in_this_process
 
 ROOT = Path(__file__).parents[1]

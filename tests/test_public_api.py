@@ -14,6 +14,7 @@ import yaml
 import edmsim
 from edmsim.axis_bench.bench import AxisBench
 from edmsim.controllers import axis
+from edmsim.evaluation.compare import evaluate
 from edmsim.hil.rig import Rig
 from edmsim.measure import measure_guides, measure_table
 from edmsim.program.path import plan_path
@@ -60,6 +61,11 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else():
     (lambda: axis.from_text("uhu").line("R"), "text cannot be 'R': give bytes"),
     (lambda: measure_table(edmsim.Machine.load(), seed=-1), "seed is -1: give a whole number, 0 or more"),
     (lambda: measure_guides(5), "machine cannot be 5: give Machine"),
+    (lambda: edmsim.Plant(np.zeros(3)), r"machine cannot be array\(.*\): give Machine"),
+    (lambda: edmsim.Plant(edmsim.Machine.load(), stock=np.zeros(3)), r"stock cannot be array\(.*\): give Stock"),
+    (lambda: edmsim.envs.EdmEnv("GapFeed", render_mode=np.zeros(3)), "unknown render_mode"),
+    (lambda: edmsim.envs.register(None, edmsim.envs.GapFeed), "env_id cannot be None: give str"),
+    (lambda: evaluate("edmsim/GapFeed-v2", 5), r"controllers cannot be 5: give Sequence\[str\]"),
     (lambda: read_offsets(None), r"file cannot be None: give str \| Path"),
     (lambda: plan_path(b"x", auto_offset_mm=0.1), r"file cannot be b'x': give str \| Path \| Program"),
 ])  # fmt: skip
@@ -84,7 +90,7 @@ def test_a_plant_that_refused_an_argument_goes_on_as_before(plant, call, said):
     assert plant.machine.t_on_us == edmsim.Machine.load().t_on_us
 
 
-@pytest.mark.parametrize("text", [5, None, []])
+@pytest.mark.parametrize("text", [5, None, [], b"VEL 5 0"])
 def test_a_serial_line_takes_texts(text):
     rig = Rig("spark")
     for line in (rig.send, rig.move, rig.board.line):
@@ -93,9 +99,12 @@ def test_a_serial_line_takes_texts(text):
     with pytest.raises(edmsim.InputError, match="seconds is nan"):
         rig.run(math.nan)
     bench = AxisBench({"x": axis.from_text("uhu")})
+    for call in (bench.hold, bench.reset_pin):
+        with pytest.raises(edmsim.InputError, match="give True or False"):
+            call("x", text)
     for send in (bench.send, bench.talk):
         with pytest.raises(edmsim.InputError, match=r"data cannot be .*: give bytes"):
-            send("a" if text is None else text)
+            send("a" if text in (None, b"VEL 5 0") else text)
 
 
 def test_errors_that_no_argument_explains_stay_as_they_are():

@@ -43,6 +43,7 @@ def start_of(log: Log) -> CutSettings:
     return CutSettings(resolution="fast") if log.settings is None else log.settings
 
 
+@refuses_wrong_types
 def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
     """Return the settings for comparing a log with the model, with overrides, and notices for the user.
 

@@ -20,8 +20,6 @@ OUT = Console()
 ERR = Console(stderr=True)
 
 RESUME = "run the same command to resume"
-STOPPED, INTERRUPTED = 3, 130
-"""Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
 
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
 Environment = Annotated[

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, STOPPED, Program, Quiet, default_folder, print_line, say
+from edmsim.cli.console import ERR, OUT, Program, Quiet, default_folder, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.errors import BAD_INPUT, InputError
+from edmsim.errors import BAD_INPUT, INTERRUPTED, STOPPED, InputError
 
 
 @takes(out=Unset("Default out/PROGRAM."))

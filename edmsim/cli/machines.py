@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, Json, Quiet, print_line, say
+from edmsim.cli.console import ERR, OUT, Json, Quiet, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.errors import BAD_INPUT, InputError
+from edmsim.errors import BAD_INPUT, INTERRUPTED, InputError
 
 if TYPE_CHECKING:
     from edmsim.hil.rig import Rig

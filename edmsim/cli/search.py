@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import OUT, STOPPED, Environment, Quiet, interruptible, print_line, say
+from edmsim.cli.console import OUT, Environment, Quiet, interruptible, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.errors import InputError
+from edmsim.errors import STOPPED, InputError
 
 if TYPE_CHECKING:
     from edmsim.runs import Engine

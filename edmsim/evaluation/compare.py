@@ -16,10 +16,11 @@ from edmsim import __version__, models
 from edmsim.controllers import choices, from_text
 from edmsim.envs.arguments import plain
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, check_laws, cut, engine_of, episodes, is_part
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable
+from edmsim.numeric import whole_from
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.recording.report import FigureKind, kinds_of
 from edmsim.runs import RunTable, digests_of, identity, perform, read_rows
@@ -69,9 +70,10 @@ class Comparison:
         return cls(env_id, resolution, seeds, results, figures)
 
 
+@refuses_wrong_types
 def evaluate(
     env_id: str, controllers: Sequence[str] | None = None, seeds: int | None = None, *, resolution: str | None = None,
-    record: Path | None = None, watch: Callable[[int, int], None] | None = None, table: RunTable | None = None,
+    record: str | Path | None = None, watch: Callable[[int, int], None] | None = None, table: RunTable | None = None,
 ) -> Comparison:
     """Compare controllers on the same cuts, on all cores.
 
@@ -110,7 +112,7 @@ def evaluate(
     if record is not None:
         if is_part(env_id):
             raise InputError(f"episodes of {env_id} are not recorded: edmsim cut --passes records the same part")
-        make_writable(record)
+        record = make_writable(record)
     lines, resolution = lines_of(env_id), resolution or arguments_with(env_id).resolution
     results = run(env_id, list(dict.fromkeys([*controllers, lines.blind, lines.reference])), seeds, resolution, watch,
                   record, table)  # fmt: skip
@@ -155,7 +157,8 @@ def _result_of(row: Mapping[str, Any]) -> Result:
 CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # what the rows of a table of cuts must have
 
 
-def leaderboard(file: Path) -> dict[tuple[str, str], Comparison]:
+@refuses_wrong_types
+def leaderboard(file: str | Path) -> dict[tuple[str, str], Comparison]:
     """Return the comparisons of a table of cuts, by environment id and resolution; none if there is no such file.
 
     Of a cut that was made again the last one counts. A comparison has the seeds of its references; a controller
@@ -189,6 +192,7 @@ def held_back(seeds: int) -> tuple[int, ...]:
     return tuple(range(HELD_BACK, HELD_BACK + seeds))
 
 
+@refuses_wrong_types
 def usual(env_id: str) -> list[str]:
     """Return the default controllers of a comparison: the task's classic controllers and its shipped policies."""
     return [*lines_of(env_id).compared, *(f"policy:{name}" for name in models.policies(env_id))]
@@ -216,8 +220,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
         check_laws(controllers)
     else:
         check_controllers(controllers)
-    if seeds < 2:
-        raise InputError(f"seeds = {seeds} gives no interval: use 2 or more")
+    whole_from("seeds", seeds, 2)  # one gives no interval
 
 
 def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> dict[str, Figure]:

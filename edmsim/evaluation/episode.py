@@ -23,7 +23,7 @@ from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.part_task import Part
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.envs.reward import REFERENCE_S
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.lines import lines_of
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
@@ -94,8 +94,10 @@ def episodes(env_id: str) -> int:
     return EPISODES.get(base_of(find(env_id)[0]), USUAL_EPISODES)
 
 
+@refuses_wrong_types
 def cut(
-    env_id: str, seed: int, controller: str, resolution: str | None = None, record: Path | None = None, **options: Any
+    env_id: str, seed: int, controller: str, resolution: str | None = None, record: str | Path | None = None,
+    **options: Any,
 ) -> Result:
     """Make one cut; the oracle repeats it with several controllers and returns the cut with the highest return.
 
@@ -131,10 +133,10 @@ def cut(
     )
 
 
-def recording_folder(record: Path, env_id: str, seed: int, controller: str) -> Path:
+def recording_folder(record: str | Path, env_id: str, seed: int, controller: str) -> Path:
     """Return the folder of a recorded cut: environment, seed and controller under the folder of all recordings."""
     names = (re.sub(r"[^\w.=,-]+", "-", text) for text in (find(env_id)[0].__name__, f"seed-{seed}", controller))
-    return record.joinpath(*names)
+    return Path(record).joinpath(*names)
 
 
 def cut_job(env_id: str, job: tuple[str, int]) -> Result:

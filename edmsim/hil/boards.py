@@ -424,7 +424,7 @@ class Pulser(Board):
 
     def line(self, text: str) -> str:
         """Answer ``r REGISTER [COUNT]`` or ``w REGISTER VALUE ...``; numbers are decimal or as 0x10."""
-        words = text.split()
+        words = str.split(text)  # bytes fail here
         try:
             numbers = [int(word, 0) for word in words[1:]]
         except ValueError:

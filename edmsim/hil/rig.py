@@ -98,7 +98,7 @@ class Rig:
         ``STEP X 3``, ``POS x y`` in um from the start, ``VEL x y`` in um/s, ``STREAM hertz``, ``ENABLE 1``,
         ``THREAD``, and ``?`` for a status line.
         """
-        words = text.split()
+        words = str.split(text)  # bytes fail here
         name, numbers = (words[0].upper(), words[1:]) if words else ("", [])
         try:
             return self._motion(name, numbers)

@@ -159,7 +159,7 @@ class CutSettings(SetUpOptions, MachineOption):
     ] = ()
     """Fault of an axis under a drive with a loop, and its time in s: ``x:stuck@2.5``."""
     seed: Annotated[WholeNumber, Field(ge=0)] = 0
-    """Seed of all random draws; the same seed gives the same cut."""
+    """Seed of all random draws; the same seed gives the same result."""
     max_time_s: Number | None = None
     """Machine time in s after which to stop; by default no limit."""
 

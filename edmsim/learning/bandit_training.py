@@ -34,6 +34,7 @@ from edmsim.learning import bandit_file
 from edmsim.learning.bandit_controller import BanditController
 from edmsim.learning.bandit_file import BanditCard, Choices, Segment
 from edmsim.learning.hyperparameters import HISTORIES
+from edmsim.numeric import whole_from, whole_within
 from edmsim.runs import RunTable, perform, read_of
 from edmsim.screen import ScreenTable
 
@@ -267,14 +268,11 @@ def train(
     if resume:
         settings, options = _before(file)
     settings = settings or load(env_id)
-    machines = settings.machines if steps is None else max(-(-steps // settings.segments), 2)
+    machines = settings.machines if steps is None else max(-(-whole_from("steps", steps, 1) // settings.segments), 2)
     if not resume:
         settings = settings.model_copy(update={"machines": machines})
     first = FIRST_SEED + seed
-    if steps is not None and steps < 1:
-        raise InputError(f"steps is {steps}: give 1 or more")
-    if seed < 0 or first + machines > HELD_BACK:
-        raise InputError(f"the seed {seed} must be from 0 to {HELD_BACK - FIRST_SEED - machines}")
+    whole_within("seed", seed, 0, HELD_BACK - FIRST_SEED - machines)
     _check_time(env_id, settings)
     with locked(out, "edmsim train"):
         of = {"env_id": env_id, "seed": seed, "settings": settings.model_dump(), "options": options}

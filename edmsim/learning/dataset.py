@@ -27,10 +27,11 @@ from edmsim.controllers import from_text
 from edmsim.envs.arguments import plain
 from edmsim.envs.environment import EdmEnv, check_acts
 from edmsim.envs.registry import env_id_of, find, make_family
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.compare import check_controllers
 from edmsim.evaluation.episode import HELD_BACK, is_part
-from edmsim.files import locked, replacing
+from edmsim.files import folder_of, locked, replacing
+from edmsim.numeric import whole_from, whole_within
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,8 +51,9 @@ class Recorded(NamedTuple):
     mean_return: float
 
 
+@refuses_wrong_types
 def record(
-    env_id: str, controllers: Sequence[str], steps: int, out: Path, *, seed: int = 0,
+    env_id: str, controllers: Sequence[str], steps: int, out: str | Path, *, seed: int = 0,
     watch: Callable[[str, int, int], None] | None = None,
 ) -> list[Recorded]:
     """Record whole episodes of controllers, at least `steps` steps of each.
@@ -82,10 +84,8 @@ def record(
         or Minari is not installed.
     """
     minari = _minari()
-    if steps < 1:
-        raise InputError(f"{steps} steps record nothing: give 1 or more")
-    if not 0 <= seed < HELD_BACK // 2:
-        raise InputError(f"the seed {seed} must be from 0 to {HELD_BACK // 2 - 1}: those above are held back")
+    whole_from("steps", steps, 1)
+    whole_within("seed", seed, 0, HELD_BACK // 2 - 1)
     if is_part(env_id):
         raise InputError(f"{env_id} is decided on pass by pass: no feed controller acts in it")
     feeds: dict[str, Any] = {"action": "speed", "decision_s": None}
@@ -96,6 +96,7 @@ def record(
         check_acts(family, name)
     env: Any = gym.make(env_id_of(env_id), **feeds, disable_env_checker=True)
     arguments = plain(find(env_id)[1])
+    out = folder_of(out)
     with locked(out, "edmsim dataset"):
         _keep_to(out / UNFINISHED, {**arguments, "env_id": env_id, "seed": seed, "edmsim_version": __version__})
         made = []

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationErr
 from typing_extensions import TypedDict
 
 from edmsim.envs.registry import arguments_with, base_of, find
-from edmsim.errors import InputError, invalid_entry, located, one_of, refuse_unknown
+from edmsim.errors import InputError, invalid_entry, located, one_of, refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.episode import ORACLE
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import read_toml
@@ -114,7 +114,8 @@ def refuse_training(out: Path) -> None:
         raise InputError("this folder has a training: continue it with --resume, or give another folder", out)
 
 
-def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameters:
+@refuses_wrong_types
+def load(env_id: str, algo: str, settings: str | Path | None = None) -> Hyperparameters:
     """Return the hyperparameters of an environment and an algorithm.
 
     Your own environment uses those of its base class in edmsim, and the arguments of its registration.
@@ -148,7 +149,7 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
     return found
 
 
-def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
+def _changed(usual: Hyperparameters, file: str | Path) -> Hyperparameters:
     """Return hyperparameters with overrides from a file."""
     table = read_toml(file)
     if "gains" in table:

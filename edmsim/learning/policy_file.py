@@ -24,7 +24,7 @@ from edmsim.envs.knobs import KNOBS
 from edmsim.envs.part_task import ACTIONS
 from edmsim.envs.registry import arguments_with, make_family
 from edmsim.envs.task import EnvArguments, Family
-from edmsim.errors import InputError, invalid_entry, one_of
+from edmsim.errors import InputError, invalid_entry, one_of, refuses_wrong_types
 from edmsim.files import read_arrays, replacing
 from edmsim.learning import bandit_file
 
@@ -285,6 +285,7 @@ def locate(name: str) -> Path:
     return file
 
 
+@refuses_wrong_types
 def load(name: str, env_id: str | None = None) -> Policy:
     """Read a policy.
 

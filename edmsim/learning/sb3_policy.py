@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecMonitor, VecNormalize, VecVideoRecorder
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvWrapper
 
 from edmsim.envs.arguments import plain
 from edmsim.envs.environment import EdmEnv
@@ -24,7 +25,7 @@ from edmsim.envs.record import RecordRerun
 from edmsim.envs.registry import arguments_with, stand_in
 from edmsim.envs.sb3 import EdmVecEnv
 from edmsim.envs.task import EnvArguments
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable
 from edmsim.learning.kinds import CostVecEnv, PrivilegedVecEnv, ResidualVecEnv, TaughtVecEnv, VisibleEntries
 from edmsim.learning.policy_file import Card, Lstm, Policy, Residual, card_of, load, meanings, pack, write
@@ -32,7 +33,8 @@ from edmsim.learning.policy_file import Card, Lstm, Policy, Residual, card_of, l
 PACKAGES = ("edmsim", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", "numpy")
 
 
-def export_sb3(model: Any, vec_env: Any, file: str | Path) -> Policy:
+@refuses_wrong_types
+def export_sb3(model: BaseAlgorithm, vec_env: VecEnv, file: str | Path) -> Policy:
     """Write your learner's policy and its observation normalisation as files for ``--controller policy:FILE``.
 
     Parameters
@@ -130,7 +132,8 @@ SCALES = (
 """Arguments of an environment that say how much an action of 1 is."""
 
 
-def start_sb3(model: Any, vec_env: Any, policy: str | Policy) -> None:
+@refuses_wrong_types
+def start_sb3(model: BaseAlgorithm, vec_env: VecEnv, policy: str | Policy) -> None:
     """Set a learner's policy to one from a file; its critics and noise do not change.
 
     Parameters

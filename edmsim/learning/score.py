@@ -13,10 +13,11 @@ import numpy as np
 
 from edmsim.envs.registry import find
 from edmsim.envs.shift import Shift
-from edmsim.errors import InputError
+from edmsim.errors import refuses_wrong_types
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result, is_part
 from edmsim.learning import bandit_file, policy_file
+from edmsim.numeric import whole_from
 from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class Score(NamedTuple):
     limits: int
 
 
+@refuses_wrong_types
 def measure(
     env_id: str, policy: str, episodes: int, watch: Callable[[str, int, int], None] | None = None,
     resolutions: Sequence[str] = (), table: RunTable | None = None,
@@ -75,8 +77,7 @@ def measure(
     InputError
         If `episodes` is below 2.
     """
-    if episodes < 2:
-        raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more")
+    whole_from("episodes", episodes, 2)  # one gives no mean with an error
     scores = []
     rivals, usual = measured_with(env_id)
     for resolution in resolutions or usual:

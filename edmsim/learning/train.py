@@ -11,11 +11,12 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from edmsim.envs.registry import env_id_of, find, stand_in
-from edmsim.errors import EdmsimError, InputError, invalid_entry
-from edmsim.files import locked
+from edmsim.errors import EdmsimError, InputError, invalid_entry, refuses_wrong_types
+from edmsim.files import folder_of, locked
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Card, Policy
+from edmsim.numeric import whole_from, whole_within
 from edmsim.signals import NotedSignals, noted
 
 try:
@@ -73,10 +74,11 @@ class Trained(NamedTuple):
         return exported(self.model, self.normalise, self.run.algo, command, self.run.seed)
 
 
+@refuses_wrong_types
 def train(
-    env_id: str, algo: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
+    env_id: str, algo: str, out: str | Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
     watch: Callable[[TrainingProgress], None] | None = None, parameters: Hyperparameters | None = None,
-    callbacks: Sequence[BaseCallback] = (), begin_from: Path | Policy | None = None,
+    callbacks: Sequence[BaseCallback] = (), begin_from: str | Path | Policy | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Trained:
     """Train a policy.
@@ -86,7 +88,7 @@ def train(
     env_id : str
         ``"edmsim/GapFeed-v2"`` and so on, or your own environment (see `edmsim.envs.register`).
     algo : {"ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation"}
-    out : Path
+    out : path
         Folder for ``tensorboard/`` and the checkpoint. Checkpoints of stable-baselines3 contain pickles: resume
         only folders that you trust.
     steps : int, optional
@@ -102,7 +104,7 @@ def train(
         By default those of ``models/training``.
     callbacks : sequence of BaseCallback
         Further callbacks of stable-baselines3, for example `edmsim.envs.RecordEpisodes`.
-    begin_from : Path or Policy, optional
+    begin_from : path or Policy, optional
         Start of the training in place of an untrained learner: a policy, for its network and normalisation (see
         `edmsim.learning.start_sb3`), or the folder of a trusted checkpoint, also of another seed or with other
         settings. `steps` includes the checkpoint's steps; the training continues with `parameters`.
@@ -120,13 +122,11 @@ def train(
     """
     parameters = parameters or hyperparameters.load(env_id, algo)
     stand_in(*find(env_id))  # refuses an environment of which no policy file could be written
-    total = parameters.steps if steps is None else steps
-    if total < 1:
-        raise InputError(f"steps is {total}: give 1 or more")
-    if not 0 <= seed < 2**32:
-        raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
+    out, total = folder_of(out), parameters.steps if steps is None else whole_from("steps", steps, 1)
+    whole_within("seed", seed, 0, 2**32 - 1)
     run = TrainingRun(env_id=env_id_of(env_id), algo=algo, steps=total, seed=seed, options=dict(options or {}))
-    last, before = begin_from, None
+    last = begin_from if begin_from is None or isinstance(begin_from, Policy) else Path(begin_from)
+    before = None
     if resume:
         last, before = _to_resume(run, out, steps)
         parameters = before.hyperparameters

@@ -300,8 +300,6 @@ class Plant:
         With the generator stopped, windows keep their length and table and wire move, without voltage or current. A
         window then counts opens, and shorts where the wire touches.
         """
-        if on not in (True, False):
-            raise InputError(f"on is {on!r}: give True or False")
         self._set(self.machine.t_on_us, self.machine.t_period_us, bool(on))
 
     def rethread(self, position_um: Sequence[float], duration_ns: int) -> float:

@@ -20,10 +20,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from edmsim.envs.registry import resolve
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
+from edmsim.numeric import whole_from
 from edmsim.runs import ATTEMPTS, Cluster, RunTable
 from edmsim.sweep.tune import Bound, judge_policy, training_seeds, training_space, within, write_found
 
@@ -67,6 +68,7 @@ class PopulationResult(NamedTuple):
     generation: int  # last that a learner has finished
 
 
+@refuses_wrong_types
 def train_population(
     name: str, out: str | Path, *, address: str = "auto", population: int = 8, generations: int = 10,
     steps: int | None = None, algo: str = "ppo", seed: int = 0, seeds: int = 5,
@@ -87,15 +89,13 @@ def train_population(
 
 
 def _plan(name: str, algo: str, population: int, generations: int, steps: int | None, seed: int, seeds: int) -> Plan:
-    if population < LEAST_POPULATION:
-        raise InputError(f"a population of {population} has no best quarter: give {LEAST_POPULATION} or more")
-    if generations < 1:
-        raise InputError(f"{generations} generations train nothing: give 1 or more")
+    whole_from("population", population, LEAST_POPULATION)
+    whole_from("generations", generations, 1)
     judged_by = tuple(training_seeds(seed, seeds))
     env_id = resolve(name)
     training_space(algo)  # refuses an algorithm of which nothing is searched
     parameters = hyperparameters.load(env_id, algo)
-    total = parameters.steps if steps is None else steps
+    total = parameters.steps if steps is None else whole_from("steps", steps)
     if total < generations:
         raise InputError(f"{total} windows are fewer than {generations} generations: give more steps")
     windows = math.ceil(total / generations)

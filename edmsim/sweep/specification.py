@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationErro
 
 from edmsim import __version__
 from edmsim.controllers import from_text
-from edmsim.errors import InputError, one_of, refused_entry
+from edmsim.errors import InputError, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_toml
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
@@ -212,6 +212,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         return len(self.tasks) * combinations * points * len(self.seeds) * max(self.machine_samples, 1)
 
 
+@refuses_wrong_types
 def read_specification(file: str | Path) -> Specification:
     """Read a specification from a TOML file; its paths are relative to the working directory.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.errors import refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.compare import Figure, mean
 from edmsim.sweep.run import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, sensitivity
@@ -53,10 +54,13 @@ def measured(table: pa.Table) -> list[str]:
     return [name for name in KEYS if table[name].null_count < len(table)]
 
 
+@refuses_wrong_types
 def groups(table: pa.Table, by: list[str] | None = None) -> list[Group]:
     """Return runs grouped by settings, in the settings' order, by default by those with 2 to `MOST_VALUES` values."""
     few = [name for name in _chosen(table) if len(table[name].unique()) <= MOST_VALUES]
     chosen = few if by is None else by
+    for name in chosen:
+        refuse_unknown("setting", name, table.column_names)
     keys = list(zip(*(table[name].to_pylist() for name in chosen), strict=True)) or [()] * len(table)
     members: dict[tuple[Any, ...], list[int]] = {}
     for row, key in enumerate(keys):
@@ -74,6 +78,7 @@ def groups(table: pa.Table, by: list[str] | None = None) -> list[Group]:
     ]  # fmt: skip
 
 
+@refuses_wrong_types
 def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
     """Return each figure's sensitivity to the settings that differ; see `edmsim.sweep.sensitivity.sensitivity`.
 
@@ -99,6 +104,7 @@ def pareto_front(points: NDArray[np.float64]) -> NDArray[np.bool_]:
     return front
 
 
+@refuses_wrong_types
 def front_of(table: pa.Table) -> tuple[list[Group], NDArray[np.bool_]]:
     """Return the groups by all settings that have every goal, and which of them are on the Pareto front."""
     goals = goals_of(table)

@@ -27,11 +27,11 @@ from edmsim.controllers import FeedController, make
 from edmsim.controllers.user_controllers import from_file
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.evaluation.episode import HELD_BACK, Episode, cut
 from edmsim.files import folder_of, make_writable, replacing
 from edmsim.learning.hyperparameters import load
-from edmsim.numeric import real
+from edmsim.numeric import real, whole_from
 from edmsim.runs import Engine, LostJob, Processes, RunTable, check_same, digests_of, identity
 from edmsim.sweep.run import said
 from edmsim.user_code import named, run
@@ -94,9 +94,7 @@ BOUNDS = {
 a gap that closes is not noticed. What is found for `counts` hunts at long periods, so it is not shipped."""
 def training_seeds(seed: int, seeds: int) -> range:
     """Return the training seeds from `seed` on; raises `InputError` if they reach the held-back ones."""
-    if seeds < 1:
-        raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")
-    if not 0 <= seed <= HELD_BACK - seeds:
+    if not 0 <= whole_from("seed", seed) <= HELD_BACK - whole_from("seeds", seeds, 1):
         raise InputError(f"training seeds lie from 0 to {HELD_BACK - 1}: {seed} to {seed + seeds - 1} do not")
     return range(seed, seed + seeds)
 
@@ -203,6 +201,7 @@ class Tuned(NamedTuple):
     failed: int
 
 
+@refuses_wrong_types
 def tune_training(
     env_id: str, out: str | Path, *, algo: str = "ppo", steps: int | None = None, trials: int = 40, seed: int = 0,
     seeds: int = 5, engine: Engine | None = None, watch: Callable[[int, float], None] | None = None,
@@ -215,9 +214,7 @@ def tune_training(
     """
     space, judged_by, name = training_space(algo), tuple(training_seeds(seed, seeds)), resolve(env_id)
     usual = load(name, algo)
-    windows = usual.steps if steps is None else steps
-    if windows < 1:
-        raise InputError(f"{windows} windows train nothing: give 1 or more steps")
+    windows = usual.steps if steps is None else whole_from("steps", steps, 1)
     folder = folder_of(out)
     of = {"seed": seed, "seeds": seeds, "steps": windows}
     study = open_study(folder, f"{env_id} {algo}", of, trials, within(space, usual.algorithm))
@@ -288,8 +285,7 @@ def _suggested(trial: Any, key: str, bound: Bound) -> float:
 
 def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, first: Mapping[str, float]) -> Any:
     """Return the study in a folder, or a new one that begins with `first`; raises `InputError` if it is another."""
-    if trials < 1:
-        raise InputError(f"{trials} trials find nothing: give 1 or more")
+    whole_from("trials", trials, 1)
     make_writable(folder)
     try:
         import optuna
@@ -396,6 +392,7 @@ class TunedController(NamedTuple):
     tried_again: dict[int, tuple[dict[str, float], Spread]]
 
 
+@refuses_wrong_types
 def tune_controller(
     controller: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 8,
     engine: Engine | None = None, watch: Callable[[int, float], None] | None = None, **options: Any,

@@ -18,8 +18,8 @@ from edmsim.calibration.comparison import simulate
 from edmsim.calibration.fit import FittedConstant, machine_of, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
-from edmsim.cli.console import INTERRUPTED
 from edmsim.cosim.straight import Traverse
+from edmsim.errors import INTERRUPTED
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.ranges import share_of, value_at, with_values
 from edmsim.runs import RunTable

@@ -184,6 +184,7 @@ def test_what_a_file_does_not_have_is_refused(law, rest, message):
     ("def law(:", r"law.py:1: is not Python: invalid syntax"), ("x = 1\ny = x / 0\n", r"law.py:2: .*ZeroDivision"),
     ("class Half:\n    name = reset = update = snapshot = restore = ''\n    def __init__(self): 1 / 0\n",
      r"law.py:3: Half cannot be made: ZeroDivisionError"),
+    ("import sys\nsys.exit(0)\n", r"law.py:2: fails when it is run: SystemExit: 0"),
     ("import lathe_of_nobody", r"law.py:1: fails when it is run: ModuleNotFoundError"), ("", "the file has no class"),
 ])  # fmt: skip
 def test_a_file_that_cannot_be_run_is_one_line(law, text, message):

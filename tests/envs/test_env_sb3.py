@@ -160,6 +160,9 @@ def test_gymnasiums_vector_has_the_attributes_of_its_sub_environments_too():
     for name in ATTRIBUTES:
         assert native.get_attr(name) == other.get_attr(name), name
     assert native.call("attach_controller", from_text("fixed"))[1].begin
+    for place, law, said in ((2, from_text("fixed"), "index is 2"), (0, "fixed", "'fixed' is not a feed controller")):
+        with pytest.raises(InputError, match=said):
+            native.unwrapped.attach_controller(place, law)
     native.set_attr("note", ["a", "b"])
     assert native.call("note") == native.get_attr("note") == ("a", "b")
     with pytest.raises(InputError, match="3 values were given for 2"):

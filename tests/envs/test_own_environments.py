@@ -88,6 +88,7 @@ def test_one_of_ours_with_other_arguments() -> None:
     register("lab/Careful-v0", GapFeed, weights=Weights(short=2.0), resolution="fast")
     family = make_family("lab/Careful-v0", history=2)
     assert (family.weights, family.history) == (Weights(short=2.0), 2)
+    assert gym.make_vec("lab/Careful-v0", 2).unwrapped.family.weights == family.weights
     kwargs = {"task": "GapFeed", "history": 3}
     gym.register("lab/Plain-v0", entry_point="edmsim.envs.environment:EdmEnv", kwargs=kwargs)
     assert make_family("lab/Plain-v0").history == 3
@@ -160,6 +161,22 @@ def test_what_a_file_does_not_register_is_reported(bend: str) -> None:
         compare.check("CartPole-v1", ["fixed"], 2, "fast")
     with pytest.raises(InputError, match="there is no environment 'lab/Nowhere-v0'"):
         compare.check("lab/Nowhere-v0", ["fixed"], 2, "fast")
+
+
+@pytest.mark.parametrize(("returned", "said"), [
+    ("1 / 0", r"bend\.py:16: Bend\.draw_cut fails: ZeroDivisionError: division by zero"),
+    ("machine.with_(height_mm=-1)", r"bend\.py:16: workpiece height -1 mm is not within"),
+    ("None", r"bend\.py: Bend\.draw_cut returns None: give a Scenario"),
+    ("super().draw_cut(rng, machine, seed, drawn)._replace(legs_um=())", r"bend\.py: .* returns legs_um \(\): give"),
+])  # fmt: skip
+def test_a_cut_that_cannot_be_drawn_is_one_line_with_its_place(bend, returned, said):
+    file = Path(bend.removesuffix(f":{BEND_ID}"))
+    file.write_text(BEND.replace("radius_um = 1e3 * self.radius_mm * rng.uniform(0.5, 1.0)", f"return {returned}"))
+    for _ in range(2):  # a process of a sweep resolves a name for every run
+        task = Task(resolve(bend))
+    with pytest.raises(InputError, match=said) as refused:
+        task.reset(3)
+    assert "\n" not in str(refused.value)
 
 
 def test_registered_arguments_stay_where_controllers_are_compared_and_policies_trained(bend: str) -> None:

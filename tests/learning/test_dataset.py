@@ -71,7 +71,7 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
     ("options", "named"),
     [
         ({"steps": 0}, "1 or more"),
-        ({"seed": 1_000_000}, "held back"),
+        ({"seed": 1_000_000}, "seed is 1000000: give a whole number from 0 to 499999"),
         ({"controllers": ["genius"]}, "genius"),
         ({"controllers": []}, "no controller is named"),
         ({"controllers": ["fixed", "adaptive-off-time"]}, "turns the generator's knobs"),

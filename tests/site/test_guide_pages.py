@@ -12,9 +12,8 @@ import pytest
 
 import edmsim
 from edmsim import controllers
-from edmsim.cli import console
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.errors import BAD_INPUT, FAILED
+from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED
 from edmsim.plant.resolution import resolution
 from edmsim.recording import figures
 
@@ -101,7 +100,7 @@ def test_the_outputs_are_those_of_a_cut(tmp_path):
 def test_exit_statuses_and_outcomes():
     text = page("guide/outcomes")
     listed = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
-    assert listed == [0, FAILED, BAD_INPUT, console.STOPPED, console.INTERRUPTED]
+    assert listed == [0, FAILED, BAD_INPUT, STOPPED, INTERRUPTED]
     ends = text.split("## How a cut ends")[1].split("\n## ")[0]
     causes = set(StopCause) - {StopCause.RUNNING, StopCause.OUT_OF_RANGE}  # the second is an error, no outcome
     assert set(cells(ends)) - {"--max-time"} == {WORDS[cause].report for cause in causes}

@@ -3,6 +3,8 @@
 `test_sweep_cluster.py` trains a population.
 """
 
+import math
+
 import pytest
 
 from edmsim.errors import InputError
@@ -15,10 +17,10 @@ ENV = "edmsim/GapFeed-v2"
 
 
 @pytest.mark.parametrize(("options", "named"), [
-    ({"population": 3}, "no best quarter: give 4 or more"), ({"generations": 0}, "1 or more"),
+    ({"population": 3}, "population is 3: give a whole number, 4 or more"), ({"generations": 0}, "1 or more"),
     ({"steps": 9}, "fewer than 10 generations"), ({"algo": "dqn"}, "ppo, sac"),
     ({"seed": 1_000_000}, "training seeds"), ({"algo": "imitation"}, "algorithm 'imitation'"),
-    ({"seeds": 0}, "1 or more"),
+    ({"seeds": 0}, "1 or more"), ({"population": math.nan}, "population is nan"),
 ])  # fmt: skip
 def test_what_cannot_be_bred_is_refused(options, named, tmp_path):
     with pytest.raises(InputError, match=named):
@@ -29,7 +31,7 @@ def test_what_cannot_be_bred_is_refused(options, named, tmp_path):
 def test_the_command_refuses_in_one_line(edmsim, tmp_path):
     refused = edmsim("tune", "population", ENV, "--out", tmp_path / "new", "--learners", "2")
     assert (refused.status, len(refused.err.splitlines())) == (2, 1)
-    assert "a population of 2 has no best quarter: give 4 or more" in refused.err
+    assert "population is 2: give a whole number, 4 or more" in refused.err
 
 
 @pytest.mark.slow
