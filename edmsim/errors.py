@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import sys
 from collections import abc
@@ -199,6 +201,13 @@ def run_command(run: Callable[[], object]) -> None:
             raise
         print("edmsim: " + " ".join(str(error).splitlines()), file=sys.stderr)
         sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        # files report it themselves: what is left is the standard output, which Python would try to write once more
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f"edmsim: the standard output cannot be written: {error.strerror}", file=sys.stderr)
+        sys.exit(FAILED)
 
 
 def _is_interrupted(error: BaseException | None) -> bool:

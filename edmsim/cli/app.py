@@ -79,6 +79,7 @@ def main() -> None:
 def _run() -> None:
     try:
         status = app(prog_name="edmsim", standalone_mode=False)
+        OUT.file.flush()  # a full disk is reported here, and not by Python at its end
     except _UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "edmsim"
         reason = error.format_message().strip().rstrip(".")
