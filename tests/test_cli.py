@@ -205,6 +205,17 @@ def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path):
     assert_refused(Outcome(outcome.returncode, outcome.stdout, outcome.stderr), str(tmp_path / "no [bold]such.ngc: "))
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+@pytest.mark.parametrize("words", [["--version"], ["gap", "--help"]])
+def test_a_full_disk_at_the_standard_output_is_one_line(words):
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "edmsim", *words]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert done.stderr == b"edmsim: the standard output cannot be written: No space left on device\n"
+    assert done.returncode == 1
+
+
 def test_bench_prints_json_or_a_table(edmsim, monkeypatch):
     figures = {"pulses_per_s": 1_234_567.0, "realtime_factor": 1.234}
     monkeypatch.setattr("edmsim.bench.figures.measure", lambda: figures)
