@@ -94,7 +94,7 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
 
 
 def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Let a function refuse what is no truth value, and name its first argument of a wrong type where it fails."""
+    """Let a function refuse anything but True or False for a bool; if it fails, name its first wrong argument."""
     switches = {name for name, kind in function.__annotations__.items() if _shown(kind) == "bool"} - {"return"}
 
     def arguments(args: tuple[object, ...], options: dict[str, object]) -> Iterator[tuple[str, object]]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation
+from edmsim.controllers.axis import COMMISSIONED
 from edmsim.controllers.axis.elcam.file import StepCompensation, check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
@@ -58,8 +59,8 @@ class CutAxes(Snapshots):
         for fault in self._faults:
             if fault.axis not in own:
                 raise InputError(
-                    f"{fault.axis} has no drive with a loop, which the fault {fault.fault} needs: choose the drive "
-                    "uhu, servo-module or eanpos"
+                    f"{fault.axis} has no drive with a loop, which the fault {fault.fault} needs: choose one of the "
+                    f"drives {', '.join(COMMISSIONED)}"
                 )
         step_um = plant.machine.base.table.step_um.value
         for name, own_um in own.items():

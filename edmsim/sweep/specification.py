@@ -231,7 +231,7 @@ def read_specification(file: str | Path) -> Specification:
 
 
 def _repeated(values: list[Any]) -> Any:
-    """Return the first value that a list has twice; None if there is none."""
+    """Return the first value that a list has twice, or None."""
     known = set()
     for value in values:
         key = value if isinstance(value, int | float) else repr(value)
