@@ -61,10 +61,10 @@ MOST_DEFLECTION_UM = 2000.0  # a wire bent further has left the range in which t
 @compiled_apart
 def _carve(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
-    index: NDArray[np.int32], c: Constants,
+    index: NDArray[np.int32], c: Constants, rows: Array,
 ) -> None:
     """Carve the craters on the rays from the field; volume that finds no metal counts as missed."""
-    missed = carve(a, tiles, index, c, draw(state) - 0.5)
+    missed = carve(a, tiles, index, c, draw(state) - 0.5, rows)
     state[0].carved_pulses = state[0].pulses
     state[0].missed_um3 += missed
     state[0].wear_wait_um3 = max(0.0, state[0].wear_wait_um3 - missed)
@@ -85,11 +85,11 @@ def _is_due(state: NDArray[np.void], c: Constants) -> bool:
 @compiled_apart
 def _renew_rays(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
-    index: NDArray[np.int32], levels: NDArray[np.float32], c: Constants, position: Array,
+    index: NDArray[np.int32], levels: NDArray[np.float32], c: Constants, position: Array, rows: Array,
 ) -> None:
     """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
     if state[0].carved_pulses < state[0].pulses:
-        _carve(state, window, a, tiles, index, c)
+        _carve(state, window, a, tiles, index, c, rows)
     # a wire that leans, or leant until now, has its rays in the plane square to it
     u, v = state[0].axis_um[2], state[0].axis_um[3]
     if u != 0.0 or v != 0.0 or a.upright[0] != 1.0:
@@ -255,7 +255,7 @@ def fire_window(
     _begin(state, window, a)
     place_wire(state, a, position)
     if _is_due(state, c):
-        _renew_rays(state, window, a, tiles, index, levels, c, position)
+        _renew_rays(state, window, a, tiles, index, levels, c, position, scratch.rows)
     _pack_rays(a)
     # the leak through the water divides the open voltage with the resistance of the supply
     open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
@@ -363,7 +363,7 @@ def fire_window(
             break
     # carve now what the next tracing, or a reader of the field, must find carved
     if state[0].broken != 0 or count < WINDOW_PULSES or _is_due(state, c):
-        _carve(state, window, a, tiles, index, c)
+        _carve(state, window, a, tiles, index, c, scratch.rows)
     # what the last pulse drove into the metal must be out of it before the rays are traced again
     place_wire(state, a, position)
     deepest = 0.0

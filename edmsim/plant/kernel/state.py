@@ -11,6 +11,7 @@ from edmsim.plant.kernel.declare import CHANGING, WALL, Stored, on_lines
 
 Array = NDArray[np.float64]
 
+MOST_ROWS = 256  # rows of cells across the metal that one ray stands for (ours: more than 200 um of it at 1 um)
 TILE = 32  # cells along the side of a tile of the kerf field
 GRID = 1000  # steps of the propagators' time grid over the longest period
 OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3  # classes of a pulse
@@ -283,6 +284,7 @@ class Scratch(NamedTuple):
     sums: Annotated[Array, Stored("slices", 4)]  # see `breakdown.slice_sums`
     contact: Annotated[Array, Stored("slices")]
     films: Annotated[Array, Stored("slices", 6)]  # see `film.find_films`
+    rows: Annotated[Array, Stored(2, MOST_ROWS)]  # see `kerf_field.carve_wall`
 
 
 class Own(NamedTuple):

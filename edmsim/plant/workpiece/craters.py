@@ -17,7 +17,7 @@ from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 
 CARVE_BEYOND_UM = 48.0  # how far behind a ray's edge its wall is looked for
 MOST_PARTS = 1e12  # more parts than a wall has, and a number that multiplies without overflow
-PROUD_UM = 6.0  # metal this far before the edge stands out: no ray may see it, but discharges do
+LEVEL_UM = 6.0  # so much further from the wire, metal between two rays is struck by a factor e less often (ours)
 
 
 @compiled
@@ -88,7 +88,7 @@ def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, 
 @compiled
 def _carve_ray(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, r: int, parts: int,
-    aside: float,
+    aside: float, rows: Array,
 ) -> int:
     """Take `parts` from the wall a ray stands for, `aside` ray spacings beside it; returns the parts not found."""
     near = c.radius_um + np.float64(a.edge_um[s, r])
@@ -101,12 +101,14 @@ def _carve_ray(
         y += near * (a.reach_y[r] - sine)
     return carve_wall(
         tiles, index, s, c.cell_um, x - aside * width * sine, y + aside * width * cosine, cosine, sine, near,
-        c.carve_before_um, PROUD_UM, CARVE_BEYOND_UM, width, parts,
+        c.carve_before_um, LEVEL_UM, CARVE_BEYOND_UM, width, parts, rows,
     )
 
 
 @compiled
-def carve(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float) -> float:
+def carve(
+    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float, rows: Array
+) -> float:
     """Carve what lies on the rays from the field; returns the volume in um3 that found no metal."""
     # `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees
     part = c.cell_um**2 / FULL
@@ -121,13 +123,11 @@ def carve(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Con
                     area /= metal
                 a.pending_um2[s, place] = 0.0
                 parts = max(0, int(min(area / part, MOST_PARTS)))
-                # the field counts whole parts: the rest, or what was taken too much, waits in its slice
+                # the field counts whole parts: the rest waits in its slice
                 a.carry_um2[s] = area - parts * part
                 left = 0
                 if parts != 0:
-                    left = _carve_ray(a, tiles, index, c, s, r, parts, aside)
-                    if left < 0:
-                        a.carry_um2[s] += left * part  # taken beforehand
+                    left = _carve_ray(a, tiles, index, c, s, r, parts, aside, rows)
                 if metal != 1.0:
                     a.carry_um2[s] *= metal
                 if left > 0:

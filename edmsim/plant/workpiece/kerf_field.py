@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
 from edmsim.plant.kernel.state import NO_METAL_UM, TILE
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     import shapely
 
 FULL = 32768  # parts in a full cell
-PROUD_SHARE = 3.0  # largest ratio of removal rates, protruding metal to flat metal (ours)
 PARALLEL = 1e-9  # a direction is parallel to an axis of the grid if its cosine is below this
 
 
@@ -435,13 +435,40 @@ def trace(
 
 
 @compiled
+def _clear_cells(
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, ix: int, iy: int, step_x: int, step_y: int,
+    length: int,
+) -> float:
+    """How many cells of a row of `length` are clear before its metal, the first one with metal by what it lacks."""
+    limit = np.uint64(index.shape[0] * TILE)
+    ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
+    left = length
+    while left > 0 and ux < limit and uy < limit:
+        place = index[ux >> _TILE_BITS, uy >> _TILE_BITS]
+        if place < 0:  # the stock is untouched
+            return float(length - left)
+        row, column = ux & _TILE_MASK, uy & _TILE_MASK
+        along = int(row) if step_x != 0 else int(column)
+        run = min(left, TILE - along if step_x + step_y > 0 else along + 1)  # cells of the row in this tile
+        tile, level = np.uint64(place), np.uint64(slice_index)
+        for k in range(run):
+            metal = np.int64(tiles[tile, level, row, column])
+            if metal > 0:
+                return length - left + k + 1.0 - metal * (1.0 / FULL)
+            row += np.uint64(step_x)
+            column += np.uint64(step_y)
+        ux += np.uint64(step_x * run)
+        uy += np.uint64(step_y * run)
+        left -= run
+    return float(length)
+
+
+@compiled
 def _carve_row(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, ix: int, iy: int, step_x: int, step_y: int,
-    length: int, parts: int, proud: int, spare: int,
+    length: int, parts: int,
 ) -> int:
     """Remove `parts` from a row of `length` cells, the first metal first; return what of them found none."""
-    # what stands in the first `proud` cells goes beyond that, by up to `spare`: then the rest is below 0
-    # parts still to remove; below zero once protruding metal gave more than its share
     quota = np.int64(parts)
     limit = np.uint64(index.shape[0] * TILE)
     ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
@@ -454,18 +481,13 @@ def _carve_row(
         # without a tile the stock is untouched: nothing is taken where the wire cannot be
         if place >= 0:
             tile, level = np.uint64(place), np.uint64(slice_index)
-            for k in range(run):
-                # cells before the wall hold protruding metal, which loses up to `spare` more
-                allowed = quota + spare if length - left + k < proud else quota
-                if allowed <= 0:
-                    return int(quota)
+            for _ in range(run):
                 metal = np.int64(tiles[tile, level, row, column])
-                if metal >= allowed:
-                    tiles[tile, level, row, column] = np.uint16(metal - allowed)
-                    return int(quota - allowed)
-                if metal > 0:
-                    tiles[tile, level, row, column] = np.uint16(0)
-                    quota -= metal
+                if metal >= quota:
+                    tiles[tile, level, row, column] = np.uint16(metal - quota)
+                    return 0
+                tiles[tile, level, row, column] = np.uint16(0)
+                quota -= metal
                 row += np.uint64(step_x)
                 column += np.uint64(step_y)
         ux += np.uint64(step_x * run)
@@ -477,13 +499,14 @@ def _carve_row(
 @compiled
 def carve_wall(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_um: float, x: float, y: float,
-    cosine: float, sine: float, edge_um: float, before_um: float, proud_um: float, beyond_um: float,
-    width_um: float, parts: int,
+    cosine: float, sine: float, edge_um: float, before_um: float, level_um: float, beyond_um: float,
+    width_um: float, parts: int, rows: NDArray[np.float64],
 ) -> int:
-    """Remove `parts` parts of metal from a wall; return how many found none, below zero if more were taken."""
+    """Remove `parts` parts of metal from a wall; return how many found none."""
     # the wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
-    # `before_um` before it to `beyond_um` behind. Discharges hit first what stands more than `proud_um` before the
-    # wall: of that a row of cells gives up to `PROUD_SHARE` times as much more
+    # `before_um` before it to `beyond_um` behind. Discharges strike what is nearest: a row of cells gives less by a
+    # factor e for every `level_um` that its metal begins further away, so that the wall stays level between rays.
+    # `rows` (2, most of them) is room for what is found of each
     grid = 1.0 / cell_um
     # rows run along the axis nearer to the direction, so that each crosses the wall once
     along_x = abs(cosine) >= abs(sine)
@@ -491,27 +514,34 @@ def carve_wall(
     ahead, aside = (px, py) if along_x else (py, px)
     major, minor = (cosine, sine) if along_x else (sine, cosine)
     step = 1 if major > 0.0 else -1
+    step_x, step_y = (step, 0) if along_x else (0, step)
     ahead -= step * before_um * grid
     length = int((before_um + beyond_um) * grid) + 1
-    proud = int((before_um - proud_um) * grid)
     # width of the wall across the rows, in cells
     extent = width_um * grid * abs(major)
-    low = aside - 0.5 * extent
-    per_width = parts / extent
-    slant = minor / major
-    quota, spent = 0, 0
-    first, last = math.floor(low), math.floor(low + extent)
-    for row in range(first, last + 1):
-        # rows share the parts by the width they cover; the last one takes the rest, so that no part is lost
-        covered = min(low + extent, row + 1.0) - low
-        due = parts if row == last else int(covered * per_width)
-        quota += due - spent
-        spare = int(PROUD_SHARE * (due - spent))
-        spent = due
+    low, slant = aside - 0.5 * extent, minor / major
+    high, fall = low + extent, abs(major) * cell_um / level_um
+    first, weights = math.floor(low), 0.0
+    count = min(math.floor(high) - first + 1, rows.shape[1])
+    for n in range(count):
+        row = first + n
         # where this row meets a wall that is not square to the grid
-        cell = math.floor(ahead - (row + 0.5 - aside) * slant)
-        if along_x:
-            quota = _carve_row(tiles, index, slice_index, cell, row, step, 0, length, quota, proud, spare)
-        else:
-            quota = _carve_row(tiles, index, slice_index, row, cell, 0, step, length, quota, proud, spare)
+        line = ahead - (row + 0.5 - aside) * slant
+        cell = math.floor(line)
+        ix, iy = (cell, row) if along_x else (row, cell)
+        clear = _clear_cells(tiles, index, slice_index, ix, iy, step_x, step_y, length)
+        behind = clear + (cell - line if step > 0 else line - cell - 1.0)
+        weights += (min(high, row + 1.0) - max(low, float(row))) * exponential(-fall * behind)
+        rows[0, n], rows[1, n] = clear, weights
+    quota, spent, per_weight = 0, 0, parts / weights
+    for n in range(count):
+        # the last row takes the rest, so that no part is lost
+        due = parts if n == count - 1 else int(rows[1, n] * per_weight)
+        quota += due - spent
+        spent = due
+        if quota > 0:
+            row, clear = first + n, int(rows[0, n])
+            cell = math.floor(ahead - (row + 0.5 - aside) * slant) + step * clear
+            ix, iy = (cell, row) if along_x else (row, cell)
+            quota = _carve_row(tiles, index, slice_index, ix, iy, step_x, step_y, length - clear, quota)
     return quota
