@@ -45,11 +45,16 @@ def turned_us(
 def to_detents(t_on_us: float, t_period_us: float, detents_us: Detents) -> tuple[float, float]:
     """Return the nearest setting that knobs with these steps have."""
     on_step, period_step = detents_us
-    return round(t_on_us / on_step) * on_step, round(t_period_us / period_step) * period_step
+    return _detent(round(t_on_us / on_step), on_step), _detent(round(t_period_us / period_step), period_step)
 
 
 def least_setting_us(machine: Machine, t_on_us: float, detents_us: Detents) -> tuple[float, float]:
     """Return an on-time with the shortest period at which the supply gives it, both in detents."""
     on_step, period_step = detents_us
-    on = round(t_on_us / on_step) * on_step
-    return on, math.ceil(least_period_us(machine, on) / period_step - 1e-9) * period_step
+    on = _detent(round(t_on_us / on_step), on_step)
+    return on, _detent(math.ceil(least_period_us(machine, on) / period_step - 1e-9), period_step)
+
+
+def _detent(number: int, step_us: float) -> float:
+    """Return a detent as one writes it: seven of 0.2 us are 1.4 us, which is not their product to the last bit."""
+    return round(number * step_us, 9)
