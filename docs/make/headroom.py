@@ -178,8 +178,8 @@ class Cuts:
         env_id, began = env_id_of(self.task), time.monotonic()
 
         def watch(done: int, _: int) -> None:
-            left_s = (time.monotonic() - began) / done * (len(missing) - done)
-            sys.stderr.write(f"{self.task}: {done} of {len(missing)} cuts, {left_s / 60:.0f} min left\n")
+            left = f", {(time.monotonic() - began) / done * (len(missing) - done) / 60:.0f} min left" if done else ""
+            sys.stderr.write(f"{self.task}: {done} of {len(missing)} cuts{left}\n")
 
         rows = perform(
             partial(_made, env_id), missing, watch, engine=engine_of(env_id, len(missing)), table=self._table,
