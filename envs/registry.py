@@ -23,11 +23,11 @@ class _Registered(NamedTuple):
 
 
 _REGISTERED = {
-    "GapFeed": _Registered("gap_feed", 2, 1800.0), "HeightStep": _Registered("height_step", 2, 1526.0),
-    "Corner": _Registered("corner", 3, 945.0), "Contour": _Registered("contour", 2, 2415.0),
-    "MaxRate": _Registered("max_rate", 1, 3839.0), "ThinWire": _Registered("thin_wire", 1, 5832.0),
-    "Trim": _Registered("trim", 1, 810.0), "Part": _Registered("part", 0, -16.2),
-    "MaxRateShift": _Registered("shift", 0, 248049.0), "ThinWireShift": _Registered("shift", 0, 61247.0),
+    "GapFeed": _Registered("gap_feed", 2, 1828.0), "HeightStep": _Registered("height_step", 2, 1555.0),
+    "Corner": _Registered("corner", 3, 950.0), "Contour": _Registered("contour", 2, 2424.0),
+    "MaxRate": _Registered("max_rate", 1, 4211.0), "ThinWire": _Registered("thin_wire", 1, 5960.0),
+    "Trim": _Registered("trim", 1, 912.0), "Part": _Registered("part", 0, -16.0),
+    "MaxRateShift": _Registered("shift", 0, 275764.0), "ThinWireShift": _Registered("shift", 0, 62871.0),
 }  # fmt: skip
 _GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under
