@@ -506,7 +506,7 @@ def carve_wall(
     # the wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
     # `before_um` before it to `beyond_um` behind. Discharges strike what is nearest: a row of cells gives less by a
     # factor e for every `level_um` that its metal begins further away, so that the wall stays level between rays.
-    # `rows` (2, most of them) is room for what is found of each
+    # `rows` (2, `MOST_ROWS`) is room for what is found of each
     grid = 1.0 / cell_um
     # rows run along the axis nearer to the direction, so that each crosses the wall once
     along_x = abs(cosine) >= abs(sine)
