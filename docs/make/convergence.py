@@ -43,10 +43,10 @@ _INTRODUCTION = """\
 
 How much does a result depend on `--resolution`?
 
-- *Default cuts* agree: feed and rate within 2 %, the kerf within 2 um, shorts within 0.7 % of the pulses, corners of a
-  punch within 1 um and its profile error within 0.5 um.
-- *Trims* agree within 1 um, with waves of 0.2 to 0.3 um from `default` on and of 0.7 um at `fast`, whose rays are as far
-  apart as a crater is wide. A single pass leaves 3 um more at `fast`, and 1.5 um less at `fine`.
+- *Default cuts* agree: feed and rate within 2 %, the kerf within 2 um, shorts within 0.7 % of the pulses, corners of
+  a punch within 1 um and its profile error within 0.5 um.
+- *Trims* agree within 1 um, with waves of 0.2 to 0.3 um from `default` on and of 0.7 um at `fast`, whose rays are as
+  far apart as a crater is wide. A single pass leaves 3 um more at `fast`, and 1.5 um less at `fine`.
 - *Rough cuts* ({rough:g} mm, pulses of 11 mJ every 10 us, a servo that holds {open_share:g} of them open) do not
   converge: at finer resolutions the wire vibrates more and touches the metal more often. At `fast`, feed and lag are
   right within a fifteenth and an eighth, and the vibration is seven tenths of that at `fine`. From 25 slices and 24
