@@ -69,6 +69,7 @@ class BanditController(Snapshots):
         self.broken = True
         self.clock_s = -self.card.start_s
         self._clear()
+        self.law.override(self.card.settings[0])
         return self.law.wire_lost()
 
     def update(self, window: WindowObservation) -> FeedCommand:
