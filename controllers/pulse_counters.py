@@ -5,8 +5,6 @@ at 255 the strobes STBA and STBB go low, the 8255 takes both counts over, answer
 reset all counters for the next cycle (rows T-39, T-40).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
 

@@ -8,8 +8,6 @@ r"""QCL, the language of QEM's QMOVE controls: the configurations and programs o
 9999
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Feed controllers of the user, from a Python file or as an object, and the check of their rules."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import math

@@ -4,8 +4,6 @@ From the report of the first cut and its playback to the pages that follow. Need
 Vulkan driver for the viewer; no screen.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

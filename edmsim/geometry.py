@@ -1,7 +1,5 @@
 """Plane curves: polylines by arc length, and the tractrix."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -5,8 +5,6 @@
 (0.5, (3, True))
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields
 from numbers import Integral, Real

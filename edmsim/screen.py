@@ -1,7 +1,5 @@
 """Tables for a terminal of any width."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 

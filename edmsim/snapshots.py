@@ -11,8 +11,6 @@
 6
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping, Set
 from dataclasses import fields, is_dataclass

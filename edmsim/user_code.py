@@ -1,7 +1,5 @@
 """Code named by a text: the user's Python file, ``FILE.py:NAME``, or a kind, ``KIND:REST``."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import sys

@@ -6,8 +6,6 @@
 describes action, observation and reward.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -1,7 +1,5 @@
 """Arguments of the environments: how JSON writes them, and their checks."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Batch: actions, observations, rewards and infos of parallel episodes, all sub-environments at once."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

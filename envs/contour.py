@@ -1,7 +1,5 @@
 """Contour: any part program, contour by contour."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources

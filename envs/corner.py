@@ -1,7 +1,5 @@
 """Corner: a sharp turn to be cut accurately by a wire that lags, with a bound on the energy of discharges."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """GapFeed: hold the gap in a straight cut, as fast as the machine can."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """HeightStep: a straight cut through a workpiece whose height jumps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

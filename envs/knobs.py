@@ -1,7 +1,5 @@
 """Knobs of the pulse generator: the settings that further entries of an action change, and their steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """MaxRate: cut as fast as possible on a production machine whose wire breaks when it is too hot."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal

@@ -4,8 +4,6 @@ An entry is declared here with its value; the values of the entries of a step ar
 `observation_builder` puts them together.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

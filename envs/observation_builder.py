@@ -1,7 +1,5 @@
 """Observations of episodes as they run, for environments and for policies in cuts."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -9,8 +9,6 @@ wires
 =====  ====
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Part: a whole part, cut rough and trimmed, with a decision on every pass; and its page."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 from edmsim.envs.environment import EdmEnv

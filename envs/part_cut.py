@@ -1,7 +1,5 @@
 """A cut in passes that waits before every pass for a decision."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 from typing import NamedTuple

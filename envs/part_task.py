@@ -1,7 +1,5 @@
 """Part: machine, draws and reward of a part; actions and observations of every pass."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

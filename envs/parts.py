@@ -1,7 +1,5 @@
 """Parts: episodes of `edmsim.envs.part_task.Part` side by side; actions, observations, rewards and infos."""
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field

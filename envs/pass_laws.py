@@ -3,8 +3,6 @@
 They are named as on the command line: ``technology``, ``constant:pause=-0.5``, ``corrected``, ``policy:FILE``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import Protocol, cast
 

@@ -3,8 +3,6 @@
 Nothing here knows the plant; sub-environments do not touch each other, so that their order and number do not matter.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

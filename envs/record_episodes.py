@@ -1,7 +1,5 @@
 """`RecordEpisodes`: every n-th episode of a training with stable-baselines3 as a recording (extra ``rl``)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

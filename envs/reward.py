@@ -1,7 +1,5 @@
 """The reward: unit-free terms of one window, each with a weight."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np

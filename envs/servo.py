@@ -4,8 +4,6 @@ It is the law of the controller `counts` without its processor: the error is the
 short ones less the target; a low-passed error, a proportional and an integral part make the feed.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

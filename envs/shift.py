@@ -1,7 +1,5 @@
 """MaxRateShift and ThinWireShift: a shift on one machine, long enough to learn its limits and use them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

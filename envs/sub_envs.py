@@ -4,8 +4,6 @@ Everything per window is done for all sub-environments at once: the motor steps 
 rest on arrays. A sub-environment's bits depend on nothing but its own scenario and commands.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

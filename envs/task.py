@@ -1,7 +1,5 @@
 """Base of the environments: what all have in common, and how machine, stock and path of an episode are drawn."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

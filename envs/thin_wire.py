@@ -1,7 +1,5 @@
 """ThinWire: a wire of 0.1 mm with an unknown limit; a few may break until a policy finds it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal

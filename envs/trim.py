@@ -1,7 +1,5 @@
 """Trim: a finishing pass that makes a wavy wall straight and brings it to its target."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal

@@ -3,8 +3,6 @@
 Run ``python examples/make_gear.py`` to write it again next to this script.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

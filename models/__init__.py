@@ -1,7 +1,5 @@
 """Data of the machine: the MuJoCo model, tables of machines, wires, materials and generators, published tables."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

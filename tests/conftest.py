@@ -1,7 +1,5 @@
 """A small part for the tests that need a whole cut: a punch of 1 x 1 mm, some two minutes of machine time."""
 
-from __future__ import annotations
-
 import base64
 import gc
 import sys

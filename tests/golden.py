@@ -7,8 +7,6 @@ An item is a digest of the whole value and a short text of it: numbers here and 
 What the clock of the computer says, the version, and the names of folders are left out.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import io

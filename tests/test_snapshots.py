@@ -1,7 +1,5 @@
 """State that is declared once is saved and loaded: through JSON, or as arrays."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections import deque

@@ -1,7 +1,5 @@
 """Where the stacks of a worker's hanging test are printed: pytest-xdist gives a worker no standard output."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

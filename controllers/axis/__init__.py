@@ -5,8 +5,6 @@ stepper. Your own drive is an object with the members of `edmsim.controllers.axi
 `check_drive`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """The interface of a drive: a record, a motor, and a compiled sample; and the check of your own against its rules."""
 
-from __future__ import annotations
-
 import ctypes
 import pickle
 import tomllib

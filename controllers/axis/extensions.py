@@ -6,8 +6,6 @@ of four channels with samples before its trigger. Set them by name, ``drive.exte
 survive a reset of the drive; its EEPROM does not store them.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

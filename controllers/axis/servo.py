@@ -3,8 +3,6 @@
 Use it as a template for your own drive. Its constants are in ``models/drives/servo.toml``.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -9,8 +9,6 @@ Their numbers are ours. In ramps of the flux on training machines, breaks of one
 of one flux, and those of drawn machines within a factor of 3 (docs/tasks/max-rate-shift.md).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

@@ -4,8 +4,6 @@ Less power bends the wire less. The offset moves the guides off the path by as m
 ours; those of a task's reference lines are in `edmsim.evaluation.lines`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any, Literal

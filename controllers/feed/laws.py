@@ -1,7 +1,5 @@
 """The gap laws: their measures, rules and defaults."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal

@@ -22,8 +22,6 @@ short ratio is high   -2, whatever the open ratio
 ====================  =========  =====  =====
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar

@@ -17,8 +17,6 @@ height that no table has (ours). Its pace was chosen in the first version of Thi
 that of the defaults earned 1,336, with 23 wires lost; the others 1,100 to 1,359, with 20 to 27.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

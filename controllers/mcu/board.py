@@ -6,8 +6,6 @@ dark, a pull-up resistor makes it 1. So a lit LED is a 0. The slow couplers filt
 sparks.
 """
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Mapping, Set
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The 8085 with its program: the document's routines that drive the hardware, and their variables in RAM."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import accumulate, pairwise

@@ -3,8 +3,6 @@
 The computer of 1982 is included.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import NamedTuple

@@ -5,8 +5,6 @@ v follow along the path, step by step. Feeds and lengths refer to the faster fac
 long as on that face.
 """
 
-from __future__ import annotations
-
 import bisect
 import math
 

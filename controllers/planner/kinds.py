@@ -1,7 +1,5 @@
 """The planners in compiled code: their record, how each kind makes steps, and one call for all kinds."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

@@ -4,8 +4,6 @@ A bent wire cuts off the path of its guides. A controller that estimates this er
 other side. In a trim pass, guides nearer to the wall remove more metal.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -7,8 +7,6 @@ Cuts that are missing are made and noted in ``out/headroom`` and ``out/adapted``
 command goes on. A shift takes some half a minute of a processor.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ with the same prior, so that the noise of few segments does not count as an effe
 break makes the law hold less is left out.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

@@ -5,8 +5,6 @@ python docs/make/benchmark.py all                 # makes every cut again, write
 python docs/make/benchmark.py edmsim/Corner-v3    # cuts one environment again
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 

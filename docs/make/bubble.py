@@ -5,8 +5,6 @@
 The equations stand in `slit`; here they are integrated for three pulses, and compared with the law of the loop.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -3,8 +3,6 @@
 python docs/make/compensation.py
 """
 
-from __future__ import annotations
-
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

@@ -3,8 +3,6 @@
 python docs/make/compile_time.py [RUNS]
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

@@ -3,8 +3,6 @@
 python docs/make/convergence.py
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable, Sequence

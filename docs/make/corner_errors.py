@@ -6,8 +6,6 @@ python docs/make/corner_errors.py where     # and where they arise, for which so
 Machines on which a controller's wire broke before the corner are left out of all rows.
 """
 
-from __future__ import annotations
-
 import argparse
 from itertools import pairwise
 

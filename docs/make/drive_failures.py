@@ -3,8 +3,6 @@
 python docs/make/drive_failures.py
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

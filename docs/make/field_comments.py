@@ -1,7 +1,5 @@
 """The fields of a record as its source declares them, with the comments behind and above them."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Iterator

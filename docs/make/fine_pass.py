@@ -6,8 +6,6 @@ The straight edge of the rows, cut in seven passes, the last of them with greate
 same.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

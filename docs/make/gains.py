@@ -3,8 +3,6 @@
 python docs/make/gains.py voltage --trials 16    # prints the gains; out/gains/voltage.jsonl holds the trials
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Sequence
 from functools import partial

@@ -5,8 +5,6 @@
 The rough cut of 30 mm, and Sato's stable cutting of 80 mm with a wire that holds, each as it is at the end of a cut.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from sections import table, write_sections

@@ -9,8 +9,6 @@ one state of the physics: remove it when that changes. Constants and laws are ch
 on the held-back ones.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -4,8 +4,6 @@ tasks/max-rate.md refers to it. Machines are drawn with training seeds, and `hea
 margins.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from sections import table
 

@@ -4,8 +4,6 @@ It is one of guide/set-up.md: `examples/punch.ngc` on the production machine wit
 the feed follow the gap, with its generator and all else as preset, cut to its end. It takes a quarter of an hour.
 """
 
-from __future__ import annotations
-
 from sections import DOCS, table
 
 import edmsim

@@ -5,8 +5,6 @@
 A cut of 30 mm at a fifth of open pulses, and the same cut without one of its loads at a time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

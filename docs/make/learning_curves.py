@@ -5,8 +5,6 @@ python docs/make/learning_curves.py out/curves MaxRate    # ppo.py in one task
 python docs/make/learning_curves.py out/curves examples   # recurrent_ppo.py and ppo_lag.py
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import subprocess

@@ -5,8 +5,6 @@ python docs/make/lines.py Corner Trim    # prints a table for each task; all by 
 None of these machines is one of the comparisons.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from functools import partial

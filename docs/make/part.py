@@ -6,8 +6,6 @@ python docs/make/part.py learn --steps 640
 Both print a line; neither writes a file.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

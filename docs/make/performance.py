@@ -3,8 +3,6 @@
 python docs/make/performance.py [PAIRS]
 """
 
-from __future__ import annotations
-
 import os
 import sys
 

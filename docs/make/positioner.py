@@ -3,8 +3,6 @@
 python docs/make/positioner.py
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

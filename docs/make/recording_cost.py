@@ -3,8 +3,6 @@
 python docs/make/recording_cost.py
 """
 
-from __future__ import annotations
-
 import statistics
 import time
 

@@ -8,8 +8,6 @@ says every constant; it learns from some machines and is judged on others, in `F
 variance that it explains. Needs the extra `rl` (torch).
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from pathlib import Path

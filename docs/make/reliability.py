@@ -3,8 +3,6 @@
 python docs/make/reliability.py [out]
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

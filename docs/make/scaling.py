@@ -3,8 +3,6 @@
 python docs/make/scaling.py
 """
 
-from __future__ import annotations
-
 import re
 import tempfile
 import time

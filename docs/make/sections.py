@@ -1,7 +1,5 @@
 """What the scripts share: tables of Markdown, and the places of a page that they write."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path

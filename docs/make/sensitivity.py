@@ -3,8 +3,6 @@
 python docs/make/sensitivity.py
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from statistics import fmean
 

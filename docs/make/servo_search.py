@@ -8,8 +8,6 @@ an earlier policy, and random combinations. The rate of a segment counts over th
 as workpieces, water and the law's own adaptation change it. Interrupted, the same command goes on.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple

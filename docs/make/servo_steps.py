@@ -3,8 +3,6 @@
 python docs/make/servo_steps.py
 """
 
-from __future__ import annotations
-
 from matplotlib.figure import Figure
 from sections import DOCS
 

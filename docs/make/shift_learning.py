@@ -6,8 +6,6 @@ python docs/make/shift_learning.py MaxRateShift    # one
 The machine is one of training (seed 100 or as `SHOWN` says).
 """
 
-from __future__ import annotations
-
 import sys
 
 import matplotlib.pyplot as plt

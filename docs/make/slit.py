@@ -6,8 +6,6 @@ the strip that the slit is, 2 W wide and endless along the wire, its pressure co
 the wire. Each becomes a few functions of x = R/W (`Slit`); the equations are the same.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple

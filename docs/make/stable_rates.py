@@ -5,8 +5,6 @@
 The searches are those of the validation, on the production machine as it is loaded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from statistics import fmean
 

@@ -8,8 +8,6 @@ A page marks the place of a table with two comments; what stands between them is
 ``tests/site`` refuses pages whose tables are not those of the code.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import fields

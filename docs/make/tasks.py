@@ -6,8 +6,6 @@ python docs/make/tasks.py pictures    # and what render() shows of each task
 A picture is taken where a servo has cut for a while, on the machine that seed 1 draws.
 """
 
-from __future__ import annotations
-
 import argparse
 
 import gymnasium

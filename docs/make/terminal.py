@@ -3,8 +3,6 @@
 python docs/make/terminal.py
 """
 
-from __future__ import annotations
-
 from matplotlib.figure import Figure
 from rich.console import Console, Group
 from rich.style import Style

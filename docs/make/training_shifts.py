@@ -7,8 +7,6 @@ The numbers are the first seed and how many there are; laws are tried here, so t
 the comparison. A shift takes some 15 s of a processor; shifts are noted in ``out/headroom`` and not cut again.
 """
 
-from __future__ import annotations
-
 import argparse
 
 from headroom import Cuts, shown

@@ -3,8 +3,6 @@
 python docs/make/transfer.py    # writes the table of docs/tasks/gap-feed.md
 """
 
-from __future__ import annotations
-
 import operator
 import sys
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ error that it leaves at the corner, at several tensions; and that error by numbe
 before corners that technologies have, and without it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from sections import table
 

@@ -11,8 +11,6 @@ A page marks the place of a table with two comments; what stands between them is
 that kind; ``rows`` takes a topic of the validation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path

@@ -3,8 +3,6 @@
 python docs/make/vector_envs.py
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import re

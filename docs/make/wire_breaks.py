@@ -7,8 +7,6 @@ which steam covers the wire. What was unusual are the ignitions in a fifth of th
 in the window in which that began or the one before.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Iterator

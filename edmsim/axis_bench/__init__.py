@@ -9,8 +9,6 @@
 10
 """
 
-from __future__ import annotations
-
 from edmsim.axis_bench.bench import AxisBench, Pins
 
 __all__ = ["AxisBench", "Pins"]

@@ -1,7 +1,5 @@
 """A control of several axes on the bench: each cycle it reads the encoders and sets its loops' targets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The bench's compiled loop: motion, samples and outputs in time order, and their records."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """A serial line between a terminal and a drive: a byte takes ten bits' time, and both ends need the same baud."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple

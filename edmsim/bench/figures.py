@@ -1,7 +1,5 @@
 """All figures of ``edmsim bench``: speed of environments, of controllers and, from `plant`, of the pulse loop."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager

@@ -1,7 +1,5 @@
 """Speed of the plant: figures for ``edmsim bench``."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Response times and real-time factor of ``edmsim gap --serial``: figures of ``edmsim bench --serial``."""
 
-from __future__ import annotations
-
 import os
 import re
 import select

@@ -6,8 +6,6 @@ It must run with revisions of years ago, so it uses only the public names that a
     python subject.py ROOT SPELL_S SPELLS SETTLE_WINDOWS NUM_ENVS RESETS
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -4,8 +4,6 @@ The learner is PPO of stable-baselines3 with the settings in docs/training.md. T
 compiled call, and HalfCheetah-v5 one after another in one process.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from typing import Any

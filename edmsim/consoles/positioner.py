@@ -4,8 +4,6 @@ Inputs and outputs have their slot addresses as names, so one input can serve bo
 homing. The program runs a pass every millisecond (ours).
 """
 
-from __future__ import annotations
-
 import codecs
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``edmsim console servo``: a drive on its bench for a person, a script or a program; scope, tuning."""
 
-from __future__ import annotations
-
 import os
 import select
 import sys

@@ -5,8 +5,6 @@ It serves every cut that Python runs window by window: of a program (`edmsim.cos
 interrupts; they share what is around it: `WindowObservation.of`, `edmsim.cosim.stops`, the rules of legs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 

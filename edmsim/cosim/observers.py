@@ -1,7 +1,5 @@
 """The interface through which recorders observe every window of a cut."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Protocol
 

@@ -1,7 +1,5 @@
 """Passes of a cut: their settings, what each removed and left, and pieces that come loose."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field

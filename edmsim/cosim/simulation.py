@@ -4,8 +4,6 @@ The controller observes only what a real machine measures; the plant gets only m
 (see `edmsim.cosim.cycle`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ Both functions are compiled, so that environments call them for every sub-enviro
 function.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 from types import MappingProxyType
 from typing import NamedTuple

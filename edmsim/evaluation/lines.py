@@ -19,8 +19,6 @@ references, were chosen on machines drawn with seeds below the held-back ones:
 `docs/make/lines.py` makes these cuts.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from edmsim.controllers import OF_A_TASK, SAME_LAW, names

@@ -5,8 +5,6 @@ steel (`TARGETS`). The model's craters give the pulses for a roughness, the wire
 and the walls of simulated cuts give the offsets.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """Check of a program before the cut: its path, the notices, and the least time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

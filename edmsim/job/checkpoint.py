@@ -1,7 +1,5 @@
 """Checkpoints: save an interrupted cut in its folder, and resume it bit for bit."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Inspection of a cut part: its measurements for report, picture and recording."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Learning feed controllers: training with stable-baselines3, and policies that leave it as plain arrays."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

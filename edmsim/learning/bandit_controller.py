@@ -1,7 +1,5 @@
 """Feed controller of a bandit: a law cuts, and every few seconds the bandit chooses a setting of it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar
 

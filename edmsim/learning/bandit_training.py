@@ -9,8 +9,6 @@ A machine does not know the area that it cuts; the histories have the true one, 
 error of the measured rate. Needs no extra.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Callable, Sequence

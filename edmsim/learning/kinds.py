@@ -12,8 +12,6 @@
 - Residual policies: a classic law sets the feed, and the policy adds a correction (Johannink et al., ICRA 2019).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Learners of stable-baselines3 and sb3-contrib with the sub-environments they learn on (extra ``rl``)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

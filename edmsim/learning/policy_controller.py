@@ -1,7 +1,5 @@
 """A trained policy as a feed controller or who decides on passes, as in its environment."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Safe training: a trained policy replaces its start only if its return on other machines is not lower."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """One window of pulses: what a plant counts and measures, and controllers and recorders read."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

@@ -4,8 +4,6 @@ Coordinates that leave this module are in mm on the table. What counts as cut is
 blank: the rim of a drilled start hole or the side of the blank closes a kerf that opens there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import reduce
 

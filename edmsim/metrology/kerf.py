@@ -1,7 +1,5 @@
 """Width of the kerf, measured across the wire's path in every slice."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The wall after a pass: its distance from the drawing, straightness and ripple; and pieces that come loose."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ Positive profile error is metal left on the part, negative is undercut. Near the
 and its steps no wall can be measured.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ One layer its heat reached, one the water dissolved; the thesis names both (2.6)
 field: they are far thinner than its cells, and are computed from what the cut has summed up.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cache

@@ -6,8 +6,6 @@ guides. The gap has the rest, so that the five add up to the error. What the tab
 without compensation, is a sum of its own. Metal that no wire of this radius and gap could remove is out of reach.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """``report.html``: a cut's report with its figures in one self-contained file, also for a phone."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape

@@ -4,8 +4,6 @@ The more is shown, the fewer frames are kept. Close-ups are a thinned run of win
 windows around events. What is kept depends on the windows seen alone, so equal cuts keep equal frames and close-ups.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect
 from pathlib import Path

@@ -17,8 +17,6 @@ how a bandit finds out which:
 law of edmsim. An interrupted recording continues with the same command. Needs no extra.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -17,8 +17,6 @@ near the corner.
 An interrupted recording continues with the same command. Needs the extra `rl` (torch).
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path

@@ -5,8 +5,6 @@ python examples/learning/part.py --steps 2000 --program examples/punch.ngc
 There are few decisions, and each takes seconds to cut: PPO learns from batches of sixteen per sub-environment.
 """
 
-from __future__ import annotations
-
 import argparse
 
 import gymnasium

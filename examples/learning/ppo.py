@@ -7,8 +7,6 @@ Proximal policy optimisation (Schulman et al. 2017, arXiv:1707.06347) with gener
 Every row of the output table has the decisions so far, and the mean return and cost of the last twenty episodes.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 from collections import deque

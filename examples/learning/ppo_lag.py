@@ -10,8 +10,6 @@ more than the limit and falls while they cost less (Ray, Achiam and Amodei 2019,
 Deep Reinforcement Learning"). The rest, and the output table, are those of ppo.py.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 from collections import deque

@@ -7,8 +7,6 @@ properties of the machine and trends, such as more shorts. Its episodes in GapFe
 of ppo.py. Needs the extra `rl`.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 from collections import deque

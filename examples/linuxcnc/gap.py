@@ -8,8 +8,6 @@ measurements. When ``enable`` falls, the cut ends, and its folder has the files 
 recording.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import re

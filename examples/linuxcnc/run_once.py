@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """A display without a screen, for DISPLAY in the INI: switches LinuxCNC on, runs the program once and exits."""
 
-from __future__ import annotations
-
 import importlib
 import subprocess
 import sys

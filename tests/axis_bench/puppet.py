@@ -1,7 +1,5 @@
 """A drive that does what a test puts into its registers, and a bench with one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from edmsim.axis_bench import AxisBench

@@ -1,7 +1,5 @@
 """How the commands of the documentation are checked and run: in this process, and shorter than a reader would."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

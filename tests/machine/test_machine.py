@@ -1,7 +1,5 @@
 """The machine: every constant has its source, and every set-up that cannot run is refused in one line."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from importlib import resources

@@ -8,8 +8,6 @@ the slow ones. Results are added to ``results.jsonl`` in the folder, and a mutan
 Without a mutant the tests must pass: `make test` says so.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """The list of mutants."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import NamedTuple

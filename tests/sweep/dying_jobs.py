@@ -1,7 +1,5 @@
 """Jobs that kill the process they are done in."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

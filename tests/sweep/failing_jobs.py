@@ -1,7 +1,5 @@
 """Jobs that raise errors, for other processes to import."""
 
-from __future__ import annotations
-
 from edmsim.errors import EdmsimError, InputError
 
 

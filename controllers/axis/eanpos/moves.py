@@ -4,8 +4,6 @@ A change in motion is accepted if the axis can still stop at its target with the
 A count changed in motion shifts the theoretical position too; the travel to the target changes by as much.
 """
 
-from __future__ import annotations
-
 import math
 
 from edmsim.compiled.jit import exactly_compiled

@@ -3,8 +3,6 @@
 Parameters and states have the order of the manual's tables (1.7.3, 1.7.4), commands that of their priority.
 """
 
-from __future__ import annotations
-
 from typing import Any, TypeAlias
 
 import numpy as np

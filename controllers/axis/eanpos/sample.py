@@ -5,8 +5,6 @@ an error as large as the travel in a sample at full speed makes 10 V; at 4 ms, 1
 makes 15 mV (rows Q-45, Q-67). The digital-to-analogue converter has 16 bits with sign.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

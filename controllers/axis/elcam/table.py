@@ -6,8 +6,6 @@
 (2.5, 2.5, 2.5)
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from enum import IntEnum, IntFlag

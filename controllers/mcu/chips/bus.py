@@ -4,8 +4,6 @@ Writing to a port or reading from it is a memory access (5.1.1). The document de
 (row T-23) and the jump table (row T-48); those of EPROM, RAM and the other chips are ours.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from edmsim.controllers.mcu.firmware.poscal import BYTE, WORD

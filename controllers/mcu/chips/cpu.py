@@ -5,8 +5,6 @@ routines of the 1982 control program are in Python, at their addresses: a jump o
 returns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from edmsim.controllers.mcu.chips.bus import EPROM, Bus

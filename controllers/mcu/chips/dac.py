@@ -8,8 +8,6 @@ Eight bits over the whole range of 1000 us would be steps of 4 us. So the pulse 
 time (row T-A15), selected by a ninth bit of the code, `COARSE`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A word of display memory holds a digit of either bank: bank A in the upper four 
 eight columns by eight rows; a key counts after it is closed in a number of consecutive scans.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 from edmsim.errors import InputError

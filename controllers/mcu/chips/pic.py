@@ -4,8 +4,6 @@ It is set up for the 8085: it answers an acknowledge with a call into a table of
 the program puts at 3FE0H..3FFFH (row T-48). Priorities (row T-45): emergency, steppers, keyboard.
 """
 
-from __future__ import annotations
-
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 

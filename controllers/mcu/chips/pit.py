@@ -5,8 +5,6 @@ Counter 0 makes the interrupts of the x stepper, counter 1 those of y, counter 2
 (square wave), in binary.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from edmsim.controllers.mcu.firmware.timers import NEVER, TIMER_COUNT

@@ -3,8 +3,6 @@
 It has the modes that this machine uses: mode 0 in both directions, and mode 1 for input (row T-25).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

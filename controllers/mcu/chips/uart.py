@@ -4,8 +4,6 @@ After reset, a mode word and a command word set the channel to asynchronous char
 It holds one received character; the next one causes an overrun.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from edmsim.errors import InputError

@@ -5,8 +5,6 @@ and open pulses. Enter a number digit by digit, then press a key for its meaning
 terminal's word of the same name.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ The monitor's commands act on each character at once; here the operator types an
 puts it into the input buffer, and the others read it there. Characters are bytes, as on the serial channel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

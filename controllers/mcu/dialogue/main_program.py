@@ -13,8 +13,6 @@ clockwise and counterclockwise, in words with the low byte first. ``10`` and mor
 select which of its words apply: the codes of t(i) and t(p), and the speed. ``00`` ends the program.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol

@@ -10,8 +10,6 @@ their address, the kind of the record (00 data, 01 the end), the bytes and a che
 address, kind, bytes and checksum add up to 0 in eight bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator
 from pathlib import Path
 from textwrap import fill

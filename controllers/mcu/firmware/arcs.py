@@ -6,8 +6,6 @@ whose ``x^2 + y^2`` is nearer to that of the start. The planners get chords betw
 most a quarter um from the arc.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ segment STACK. In the test phase of 1982 the EPROM held the monitor, and the con
 the start values of INIT are in RAM, where the monitor can change them.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from edmsim.controllers.mcu.chips.bus import Bus

@@ -9,8 +9,6 @@ Scales: speeds are in units of 262.5 nm/s; times in ticks of 0.1 ms of a clock t
 um, which also wrap, so only differences count; shares in 1/256 pulse of 255 (`SHARE`), errors in 1/32 (`ERROR`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

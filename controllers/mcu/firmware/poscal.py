@@ -1,7 +1,5 @@
 """POSCAL turns a displacement and a path speed into axis speeds (5.2.1), POSITI counts steps (5.3.1)."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

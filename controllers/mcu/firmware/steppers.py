@@ -5,8 +5,6 @@ count down from values for XVELOC and YVELOC, and each routine takes its T-state
 timers, interrupts and lines, at the planner's times.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from edmsim.controllers.mcu.board import Board

@@ -4,8 +4,6 @@ Time is int nanoseconds; the steps' common clock is an exact rational, so they d
 not move one. It is counted down in two ways.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 from edmsim.compiled.jit import exactly_compiled

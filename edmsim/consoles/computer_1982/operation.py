@@ -1,7 +1,5 @@
 """An operator's actions on the rig and their conditions: MAIN's interface to the machine, and the 64 keys."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """The rig: the 1982 controller's computer, connected to the simulated machine and run window by window."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence

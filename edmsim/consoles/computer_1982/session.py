@@ -4,8 +4,6 @@ Live, the machine runs at a multiple of real time and reads lines on arrival. In
 lines are read: WAIT advances it, and the end of the input waits until the machine stands still.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Figures of the part and its kerf: profile error map and its shares, corner detail, kerf over the height."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import shapely

@@ -1,7 +1,5 @@
 """Colours shared by figure and recording: distinct with every common colour blindness, and in grey."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

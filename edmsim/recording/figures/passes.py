@@ -1,7 +1,5 @@
 """Figures of passes: the wall after each over the height, what each took, and the face of the part."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The wire's path before the cut: edges as drawn, the kerf it is to make, start holes and blank."""
 
-from __future__ import annotations
-
 import numpy as np
 import shapely
 from matplotlib.axes import Axes

@@ -1,7 +1,5 @@
 """``profile.png``: the cut from above, the error along it, and the process over time."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Figures of the pulses: statistics over time, the plane of short and open, the distribution of ignition delays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 from matplotlib.axes import Axes

@@ -1,7 +1,5 @@
 """The style of all figures; those for a paper are one column wide, with small type."""
 
-from __future__ import annotations
-
 import io
 import pathlib
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """The figure of the wire's vibration: modes over tension, and what a simulated cut shows of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

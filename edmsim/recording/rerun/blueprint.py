@@ -1,7 +1,5 @@
 """The layout of a recording in the viewer: views, curves and cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -3,8 +3,6 @@
 The model knows a share of gas per slice and no bubbles: those drawn, one for a slice, only show it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

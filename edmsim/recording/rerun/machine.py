@@ -3,8 +3,6 @@
 The world is the machine: wire and guides stand still, the table with the workpiece moves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise

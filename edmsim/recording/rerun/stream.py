@@ -1,7 +1,5 @@
 """Shared by all parts of a recording: timelines, colours of the classes, sizes on the screen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import wraps

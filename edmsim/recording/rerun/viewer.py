@@ -3,8 +3,6 @@
 Also two cuts side by side, a viewer that shows what comes while it comes, and screenshots without screen and GPU.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

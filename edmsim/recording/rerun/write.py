@@ -1,7 +1,5 @@
 """``cut.rrd``: the cut as a rerun recording: machine, gap, oscilloscope, events and the series of the windows."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """A machine with a thin workpiece, coarsely resolved, and a screen that types a script and keeps what is printed."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import NamedTuple
 
