@@ -18,14 +18,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.controllers import from_text
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.axis.elcam.file import ErrorTable, StepCompensation, load_tables
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.cut import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import ProfileError, profile_error, slice_heights_mm
@@ -52,7 +51,6 @@ __all__ = ["TableMeasurement", "load_tables", "measure_table"]
 # a compensation table holds the opposite. The circular test says how round, and how large, a circle is that two
 # axes go round together.
 
-Floats = NDArray[np.float64]
 COVERAGE = 2.0  # standard deviations on either side of a mean that repeatability and accuracy take in (ISO 230-2)
 
 
@@ -435,7 +433,7 @@ def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, Err
     return figure
 
 
-def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _smoothed(values: Floats) -> Floats:
     """Return running means of what is finite."""
     window = np.ones(round(_SMOOTHED_MM / _STEP_MM))
     known = np.isfinite(values)
@@ -461,8 +459,8 @@ class GuidesFound(NamedTuple):
     upper_mm: float
     uncertainty_mm: tuple[float, float]  # of these: scatter of the slices, and what shifts all slices alike
     # (slices,): by how much the walls were moved the way they lean, slice by slice
-    heights_mm: NDArray[np.float64]
-    shift_um: NDArray[np.float64]
+    heights_mm: Floats
+    shift_um: Floats
 
 
 def block(angle_deg: float) -> Program:
@@ -516,7 +514,7 @@ def measure_guides(
     )
 
 
-def _shift_um(profile: ProfileError) -> NDArray[np.float64]:
+def _shift_um(profile: ProfileError) -> Floats:
     """Return by how much the leaning walls lie further towards -x than they should, slice by slice."""
     middle = (profile.points_mm.min(axis=0) + profile.points_mm.max(axis=0)) / 2
     x, y = (profile.points_mm - middle).T

@@ -8,7 +8,8 @@ from edmsim.envs.arguments import argument, shows_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario, even_height
-from edmsim.envs.task import Family, Floats
+from edmsim.envs.task import Family
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.numeric import within
 from edmsim.plant.workpiece.blanks import started_slot

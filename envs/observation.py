@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal
+from edmsim.geometry import Floats
 from edmsim.machine.setting import wire_speed_m_s
 from edmsim.numeric import keep_plain, whole_within, within
 from edmsim.plant.constants import faces_Pa
@@ -48,9 +49,6 @@ class Sensors:
 
 
 EXACT = Sensors(noise_share=0.0, bits=0)  # sensors that show what is
-
-
-Floats = NDArray[np.float64]
 
 
 class Entry(NamedTuple):
@@ -256,7 +254,7 @@ def gather(
 @exactly_compiled
 def show(
     indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void],
-    history: NDArray[np.float32], values: NDArray[np.float64],
+    history: NDArray[np.float32], values: Floats,
 ) -> None:
     """Put what the steps of some sub-environments (m,) showed before what the steps before did; forget the oldest.
 

@@ -6,12 +6,11 @@ from numpy.typing import NDArray
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs import observation
 from edmsim.envs.task import Family
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.state import OPEN, SHORT, SPARK, WINDOW
 from edmsim.snapshots import Snapshots
-
-Floats = NDArray[np.float64]
 
 
 class ObservationBuilder(Snapshots):

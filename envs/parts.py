@@ -14,10 +14,9 @@ from edmsim.envs.part_cut import Choice, PartCut, Step
 from edmsim.envs.part_task import ACTIONS, ENTRIES, LEFT_UM, TERMS, Part
 from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import open_V
-
-Floats = NDArray[np.float64]
 
 MOST_DRAWS = 20
 """Machines drawn before giving up on one that takes the technology's settings (ours)."""

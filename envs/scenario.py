@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.envs.arguments import Range, ends_of
 from edmsim.errors import InputError
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose, values_of, with_constants
 from edmsim.machine.setting import flushing_Pa, standoffs_mm
@@ -18,9 +18,6 @@ from edmsim.plant.workpiece.kerf_field import Stock
 if TYPE_CHECKING:
     from edmsim.plant.workpiece.wall import WallLine
     from edmsim.program.path import WireContour
-
-
-Floats = NDArray[np.float64]
 
 
 class Drift(NamedTuple):

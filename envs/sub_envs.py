@@ -31,14 +31,13 @@ from edmsim.envs.path_follower import (
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
-from edmsim.geometry import CORNER_DEG, Polyline
+from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.wall import wall_error_um
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
 FINISHED_UM = 80.0

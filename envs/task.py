@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
@@ -28,12 +27,11 @@ from edmsim.envs.observation import EXACT, Entry, Sensors, entries
 from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario, draw_machine, names_of
 from edmsim.errors import InputError, one_of, refuse_unknown
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
-
-Floats = NDArray[np.float64]
 
 MOST_FEED_UM_S = 100_000.0
 """Greatest feed that may be asked for: that of the files of machines."""

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.feed.law import CornerRule, low_pass_weight
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.geometry import CORNER_DEG, Polyline, left_of
+from edmsim.geometry import CORNER_DEG, Floats, Polyline, left_of
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
-
-Floats = NDArray[np.float64]
 
 
 def _corners(points_um: NDArray[Any], start_um: float) -> tuple[Floats, Floats]:

@@ -9,16 +9,15 @@ import bisect
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit
 from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, LITERAL
 from edmsim.controllers.planner.registry import Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step, check_window
 from edmsim.errors import InputError
+from edmsim.geometry import Floats
 from edmsim.snapshots import Snapshots
-
-Floats = NDArray[np.float64]
 
 MOST_LEAD = 4.0
 """Greatest travel of a follower over that of what it follows (ours): that many of its steps then fall between two of

@@ -14,9 +14,8 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.planner.kinds import EXACT, segment_at
 from edmsim.controllers.planner.registry import Course
 from edmsim.controllers.protocols import Step
+from edmsim.geometry import Floats
 from edmsim.snapshots import Snapshots
-
-Floats = NDArray[np.float64]
 
 
 @exactly_compiled
@@ -44,8 +43,8 @@ class PathOffset(Snapshots):
     def __init__(self, step_um: float) -> None:
         self._step_um = step_um
         self._made: NDArray[np.int64] = np.zeros(2, np.int64)
-        self._points: NDArray[np.float64] = np.zeros((0, 2))
-        self._along: NDArray[np.float64] = np.zeros(0)
+        self._points: Floats = np.zeros((0, 2))
+        self._along: Floats = np.zeros(0)
 
     @property
     def lateral_um(self) -> tuple[float, float]:
@@ -57,7 +56,7 @@ class PathOffset(Snapshots):
         """Stand at a place of the program that was reached without steps."""
         self._made[:] = 0
 
-    def begin_leg(self, points_um: NDArray[Any], along_um: NDArray[np.float64] | None = None) -> None:
+    def begin_leg(self, points_um: NDArray[Any], along_um: Floats | None = None) -> None:
         """Go along the next leg, whose lengths of path may be other than those of its points; the motors stay."""
         if along_um is None:
             course = Course.of(EXACT, points_um)

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch, statistics
 from edmsim.cosim.straight import Traverse, begin
+from edmsim.geometry import Floats
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.window import PlantError
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
     from edmsim.machine.pulse_window import PulseWindow
 
-Array = NDArray[np.float64]
 
 SHRINKAGE = 0.2
 """How far measured correlations of the statistics are drawn to none (ours: some twenty cuts know them badly)."""
@@ -60,15 +59,15 @@ class StretchComparison:
         self._scales = self._noise_scales(machine)
 
     @property
-    def noise(self) -> Array:
+    def noise(self) -> Floats:
         """Standard deviation of simulated less logged statistics, (stretches, 5)."""
         return np.array([np.sqrt((scale**2).sum(axis=1)) for scale in self._scales])
 
-    def statistics(self, machines: Sequence[Machine]) -> Array:
+    def statistics(self, machines: Sequence[Machine]) -> Floats:
         """Simulate every stretch with every machine: (machines, stretches, 5)."""
         return self._run([(m, k, self._seed + k) for m in machines for k in range(len(self.picked))])
 
-    def _run(self, jobs: Sequence[tuple[Machine, int, int]]) -> Array:
+    def _run(self, jobs: Sequence[tuple[Machine, int, int]]) -> Floats:
         def count(*_: int) -> None:
             if self._watch is not None:
                 self._watch(CalibrationProgress(len(self._table.rows), self.misfit))
@@ -91,7 +90,7 @@ class StretchComparison:
         mean = Stretch(0, stretch.feed_um_s, stretch.t_on_us, stretch.t_period_us, batches).mean
         return {"statistics": mean.tolist()}
 
-    def residuals(self, simulated: Array) -> Array:
+    def residuals(self, simulated: Floats) -> Floats:
         """Simulated (stretches, 5) less logged statistics, in units of their noise and uncorrelated, (size,)."""
         rows = []
         for number, stretch in enumerate(self.picked):
@@ -101,7 +100,7 @@ class StretchComparison:
             rows.append(np.linalg.solve(self._scales[number][np.ix_(known, known)], apart[known]))
         return np.concatenate(rows)
 
-    def _noise_scales(self, machine: Machine) -> list[Array]:
+    def _noise_scales(self, machine: Machine) -> list[Floats]:
         """Lower triangular roots of the covariance of simulated less logged statistics, one (5, 5) per stretch."""
         # batches of the log know how noisy each stretch is, but not the slow part: walls that are passed for a wire's
         # diameter of travel. How much more stretches vary than their batches say, and how their statistics hang
@@ -126,7 +125,7 @@ class StretchComparison:
         return scales
 
 
-def _variance_of_mean(batches: Array) -> Array:
+def _variance_of_mean(batches: Floats) -> Floats:
     """Variance of each statistic's mean over batches that know nothing of each other, (5,)."""
     known = np.isfinite(batches)
     count = np.maximum(known.sum(axis=0), 2)
@@ -147,7 +146,7 @@ def settle_um(machine: Machine) -> float:
     return SETTLED_DIAMETERS * machine.wire_diameter_um
 
 
-def simulate(machine: Machine, stretch: Stretch, windows: int, seed: int, resolution: str) -> Array:
+def simulate(machine: Machine, stretch: Stretch, windows: int, seed: int, resolution: str) -> Floats:
     """Cut straight at a stretch's feed and setting; return `log.STATISTICS` of its batches, (batches, 5)."""
     # before it is measured the cut goes as far as the log did at this feed and setting, but no further than it
     # takes to settle wholly. If the wire breaks or is driven into the metal, what is missing counts as short

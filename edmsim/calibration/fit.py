@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
 from edmsim.calibration.log import (
@@ -28,6 +27,7 @@ from edmsim.calibration.log import (
 )
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
+from edmsim.geometry import Floats
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import KINDS, with_overrides
@@ -106,8 +106,6 @@ def _part(constant: str) -> str:
     return section if section in ("material", "wire") else "machine"
 
 
-Array = NDArray[np.float64]
-
 DEFAULT_CONSTANTS = ("gap.particle_share", "material.removal_mm3_J", "material.burning_voltage_V")
 """Constants that are fitted by default (ours: every log determines these three)."""
 MOST_STRETCHES = 8  # stretches compared; if the log has more, those whose feeds and settings differ most (ours)
@@ -139,13 +137,13 @@ class Fit:
     constants: tuple[FittedConstant, ...]
     # constants that the log does not determine, with the reason; their values are unchanged
     undetermined: dict[str, str]
-    correlation: Array  # (p, p): correlation of the fitted constants' errors
+    correlation: Floats  # (p, p): correlation of the fitted constants' errors
     # squared residuals in units of their noise, per degree of freedom: about 1 if the model reproduces the log. If it
     # is above 1, its square root widens the intervals.
     misfit: float
     stretches: list[Stretch]  # compared stretches of the log
-    simulated: Array  # (stretches, 5): `log.STATISTICS` of the fitted model
-    noise: Array  # (stretches, 5): standard deviation of simulated less logged statistics by chance
+    simulated: Floats  # (stretches, 5): `log.STATISTICS` of the fitted model
+    noise: Floats  # (stretches, 5): standard deviation of simulated less logged statistics by chance
 
 
 @refuses_wrong_types
@@ -260,17 +258,17 @@ class _Search:
         values, ranges = [start_values[name].value for name in names], [start_values[name].range for name in names]
         self.ranges = [bounds for bounds in ranges if bounds is not None]
         starts = [share_of(bounds, value) for bounds, value in zip(self.ranges, values, strict=True)]
-        self.shares: Array = np.clip(starts, 0.05, 0.95)
-        self.simulated: Array = np.zeros((0, 5))
-        self.information: Array = np.zeros((0, 0))
+        self.shares: Floats = np.clip(starts, 0.05, 0.95)
+        self.simulated: Floats = np.zeros((0, 5))
+        self.information: Floats = np.zeros((0, 0))
         self.misfit = math.nan
         self._start = start
 
-    def machine(self, shares: Array) -> Machine:
+    def machine(self, shares: Floats) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
         return with_values(self._start, self.values(shares))
 
-    def values(self, shares: Array) -> dict[str, float]:
+    def values(self, shares: Floats) -> dict[str, float]:
         """Return the constants' values at these shares of their ranges."""
         return {
             name: value_at(bounds, float(share))
@@ -297,19 +295,19 @@ class _Search:
         )  # fmt: skip
         self.shares = found.x
 
-    def _statistics(self, places: Sequence[Array]) -> Array:
+    def _statistics(self, places: Sequence[Floats]) -> Floats:
         """Simulate at these shares, (places, stretches, 5); no cut is made twice."""
         return self.comparison.statistics([self.machine(place) for place in places])
 
-    def _residuals(self, shares: Array) -> Array:
+    def _residuals(self, shares: Floats) -> Floats:
         residuals = self.comparison.residuals(self._statistics([shares])[0])
         self.comparison.misfit = self._misfit(residuals)
         return residuals
 
-    def _misfit(self, residuals: Array) -> float:
+    def _misfit(self, residuals: Floats) -> float:
         return float(residuals @ residuals) / (self.comparison.size - len(self.names))
 
-    def _around(self, shares: Array) -> list[tuple[Array, Array]]:
+    def _around(self, shares: Floats) -> list[tuple[Floats, Floats]]:
         """Places below and above in every constant, within the ranges."""
         pairs = []
         for place in range(len(shares)):
@@ -319,11 +317,11 @@ class _Search:
             pairs.append((low, high))
         return pairs
 
-    def _sensitivities(self, shares: Array) -> Array:
+    def _sensitivities(self, shares: Floats) -> Floats:
         """Change of the residuals per share of the range, (size, p)."""
         return self._slopes(shares)[0]
 
-    def _slopes(self, shares: Array) -> tuple[Array, Array]:
+    def _slopes(self, shares: Floats) -> tuple[Floats, Floats]:
         """Return `_sensitivities`, and over which part of the range each was taken, (p,)."""
         # a cut that jams on one side says that it jams, not how the statistics change: the other side alone
         # tells then
@@ -339,20 +337,20 @@ class _Search:
             columns.append((self.comparison.residuals(rows[1]) - self.comparison.residuals(rows[0])) / spans[-1])
         return np.column_stack(columns), np.array(spans)
 
-    def information_at(self, shares: Array) -> Array:
+    def information_at(self, shares: Floats) -> Floats:
         """J^T J less what noise alone puts into it, (p, p)."""
         # half of a residual's variance is the simulation's, so a sensitivity has that of two of them, 2 *
         # 1/2, over span^2; over all residuals this adds up in the diagonal
         sensitivities, spans = self._slopes(shares)
         return np.asarray(sensitivities.T @ sensitivities - np.diag(self.comparison.size / spans**2))
 
-    def covariance(self) -> Array | None:
+    def covariance(self) -> Floats | None:
         """Return the covariance of the errors in shares, widened by the misfit; None if the log leaves some open."""
         if np.linalg.eigvalsh(self.information)[0] <= 0:
             return None
         return np.asarray(np.linalg.inv(self.information) * max(1.0, self.misfit))
 
-    def standard_errors(self) -> Array:
+    def standard_errors(self) -> Floats:
         """Return the standard errors in shares of the ranges; infinite for the least determined constant."""
         covariance = self.covariance()
         if covariance is not None:
@@ -371,7 +369,7 @@ def remark(share: float, half: float) -> str:
     return "; ".join([*at_end, *cut_off])
 
 
-def _result(search: _Search, error: Array, undetermined: dict[str, str]) -> Fit:
+def _result(search: _Search, error: Floats, undetermined: dict[str, str]) -> Fit:
     from scipy.stats import t as student
 
     covariance = search.covariance()

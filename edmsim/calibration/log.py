@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import finite_mean
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 # A log's file: Parquet, or CSV as machines and spreadsheets write it, with commas, semicolons or tabs.
 
-Array = NDArray[np.float64]
 PARQUET = b"PAR1"
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
@@ -40,7 +39,7 @@ _NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # what stands for a number t
 class LogTable(NamedTuple):
     """Columns by name, and the metadata of the file, if it has some."""
 
-    columns: dict[str, Array]
+    columns: dict[str, Floats]
     metadata: dict[bytes, bytes]
 
 
@@ -75,7 +74,7 @@ def _of_parquet(content: bytes, needed: Sequence[str], optional: Sequence[str], 
     return LogTable(columns, dict(table.schema.metadata or {}))
 
 
-def _numbers(table: pa.Table, name: str, file: Path) -> Array:
+def _numbers(table: pa.Table, name: str, file: Path) -> Floats:
     import pyarrow as pa
 
     try:
@@ -102,7 +101,7 @@ def _text(content: bytes, file: Path) -> str:
         raise InputError(f"is {what}; a log is CSV in UTF-8, or Parquet", file) from None
 
 
-def _of_csv(text: str, needed: Sequence[str], optional: Sequence[str], file: Path) -> dict[str, Array]:
+def _of_csv(text: str, needed: Sequence[str], optional: Sequence[str], file: Path) -> dict[str, Floats]:
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     first = next((number for number, line in enumerate(lines) if line.strip()), None)
     if first is None:
@@ -160,7 +159,7 @@ def _chosen(there: Sequence[str], needed: Sequence[str], optional: Sequence[str]
     return chosen
 
 
-def _column(name: str, place: int, rows: list[tuple[int, list[str]]], has_decimal_comma: bool, file: Path) -> Array:
+def _column(name: str, place: int, rows: list[tuple[int, list[str]]], has_decimal_comma: bool, file: Path) -> Floats:
     found = np.empty(len(rows))
     for k, (number, row) in enumerate(rows):
         text = row[place].strip()
@@ -186,7 +185,7 @@ FEED_SPAN_S = 4.0
 _MOST = 1e6  # no figure of a log is as large (ours): times of a second, feeds of a metre per second
 
 
-def read(file: Path) -> dict[str, Array] | None:
+def read(file: Path) -> dict[str, Floats] | None:
     """Return the windows of a log of ratios; None for a file without their columns."""
     mark = "short_ratio"
     try:
@@ -198,7 +197,7 @@ def read(file: Path) -> dict[str, Array] | None:
     return windows_of(table.columns, file)
 
 
-def windows_of(columns: Mapping[str, Array], file: str | Path) -> dict[str, Array]:
+def windows_of(columns: Mapping[str, Floats], file: str | Path) -> dict[str, Floats]:
     """Return the columns of windows that a log of ratios comes to, with the names of `edmsim.calibration.log`."""
     # counts are shares of 255 pulses, and no whole numbers. Delays are not known; voltage and current are if
     # the log has them. The feed is the speed at which the place has moved over `FEED_SPAN_S`, forward or back
@@ -213,7 +212,7 @@ def windows_of(columns: Mapping[str, Array], file: str | Path) -> dict[str, Arra
     return whole
 
 
-def _check_ratios(columns: Mapping[str, Array], file: str | Path) -> None:
+def _check_ratios(columns: Mapping[str, Floats], file: str | Path) -> None:
     time = columns["t_s"]
     if len(time) < 2:
         raise InputError("has fewer than two rows", file)
@@ -236,7 +235,7 @@ def _check_ratios(columns: Mapping[str, Array], file: str | Path) -> None:
 
 
 def _refuse(
-    wrong: Mapping[str, NDArray[np.bool_]], columns: Mapping[str, Array], what: str, rule: str, file: str | Path
+    wrong: Mapping[str, NDArray[np.bool_]], columns: Mapping[str, Floats], what: str, rule: str, file: str | Path
 ) -> None:
     """Raise `InputError` for the first row of the first column in which a value is wrong."""
     for name, rows in wrong.items():
@@ -245,13 +244,13 @@ def _refuse(
             raise InputError(f"{what} {row + 1}: {name} {columns[name][row]:g} cannot be; {rule}", file)
 
 
-def _same_settings(columns: Mapping[str, Array]) -> list[tuple[int, int]]:
+def _same_settings(columns: Mapping[str, Floats]) -> list[tuple[int, int]]:
     """First row and the one behind the last, of every run of rows at one setting."""
     changes = (np.diff(columns["t_on_us"]) != 0) | (np.diff(columns["t_period_us"]) != 0)
     return list(pairwise([0, *(np.flatnonzero(changes) + 1).tolist(), len(columns["t_s"])]))
 
 
-def _of_setting(columns: Mapping[str, Array], first: int, last: int) -> dict[str, Array]:
+def _of_setting(columns: Mapping[str, Floats], first: int, last: int) -> dict[str, Floats]:
     rows = {name: values[first:last] for name, values in columns.items()}
     time, on_us, period_us = rows["t_s"], rows["t_on_us"][0], rows["t_period_us"][0]
     window_s = WINDOW_PULSES * period_us * 1e-6
@@ -259,7 +258,7 @@ def _of_setting(columns: Mapping[str, Array], first: int, last: int) -> dict[str
     ends = time[0] + window_s * np.arange(1, int((time[-1] - time[0]) / window_s + 1e-9) + 1)
     begins = ends - window_s
 
-    def mean(name: str) -> Array:
+    def mean(name: str) -> Floats:
         upto = np.concatenate([[0.0], np.cumsum(rows[name][1:] * np.diff(time))])
         return np.asarray((np.interp(ends, time, upto) - np.interp(begins, time, upto)) / window_s)
 
@@ -303,7 +302,7 @@ class Log:
 
     name: str  # name of its file
     # (n,): `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN if no pulse ignited
-    columns: Mapping[str, Array]
+    columns: Mapping[str, Floats]
     settings: CutSettings | None = None  # settings of a simulated cut; None if the file has none
 
     def __len__(self) -> int:
@@ -318,11 +317,11 @@ class Stretch:
     feed_um_s: float  # feed_um_s, t_on_us, t_period_us: mean feed, and the generator's setting
     t_on_us: float
     t_period_us: float
-    batches: Array  # (b, 5): `STATISTICS` of batches of `BATCH_WINDOWS` windows
+    batches: Floats  # (b, 5): `STATISTICS` of batches of `BATCH_WINDOWS` windows
     travelled_um: float = 0.0  # travel at this feed and setting before it
 
     @property
-    def mean(self) -> Array:
+    def mean(self) -> Floats:
         """`STATISTICS` of the whole stretch, (5,); NaN where no batch has one."""
         return finite_mean(self.batches, axis=0)
 
@@ -367,7 +366,7 @@ def _settings(table: LogTable, file: str | Path) -> CutSettings | None:
         raise InputError(f"the settings in its metadata cannot be read: {error.reason}", file) from None
 
 
-def _check(columns: Mapping[str, Array], file: str | Path) -> None:
+def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
     pulses = columns["short"] + columns["open"]
     wrong = {
         "short": ~((columns["short"] >= 0) & (pulses <= WINDOW_PULSES)),
@@ -444,7 +443,7 @@ def _turn_deg(log: Log, first: int, settle_um: float) -> float:
     return float(np.degrees(np.ptp(np.unwrap(np.arctan2(ways[:, 1], ways[:, 0])))))
 
 
-def statistics(short: Array, open_: Array, voltage_V: Array, current_A: Array, delay_us: Array) -> Array:
+def statistics(short: Floats, open_: Floats, voltage_V: Floats, current_A: Floats, delay_us: Floats) -> Floats:
     """Return `STATISTICS` of whole batches of windows, (batches, 5); the delay is that of ignited pulses, or NaN."""
     count = len(short) // BATCH_WINDOWS
     lit = np.where(np.isfinite(delay_us), WINDOW_PULSES - short - open_, 0.0)

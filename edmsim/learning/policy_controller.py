@@ -15,13 +15,12 @@ from edmsim.envs.observation_builder import ObservationBuilder, window_of
 from edmsim.envs.part_task import Part
 from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE, SUB_ENV
 from edmsim.errors import InputError
-from edmsim.geometry import CORNER_DEG, Polyline
+from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
 from edmsim.snapshots import Snapshots
 
-Floats = NDArray[np.float64]
 _ONLY = np.zeros(1, np.int64)
 
 
@@ -217,7 +216,7 @@ class PassPolicy:
         """Begin a part."""
         self._memory = self.policy.fresh_memory()
 
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float64]:
+    def act(self, observation: NDArray[np.float32]) -> Floats:
         """Return the policy's action for an observation."""
         action, self._memory = self.policy.act(observation, self._memory)
         return action

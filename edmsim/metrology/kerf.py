@@ -3,16 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import Polyline, left_of
+from edmsim.geometry import Floats, Polyline, left_of
 from edmsim.metrology import profile
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import WireContour
-
-Floats = NDArray[np.float64]
 
 KERF_STEP_MM = 0.05
 KERF_CLEARANCE_MM = 0.5

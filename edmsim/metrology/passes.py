@@ -7,15 +7,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.geometry import Polyline, arc_lengths, left_of
+from edmsim.geometry import Floats, Polyline, arc_lengths, left_of
 from edmsim.metrology import profile
 from edmsim.metrology.edges import contour
 from edmsim.metrology.kerf import MAX_KERF_OVER_WIRE, wall_distance_um
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.outline import Side
 from edmsim.program.passes import CutPass
-
-Floats = NDArray[np.float64]
 
 STEP_MM = 0.05
 CLEARANCE_MM = 0.4  # nearer than this to a corner, or to either end of a pass, the wall is not looked at

@@ -14,18 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from edmsim.controllers.axis.elcam.file import PATH, PLACES, StepCompensation
 from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.geometry import Polyline, left_of
+from edmsim.geometry import Floats, Polyline, left_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CORNER_REACH_MM, EDGE_CORNER_DEG, ProfileError, wire_line
 from edmsim.plant.axes.ways import StillTable
 from edmsim.program.offset import REACH_TOLERANCE_MM
 from edmsim.program.path import WireContour
-
-Floats = NDArray[np.float64]
 
 _JUMP_UM = 300.0  # places of a way further apart than this are not joined (ours: a window is some um of way)
 

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
 from edmsim.cosim.straight import Cut, cut_straight
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import constants, gap_law, modal_model, wire_setup
 from edmsim.plant.gap.breakdown import slice_sums
@@ -36,8 +36,6 @@ CAP = "ambient pressure on the wire's diameter (closed form)"
 PAGE = "docs/theory/gas.md"
 FAST = resolution("fast")
 SKIP = f"the film of a slice is followed where its front gap is under {FAST.film_from_um:g} um; that this is enough"
-
-Array = NDArray[np.float64]
 
 
 # --- gas ---
@@ -75,20 +73,20 @@ def check_gas_share(seeds: Sequence[int]) -> list[Row]:
 # --- film ---
 
 
-def _half_kerf(front_um: float, side_um: float) -> tuple[Array, Array]:
+def _half_kerf(front_um: float, side_um: float) -> tuple[Floats, Floats]:
     """Angles and gaps of rays on the front half of a wire that leads its kerf's axis."""
     angle = math.pi * ((np.arange(128) + 0.5) / 128 - 0.5)
     return angle, side_um - (side_um - front_um) * np.cos(angle)
 
 
-def _whole_kerf(front_um: float, side_um: float) -> tuple[Array, Array]:
+def _whole_kerf(front_um: float, side_um: float) -> tuple[Floats, Floats]:
     """Angles and gaps as in `_half_kerf`, and of as many rays that meet the straight walls behind."""
     angle, gaps = _half_kerf(front_um, side_um)
     behind = angle + math.pi
     return np.append(angle, behind), np.append(gaps, (125.0 + side_um) / np.abs(np.sin(behind)) - 125.0)
 
 
-def film_N_s_m2(angle: Array, gaps: Array) -> float:
+def film_N_s_m2(angle: Floats, gaps: Floats) -> float:
     """Resistance of the film before the default wire in water of 20 C, by the sum over rays that the loop takes."""
     zero, one = np.float32(0.0), np.float32(1.0)
     across = film_sum(rays_with(gaps, angle), 0, zero, zero, one, zero)
@@ -130,7 +128,7 @@ def _quiet_slot(gap_um: float, t_period_us: float, ahead_um: float = 0.0) -> tup
     return plant, float(12 * 1e-3 * 125.0**3 * 2 * math.pi / gaps.shape[1] * sum_)
 
 
-def _let_go(plant: Plant, mode_um: float, pulses: int) -> tuple[Array, Array]:
+def _let_go(plant: Plant, mode_um: float, pulses: int) -> tuple[Floats, Floats]:
     """Deflect a wire by its first mode and let it go: coordinate and speed of that mode before every pulse."""
     state = plant.snapshot()
     state["wire_q"][:], state["wire_v"][:] = 0.0, 0.0

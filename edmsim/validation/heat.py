@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import heat_law, height_share
 from edmsim.plant.kernel.declare import allocate, sizes_of
@@ -26,7 +26,6 @@ STEP_US = 100.0
 SETTLE_S = 0.5  # over twenty time constants of the thickest wire
 
 
-
 def _wire(machine: Machine, law: HeatLaw) -> Arrays:
     """Return slices of a wire at the water's temperature, in water that stands."""
     res = resolution("default")
@@ -37,7 +36,7 @@ def _wire(machine: Machine, law: HeatLaw) -> Arrays:
     return a
 
 
-def _currents(a: Arrays) -> NDArray[np.float64]:
+def _currents(a: Arrays) -> Floats:
     """Return the integrals of the squared current in the slices' wire, in A2 us."""
     found = np.empty(len(a.temperature_K))
     add_currents(a, found)

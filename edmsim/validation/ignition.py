@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
-from numpy.typing import NDArray
 from scipy.stats import kstest
 
 from edmsim import models
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Gap
 from edmsim.machine.pulse_window import PulseWindow
@@ -20,8 +20,6 @@ from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.plant.plant import Plant
 from edmsim.validation.rows import Check, Row, differences
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
-
-Array = NDArray[np.float64]
 
 SPARC = "SPARC (ETH, MIT licence), ignition law"
 ESTEVES = "Esteves, Hensen, Kuffa, Wegener, J. Manuf. Mater. Process. 7(5):177 (2023)"
@@ -51,7 +49,7 @@ def hole_gap_um(machine: Machine, gap_um: float, seed: int) -> float:
     return 2 * gap_um - float(ray_gaps_um(first).mean())
 
 
-def ray_gaps_um(plant: Plant) -> Array:
+def ray_gaps_um(plant: Plant) -> Floats:
     """Gaps the rays of a plant see, of all slices."""
     return np.asarray(plant.snapshot()["edge_um"], float).ravel()
 
@@ -63,7 +61,7 @@ def _quiet(machine: Machine, voltage_V: float) -> Machine:
     return altered(machine.with_(height_mm=reference_mm / 2), constants)
 
 
-def delays_us(gap_um: float, seeds: Sequence[int], draws: int = DRAWS) -> tuple[Array, Array]:
+def delays_us(gap_um: float, seeds: Sequence[int], draws: int = DRAWS) -> tuple[Floats, Floats]:
     """Draw delays in us at a gap, `draws` per seed, at the reference voltage and area; and the gaps the rays see."""
     machine = Machine.load(generator="iso-energetic", t_on_us=1.0)
     machine = _quiet(machine, machine.base.gap.reference_voltage_V.value)
@@ -75,7 +73,7 @@ def delays_us(gap_um: float, seeds: Sequence[int], draws: int = DRAWS) -> tuple[
     return np.array(drawn), ray_gaps_um(plant)
 
 
-def median_and_interval(values: Array) -> tuple[float, float]:
+def median_and_interval(values: Floats) -> tuple[float, float]:
     """Median of draws and half the width of its 95 % interval, from order statistics."""
     ordered, n = np.sort(values), len(values)
     aside = 1.96 * math.sqrt(n) / 2
@@ -83,7 +81,7 @@ def median_and_interval(values: Array) -> tuple[float, float]:
     return float(np.median(values)), float(high - low) / 2
 
 
-def mixture(delay_us: Array, gaps_um: Array, gap: Gap) -> Array:
+def mixture(delay_us: Floats, gaps_um: Floats, gap: Gap) -> Floats:
     """Distribution function the model claims for patches of equal area at `gaps_um`, on the reference area."""
     # written from the theory page, not from the loop's code: any site primed with probability 1 - exp(-W), then
     # a Weibull delay; an exponential delay with the mean of the patches' rates otherwise; and a normal
@@ -114,7 +112,7 @@ def check_isolated_gap(seeds: Sequence[int]) -> list[Row]:
     ]
 
 
-def _median_row(gap_um: float, published_us: float, delays: Array) -> Row:
+def _median_row(gap_um: float, published_us: float, delays: Floats) -> Row:
     median, half = median_and_interval(delays)
     return Row.value(
         "ignition", f"median delay at {gap_um:g} um", SPARC, published=published_us, simulated=median,
@@ -122,7 +120,7 @@ def _median_row(gap_um: float, published_us: float, delays: Array) -> Row:
     )
 
 
-def short_share(gap_um: float, delays: Array) -> tuple[float, float]:
+def short_share(gap_um: float, delays: Floats) -> tuple[float, float]:
     """Share of delays beyond those of the long branch alone, and its 95 % half width."""
     long = 1 - 2 ** (-SHORT_BRANCH_US / (0.48 * gap_um**2 - 3.69 * gap_um + 14.05))
     early = float(np.mean(delays < SHORT_BRANCH_US))
@@ -130,7 +128,7 @@ def short_share(gap_um: float, delays: Array) -> tuple[float, float]:
     return (early - long) / (1 - long), half / (1 - long)
 
 
-def _regime_rows(delays: dict[float, Array]) -> list[Row]:
+def _regime_rows(delays: dict[float, Floats]) -> list[Row]:
     shares = {gap: short_share(gap, values) for gap, values in delays.items()}
     gaps, share = list(shares), [value for value, _ in shares.values()]
     critical = float(np.interp(-0.5, [-value for value in share], gaps))
@@ -148,7 +146,7 @@ def _regime_rows(delays: dict[float, Array]) -> list[Row]:
     ]
 
 
-def _mixture_row(gap_um: float, delays: Array, gaps_um: Array) -> Row:
+def _mixture_row(gap_um: float, delays: Floats, gaps_um: Floats) -> Row:
     claimed = mixture(delays, gaps_um, Machine.load().base.gap)  # uniform, if the delays are what is claimed
     return Row.band(
         "ignition", f"Kolmogorov-Smirnov p of {len(delays)} delays at {gap_um:g} um", "the model's own claim",

@@ -7,19 +7,17 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from edmsim.cosim.passes import PassRecord
 from edmsim.cosim.simulation import Simulation
 from edmsim.evaluation.technology import Job, cut_in_passes, cut_pass
+from edmsim.geometry import Floats
 from edmsim.machine.technology import Technology, technology_for
 from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error
 from edmsim.metrology.roughness import face_roughness_um
 from edmsim.metrology.shares import unreachable_um
 from edmsim.validation.rows import Check, Row, differences, worst
-
-Floats = NDArray[np.float64]
 
 SHOP = "a job shop's table for 1 to 7 passes, brass 0.254 mm, steel, 25.4 mm high (second hand)"
 TALL = "one cut of the same shop, 76.2 mm high (second hand)"
