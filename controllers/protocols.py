@@ -1,7 +1,5 @@
 """What a feed controller observes, what it commands, and which methods it needs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
@@ -48,7 +46,7 @@ class WindowObservation(NamedTuple):
     fifths: tuple[int, ...] = (0, 0, 0, 0, 0)
 
     @classmethod
-    def of(cls, window: PulseWindow, time_ns: int, feed_um_s: float, path_um: float) -> WindowObservation:
+    def of(cls, window: PulseWindow, time_ns: int, feed_um_s: float, path_um: float) -> "WindowObservation":
         """Return the observation of a window; every observation is made here.
 
         Parameters

@@ -1,7 +1,5 @@
 """Progress bars; in a file or a pipe, a line from time to time."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -43,7 +41,7 @@ class ShownProgress:
         self._drawn_s = time.monotonic()
         self._line = ""
 
-    def __enter__(self) -> ShownProgress:
+    def __enter__(self) -> "ShownProgress":
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:

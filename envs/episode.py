@@ -1,7 +1,5 @@
 """One episode of an environment without Gymnasium, for controllers that command feeds and settings."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -164,7 +162,7 @@ class Task:
         """Terms of the last window's reward by name."""
         return {name: float(values[0]) for name, values in self._account.terms.items()}
 
-    def recorder(self) -> EpisodeRecorder:
+    def recorder(self) -> "EpisodeRecorder":
         """Return a recorder of the episode that has just begun; actions are the commands."""
         from edmsim.envs.recorder import EpisodeRecorder
 

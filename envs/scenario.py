@@ -1,7 +1,5 @@
 """Initial state of an episode: machine, stock, path, and the drawn values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -50,8 +48,8 @@ class Scenario(NamedTuple):
     plant_seed: int
     drawn: dict[str, float | str]  # the drawn values by name, for `info`
     # the edges of the part program, one for every leg; empty without a program
-    contours: tuple[WireContour, ...] = ()
-    wall: WallLine | None = None  # the wall to be finished by the only leg, along +x
+    contours: "tuple[WireContour, ...]" = ()
+    wall: "WallLine | None" = None  # the wall to be finished by the only leg, along +x
     drift: Drift | None = None  # changes of the machine during the episode
 
 

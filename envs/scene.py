@@ -1,7 +1,5 @@
 """The geometry that pictures of an environment draw: its path or drawing, and the remaining metal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,7 +15,7 @@ if TYPE_CHECKING:
     from edmsim.envs.sub_envs import SubEnvs
 
 
-def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
+def path_scene(sub_envs: "SubEnvs", index: int) -> Scene:
     """Return a cut quickly, for a picture at every step: the wire's path, and the edges at mid height."""
     scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]
     assert scenario is not None
@@ -37,7 +35,7 @@ def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
     return replace(scene, cut_edges_mm=tuple(edges))
 
 
-def scene_of(sub_envs: SubEnvs, index: int) -> Scene:
+def scene_of(sub_envs: "SubEnvs", index: int) -> Scene:
     """Return a cut, measured: every slice's edges, and where a program is cut its drawing with the errors."""
     scene = path_scene(sub_envs, index)
     scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]

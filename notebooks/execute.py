@@ -7,8 +7,6 @@
 A notebook that fails or writes to stderr leaves its file as it was.
 """
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import base64
@@ -101,7 +99,7 @@ def make_small(notebook: NotebookNode) -> None:
 class Kernel:
     """A process that executes notebooks one after the other, each in an empty folder and with no names of another."""
 
-    def __enter__(self) -> Kernel:
+    def __enter__(self) -> "Kernel":
         self._own = tempfile.TemporaryDirectory()
         self._runner = asyncio.Runner()
         self._manager = OwnKernel(ip=f"{self._own.name}/kernel")

@@ -6,8 +6,6 @@ routine's settings and the routine's speed into a feed. `McuController` runs it 
 machine; both give the same cut, bit for bit.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
@@ -198,7 +196,7 @@ class _Setup(NamedTuple):
     corners_um: tuple[float, ...] = ()  # up to every corner, over all legs
 
     @classmethod
-    def of(cls, machine: Machine, points_um: NDArray[Any], start_um: float) -> _Setup:
+    def of(cls, machine: Machine, points_um: NDArray[Any], start_um: float) -> "_Setup":
         """Read the dials and the drawing."""
         pulses = PulseSettings(pulse_A=discharge_current_A(machine))
         t_i, t_p = pulses.code_of_t_i(machine.t_on_us), pulses.code_of_t_p(machine.t_period_us)

@@ -13,8 +13,6 @@ A law names its parts and its own defaults; its parameters are those of its part
 FeedCommand(feed_um_s=2.0, alarm=None, t_on_us=None, t_period_us=None, latency_s=0.0, offset_um=0.0)
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -150,12 +148,12 @@ class Measure(Part, ABC):
 class PeriodRule(Part):
     """Chooses the setting of the generator; by default the operator's."""
 
-    def first_setting_us(self, law: ServoLaw) -> tuple[float | None, float | None]:
+    def first_setting_us(self, law: "ServoLaw") -> tuple[float | None, float | None]:
         """Return on-time and period for the beginning of a leg or wire; None keeps the present ones."""
         return None, None
 
     def next_setting_us(
-        self, window: protocols.WindowObservation, law: ServoLaw
+        self, window: protocols.WindowObservation, law: "ServoLaw"
     ) -> tuple[float | None, float | None]:
         """Return on-time and period of the next window; called before the servo's update."""
         return None, None

@@ -1,7 +1,5 @@
 """Planners by name: from a path and a speed to the steps of two motors."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -30,7 +28,7 @@ class Course(NamedTuple):
     def of(
         cls, kind: int, points_um: ArrayLike, speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um",
         step_um: float = STEP_UM, start: int = 0,
-    ) -> Course:
+    ) -> "Course":
         """Begin a path (n, 2) for a kind of `record` at a point of it; refuses what the planner cannot count."""
         # lengths count from that point, so those of the points before it are negative: only a retract comes there
         array = np.asarray(points_um, np.float64)
@@ -158,7 +156,7 @@ _ROOM = 64  # steps of a window for which there is room at first
 class RowPlanner:
     """Runs a course by compiled code; see `Planner` and `make_planner`."""
 
-    def __init__(self, course: Course, kind: Kind) -> None:
+    def __init__(self, course: Course, kind: "Kind") -> None:
         self.speed_unit_nm_s, self.max_feed_um_s = kind.speed_unit_nm_s, kind.max_feed_um_s
         self._max_speed = kind.max_speed
         self._course = course

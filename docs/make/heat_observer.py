@@ -5,8 +5,6 @@ critical flux drawn for it. A recurrent network learns the wire's true temperatu
 by window. Then a law holds what the network says, and cuts other machines beside `heat-flux`. Needs the extra `rl`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -72,7 +70,7 @@ class Recorded(NamedTuple):
     counts: NDArray[np.bool_]
     hidden: Floats
 
-    def with_hidden(self) -> Recorded:
+    def with_hidden(self) -> "Recorded":
         """Return it as if the constants were seen."""
         return self._replace(visible=np.hstack([self.visible, np.tile(self.hidden, (len(self.visible), 1))]))
 

@@ -4,8 +4,6 @@ A computer is not equally fast all the time, and others use it too. So both revi
 time (but for several threads, which the clock times), and the ratio is reported.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -145,7 +143,7 @@ def as_numbers(pairs: Pairs) -> dict[str, object]:
     return {"against": pairs.commit, "figures": figures}
 
 
-def render(pairs: Pairs) -> RenderableType:
+def render(pairs: Pairs) -> "RenderableType":
     """Return a comparison as a table for the terminal."""
     from edmsim.screen import ScreenTable
 

@@ -4,8 +4,6 @@ The loop is compiled once more, with marks (`edmsim.compiled.specialised`), and 
 again which part it is in. The loop without marks, whose time per pulse is shared out, runs by turns with it.
 """
 
-from __future__ import annotations
-
 import itertools
 import random
 import statistics
@@ -178,7 +176,7 @@ def as_numbers(found: dict[str, LoopProfile]) -> dict[str, object]:
     }  # fmt: skip
 
 
-def render(found: dict[str, LoopProfile]) -> RenderableType:
+def render(found: dict[str, LoopProfile]) -> "RenderableType":
     """Return the profiles as a table for the terminal."""
     from edmsim.screen import ScreenTable
 
@@ -193,7 +191,7 @@ def render(found: dict[str, LoopProfile]) -> RenderableType:
     return table
 
 
-def draw(found: dict[str, LoopProfile]) -> Figure:
+def draw(found: dict[str, LoopProfile]) -> "Figure":
     """Return the profiles as a figure: a bar for each part and resolution."""
     from edmsim.recording.figures.palette import BLUE, ORANGE
     from edmsim.recording.figures.style import LABEL_PT, column_figure, dress, legend

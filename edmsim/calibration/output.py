@@ -1,7 +1,5 @@
 """Outputs of a calibration: files for ``edmsim cut``, a table for the terminal, JSON for scripts."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -45,7 +43,7 @@ def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -
     return files
 
 
-def _with_sources(fit: Fit, log_name: str) -> Machine:
+def _with_sources(fit: Fit, log_name: str) -> "Machine":
     """Return the fitted machine; every fitted constant says where it comes from, and keeps its range."""
     fitted = {constant.name: constant for constant in fit.constants}
     changed = {}
@@ -61,7 +59,7 @@ def _with_sources(fit: Fit, log_name: str) -> Machine:
     return with_constants(fit.machine, changed)
 
 
-def _wire(machine: Machine) -> BaseModel:
+def _wire(machine: "Machine") -> BaseModel:
     """Return the wire with the diameter it was used with: a file's name cannot carry one."""
     diameter = machine.wire.default_diameter_um.model_copy(update={"value": machine.wire_diameter_um})
     return machine.wire.model_copy(update={"default_diameter_um": diameter})
@@ -82,7 +80,7 @@ def _item(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def render(fit: Fit, resolution: str) -> RenderableType:
+def render(fit: Fit, resolution: str) -> "RenderableType":
     """Return the fit for the terminal: constants, undetermined ones, correlations, log and model."""
     from rich.console import Group
     from rich.text import Text
@@ -147,7 +145,7 @@ def refusal(fit: Fit) -> list[str]:
     return []
 
 
-def _comparison_table(fit: Fit) -> RenderableType:
+def _comparison_table(fit: Fit) -> "RenderableType":
     """Statistics of the log and of the fitted model, stretch by stretch."""
     from edmsim.screen import ScreenTable
 

@@ -1,7 +1,5 @@
 """Shared by all commands: standard output and error, exit statuses, and common options."""
 
-from __future__ import annotations
-
 import codecs
 import signal
 import sys
@@ -58,7 +56,7 @@ def print_line(text: str) -> None:
 
 
 @contextmanager
-def interruptible(then: str | Callable[[], str] = RESUME, keep: bool = False) -> Iterator[ShownProgress]:
+def interruptible(then: str | Callable[[], str] = RESUME, keep: bool = False) -> "Iterator[ShownProgress]":
     """Yield what shows progress; Ctrl-C ends the command with one line, which says what to do then."""
     from edmsim.progress import ShownProgress
 

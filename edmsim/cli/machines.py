@@ -1,7 +1,5 @@
 """Commands of machines: measure, gap, console."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import sys
@@ -176,7 +174,7 @@ def gap(
         say(rig.gap.lost)
 
 
-def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: float) -> None:
+def _run(rig: "Rig", has_ports: bool, speed: float, seconds: float | None, feed: float) -> None:
     if seconds is not None and not 0 < seconds < math.inf:
         raise InputError(f"--seconds is above 0, not {seconds:g}")
     if has_ports:
@@ -194,7 +192,7 @@ def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: f
             rig.frame()
 
 
-def _write_delays(set_up: Machine, file: Path, seed: int) -> None:
+def _write_delays(set_up: "Machine", file: Path, seed: int) -> None:
     from edmsim.files import check_suffix, make_writable
     from edmsim.hil.delays import delay_table, write_delays
     from edmsim.progress import ShownProgress
@@ -207,7 +205,7 @@ def _write_delays(set_up: Machine, file: Path, seed: int) -> None:
     say(f"{len(rows)} gaps and voltages in {file}")
 
 
-def _write_fmu(settings: CutSettings, file: Path, gap_um: float) -> None:
+def _write_fmu(settings: "CutSettings", file: Path, gap_um: float) -> None:
     from edmsim.hil.fmu import export_fmu
 
     step_s = export_fmu(file, resolution=settings.resolution, gap_um=gap_um, name=settings.machine, **settings.set_up)

@@ -1,7 +1,5 @@
 """Options of a cut as options of commands: names, types, defaults and help from where they are declared."""
 
-from __future__ import annotations
-
 import inspect
 import itertools
 from collections.abc import Callable
@@ -114,7 +112,7 @@ def _with_names(parameter: inspect.Parameter) -> inspect.Parameter:
     return parameter.replace(annotation=Annotated[kind, listing])
 
 
-def flag(name: str, field: FieldInfo) -> str:
+def flag(name: str, field: "FieldInfo") -> str:
     """Return an option as it is typed."""
     from edmsim.machine.options import Flag, bare_name, fact
 
@@ -122,7 +120,7 @@ def flag(name: str, field: FieldInfo) -> str:
     return "--" + (own.name if own is not None and own.name else bare_name(name).replace("_", "-"))
 
 
-def _parameter(name: str, field: FieldInfo, taken: _Taken) -> inspect.Parameter:
+def _parameter(name: str, field: "FieldInfo", taken: _Taken) -> inspect.Parameter:
     from edmsim.machine.options import Flag, fact, meaning
 
     own, help_text = fact(field, Flag) or Flag(), meaning(name, field).replace("``", "").replace("`", "")

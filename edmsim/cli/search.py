@@ -1,7 +1,5 @@
 """Commands with many runs: sweep, and tune, which searches gains, settings, trainings, technologies, drives."""
 
-from __future__ import annotations
-
 import shlex
 import time
 from pathlib import Path
@@ -52,7 +50,7 @@ def run(
     engine = engine_of(ray, processes)
     with interruptible("run the same command to make the missing runs", keep=True) as bar:
 
-        def watch(progress: SweepProgress) -> None:
+        def watch(progress: "SweepProgress") -> None:
             failed = f", {progress.failed} failed" if progress.failed else ""
             text = f"{progress.done} of {progress.total}{failed}"
             bar.show("runs", progress.done, progress.total, text)
@@ -85,7 +83,7 @@ def show(
 
 def _specification(
     what: str, words: list[str], seeds: int | None, machine_samples: int | None, record: list[str] | None
-) -> Specification:
+) -> "Specification":
     """Return the specification of a file, or of the short form."""
     from edmsim.sweep.specification import Specification, read_specification
 
@@ -116,7 +114,7 @@ def _options(words: list[str]) -> dict[str, Any]:
     return found
 
 
-def engine_of(ray: str | None, processes: int | None) -> Engine:
+def engine_of(ray: str | None, processes: int | None) -> "Engine":
     """Return where runs are made: the processes of this computer, or a cluster's."""
     from edmsim.runs import Cluster, Processes
 

@@ -1,7 +1,5 @@
 """An evaluation as a table on the screen or in Markdown, as JSON, and as a page with figures."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -58,7 +56,7 @@ def columns(comparison: Comparison) -> list[str]:
     return [name for name in FIGURES if any(not math.isnan(f[name].value) for f in comparison.figures.values())]
 
 
-def render(comparison: Comparison, width: int) -> RenderableType:
+def render(comparison: Comparison, width: int) -> "RenderableType":
     """Return the table for the terminal, best controller first, and the meaning of its columns.
 
     A wide terminal shows every figure with its interval, a narrow one only the most important figures.
@@ -168,7 +166,7 @@ def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
         partial.write_text("\n".join(parts), encoding="utf-8")
 
 
-def draw_returns(made: Comparison) -> Drawing:
+def draw_returns(made: Comparison) -> "Drawing":
     """Draw the returns of every controller, the best mean on top: a dot for a machine, the mean with its interval."""
     # a machine has the same height within the row of each controller
     from matplotlib.figure import Figure as Drawing

@@ -5,8 +5,6 @@ same report, tables and recording. The program file defines the workpiece and th
 reads the same file.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque
@@ -71,7 +69,7 @@ class ExternalMotion:
         self._run = _Followed(self._link, self._points, self._step_um, self._rapid_um_s, self._time_scale)
         return FeedCommand(0.0)
 
-    def path_run(self, planner: str) -> _Followed | None:
+    def path_run(self, planner: str) -> "_Followed | None":
         """Return the path run that follows the other program."""
         return self._run
 

@@ -6,8 +6,6 @@ where that runs straight, and along the bisector (in steps of `RING_MM`) where i
 as near, the metal has the height of the one the wire cuts first.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -65,7 +63,7 @@ class Heights:
         """The lowest height."""
         return min(self.all_mm)
 
-    def steps(self, path: CutPath, wire_diameter_um: float) -> tuple[LowerRegion, ...]:
+    def steps(self, path: "CutPath", wire_diameter_um: float) -> tuple[LowerRegion, ...]:
         """Return the regions of one height on the table, none if the height never changes."""
         blank = shapely.box(*path.stock_mm)
         steps = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + WIRE_MARGIN_MM)]
@@ -73,7 +71,7 @@ class Heights:
             return ()
         return tuple(LowerRegion(_in_um(region), height) for region, height in [*steps, (blank, self.height_mm)])
 
-    def _areas(self, path: CutPath, blank: BaseGeometry) -> list[tuple[BaseGeometry, float]]:
+    def _areas(self, path: "CutPath", blank: BaseGeometry) -> list[tuple[BaseGeometry, float]]:
         placed = []
         for number, (area, height) in enumerate(self.areas, 1):
             region = shapely.transform(area, lambda mm: mm + path.origin_mm)
@@ -84,7 +82,7 @@ class Heights:
             placed.append((region, height))
         return placed
 
-    def _stretches(self, path: CutPath, reach_mm: float) -> list[tuple[BaseGeometry, float]]:
+    def _stretches(self, path: "CutPath", reach_mm: float) -> list[tuple[BaseGeometry, float]]:
         """Regions of one height along the path; they do not overlap."""
         if not self.along:
             return []

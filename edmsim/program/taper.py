@@ -8,8 +8,6 @@ A wall is ruled: every point of its lower line is joined with one point of the u
 which the wire lies. Between two of these lines both ends move evenly, as four axes do.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -83,7 +81,7 @@ class Ruled:
         """Return the points (n, 2) at a height."""
         return np.asarray(self.lower_mm + self.slope * (height_mm - self.low_mm))
 
-    def moved(self, by_mm: Floats) -> Ruled:
+    def moved(self, by_mm: Floats) -> "Ruled":
         """Return the same surface elsewhere."""
         return replace(self, lower_mm=self.lower_mm + by_mm, upper_mm=self.upper_mm + by_mm)
 
@@ -621,7 +619,7 @@ class Lean:
         lower, upper = self.bends_mm.T
         return np.asarray(((height_mm - lower) / (upper - lower))[:, None])
 
-    def moved(self, by_mm: Floats) -> Lean:
+    def moved(self, by_mm: Floats) -> "Lean":
         """Return the same elsewhere on the table."""
         return replace(self, wall=self.wall.moved(by_mm))
 
@@ -643,7 +641,7 @@ class Way(NamedTuple):
         """Return where it goes at half the workpiece's height."""
         return self.points_um if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
 
-    def moving(self, stops: Sequence[Stop]) -> tuple[Way, NDArray[np.bool_], tuple[Stop, ...]]:
+    def moving(self, stops: Sequence[Stop]) -> "tuple[Way, NDArray[np.bool_], tuple[Stop, ...]]":
         """Return the way without points at which nothing moves, which of its moves stay, and its stops."""
         lean = self.lean
         every = self.points_um if lean is None else np.hstack([self.points_um, lean.upper_um])

@@ -3,8 +3,6 @@
 ``part.npz`` holds it, so that figures can be made again from a cut's folder.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -144,7 +142,7 @@ class Scene:
             f"blank {x1 - x0:.1f} x {y1 - y0:.1f} x {self.height_mm:g} mm>"
         )
 
-    def in_program(self) -> Scene:
+    def in_program(self) -> "Scene":
         """Return the scene in the program's coordinates, its origin at zero; unchanged without a program."""
         if self.origin_mm is None:
             return self

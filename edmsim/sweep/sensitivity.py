@@ -15,8 +15,6 @@ the most explanatory first (orthogonal least squares; Chen et al. 1989), until t
 (F test, times the number of terms). The polynomial's error on runs outside the fit is the unexplained share.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -47,7 +45,7 @@ class Shares(NamedTuple):
     unexplained: float
 
     @classmethod
-    def unknown(cls, factors: int) -> Shares:
+    def unknown(cls, factors: int) -> "Shares":
         """Return unknown shares."""
         return cls([math.nan] * factors, [math.nan] * factors, math.nan, math.nan)
 

@@ -13,8 +13,6 @@ The sign of a compensation: an entry is the error of the axis, its indicated les
 controls use the opposite sign.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence
@@ -227,7 +225,7 @@ _AUXILIARY = Mode.AUXILIARY | Mode.AUXILIARY_ROW
 class TableAccess:
     """One table's object: the calls of `Elcam` without the descriptor."""
 
-    elcam: Elcam
+    elcam: "Elcam"
     index: int
 
     def _descriptor(self, function: int) -> Descriptor:
