@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from sections import DOCS, table
 
-from edmsim.bench.plant import pulses_per_s
+from edmsim.bench.figures import pulses_per_s
 from edmsim.controllers import from_text, make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts

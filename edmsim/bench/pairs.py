@@ -81,7 +81,7 @@ def _git(*arguments: str) -> bytes:
 
 PROGRAM, PAIRS = Path(subject.__file__), 10
 SIZES = "0.1", "5", "1000", "64", "50"
-"""Arguments of `subject`: seconds per spell, spells per figure, windows before timing (see `bench.plant`),
+"""Arguments of `subject`: seconds per spell, spells per figure, windows before timing (see `bench.figures`),
 environments, resets."""
 COMPILING = "0", "1", "1", "1", "1"
 """The same for the first run of either, which only compiles."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from edmsim.bench.plant import FEED_UM_S, SETTLE_WINDOWS
+from edmsim.bench.figures import FEED_UM_S, SETTLE_WINDOWS
 from edmsim.compiled.specialised import marked
 from edmsim.errors import EdmsimError
 from edmsim.machine.machine import Machine

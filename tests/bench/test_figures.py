@@ -5,7 +5,7 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from edmsim.bench import figures, plant
+from edmsim.bench import figures
 from edmsim.errors import InputError
 
 
@@ -14,12 +14,8 @@ def short(monkeypatch):
     """A few windows only, and no new process."""
     for name, value in (
         ("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 4), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
-        ("MEMORY_S", 0.1),
-    ):
-        monkeypatch.setattr(plant, name, value)
-    for name, value in (
-        ("NUM_ENVS", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1), ("KNOB_STEPS", 5), ("RESETS", 2),
-        ("EPISODES", 1), ("CUT_WINDOWS", 2), ("CUT_SETTLE_WINDOWS", 1), ("CALLS", 10), ("REPEATS", 1),
+        ("MEMORY_S", 0.1), ("NUM_ENVS", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1), ("KNOB_STEPS", 5),
+        ("RESETS", 2), ("EPISODES", 1), ("CUT_WINDOWS", 2), ("CUT_SETTLE_WINDOWS", 1), ("CALLS", 10),
         ("SPAN_S", 0.05), ("SERVO_REPEATS", 1),
     ):
         monkeypatch.setattr(figures, name, value)
@@ -62,5 +58,5 @@ def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch):
 
 def test_cold_start_includes_a_window_of_pulses():
     scope: dict[str, object] = {}
-    exec(plant._COLD, scope)
+    exec(figures._COLD, scope)
     assert scope["plant"].pulses == 255

@@ -193,7 +193,7 @@ def test_pictures_of_all_sub_environments(make_envs, monkeypatch):
 
 @pytest.mark.slow
 def test_memory_does_not_grow(make_envs):
-    from edmsim.bench.plant import _resident_MB
+    from edmsim.bench.figures import _resident_MB
 
     envs = make_envs("GapFeed", 4, max_episode_steps=50, randomise=("guides",), tension=(8.0, 12.0))
     envs.reset(seed=1)
