@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from edmsim.controllers.feed import periods
-from edmsim.controllers.feed.adaptive_hold import AdaptiveHold, ClimbingHold, GuardedHold, StreamGauge
 from edmsim.controllers.feed.corners import Corners, OuterCorners, TrueBend
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.controllers.feed.measures import FuzzyRules, MeanDelay, MeanVoltage, OpenShare, ShortShare, TrueGap
+from edmsim.controllers.feed.periods import AdaptiveHold, ClimbingHold, GuardedHold, StreamGauge
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
 from edmsim.snapshots import Snapshots
 

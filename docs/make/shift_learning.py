@@ -13,8 +13,8 @@ import numpy as np
 from sections import DOCS
 
 from edmsim.controllers import from_text
-from edmsim.controllers.feed.adaptive_hold import AdaptiveHold
 from edmsim.controllers.feed.law import ServoLaw
+from edmsim.controllers.feed.periods import AdaptiveHold
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 from edmsim.evaluation.lines import OF_TASK

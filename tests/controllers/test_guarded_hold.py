@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from edmsim import controllers
-from edmsim.controllers.feed.adaptive_hold import GuardedHold, stream_share
 from edmsim.controllers.feed.law import ServoLaw
-from edmsim.controllers.feed.periods import heat_per_ignition_s
+from edmsim.controllers.feed.periods import GuardedHold, heat_per_ignition_s, stream_share
 from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
