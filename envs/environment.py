@@ -38,7 +38,7 @@ from edmsim.numeric import whole_from, whole_within
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmsim.envs.parts import Parts
+    from edmsim.envs.part_task import Parts
     from edmsim.envs.recorder import EpisodeRecorder
 
     Engine: TypeAlias = Batch | Parts  # both have the members that Gymnasium's environments need
@@ -168,8 +168,7 @@ def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
     """Return what runs `count` episodes side by side."""
     if isinstance(family, Family):
         return Batch(family, count, threads)
-    from edmsim.envs.part_task import Part
-    from edmsim.envs.parts import Parts
+    from edmsim.envs.part_task import Part, Parts
 
     assert isinstance(family, Part)
     return Parts(family, count, threads)

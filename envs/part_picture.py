@@ -14,7 +14,7 @@ from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
 if TYPE_CHECKING:
     from edmsim.envs.part_cut import PartCut
-    from edmsim.envs.parts import PartEpisode
+    from edmsim.envs.part_task import PartEpisode
 
 BELOW = 120
 """Height of what is below the drawing: the passes, and the strip of the last step."""
