@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from gymnasium.utils import seeding
 
 from edmsim.controllers import WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
@@ -105,8 +106,6 @@ class Task:
         WindowObservation
             An empty one, without pulses.
         """
-        from gymnasium.utils import seeding
-
         checked = checked_options(options, ("machine",))
         if seed is not None:
             self._random = seeding.np_random(whole_from("seed", seed, 0))[0]

@@ -12,6 +12,7 @@ import typer
 from edmsim.cli.console import ERR, OUT, Program, Quiet, default_folder, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, STOPPED, InputError
+from edmsim.files import check_suffix, make_writable
 
 
 @takes(out=Unset("Default out/PROGRAM."))
@@ -25,7 +26,6 @@ def cut(
 ) -> None:
     """Cut a part program."""
     from edmsim.cosim.stops import WORDS, StopCause
-    from edmsim.files import check_suffix, make_writable
     from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import CutProgress
     from edmsim.job.cut import cut as run_cut

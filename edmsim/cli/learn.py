@@ -9,7 +9,9 @@ import typer
 
 from edmsim.cli.console import OUT, RESUME, Environment, Json, interruptible, print_line
 from edmsim.cli.options import Unset, takes
+from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
+from edmsim.files import check_suffix, make_writable
 
 
 @takes("seed")
@@ -53,7 +55,6 @@ def train(
     **options: Any,
 ) -> None:
     """Train a policy (extra rl, but for the bandit)."""
-    from edmsim.envs.registry import resolve
     from edmsim.evaluation.episode import is_part
     from edmsim.learning.command import TrainOptions, run
     from edmsim.learning.hyperparameters import has_training
@@ -83,7 +84,6 @@ def dataset(
     **options: Any,
 ) -> None:
     """Record controllers as data sets of Minari (extra offline)."""
-    from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
     from edmsim.numeric import listed
 
@@ -136,9 +136,7 @@ def evaluate(
     **options: Any,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
-    from edmsim.envs.registry import resolve
     from edmsim.evaluation import compare, episode, table
-    from edmsim.files import check_suffix, make_writable
     from edmsim.learning import policy_file, score
     from edmsim.numeric import listed
     from edmsim.runs import RunTable

@@ -12,6 +12,7 @@ import typer
 from edmsim.cli.console import ERR, OUT, Json, Quiet, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, InputError
+from edmsim.files import check_suffix, make_writable, replacing
 
 if TYPE_CHECKING:
     from edmsim.hil.rig import Rig
@@ -34,7 +35,6 @@ def table(
 ) -> None:
     """Measure a machine's table as a laser interferometer does."""
     from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
-    from edmsim.files import check_suffix, make_writable, replacing
     from edmsim.job.settings import CutSettings
     from edmsim.measure import as_json, headline, measure_table, render, table_figure
     from edmsim.recording.figures.style import check_figure, write_figure
@@ -129,7 +129,6 @@ def gap(
     **options: Any,
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""
-    from edmsim.files import make_writable
     from edmsim.hil.boards import PlainGenerator, make_board
     from edmsim.hil.rig import Rig
     from edmsim.hil.samples import SampleFile, Sensing
@@ -193,7 +192,6 @@ def _run(rig: "Rig", has_ports: bool, speed: float, seconds: float | None, feed:
 
 
 def _write_delays(set_up: "Machine", file: Path, seed: int) -> None:
-    from edmsim.files import check_suffix, make_writable
     from edmsim.hil.delays import delay_table, write_delays
     from edmsim.progress import ShownProgress
 

@@ -10,6 +10,7 @@ import typer
 from edmsim.cli.console import OUT, Environment, Quiet, interruptible, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import STOPPED, InputError
+from edmsim.files import check_suffix, make_writable, replacing
 
 if TYPE_CHECKING:
     from edmsim.runs import Engine
@@ -238,7 +239,6 @@ def technology(
     An interrupted search is resumed.
     """
     from edmsim.evaluation.technology import Job, Search, at_height, merged, technology_text
-    from edmsim.files import check_suffix, make_writable, replacing
     from edmsim.machine.technology import read_technology
 
     job = Job(material, passes=passes, **options)

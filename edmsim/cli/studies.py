@@ -16,6 +16,7 @@ import typer
 from edmsim.cli.console import OUT, Json, interruptible, named, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import FAILED, InputError
+from edmsim.files import check_suffix, make_writable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -44,7 +45,6 @@ def calibrate(
     from edmsim import calibration
     from edmsim.calibration import comparison, output
     from edmsim.calibration import fit as fitting
-    from edmsim.files import check_suffix, make_writable
     from edmsim.runs import RunTable
 
     check_suffix(out, "the fitted machine", ".toml")
@@ -167,7 +167,6 @@ def _compared(revision: str, count: int | None, watch: Callable[[str], None]) ->
 
 def _profiled(figure: Path | None, watch: Callable[[str], None]) -> _Result:
     from edmsim.bench.profile import as_numbers, draw, profile, render
-    from edmsim.files import make_writable
     from edmsim.recording.figures.style import check_figure, write_figure
 
     if figure is not None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.console import Group
+from rich.text import Text
 
 from edmsim import __version__
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure
@@ -61,9 +63,6 @@ def render(comparison: Comparison, width: int) -> "RenderableType":
 
     A wide terminal shows every figure with its interval, a narrow one only the most important figures.
     """
-    from rich.console import Group
-    from rich.text import Text
-
     from edmsim.screen import ScreenTable
 
     wide = width >= WIDE

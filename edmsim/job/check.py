@@ -17,6 +17,7 @@ from edmsim.plant.gap.generator import timing
 from edmsim.program.arcs import extent_mm
 from edmsim.program.outline import Outline, Program
 from edmsim.program.path import CutPath
+from edmsim.recording.report import duration_text, mm_text
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,6 @@ def _waiting_s(path: CutPath, machine: Machine) -> float:
 
 
 def _pass_lines(found: Check) -> list[tuple[str, str]]:
-    from edmsim.recording.report import duration_text
-
     rows = [
         (f"pass {one.number}", f"offset {one.offset_mm:.3f} mm, {one.length_mm:.2f} mm of path, some "
                                f"{duration_text(one.seconds)}, Ra {one.ra_um:.2f} µm expected")
@@ -153,8 +152,6 @@ def _outline_text(outline: Outline) -> str:
 
 def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     """Return names and texts for a terminal's table."""
-    from edmsim.recording.report import duration_text, mm_text
-
     origin = np.array(found.path.origin_mm)
     rows = list(_program_rows(found.program))
     for number, contour in enumerate(found.path.contours, 1):

@@ -24,10 +24,10 @@ from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
 from edmsim.recording.cut_folder import read_cut
-from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary
-from edmsim.recording.scene import Scene
-from edmsim.recording.stores import Closeups, Frames
-from edmsim.recording.windows import CUT_KEY, WindowTable
+from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary, write_json
+from edmsim.recording.scene import Scene, write_scene
+from edmsim.recording.stores import Closeups, Frames, write_traces
+from edmsim.recording.windows import CUT_KEY, WindowTable, write_windows
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -194,8 +194,6 @@ class CutResult:
         InputError
             If the time between samples is below 0.001 us, or the file cannot be written.
         """
-        from edmsim.recording.stores import write_traces
-
         check_suffix(Path(file), "a file of traces", ".parquet")
         make_writable(Path(file).parent)
         rows = self.closeups.table()
@@ -222,10 +220,7 @@ class CutResult:
         """
         from edmsim.recording.figures.profile import profile_png
         from edmsim.recording.html_report import write_html
-        from edmsim.recording.report import write_json
         from edmsim.recording.rerun.write import write_recording
-        from edmsim.recording.scene import write_scene
-        from edmsim.recording.windows import write_windows
 
         tell, title = enter or (lambda _: None), self._title
         with together(make_writable(folder), "report.json") as target:

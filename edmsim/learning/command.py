@@ -17,6 +17,7 @@ from edmsim.learning import bandit_file, bandit_training, hyperparameters, polic
 from edmsim.learning.hyperparameters import ALGORITHMS, Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render, write_card
+from edmsim.progress import ShownProgress
 from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
@@ -87,8 +88,6 @@ def run(
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
 ) -> list[ScreenTable]:
     """Train a policy, write its files to `out`, and return tables: settings of a bandit, scores over `episodes`."""
-    from edmsim.progress import ShownProgress
-
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     refuse_unknown("algorithm", algo, (*ALGORITHMS, BANDIT))
@@ -135,8 +134,6 @@ def _bandit(
     env_id: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, options: TrainOptions
 ) -> list[ScreenTable]:
     """Train a bandit, and score it."""
-    from edmsim.progress import ShownProgress
-
     if others := options._replace(settings=None).words():
         raise InputError(f"a bandit chooses settings of a law: leave out{others}")
     if options.record_every is not None or options.live:

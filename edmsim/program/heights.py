@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import shape
 from shapely.geometry.base import BaseGeometry
+from shapely.ops import substring
 
 from edmsim.errors import InputError
 from edmsim.machine.setting import LIMITS, check_height
@@ -187,8 +188,6 @@ def _band(lines: Sequence[shapely.LineString], end_mm: float, reach_mm: float) -
 
 def _up_to(line: shapely.LineString, end_mm: float, reach_mm: float) -> BaseGeometry:
     """Region beside one contour's path up to a length."""
-    from shapely.ops import substring
-
     if end_mm >= line.length:
         return line.buffer(reach_mm)
     points = shapely.get_coordinates(line)

@@ -31,7 +31,7 @@ from edmsim.program.offset import (
 )
 from edmsim.program.outline import Corners, Outline, Program, Taper, signed_area
 from edmsim.program.passes import CutPass, PassPlan, Stretch, grouped, on_grid, ways_of, ways_of_group
-from edmsim.program.tables import GREATEST_MM, in_um
+from edmsim.program.tables import GREATEST_MM, in_um, read_conditions, read_offsets
 from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
 
 
@@ -145,7 +145,6 @@ def load_program(
             return read_dxf(path, layers, unit)
         return ruled_between(read_dxf(path, layers, unit, upper_layer), read_dxf(path, [upper_layer], unit))
     from edmsim.program.gcode import read_gcode
-    from edmsim.program.tables import read_conditions, read_offsets
 
     return read_gcode(
         path, ignore, {} if offsets is None else read_offsets(offsets), dialect,

@@ -19,6 +19,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
@@ -162,9 +165,6 @@ def _result_of(metrics: Mapping[str, Any]) -> PopulationResult:
 
 def _write(folder: Path, plan: Plan, best: Any, journal: RunTable) -> None:
     """Write the best learner's policy and last settings, and the table of all."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     found = _result_of(best.metrics)
     with best.checkpoint.as_directory() as name:
         files = {file.name: file.read_bytes() for file in sorted(Path(name).glob("policy.*"))}

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim import __version__
+from edmsim.envs.registry import resolve
 from edmsim.errors import CombinationError, EdmsimError, InputError, refuses_wrong_types
 from edmsim.evaluation.episode import Result, cut
 from edmsim.files import replacing
@@ -30,7 +31,8 @@ from edmsim.machine.setting import guide_bends
 from edmsim.program.outline import Program
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath
-from edmsim.recording.report import CLOCKS, Report, kinds_of
+from edmsim.recording.report import CLOCKS, Report, kinds_of, write_json
+from edmsim.recording.windows import write_windows
 from edmsim.runs import Engine, LostJob, Processes, digest
 from edmsim.sweep.specification import Specification, SweepRun, arguments_of, checked, combinations, runs_of
 from edmsim.sweep.table import Outcome, Store
@@ -120,9 +122,6 @@ def _drawn(run: SweepRun, sample: int) -> dict[str, float]:
 
 
 def _recorded(run: SweepRun, result: Any) -> dict[str, bytes]:
-    from edmsim.recording.report import write_json
-    from edmsim.recording.windows import write_windows
-
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if "all" in run.recordings:
@@ -136,8 +135,6 @@ def _recorded(run: SweepRun, result: Any) -> dict[str, bytes]:
 
 
 def _episode(run: SweepRun) -> dict[str, Any]:
-    from edmsim.envs.registry import resolve
-
     options = arguments_of(run.settings)
     controller, resolution = str(options.pop("controller")), str(options.pop("resolution"))
     result = cut(resolve(run.task), run.seed, controller, resolution, **options)

@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationErro
 
 from edmsim import __version__
 from edmsim.controllers import from_text
+from edmsim.envs.registry import make_family, resolve
 from edmsim.errors import InputError, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_toml
 from edmsim.job.settings import CutSettings
@@ -380,8 +381,6 @@ def arguments_of(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def _arguments(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return an environment's settings, with the controller and the resolution among them."""
-    from edmsim.envs.registry import make_family, resolve
-
     name, arguments = resolve(env_id), arguments_of(options)
     arguments.pop("controller", None)
     try:

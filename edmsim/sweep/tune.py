@@ -30,6 +30,7 @@ from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.evaluation.episode import HELD_BACK, Episode, cut
 from edmsim.files import folder_of, make_writable, replacing
+from edmsim.learning import policy_file
 from edmsim.learning.hyperparameters import load
 from edmsim.numeric import real, whole_from
 from edmsim.runs import Engine, LostJob, Processes, RunTable, check_same, digests_of, identity
@@ -178,8 +179,6 @@ def _training(trial: Trial) -> TrialResult:
 
 def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[int]) -> float:
     """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
-    from edmsim.learning import policy_file
-
     card, packed = trained.export(command)
     policy_file.write(card, packed, folder / "policy.json")
     results = [cut(trained.run.env_id, seed, f"policy:{folder / 'policy.json'}", "fast") for seed in seeds]
