@@ -610,17 +610,24 @@ class GuardedHold(AdaptiveHold):
     # what is held over the greatest flux in the window after a short: its period is so long that no more could be
     # reached if every pulse ignited. 0: no such limit.
     restart_share: float = 0.7
+    # gentle_s, gentle_share: time in which a new wire reaches what is held, and the share of it to begin with. Its
+    # kerf holds clean water, in which the gap is unsteady and bursts are larger, until debris has gathered.
+    gentle_s: float = 20.0
+    gentle_share: float = 0.65
 
     log_guard: float = field(default=math.log(FIRST_GUARD), init=False)
     relieving: bool = field(default=False, init=False)  # whether the present window is a relief
     ignition_s: float = field(default=0.0, init=False)  # flux of one ignition per second
+    wire_s: float = field(default=0.0, init=False)  # cutting time of the wire
 
     def excess(self, near: float) -> float:
-        """Return how far the flux is above what is held, in parts of it."""
-        return near / self.hold - 1.0
+        """Return how far the flux is above what this wire is to bear, in parts of it."""
+        left = max(1.0 - self.wire_s / self.gentle_s, 0.0) if self.gentle_s else 0.0
+        return near / (self.hold * (1.0 - (1.0 - self.gentle_share) * left)) - 1.0
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the flux to what is held, or the one of a relief."""
+        self.wire_s += window.duration_s
         if self.relieving:  # such a window says nothing about the others
             self.relieving = False
             return math.exp(self.log_us)
@@ -641,4 +648,4 @@ class GuardedHold(AdaptiveHold):
     def fresh_wire(self) -> None:
         """Take in what the break said of the limit; the guard stays."""
         super().fresh_wire()
-        self.relieving = False
+        self.relieving, self.wire_s = False, 0.0
