@@ -383,20 +383,31 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
     machine, path = simulation.machine, simulation.path
     table = machine.base.table
     unit = position_unit(settings.planner, table.travel_mm.value * 1e3, table.step_um.value)
-    file = user_code.named(settings.controller) if isinstance(settings.controller, str) else None
+    file = _file_of(settings.controller)
     tables = settings.compensation
     return {
         "program": Path(program).name.encode("utf-8", "replace").decode(),
         "program_sha256": _digest(Path(program).read_bytes()),
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
-        **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
+        **({} if file is None else {"controller_sha256": _digest(Path(file).read_bytes())}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
         **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
         "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,
+        "wire_path_sha256": _digest(b"".join(way.tobytes() for contour in path.contours for way in contour.reach_um)),
         "constants_sha256": _digest((machine.model_dump_json() + own_mjcf_text(machine.base.model)).encode()),
     }
+
+
+def _file_of(controller: str | FeedController) -> str | Path | None:
+    """Return the user's file that a controller is read from; None for edmsim's own."""
+    if not isinstance(controller, str):
+        return None
+    own, policy = user_code.named(controller), Path(controller.removeprefix("policy:")).with_suffix(".json")
+    if own is not None:
+        return own.file
+    return policy if controller.startswith("policy:") and policy.is_file() else None
 
 
 def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
