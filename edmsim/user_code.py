@@ -42,11 +42,6 @@ def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     return getattr(import_module(module), function)(rest)
 
 
-def digest(file: str) -> str:
-    """Return a fingerprint of the file's text."""
-    return hashlib.sha256(read_text(file).encode()).hexdigest()[:16]
-
-
 def run(file: str) -> ModuleType:
     """Run a Python file, once as long as its text stays the same; raises `InputError` if it fails."""
     return _run(str(Path(file).absolute()), read_text(file), file)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import edmsim
+from edmsim import models
 from edmsim.controllers import FeedCommand
 from edmsim.errors import InputError
 from edmsim.job.checkpoint import NAME
@@ -20,6 +21,7 @@ from edmsim.job.checkpoint import NAME
 from .conftest import timeless
 
 SHORT = {"max_time_s": 8.0}
+STEEL = "technologies/tool-steel-brass-254.toml"
 
 
 def stop_after(windows):
@@ -187,6 +189,27 @@ def test_resume_of_a_program_that_was_edited_is_refused(tmp_path):
     program.write_text("G0 X0 Y0\nG1 X1.6\n")
     with pytest.raises(InputError, match="program: not as in the interrupted cut"):
         edmsim.cut(program, resume=True, **options)
+
+
+@pytest.mark.parametrize(("file", "old", "new", "options", "message"), [
+    ("a.toml", "D1 = 0.155\nD2 = 0.160\n", "D1 = 0.155\nD2 = 0.200\n", {"offsets": "a.toml"}, "wire path"),
+    ("a.json", '"clip": 10.0', '"clip": 1.0', {"controller": "policy:a.json"}, "controller"),
+    ("t.toml", "approach_share = 0.25", "approach_share = 0.5",
+     {"technology": "t.toml", "passes": 2, "height_mm": 25.4}, "passes"),
+])  # fmt: skip
+def test_resume_with_a_file_that_was_edited_is_refused(monkeypatch, tmp_path, file, old, new, options, message):
+    monkeypatch.chdir(tmp_path)
+    policy = models.path("policies/GapFeed-ppo.json")
+    shutil.copy(policy.with_suffix(".npz"), "a.npz")
+    sources = {"a.toml": old, "a.json": policy.read_text(), "t.toml": models.path(STEEL).read_text()}
+    Path(file).write_text(sources[file])
+    Path("two.ngc").write_text("G92 X0. Y1.\nG41 D1\nG1 Y0.\nX2.\nG40\nG0 X5. Y1.\nG41 D2\nG1 Y0.\nX7.\n")
+    options = {"out": "out", "height_mm": 5.0, "resolution": "fast", **options}
+    with pytest.raises(KeyboardInterrupt):
+        edmsim.cut("two.ngc", watch=stop_after(2), **options)
+    Path(file).write_text(sources[file].replace(old, new))
+    with pytest.raises(InputError, match=f"{message}: not as in the interrupted cut"):
+        edmsim.cut("two.ngc", resume=True, **options)
 
 
 def truncated(data):

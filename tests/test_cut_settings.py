@@ -45,6 +45,17 @@ def test_files_may_be_paths():
         assert CutSettings(**{option: Path("own.toml")}) == CutSettings(**{option: "own.toml"})
 
 
+@pytest.mark.parametrize(("option", "value", "message"), [
+    ("out", b"out", "option out cannot be b'out': must not be bytes: decode them to text"),
+    ("wire", bytearray(b"copper"), r"option wire cannot be bytearray\(b'copper'\): must not be bytes"),
+    ("out", 3, "option out cannot be 3: give str | Path | None"),
+    ("offset", [1], r"option offset cannot be \[1\]: give str | float"),
+])
+def test_values_of_another_type_are_refused_by_the_name_of_their_option(option, value, message):
+    with pytest.raises(edmsim.InputError, match=message.replace("|", r"\|")):
+        edmsim.cut("examples/slot.iso", **{option: value})
+
+
 def test_settings_do_not_change():
     with pytest.raises(ValidationError, match="frozen"):
         CutSettings().height_mm = 10.0

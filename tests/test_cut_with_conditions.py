@@ -38,10 +38,20 @@ def test_one_pass_is_cut_with_its_condition(tmp_path):
 @pytest.mark.parametrize(("options", "reason"), [
     ({"tension": 11.0}, r"the table of conditions decides tension of C0*1: leave the option out"),
     ({"technology": "tool-steel-brass-254"}, "both decide the passes"),
+    ({"tab_mm": 3.0}, "a tab is for passes: the program has its own, leave it out"),
+    ({"after_tab": "cut"}, "what is done before a tab is for passes: the program has its own"),
+    ({"passes": 3}, "conditions set the program's own passes: leave out their table, or the number"),
 ])  # fmt: skip
 def test_options_that_contradict_the_table_are_refused(options, reason):
     with pytest.raises(InputError, match=reason):
         prepared(PUNCH, CutSettings(**SET_UP, planner="exact", **options))
+
+
+def test_a_table_that_the_program_does_not_call_is_refused(tmp_path):
+    program = tmp_path / "line.ngc"
+    program.write_text("C1\nG0 X0. Y0.\nG1 X2.\n")  # without a dialect C is idle
+    with pytest.raises(InputError, match="calls no condition: leave the table out, or name its --dialect"):
+        prepared(program, CutSettings(conditions=str(TABLE)))
 
 
 def test_a_feed_of_a_later_pass_that_cannot_be_run_is_refused_before_anything_is_cut():

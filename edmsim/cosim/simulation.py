@@ -210,8 +210,9 @@ class Simulation:
 
     @property
     def described_setups(self) -> list[tuple[str, str]]:
-        """Machine and controller of every pass as text, to compare with a checkpoint's."""
-        return [(one.machine.model_dump_json(), repr(one.controller)) for one in self._setups]
+        """Machine and controller of every pass and of the lead-in as text, to compare with a checkpoint's."""
+        setups = self._setups if self._approach is None else (*self._setups, self._approach)
+        return [(one.machine.model_dump_json(), repr(one.controller)) for one in setups]
 
     def _take_setup(self, leg: Leg) -> Machine:
         """Let the setting of a leg's pass be in force; the plant changes where it is another one."""

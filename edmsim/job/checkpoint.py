@@ -12,7 +12,7 @@ from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
 
 NAME = "checkpoint.npz"  # file in the output folder; gone when the results are there
-FORMAT = 9  # raised when what a checkpoint holds changes: one of another format is refused
+FORMAT = 10  # raised when what a checkpoint holds changes: one of another format is refused
 
 
 def refuse_unstorable(simulation: Simulation) -> None:
@@ -69,8 +69,8 @@ def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path)
     for name in sorted(stored.keys() | expected.keys(), key=lambda name: (name.endswith("sha256"), name)):
         if stored.get(name) == expected.get(name):
             continue
-        what = name.removesuffix("_sha256")
-        if what != name:
+        if name.endswith("_sha256"):
+            what = name.removesuffix("_sha256").replace("_", " ")
             raise InputError(f"{what}: not as in the interrupted cut; undo the change, or use --overwrite", file)
         raise InputError(
             f"the interrupted cut was made with {name} {stored.get(name)!r}, not {expected.get(name)!r}", file

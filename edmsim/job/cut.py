@@ -28,7 +28,7 @@ from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
-from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
+from edmsim.errors import EdmsimError, InputError, located, refuses_wrong_types
 from edmsim.files import folder_of, locked
 from edmsim.job import checkpoint
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
@@ -65,26 +65,31 @@ class Passes(NamedTuple):
     table: PassTable | None = None  # what the technology says
 
 
-_OF_PASSES = {"technology": "a technology", "tab_mm": "a tab", "overlap_mm": "an overlap"}
-"""Options without an effect on a cut in one pass."""
+_OF_PASSES = {"tab_mm": "a tab", "overlap_mm": "an overlap", "after_tab": "what is done before a tab"}
+"""Options that have an effect only on passes which the program does not have."""
 
 
 def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan) -> Passes:
     """Plan a cut, in passes where the settings ask for some or the program has some."""
     if settings.passes is None:
         path = plan(program, settings, [settings.load_machine()], None)
+        remedy = "say how many, as --passes 4" if path.passes == 1 else "the program has its own, leave it out"
+        for name, what in _OF_PASSES.items():
+            if getattr(settings, name) != CutSettings.model_fields[name].default:
+                raise InputError(f"{what} is for passes: {remedy}")
         if path.conditions.settings:
             return _by_conditions(program, settings, path, plan)
         if path.passes == 1:
-            for name, what in _OF_PASSES.items():
-                if getattr(settings, name) != CutSettings.model_fields[name].default:
-                    raise InputError(f"{what} is for passes: say how many, as --passes 4")
+            if settings.technology is not None:
+                raise InputError(f"a technology is for passes: {remedy}")
             return Passes(settings, path)
         technology = _technology(settings)
         table = _table(settings, technology, path.passes)
         note = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
         table = table._replace(notices=(f"{note}'{technology.title}'", *table.notices))
         return _in_passes(program, settings, technology, table, PassPlan(table.offsets_mm, of_program=True), plan)
+    if settings.conditions is not None:
+        raise InputError("conditions set the program's own passes: leave out their table, or the number of passes")
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
     technology = _technology(settings)
@@ -102,7 +107,10 @@ def _in_passes(
 ) -> Passes:
     """Plan a cut in passes, each with its set-up."""
     settings = in_force(settings, technology, table)
-    setups = tuple(setup_of(settings, one) for one in table.settings)
+    own = technology.material == settings.material
+    none = f"there is no technology for {settings.material}, and the settings of '{technology.title}' cannot be used"
+    with located(name="" if own else none):
+        setups = tuple(setup_of(settings, one) for one in table.settings)
     path = plan(program, settings, [one.machine for one in setups], passes)
     path = replace(path, notices=(*path.notices, *table.notices))
     return Passes(settings, path, setups, approach_of(setups[0].machine, table, table.settings[0]), table)
@@ -383,20 +391,31 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
     machine, path = simulation.machine, simulation.path
     table = machine.base.table
     unit = position_unit(settings.planner, table.travel_mm.value * 1e3, table.step_um.value)
-    file = user_code.named(settings.controller) if isinstance(settings.controller, str) else None
+    file = _file_of(settings.controller)
     tables = settings.compensation
     return {
         "program": Path(program).name.encode("utf-8", "replace").decode(),
         "program_sha256": _digest(Path(program).read_bytes()),
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
-        **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
+        **({} if file is None else {"controller_sha256": _digest(Path(file).read_bytes())}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
         **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
         "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,
+        "wire_path_sha256": _digest(b"".join(way.tobytes() for contour in path.contours for way in contour.reach_um)),
         "constants_sha256": _digest((machine.model_dump_json() + own_mjcf_text(machine.base.model)).encode()),
     }
+
+
+def _file_of(controller: str | FeedController) -> str | Path | None:
+    """Return the user's file that a controller is read from; None for edmsim's own."""
+    if not isinstance(controller, str):
+        return None
+    own, policy = user_code.named(controller), Path(controller.removeprefix("policy:")).with_suffix(".json")
+    if own is not None:
+        return own.file
+    return policy if controller.startswith("policy:") and policy.is_file() else None
 
 
 def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:

@@ -14,7 +14,7 @@ from pkgutil import resolve_name
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, field_validator
 from pydantic.fields import FieldInfo
 
 from edmsim.errors import InputError, one_of, refuse_unknown, refused_entry
@@ -80,6 +80,13 @@ class Options(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", arbitrary_types_allowed=True, use_attribute_docstrings=True
     )
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _refuse_bytes(cls, value: Any) -> Any:
+        if isinstance(value, bytes | bytearray):  # pydantic would decode them
+            raise ValueError("must not be bytes: decode them to text")
+        return value
 
 
 def as_text(file: Any) -> Any:
@@ -208,6 +215,9 @@ def refusal(error: ValidationError, options: type[BaseModel], of: str) -> InputE
         return InputError(f"{of} has no option '{name}'; there are: {one_of(name, options.model_fields)}")
     if not name:
         return InputError(f"these are no options of {of}: {reason}")
+    if len(first["loc"]) > 1 and isinstance(first["loc"][1], str):  # of several types that it may have
+        name = str(first["loc"][0])
+        reason = f"give {kind_of(options.model_fields[name])}"
     return InputError(f"option {name} cannot be {first['input']!r}: {reason}")
 
 

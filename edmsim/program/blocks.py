@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from string import ascii_uppercase
 from typing import NamedTuple, Self
 
 from edmsim.errors import InputError, located
@@ -205,6 +206,8 @@ def read_text(file: Path) -> str:
         raise InputError("this is a directory: give the path of a part program", file) from None
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file) from None
+    except ValueError as error:  # a name with a zero byte
+        raise InputError(f"cannot be read: {error}", file) from None
     mark = next((mark for mark in _BYTE_ORDER_MARKS if data.startswith(mark)), None)
     if mark is None and b"\0" in data:
         raise InputError(f"byte {data.index(0)} is 0: this is a binary file, or a text to be saved as UTF-8", file)
@@ -395,8 +398,9 @@ def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
 
 
 def _refuse_no_word(rest: str, raw: str) -> None:
-    """Refuse what cannot be a word where the cause is known; the rest of the line begins with it."""
-    reason = next((reason for begin, reason in _NOT_READ.items() if rest.startswith(begin)), None)
+    """Refuse what cannot be a word where the cause is known; the rest of the line begins with it, or its letter."""
+    number = rest[1:] if rest[0] in ascii_uppercase + "=" else rest
+    reason = next((reason for begin, reason in _NOT_READ.items() if number.startswith(begin)), None)
     if rest.startswith("("):
         reason = ("a comment has a '(' in it: it ends at the first ')', so take the inner parentheses out"
                   if _NESTED.search(raw) else "a comment begins with '(' and is not closed: put a ')' on its line")

@@ -544,6 +544,8 @@ def read_gcode(
             with located(line=block.line):
                 control.run_block(block)
         outlines = _outlines(control, notices)
+        if conditions and not control.called:
+            raise InputError("the program calls no condition: leave the table out, or name its --dialect")
         settings = settings_for(control.called, conditions or {}, read.conditions)
     dialect_notices += _condition_notices(control.called, settings)
     dialect_notices += _plane_notices(outlines, control)

@@ -161,9 +161,12 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     if outline.wire_side is None:
         raise InputError("the wire follows it as drawn: passes run beside an edge, under G41 or G42")
     lines = [_Line(leg) for leg in legs]
+    length = lines[0].length
+    if outline.closed and plan.overlap_mm >= length:
+        reason = f"the overlap of {plan.overlap_mm:g} mm is longer than the contour, {length:.3f} mm: make it shorter"
+        raise InputError(reason)
     if not outline.closed or plan.tab_mm == 0:
         return _whole(lines, plan, outline.closed)
-    length = lines[0].length
     if plan.tab_mm >= length:
         raise InputError(
             f"the tab of {plan.tab_mm:g} mm is longer than the contour, {length:.3f} mm: make it shorter"
@@ -231,6 +234,8 @@ def _link(before: _Leg, leg: _Leg) -> Stretch:
     """Return the way from the end of one pass to the begin of the next beside the edge, at the greater offset."""
     outer = before.line if before.line.leg.offset_mm > leg.line.leg.offset_mm else leg.line
     start, stop = before.ends[0 if before.back else 1], leg.ends[1 if leg.back else 0]
+    if outer.leg.outline.closed:  # not once more round it
+        start += outer.length * round((stop - start) / outer.length)
     way = replace(outer.stretch(leg.way.number, leg.way.piece, min(start, stop), max(start, stop)), dwells=())
     return way if start <= stop else way.backwards()
 

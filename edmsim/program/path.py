@@ -435,6 +435,9 @@ def _legs(
 ) -> list[OffsetOutline]:
     """Return the edge of a group at the offsets of its passes; what the wire cannot reach is that of the last one."""
     once = len(group) == 1
+    if passes is not None and not (once or passes.of_program):
+        reason = f"{group[0].name}: the program cuts it {len(group)} times, in passes of its own"
+        raise InputError(f"{reason}: give no number of passes", line=group[1].line)
     planned = passes is not None and chosen_mm is None and (
         not passes.of_program if once else len(passes.offsets_mm) == len(group)
     )

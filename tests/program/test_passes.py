@@ -87,6 +87,14 @@ def test_points_are_on_the_grid_and_within_the_table(tmp_path, offsets_mm):
         assert way.max() <= 65_000
 
 
+@pytest.mark.parametrize("offsets_mm", [OFFSETS_MM, OFFSETS_MM[:2]])
+def test_a_long_overlap_leads_no_pass_once_more_round_the_contour(tmp_path, offsets_mm):
+    """The way there would cut the tab, before the stop."""
+    contour = of_square(tmp_path, offsets_mm, overlap_mm=3.0)
+    for one in contour.passes[1:]:
+        assert one.way.along_um[one.approach_moves] < 5000
+
+
 @pytest.mark.parametrize("tab_mm", [0.0, 0.5, 1.0, 1.8, 1.9, 1.95, 2.0, 2.05, 3.0])
 @pytest.mark.parametrize(
     "begin", ["X-1.5 Y2\nG41 G1 X0\nY4\nX4\nY0\nX0\nY2", "X-1 Y-1\nG41 G1 X0 Y0\nY4\nX4\nY0\nX0"]
@@ -210,6 +218,11 @@ def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path):
     assert path.contours[0].offset_um == 200.0
 
 
+def test_a_program_with_passes_cannot_have_others(tmp_path):
+    with pytest.raises(InputError, match="cuts it 2 times, in passes of its own: give no number of passes"):
+        plan(tmp_path, twice(0.25, 0.2, "G42", "Y0\nX4\nY4\nX0\nY2\n"), PassPlan(OFFSETS_MM))
+
+
 def test_the_part_on_the_other_side_is_another_cut(tmp_path):
     text = "G21 G90\nD1=0.25\nD2=0.2\n" + AGAIN.format("G41", "D1", ROUND) + "G0 X2 Y2\nG42 G1 X0 D2\n" + ROUND
     assert len(plan(tmp_path, text + "G40\nM2\n").contours) == 2
@@ -225,6 +238,7 @@ def test_the_part_on_the_other_side_is_another_cut(tmp_path):
         ({"tab_mm": 15.9}, "leaves 0.100 mm of the contour to cut"),
         ({"tab_mm": -1.0}, "tab_mm is -1.0"),
         ({"overlap_mm": float("nan")}, "overlap_mm is nan"),
+        ({"overlap_mm": 16.5}, "the overlap of 16.5 mm is longer than the contour, 16.000 mm"),
         ({"after_tab": "glue"}, "after_tab is 'glue': the machine can stop before the tab, or cut on"),
     ],
 )

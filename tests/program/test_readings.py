@@ -282,13 +282,18 @@ def test_what_would_be_a_guess_is_refused(read, text, named):
      ("X1. (open", "is not closed"), ("G1 X5. )", "a '.' without a '.' before it"),
      ("G1 X1,5 Y2.", "with a decimal point, X1.5"),
      ("G1 X15. ,R2.", "',R' rounds a corner"), ("G1 X15. ,C2.", "',C' chamfers a corner"), ("#1=5", "variables"),
-     ("G1 X[2+3]", "'X.2.3.'|expressions")],
+     ("G1 X[2+3]", "expressions"), ("G1 X#1", "variables"), ("D1=#2", "variables")],
 )  # fmt: skip
 def test_what_is_no_word_is_refused_with_its_cause(read, block, named):
     with pytest.raises(InputError, match=named) as refused:
         read(f"G0 X0 Y0\n{block}\nX9. Y9.\n")
     assert "--ignore" not in str(refused.value)
     assert refused.value.line == 2
+
+
+def test_a_name_with_a_zero_byte_is_refused():
+    with pytest.raises(InputError, match="cannot be read: embedded null byte"):
+        load_program("a\0.ngc")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32"])
