@@ -86,10 +86,12 @@ def within(name: str, value: float, low: float, high: float) -> None:
         raise InputError(f"{name} is {value!r}: give a number from {low:g} to {high:g}")
 
 
-def whole_within(name: str, value: object, low: int, high: int) -> None:
-    """Refuse an argument that is not a whole number from `low` to `high`."""
-    if not low <= whole_from(name, value) <= high:
+def whole_within(name: str, value: object, low: int, high: int) -> int:
+    """Return an argument as a whole number; refuse anything else, or one that is not from `low` to `high`."""
+    number = whole_from(name, value)
+    if not low <= number <= high:
         raise InputError(f"{name} is {value!r}: give a whole number from {low} to {high}")
+    return number
 
 
 def _for_pydantic(value: object) -> object:

@@ -596,7 +596,10 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
     def _mask(self, mask: Any) -> Flags:
         if mask is None:
             return np.ones(self.num_envs, np.bool_)
-        array = np.asarray(mask)
+        try:
+            array = np.asarray(mask)
+        except ValueError:  # lists of several lengths
+            array = np.array(None)
         if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
             raise InputError(f"reset_mask must be {self.num_envs} truth values, at least one of them true")
         return array
@@ -657,16 +660,18 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
 
     def attach_controller(self, index: int, controller: FeedController) -> AttachedController:
         """Attach a feed controller to a sub-environment: see `AttachedController`."""
-        whole_within("index", index, 0, self.num_envs - 1)
-        return AttachedController(sub_envs_of(self._batch), index, controller)
+        return AttachedController(sub_envs_of(self._batch), self._checked(index), controller)
 
     def recorder(self, index: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that a sub-environment has just begun; see `EdmEnv.recorder`."""
         from edmsim.envs.recorder import EpisodeRecorder
 
         names = self.family.action_names if actions is None else actions
-        whole_within("index", index, 0, self.num_envs - 1)
-        return EpisodeRecorder(sub_envs_of(self._batch), index, names)
+        return EpisodeRecorder(sub_envs_of(self._batch), self._checked(index), names)
+
+    def _checked(self, index: int) -> int:
+        """Return the number of a sub-environment, checked."""
+        return whole_within("index", index, 0, self.num_envs - 1)
 
     @property
     def views(self) -> tuple[SubEnvView, ...]:
@@ -728,8 +733,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         """Return an image of a sub-environment."""
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
-        whole_within("index", index, 0, self.num_envs - 1)
-        return picture_of(self._batch, self._renderer, index)
+        return picture_of(self._batch, self._renderer, self._checked(index))
 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""

@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from edmsim.envs.arguments import checked_options
 from edmsim.envs.environment import EdmVectorEnv, SubEnvView
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.numeric import whole, whole_from
@@ -46,6 +47,13 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seed the next reset; sub-environment i gets seed + i. Without a seed, one is drawn."""
         return super().seed(None if seed is None else whole_from("seed", seed, 0))
+
+    def set_options(self, options: Any = None) -> None:
+        """Set options of the next reset, those of `EdmEnv.reset`: for all sub-environments, or in a list one each."""
+        each = options if isinstance(options, list | tuple) else [options] * self.num_envs
+        if len(each) != self.num_envs:
+            raise InputError(f"{len(each)} options were given for {self.num_envs} environments: give one each")
+        super().set_options([checked_options(one, ("machine",)) for one in each])
 
     def reset(self) -> Any:
         """Begin an episode in every sub-environment, with the options of `set_options`."""

@@ -34,6 +34,7 @@ from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.rays import Rays
 from edmsim.plant.plant import Plant
 from edmsim.program.path import CutPath, WireContour
+from edmsim.signals import noted
 
 FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: well into the metal, most pulses spark."""
@@ -356,10 +357,15 @@ def _half_cheetahs(count: int) -> Callable[[], object]:
 
 @contextmanager
 def half_cheetahs() -> Iterator[None]:
-    """Make HalfCheetah-v5 without MuJoCo's warnings about its model; where it is missing, say what to install."""
+    """Make HalfCheetah-v5 without MuJoCo's warnings about its model; where it is missing, say what to install.
+
+    Ctrl-C waits until it is made: raised in the callback of a warning, it would abort the process.
+    """
     mujoco.set_mju_user_warning(lambda _: None)
     try:
-        yield
+        with noted() as signals:
+            yield
+            signals.raise_noted()
     except (ImportError, gym.error.DependencyNotInstalled) as error:
         raise InputError(
             'HalfCheetah-v5, which edmsim is compared with, is missing: pip install "gymnasium[mujoco]"'

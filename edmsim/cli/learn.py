@@ -61,6 +61,9 @@ def train(
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
     words = ["edmsim", "train", env_id, "--algo", algo, "--seed", str(options["seed"]), "--resume", "--out", str(out)]
+    for name, value in (("--steps", steps), ("--score", score), ("--record-every", record_every)):
+        words += [] if value is None else [name, str(value)]
+    words += ["--live"] if live else []
     again = f"to continue: {shlex.join(words)}"
     with interruptible(lambda: again if has_training(out) else "nothing was trained"):
         tables = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)

@@ -177,6 +177,8 @@ def _check(env_id: str, algo: str, found: Hyperparameters) -> None:
         raise InputError("recurrent-ppo needs an LSTM: give network.lstm its number of cells")
     if network.lstm is not None and algo not in RECURRENT:
         raise InputError(f"network.lstm is for {' and '.join(RECURRENT)}; the algorithm is {algo}")
+    if found.num_envs * found.algorithm.get("n_steps", 2) < 2:
+        raise InputError("a rollout of num_envs * n_steps is 1 step: give 2 or more")
     try:
         with located(name="environment"):
             actions = arguments_with(env_id, **found.environment).action_names

@@ -209,7 +209,7 @@ class _Keeper(BaseCallback):
         if not all(torch.isfinite(each).all() for each in model.policy.parameters()):
             raise EdmsimError(
                 f"the training has diverged: after {done} steps its network has numbers that are not finite; a "
-                "smaller learning_rate may help. Its last checkpoint stays"
+                "smaller learning_rate may help. Its last checkpoint, if it has one, stays"
             )
         partial, folder = self._out / "partial", self._out / f"checkpoint-{done:012d}"
         if folder.exists() and at_end:  # a step wrote it, before the last update

@@ -1,6 +1,7 @@
 """Fleet: several plants advanced side by side by one compiled call per thread."""
 
 import functools
+import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -34,6 +35,7 @@ class Fleet:
         for i, plant in enumerate(plants):
             self.replace(i, plant)
         self._pool: ThreadPoolExecutor | None = None
+        self._pool_process = 0  # process that has its threads
 
     def replace(self, i: int, plant: Plant) -> None:
         """Put another plant in the place of plant `i`."""
@@ -72,8 +74,8 @@ class Fleet:
         return np.asarray(indices[status != FINE])
 
     def _fire(self, calls: NDArray[np.int64]) -> None:
-        if self._pool is None and self.threads > 1:
-            self._pool = ThreadPoolExecutor(self.threads - 1, "edmsim-fleet")
+        if self.threads > 1 and self._pool_process != os.getpid():  # a forked process has no threads of its parent
+            self._pool, self._pool_process = ThreadPoolExecutor(self.threads - 1, "edmsim-fleet"), os.getpid()
         threads = max(min(self.threads, len(calls) // _LEAST_PLANTS), 1)
         shares = iter(_shares(len(calls), threads))
         done = [self._pool.submit(self._take, calls, shares) for _ in range(threads - 1)] if self._pool else []
@@ -91,7 +93,7 @@ class Fleet:
         """Shut down the threads."""
         if self._pool is not None:
             self._pool.shutdown()
-            self._pool = None
+            self._pool, self._pool_process = None, 0
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a pickle or copy needs: the plants, and how many threads."""

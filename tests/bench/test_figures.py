@@ -1,5 +1,6 @@
 """The benchmark's figures are there, positive and of the same run."""
 
+import signal
 from pathlib import Path
 
 import gymnasium
@@ -54,6 +55,21 @@ def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch):
     monkeypatch.setattr(gymnasium, "make_vec", missing)
     with pytest.raises(InputError, match=r"pip install \"gymnasium\[mujoco\]\""):
         figures._half_cheetahs(2)
+
+
+def test_ctrl_c_waits_until_the_other_environments_are_made():
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
+    made = []
+
+    def make():
+        with figures.half_cheetahs():
+            signal.raise_signal(signal.SIGINT)
+            made.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        make()
+    signal.signal(signal.SIGINT, usual)
+    assert made
 
 
 def test_cold_start_includes_a_window_of_pulses():

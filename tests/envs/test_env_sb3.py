@@ -151,6 +151,13 @@ def test_options_of_a_reset_reach_all_sub_environments_or_each_its_own():
     assert [info["drawn"]["height_mm"] for info in vec_env.reset_infos] == [5.0, 7.0]
     vec_env.reset()  # options count once
     assert {info["drawn"]["height_mm"] for info in vec_env.reset_infos}.isdisjoint({5.0, 7.0})
+    for refused, said in (
+        ([{}], "1 options were given for 2"), ({"reset_mask": [True, False]}, "no option 'reset_mask'"),
+        ([{}, {"machine": "worn-table"}], "give an edmsim.Machine"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=said):
+            vec_env.set_options(refused)
+    vec_env.reset()  # what was refused is forgotten
 
 
 def test_gymnasiums_vector_has_the_attributes_of_its_sub_environments_too():

@@ -1,6 +1,8 @@
 """The native vector environment: its environment i is the single one with seed s + i, in all autoreset modes."""
 
 import copy
+import multiprocessing
+import os
 import pickle
 
 import gymnasium as gym
@@ -140,6 +142,21 @@ def test_infos_are_the_callers_own(make_envs, actions_of):
         same(now, then)
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system forks no processes")
+def test_a_forked_process_goes_on_with_threads_of_its_own(make_envs):
+    envs, actions = make_envs("GapFeed", 8, threads=2), np.full((8, 1), 0.5, np.float32)
+    envs.reset(seed=1)
+    envs.step(actions)
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe()
+    child = context.Process(target=lambda: there.send(envs.step(actions)[0]), daemon=True)
+    child.start()
+    assert here.poll(30)
+    assert (here.recv() == envs.step(actions)[0]).all()
+    child.join()
+    assert child.exitcode == 0
+
+
 def test_errors_gymnasium_users_know(make_envs):
     envs = make_envs("GapFeed", 2, autoreset_mode="Disabled", max_episode_steps=1)
     actions = np.zeros((2, 1), np.float32)
@@ -153,7 +170,7 @@ def test_errors_gymnasium_users_know(make_envs):
     envs.step(actions)
     with pytest.raises(ResetNeeded, match=r"sub-environments \[0, 1\]"):
         envs.step(actions)
-    for mask in (np.array([True]), np.array([1, 0]), np.zeros(2, np.bool_)):
+    for mask in (np.array([True]), np.array([1, 0]), np.zeros(2, np.bool_), [[True], [True, False]]):
         with pytest.raises(InputError, match="reset_mask"):
             envs.reset(options={"reset_mask": mask})
 

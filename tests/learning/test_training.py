@@ -102,7 +102,7 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
         status, out, err = edmsim(*command)
     signal.signal(number, before)
     assert (status, out) == (128 + number, "")
-    assert f"--algo {algo} --seed 0 --resume --out {tmp_path}" in err
+    assert f"--algo {algo} --seed 0 --resume --out {tmp_path} --score 0\n" in err
     assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000064"]
     assert not (tmp_path / "policy.json").exists()
     for refused, named in (

@@ -273,6 +273,7 @@ def test_settings_of_a_search_are_those_of_a_training(tmp_path):
         ("ppo", "[algorithm]\nlearning_rate = 'a'", "algorithm.learning_rate"),
         ("ppo", "[algorithm]\nlearning_rate = inf", "algorithm.learning_rate"),
         ("ppo", "[algorithm]\nbatch_size = 1", "algorithm.batch_size"),
+        ("ppo", "num_envs = 1\n[algorithm]\nn_steps = 1", "a rollout of num_envs * n_steps is 1 step"),
         ("sac", "[algorithm]\nent_coef = 'automatic'", "algorithm.ent_coef"),
         ("ppo", "[network]\nwidths = [0]", "network.widths"),
         ("ppo", "[network]\nlog_std_init = 9", "network.log_std_init"),
