@@ -313,7 +313,7 @@ def positioner(
 
     presses = [press_of(text) for text in press or []]
     contactors = contactors_of(contactor or [])
-    if not seconds > 0:
+    if not 0 < seconds < math.inf:
         raise InputError(f"--seconds is above 0, not {seconds:g}")
     try:
         station = Station.of_files(configuration, program, axis, contactors)

@@ -116,7 +116,7 @@ class Keyboard(Pipe):
 
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:
-        """Read character by character; only Ctrl-C remains a signal. The block's end restores a terminal still there."""
+        """Read character by character; only Ctrl-C remains a signal. The end restores a terminal still there."""
         before = termios.tcgetattr(self._source)
         try:
             tty.setcbreak(self._source)
