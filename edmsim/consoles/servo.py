@@ -145,8 +145,8 @@ def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, 
     """
     sent, leaves = b"", False
     for pressed in filter(None, _CURSOR.split(keys)):
-        begun, analysing, leaves = _sent_for_one(pressed, streams, analysing)
-        sent += begun
+        typed, analysing, leaves = _sent_for_one(pressed, streams, analysing)
+        sent += typed
     return sent, analysing, leaves
 
 
