@@ -244,6 +244,11 @@ def kind_of(name: str) -> Kind:
     return PLANNERS[name]
 
 
+def counting() -> list[str]:
+    """Return the names of the planners that have position counters."""
+    return [name for name, kind in PLANNERS.items() if kind.counts]
+
+
 def position_unit(name: str, travel_um: float, step_um: float = STEP_UM) -> Unit:
     """Return what a planner counts on a table: um, or motor steps where 16 bits hold no more."""
     kind = kind_of(name)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from edmsim.cli.console import ERR, OUT, Json, Quiet, print_line, say
-from edmsim.cli.options import SET_UP, Unset, takes
+from edmsim.cli.options import SET_UP, Among, Unset, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, InputError
 from edmsim.files import check_suffix, make_writable, replacing
 
@@ -210,7 +210,14 @@ def _write_fmu(settings: "CutSettings", file: Path, gap_um: float) -> None:
     say(f"written: {file}; its step is {step_s:.9g} s")
 
 
-@takes("machine", "material", "wire", "height_mm", "tension", "planner", "resolution", "seed")
+def _counting() -> list[str]:
+    from edmsim.controllers.planner.registry import counting
+
+    return counting()
+
+
+@takes("machine", "material", "wire", "height_mm", "tension", "planner", "resolution", "seed",
+       planner=Among(_counting))  # fmt: skip
 def terminal(
     host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
     speed: Annotated[
@@ -302,7 +309,7 @@ def positioner(
 
     presses = [press_of(text) for text in press or []]
     contactors = contactors_of(contactor or [])
-    if not seconds > 0:
+    if not 0 < seconds < math.inf:
         raise InputError(f"--seconds is above 0, not {seconds:g}")
     try:
         station = Station.of_files(configuration, program, axis, contactors)

@@ -28,6 +28,12 @@ class Unset(NamedTuple):
     text: str
 
 
+class Among(NamedTuple):
+    """In the place of a default: the default holds, and this command takes some of the names only."""
+
+    listed: Callable[[], list[str]]
+
+
 class _Taken(NamedTuple):
     names: tuple[str, ...]
     instead: dict[str, Any]
@@ -35,7 +41,7 @@ class _Taken(NamedTuple):
 
 def takes(*names: str, **instead: Any) -> Callable[[_Command], _Command]:
     """Give a command with ``**options`` the options of a cut, all or those named; it gets those that are not None."""
-    # `instead` are defaults of this command that are not those of a cut, or `Unset`
+    # `instead` are defaults of this command that are not those of a cut, or `Unset`, or `Among`
 
     def mark(command: _Command) -> _Command:
         setattr(command, _TAKEN, _Taken(names, instead))
@@ -121,12 +127,16 @@ def flag(name: str, field: "FieldInfo") -> str:
 
 
 def _parameter(name: str, field: "FieldInfo", taken: _Taken) -> inspect.Parameter:
-    from edmsim.machine.options import Flag, fact, meaning
+    from edmsim.machine.options import Flag, Names, fact, meaning
 
+    default = taken.instead.get(name, field.default)
+    if isinstance(default, Among):
+        field = copy(field)
+        field.metadata, default = [Names(default.listed), *field.metadata], field.default
     own, help_text = fact(field, Flag) or Flag(), meaning(name, field).replace("``", "").replace("`", "")
     if own.many:
         help_text += " Repeatable."
-    kind, default = _kind(field.annotation, own.many), taken.instead.get(name, field.default)
+    kind = _kind(field.annotation, own.many)
     if isinstance(default, Unset):
         help_text, default = f"{help_text} {default.text}", None
     if kind is not bool and default in (None, ()):

@@ -82,6 +82,9 @@ def show(
     print_line(f"Written: {folder / 'pareto.png'}")
 
 
+_FLAGS = {"seeds": "--seeds", "machine_samples": "--machine-samples", "recordings": "--record"}
+
+
 def _specification(
     what: str, words: list[str], seeds: int | None, machine_samples: int | None, record: list[str] | None
 ) -> "Specification":
@@ -91,8 +94,8 @@ def _specification(
     over = {"seeds": seeds, "machine_samples": machine_samples, "recordings": record or None}
     chosen = {name: value for name, value in over.items() if value is not None}
     if what.endswith(".toml"):
-        if words or chosen:
-            raise InputError(f"a specification has all settings: leave out {' '.join(words) or ', '.join(chosen)}")
+        if superfluous := [*(_FLAGS[name] for name in chosen), *words]:
+            raise InputError(f"a specification has all settings: leave out {' '.join(superfluous)}")
         return read_specification(what)
     kind = "program" if Path(what).is_file() or Path(what).suffix not in ("", ".py") else "environment"
     return Specification.model_validate({kind: what, "grid": _options(words), **chosen})
@@ -117,10 +120,11 @@ def _options(words: list[str]) -> dict[str, Any]:
 
 def engine_of(ray: str | None, processes: int | None) -> "Engine":
     """Return where runs are made: the processes of this computer, or a cluster's."""
+    from edmsim.numeric import whole_from
     from edmsim.runs import Cluster, Processes
 
     if ray is None:
-        return Processes(processes)
+        return Processes(None if processes is None else whole_from("--processes", processes, 1))
     if processes is not None:
         raise InputError("--processes are those of this computer: leave them out with --ray")
     return Cluster(ray)

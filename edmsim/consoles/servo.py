@@ -1,6 +1,7 @@
 """``edmsim console servo``: a drive on its bench for a person, a script or a program; scope, tuning."""
 
 import os
+import re
 import select
 import sys
 import time
@@ -126,6 +127,7 @@ _MOVES = {
     b"\x1b[1;5C": 64, b"\x1b[1;5A": 64, b"\x1b[1;5D": -64, b"\x1b[1;5B": -64,
 }  # fmt: skip
 """Counts of the cursor keys, and of those with Ctrl, as terminals send them: right and up are positive."""
+_CURSOR = re.compile(b"(" + b"|".join(map(re.escape, _MOVES)) + b")")
 
 
 def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
@@ -139,6 +141,15 @@ def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, 
     >>> sent_for(b"\x1b[1;5D", False, False)
     (b'-64\r', False, False)
     """
+    sent, leaves = b"", False
+    for pressed in filter(None, _CURSOR.split(keys)):
+        typed, analysing, leaves = _sent_for_one(pressed, streams, analysing)
+        sent += typed
+    return sent, analysing, leaves
+
+
+def _sent_for_one(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
+    """Do the same for one cursor key, or for what was typed between two."""
     if keys == LEAVE:
         return b"", analysing, True
     if keys in _MOVES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import signal
@@ -10,7 +11,7 @@ import termios
 import time
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -115,7 +116,7 @@ class Keyboard(Pipe):
 
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:
-        """Read character by character; only Ctrl-C remains a signal. The block's end restores the terminal."""
+        """Read character by character; only Ctrl-C remains a signal. The end restores a terminal still there."""
         before = termios.tcgetattr(self._source)
         try:
             tty.setcbreak(self._source)
@@ -125,8 +126,13 @@ class Keyboard(Pipe):
                 now[6][key] = bytes([off])
             termios.tcsetattr(self._source, termios.TCSANOW, now)
             yield
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            raise SystemExit(128 + signal.SIGHUP) from None  # its window was closed
         finally:
-            termios.tcsetattr(self._source, termios.TCSADRAIN, before)
+            with suppress(termios.error):  # a closed one has no settings
+                termios.tcsetattr(self._source, termios.TCSADRAIN, before)
 
 
 def is_terminal() -> bool:

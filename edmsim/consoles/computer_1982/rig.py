@@ -20,7 +20,7 @@ from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD, check_1982, unit_for, unit_um
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED, seconds
 from edmsim.controllers.planner.kinds import LITERAL
-from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
+from edmsim.controllers.planner.registry import Planner, counting, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
@@ -87,8 +87,8 @@ def moved(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, 
 def check_counts(planner: str) -> str:
     """Refuse an unknown planner, or one without position counters, before anything moves."""
     if not kind_of(planner).counts:
-        counting = ", ".join(name for name, kind in PLANNERS.items() if kind.counts)
-        raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {counting}")
+        others = ", ".join(counting())
+        raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {others}")
     return planner
 
 

@@ -349,8 +349,13 @@ class Session:
         self._tell()
 
     def _take(self, character: int) -> None:
-        """Give a character to LINE, which gives a finished line to MAIN, or to the monitor at once."""
-        self._character = character
+        """Give a character to LINE, which gives a finished line to MAIN, or to the monitor at once.
+
+        CR LF ends one line: a second, empty one would answer MAIN's next question.
+        """
+        before, self._character = self._character, character
+        if (before, character) == (line_input.RETURN, line_input.LINE_FEED):
+            return
         if character == ETX:
             self._forget_line()
             self._stop_everything()

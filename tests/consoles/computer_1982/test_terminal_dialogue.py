@@ -183,6 +183,12 @@ def test_a_line_without_its_end_is_not_executed(rig):
     assert b"the last line has no end; nothing was done" in screen.printed
 
 
+def test_return_and_line_feed_together_end_one_line(rig):
+    screen = Script(b"POS 1000 1000\r\nMAIN\r\n\r\n1100 1000\r\nSTATUS\r\n")
+    assert Session(rig, screen, Interrupts()).run() == 0
+    assert b"NEW POSITION X Y ? 1100 1000\r\nt(i) us ? STATUS\r\n" in screen.printed
+
+
 def test_help_knows_every_word_and_fits_the_screen(operate, rig):
     main = MainProgram(Operation(rig), Session(rig, Script(b""), Interrupts()), print, rig.board.bus)
     assert {ALIASES.get(word, word) for word in main.words} == set(WORDS) - {"MORE"}

@@ -123,6 +123,12 @@ def test_bad_options_are_one_line_and_status_2(options, reason, piped):
 
 
 @pytest.mark.slow
+def test_the_help_lists_the_planners_that_count(edmsim):
+    shown = " ".join(edmsim("console", "1982", "--help").out.replace("│", "").split())
+    assert "One of: poscal, poscal-literal, dda, sine-table. [default: poscal]" in shown
+
+
+@pytest.mark.slow
 def test_the_same_script_gives_the_same_session_bit_for_bit(machine):
     script = "TI 30 TP 100", "NEW 32600 32500", "START", "WAIT 2", "STATUS", "EM", "INIT", "STATUS"
     first, same, other = (run_script(Rig(machine, seed, resolution="fast"), *script).lines for seed in (7, 7, 8))

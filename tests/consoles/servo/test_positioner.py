@@ -146,6 +146,11 @@ def test_the_command_presses_inputs(piped):
     assert "axis:st_still 0" in done.text[0]
 
 
+def test_a_run_has_an_end(edmsim):
+    shown = edmsim("console", "positioner", *FILES, "--seconds", "inf")
+    assert (shown.status, shown.err) == (2, "edmsim: --seconds is above 0, not inf\n")
+
+
 def test_the_command_lists_what_cannot_be_read(piped, tmp_path):
     (tmp_path / "a.mod").write_text("Axis:posit = 0\nspeed = 1\nGO Axis\n" + "END 1\n" * 10, encoding="utf-8")
     done = piped(b"", "console", "positioner", FILES[0], tmp_path / "a.mod")

@@ -164,6 +164,8 @@ def test_the_space_bar_switches_the_analyser_and_escape_leaves():  # U-37
     assert sent_for(b" ", True, True) == (b"Z\r", False, False)
     assert sent_for(b"\x1b", True, False) == (b"", False, True)
     assert sent_for(b"p9\n", True, False) == (b"p9\r", False, False)
+    held = b"\x1b[C\x1b[C\x1b[1;5D"  # keys come faster than they are read
+    assert sent_for(held + b"p9\n", True, False) == (b"G32\rG32\rG-64\rp9\r", False, False)
 
 
 @pytest.mark.parametrize(("keys", "counts"), [(b"\x1b[C", 32), (b"\x1b[D", -32), (b"\x1b[1;5C", 64)])
