@@ -4,8 +4,6 @@ A controller observes only what a real machine measures: counts, mean voltage, c
 position counters.
 """
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import fields
 from functools import cache

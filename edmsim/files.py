@@ -1,7 +1,5 @@
 """Files and folders that outputs go to; texts, tables and arrays read from files."""
 
-from __future__ import annotations
-
 import io
 import math
 import shutil

@@ -1,7 +1,5 @@
 """The native vector environment as stable-baselines3's `VecEnv` (extra ``rl``)."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from typing import Any

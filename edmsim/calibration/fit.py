@@ -5,8 +5,6 @@ simulated with common random numbers. Both are known only to their noise, whose 
 the log and from cuts with other seeds. Constants are shares of their published ranges, which bound them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ This is the search by which Sato et al. found the mean current at which a wire b
 looks for it in the plant; here the cutting rate is read at every step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from statistics import fmean

@@ -3,8 +3,6 @@
 Ctrl-C, SIGTERM and SIGHUP (its terminal closes) end it only at points where no work is half done.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 import warnings

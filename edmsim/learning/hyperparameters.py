@@ -1,7 +1,5 @@
 """Hyperparameters: ``models/training/ALGO.toml``, or ``NAME-ALGO.toml`` for a task with its own."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

@@ -3,8 +3,6 @@
 Neither has code, so reading a policy never runs code of its author.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Training with stable-baselines3 (extra ``rl``): from nothing, or on from a folder's last checkpoint."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A cut as files for other programs: its face as STL or glTF, its contour as DXF, CSV or SVG."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path

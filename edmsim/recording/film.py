@@ -3,8 +3,6 @@
 Its pictures show the part from above, the gap at the wire, the oscilloscope and the series.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast

@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
+from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
@@ -115,41 +116,6 @@ CARD_DPI = 80
 COLUMN_DPI = 320
 """Dots per inch of the pictures in columns, as they are when enlarged (ours: 1120 dots wide)."""
 PROFILE_CAPTION = "The cut from above, the error along its edge drawn large, and the process over machine time."
-_STYLE = """
-:root { color-scheme: light dark; --ink: #1f2933; --muted: #5b6773; --line: #d9dde2; --card: #ffffff; --page: #f5f6f8;
-  --good: #00735a; --bad: #b34700; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e4e8ec; --muted: #a0abb6; --line: #39424c; --card: #1e242b;
-  --page: #14181d; --good: #37c7a0; --bad: #ff9552; } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 76rem; padding: 1rem; background: var(--page); color: var(--ink);
-  font: 16px/1.5 system-ui, sans-serif; }
-h1 { font-size: 1.5rem; margin: 0; overflow-wrap: anywhere; }
-h2 { font-size: 1.1rem; margin: 2rem 0 .6rem; }
-.outcome { font-weight: 600; margin: .2rem 0 1rem; }
-.good { color: var(--good); } .bad { color: var(--bad); }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9rem, 1fr)); gap: .7rem; }
-.tile, table, .notices { background: var(--card); border: 1px solid var(--line); border-radius: .5rem; }
-.tile { padding: .6rem .8rem; } .tile b { display: block; font-size: 1.2rem; font-weight: 600; }
-.tile span, th, figcaption, .hint, footer { color: var(--muted); font-size: .9rem; }
-table { border-collapse: separate; border-spacing: 0; width: 100%; }
-td, th { padding: .35rem .8rem; text-align: left; vertical-align: top; font-weight: 400; }
-tr + tr > * { border-top: 1px solid var(--line); }
-td { font-variant-numeric: tabular-nums; overflow-wrap: anywhere; white-space: pre-wrap; }
-.pairs th { width: 11rem; }
-.notices { margin: 0; padding: .6rem .8rem .6rem 1.8rem; }
-.figures { columns: 22rem; column-gap: 1rem; }
-figure { margin: 0 0 1rem; break-inside: avoid; } figcaption { margin-top: .3rem; }
-.enlarge { display: block; cursor: zoom-in; } .enlarge input { position: absolute; opacity: 0; }
-.enlarge input:focus-visible + span img { outline: 3px solid var(--good); }
-.enlarge input:checked + span { position: fixed; inset: 0; z-index: 1; overflow: auto; background: #fff;
-  cursor: zoom-out; display: flex; }
-.enlarge input:checked + span img { width: auto; max-width: none; margin: auto; border: 0; }
-img { display: block; width: 100%; height: auto; background: #fff; border: 1px solid var(--line);
-  border-radius: .5rem; padding: .4rem; }
-footer { margin: 2rem 0 1rem; }
-@media (max-width: 30rem) { .pairs th { width: 7rem; } td, th { padding: .35rem .6rem; } }
-"""
-# Figures keep their white ground in the dark: they are the same ones as in a paper.
 
 
 def write_html(
@@ -168,10 +134,12 @@ def page(report: Report, title: str, profile: bytes, drawn: Iterable[Picture], l
     notices = [*report.notices, *left_out]
     first = _enlarged("profile", PROFILE_CAPTION, _address(profile), *PROFILE_DOTS)
     others = "".join(_picture(picture) for picture in drawn)
+    # figures keep their white ground in the dark: they are the same ones as in a paper
+    style = (resources.files("edmsim.recording") / "report.css").read_text(encoding="utf-8")
     return "\n".join([
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(title)} – edmsim</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
+        f"<title>{escape(title)} – edmsim</title>\n<style>\n{style}</style>\n</head>\n<body>",
         f"<h1>{escape(title)}</h1>",
         f'<p class="outcome {"good" if report.reason is None else "bad"}">{escape(outcome_text(report))}</p>',
         _tiles(report),

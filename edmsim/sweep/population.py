@@ -5,8 +5,6 @@ checkpoint of one of the best (exploit), with its settings changed a little or d
 2017, arXiv:1711.09846, by Ray Tune's `PopulationBasedTraining`. The result is a policy and a schedule of settings.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import math

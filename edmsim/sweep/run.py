@@ -3,8 +3,6 @@
 All combinations are looked at before the first run: what no cut can be made with is refused in one line.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import socket

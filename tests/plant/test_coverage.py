@@ -7,7 +7,6 @@ import pytest
 
 import edmsim
 from edmsim.compiled.jit import compiled
-from edmsim.controllers import WindowObservation
 from edmsim.plant.constants import constants, gap_law, gas_law
 from edmsim.plant.gap.coverage import (
     GasLaw,
@@ -450,7 +449,3 @@ def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(
     plant.rethread((30_000.0, 31_000.0), 60 * 10**9)
     fresh = plant.snapshot()
     assert not any(fresh[name].any() for name in STATE_NAMES)
-
-
-def test_a_machine_does_not_see_its_gas():
-    assert not {name for name in WindowObservation._fields if "cover" in name or "gas" in name}

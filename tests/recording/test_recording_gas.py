@@ -35,7 +35,8 @@ def test_a_plant_tells_the_gas_in_every_slice_and_keeps_its_own():
 
 
 def test_a_machine_does_not_observe_gas():
-    assert not {"coverage", "covered", "debris", "gap_um"} & set(WindowObservation._fields)
+    hidden = "cover", "gas", "debris", "gap_um"
+    assert not [name for name in WindowObservation._fields if any(word in name for word in hidden)]
 
 
 @pytest.mark.slow

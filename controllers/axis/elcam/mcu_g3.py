@@ -4,8 +4,6 @@ Commands have PLCopen's names (`move_absolute`, `halt`, `cam_in`, `cam_out`, `in
 the document's. Ramps have constant acceleration, as the document does not define them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

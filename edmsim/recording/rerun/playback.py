@@ -1,7 +1,5 @@
 """Reads a recording: whether it is complete and of this version, and its contents at a time."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from importlib.metadata import version
