@@ -87,7 +87,7 @@ def main() -> None:
     rng, rows = np.random.default_rng(0), []
     for number, history in enumerate(histories):
         others = bandit_training.prior_of([*histories[:number], *histories[number + 1 :]], settings)
-        card = bandit_training.card_of(ENV_ID, settings, others, bandit_training.About("", 0, 0))
+        card = bandit_training.card_of(ENV_ID, settings, others, "", 0, 0)
         controller = BanditController(card)
         machine, level = known(controller, history)
         net = machine.net(THREADING_S + settings.start_s)

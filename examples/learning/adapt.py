@@ -13,7 +13,7 @@ how a bandit finds out which:
 3. On a new machine the policy tries each setting, updates by Bayes' rule, and uses what cuts fastest: `Watched`
    prints what it expects after every segment.
 
-`edmsim train edmsim/MaxRateShift-v0 --algo bandit` does 1 and 2 with seven settings. Put in yours: parameters of a
+`edmsim train edmsim/MaxRateShift-v0 --algo bandit` does 1 and 2 with eight settings. Put in yours: parameters of a
 law of edmsim. An interrupted recording continues with the same command. Needs no extra.
 """
 

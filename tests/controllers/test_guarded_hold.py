@@ -77,14 +77,14 @@ def test_constants_of_the_machine_at_work_are_not_looked_at(known):
 
 
 def test_one_window_of_long_periods_follows_a_burst_and_the_feed_falls_with_it():
-    cut = Cut()
+    cut = Cut(gentle_s=0.0)
     usual = cut.windows(600)[-1]
     relief = cut.windows(1, BURST)[0]
     after = cut.windows(1, (20,) * 5)[0]
     assert relief.t_period_us == pytest.approx(200.0)
     assert 0.0 < relief.feed_um_s < 1.3 * usual.feed_um_s * usual.t_period_us / 200.0
     assert after.t_period_us == pytest.approx(usual.t_period_us, rel=0.05)
-    assert Cut(reliefs_per_s=0.0).windows(600)[-1].t_period_us == pytest.approx(usual.t_period_us)
+    assert Cut(reliefs_per_s=0.0, gentle_s=0.0).windows(600)[-1].t_period_us == pytest.approx(usual.t_period_us)
 
 
 def test_no_burst_is_relieved_where_the_guard_is_off():
@@ -107,7 +107,7 @@ def test_the_guard_settles_where_there_are_as_many_bursts_as_its_parameter_says(
 
 
 def test_pulses_that_all_ignite_after_a_short_reach_no_more_flux_than_the_restart_allows():
-    cut = Cut(restart_share=0.7, reliefs_per_s=0.0, limit_share=0.1, limit_spread=0.1)
+    cut = Cut(restart_share=0.7, reliefs_per_s=0.0, limit_share=0.1, limit_spread=0.1, gentle_s=0.0)
     usual = cut.windows(600, (25,) * 5)[-1]  # half of the pulses are open
     assert cut.rule.hold > 0.0
     restarted = cut.windows(3, (0,) * 5, short=255)[-1]
@@ -116,3 +116,18 @@ def test_pulses_that_all_ignite_after_a_short_reach_no_more_flux_than_the_restar
     assert full <= cut.rule.hold / 0.7 * 1.001
     assert restarted.t_period_us > 1.2 * usual.t_period_us
     assert cut.windows(100, (25,) * 5)[-1].t_period_us == pytest.approx(usual.t_period_us, rel=0.1)
+
+
+def test_a_new_wire_reaches_the_held_flux_in_some_time():
+    cut = Cut(reliefs_per_s=0.0, gentle_s=8.0, gentle_share=0.65)
+
+    def share_after(seconds):
+        end_s = cut.time_s + seconds
+        while cut.time_s < end_s:
+            cut.windows(1)
+        return cut.law.gauge.flux.max() / cut.rule.hold
+
+    assert share_after(10.0) == pytest.approx(1.0, rel=0.02)
+    cut.law.wire_lost()
+    assert share_after(4.0) == pytest.approx(0.65 + 0.35 * 4.0 / 8.0, rel=0.05)
+    assert share_after(6.0) == pytest.approx(1.0, rel=0.02)
