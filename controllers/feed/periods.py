@@ -409,10 +409,8 @@ LEVELS = np.linspace(math.log(LEAST_HOLD), math.log(MOST_HOLD), 168)
 STEEPNESS = 15.0
 """Growth of the logarithm of the hazard with that of the flux (ours: breaks of a machine within some 10 %)."""
 HAZARD_PER_S = 1.0 / 60.0  # hazard at the flux that is called the wire's limit
-BY_CHANCE_PER_S = 1.0 / 1200.0
-"""Hazard at any flux (ours: a wire in a shift), so that one break far below what was borne is no limit yet."""
-HAZARD = BY_CHANCE_PER_S + HAZARD_PER_S * np.exp(np.clip(STEEPNESS * (LEVELS[:, None] - LEVELS), -50.0, 12.0))
-"""Of a flux held (rows) where the limit is another (columns), per s."""
+HAZARD = HAZARD_PER_S * np.exp(np.clip(STEEPNESS * (LEVELS[:, None] - LEVELS), -50.0, 12.0))
+"""Of a flux held (rows) where the limit is another (columns), per s, without breaks by chance."""
 SLOW_S = 0.1
 """Time constant of the flux that a break is put down to (ours: a wire breaks some 20 ms after it boils dry)."""
 DECISION_S = 1.0  # time between two looks at what was held (ours: some hundred windows)
@@ -459,7 +457,12 @@ class AdaptiveHold(HoldHeat):
     # logarithm
     limit_share: float = 0.8
     limit_spread: float = 0.5
-    drift_per_s: float = 2e-5  # growth of the variance of that logarithm with time: water and wear change the limit
+    # drift_per_s, fall_per_s: growth of the variance of that logarithm with time, and fall of its mean: water, wear and
+    # pressure change the limit
+    drift_per_s: float = 2e-5
+    fall_per_s: float = 0.0
+    # hazard at any flux: a wire in a shift, so that one break far below what was borne is no limit yet
+    by_chance_per_s: float = 1.0 / 1200.0
     rate_exponent: float = 0.8  # growth of the logarithm of the cutting rate with that of the flux
     # factor on the time that a lost wire costs: threading plus the slow start of a new wire
     break_weight: float = 1.0
@@ -491,7 +494,7 @@ class AdaptiveHold(HoldHeat):
     def best_hold(self) -> float:
         """Return the flux u of the most ``u^rate_exponent / (1 + hazard lost_s)`` over what the limit may be."""
         lost_s = self.break_weight * (self._threading_s + self.rise_s)
-        cutting = 1.0 / (1.0 + HAZARD * lost_s)
+        cutting = 1.0 / (1.0 + (self.by_chance_per_s + HAZARD) * lost_s)
         rates = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)
         return float(np.exp(LEVELS[int(np.argmax(rates))]))
 
@@ -512,15 +515,20 @@ class AdaptiveHold(HoldHeat):
         """Take in the time since the last decision, and a break, by Bayes' rule; let the limit drift."""
         chance = self.chance
         if self.seconds:
-            chance = chance * np.exp(-np.minimum(_hazard(self.level_s / self.seconds) * self.seconds, 500.0))
+            chance = chance * np.exp(-np.minimum(self._hazard(self.level_s / self.seconds) * self.seconds, 500.0))
         if broken and self.level is not None:
-            chance = chance * _hazard(self.level)
+            chance = chance * self._hazard(self.level)
         spacing = LEVELS[1] - LEVELS[0]
         moved = min(0.5 * self.drift_per_s * self.seconds / spacing**2, 0.25)
+        fallen = min(self.fall_per_s * self.seconds / spacing, 0.25)
         around = np.pad(chance, 1, mode="edge")
-        chance = (1.0 - 2.0 * moved) * chance + moved * (around[:-2] + around[2:])
+        chance = (1.0 - 2.0 * moved - fallen) * chance + moved * (around[:-2] + around[2:]) + fallen * around[2:]
         self.chance = chance / max(chance.sum(), 1e-300)
         self.seconds = self.level_s = 0.0
+
+    def _hazard(self, level: float) -> NDArray[np.float64]:
+        """Return the hazard of a flux, given by its logarithm, for every limit there may be, per s."""
+        return np.asarray(self.by_chance_per_s + HAZARD[int(np.argmin(np.abs(LEVELS - level)))])
 
     def fresh_wire(self) -> None:
         """Take in what the break said of the limit."""
@@ -534,11 +542,6 @@ def _near(law: ServoLaw) -> float:
     """Return the greatest flux of a fifth over the critical one, as the last window left it."""
     assert isinstance(law.gauge, FluxGauge)
     return float(law.gauge.flux.max())
-
-
-def _hazard(level: float) -> NDArray[np.float64]:
-    """Return the hazard of a flux, given by its logarithm, for every limit there may be, per s."""
-    return np.asarray(HAZARD[int(np.argmin(np.abs(LEVELS - level)))])
 
 
 # `GuardedHold` relieves a wire before it breaks, so that it can hold a higher heat flux. On training machines, most
