@@ -457,8 +457,8 @@ class AdaptiveHold(HoldHeat):
     # logarithm
     limit_share: float = 0.8
     limit_spread: float = 0.5
-    # drift_per_s, fall_per_s: growth of the variance of that logarithm with time, and fall of its mean: water, wear and
-    # pressure change the limit
+    # drift_per_s, fall_per_s: growth of the variance of that logarithm with time, and fall of its mean: water, wear
+    # and pressure change the limit
     drift_per_s: float = 2e-5
     fall_per_s: float = 0.0
     # hazard at any flux: a wire in a shift, so that one break far below what was borne is no limit yet
