@@ -461,7 +461,7 @@ class AdaptiveHold(HoldHeat):
     # and pressure change the limit
     drift_per_s: float = 2e-5
     fall_per_s: float = 0.0
-    # hazard at any flux: a wire in a shift, so that one break far below what was borne is no limit yet
+    # hazard at any flux (a wire in a shift), for breaks far below a flux that the wire has borne
     by_chance_per_s: float = 1.0 / 1200.0
     rate_exponent: float = 0.8  # growth of the logarithm of the cutting rate with that of the flux
     # factor on the time that a lost wire costs: threading plus the slow start of a new wire
