@@ -122,7 +122,7 @@ for label in ("trained here", "shipped policy"):
 
 # %% [markdown]
 # The policy trained here has a negative return. The shipped one started from a policy of the previous version,
-# which avoided the metal, and had five times as many windows. It earns 92 % of the return of `voltage`, and 10 % more
+# which avoided the metal, and had five times as many windows. It earns 91 % of the return of `voltage`, and 9 % more
 # than `counts`; with eight machines the intervals of all three overlap. No learned policy is significantly better
 # than the best law, `delay` on the page "benchmark". This task sets only the feed, and a servo comes within a tenth
 # of a controller that sees the gap. A policy could gain more if it also sets the generator, or if it knows the
@@ -176,10 +176,10 @@ panels[1].set(xlabel="path, mm", ylabel="short, share", ylim=(0, 1))
 figure.tight_layout()
 
 # %% [markdown]
-# The policy trained here goes back and forth in the first 0.7 mm until the time limit. The others finish the part.
+# The policy trained here goes back and forth before the metal until the time limit. The others finish the part.
 # Where the wire enters and leaves the metal, their feed is the greatest of the planner, 33.3 µm/s. `voltage` is the
-# fastest; it holds the narrowest gap, oscillates a little, and has most shorts and the smallest profile error. The
-# shipped policy cuts as evenly as `counts`, closer to the metal and so 7 % faster, with a smaller profile error.
+# fastest; it holds the narrowest gap, oscillates a little, and has most shorts. The shipped policy cuts as evenly as
+# `counts`, closer to the metal and so 7 % faster, with the smallest profile error.
 #
 # ## Limits
 #

@@ -111,7 +111,7 @@ figure.tight_layout(rect=(0, 0, 1, 0.96))
 # well. A wire that lags cuts the corner short; the corner error is the distance of its path from that of the
 # guides.
 #
-# With more tension the wire also vibrates less, so its kerf is narrower, by some 3 µm. The rate does not depend on
+# With more tension the wire also vibrates less, so its kerf is narrower, by some 3 µm. The rate hardly depends on
 # the tension. The bands overlap, because the differences between machines are larger than the effect of the
 # tension. On *one* machine the effect is clear, as the comparison of each machine with itself shows:
 

@@ -198,12 +198,12 @@ for label in policies:
           "the best of those that were recorded")
 
 # %% [markdown]
-# Both networks are worse than the best law of the records. The clone earns a third of `voltage`'s return, less than
-# `fixed`: a third of the records are of a constant feed, and where the network is slower than the records it meets
-# windows that are in no record. The weighted network earns three quarters, less than `counts`. This depends on the
-# records: with those of an earlier version of the gap both cut half as fast as `voltage`. The return of a window
-# depends on the machine at least as much as on the feed, and the observation does not show the machine. So a high
-# advantage often means an easy machine, not a good action.
+# Both networks are worse than the best law of the records. Both earn about a third of `voltage`'s return, less
+# than `fixed`: a third of the records are of a constant feed, and where a network is slower than the records it
+# meets windows that are in no record. This depends on the records: with those of another version of the gap the
+# weighted network earned three quarters. The return of a window depends on the machine at least as much as on the
+# feed, and the observation does not show the machine. So a high advantage often means an easy machine, not a good
+# action.
 #
 # ## Limits
 #
