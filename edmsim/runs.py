@@ -141,8 +141,7 @@ def digests_of(values: Iterable[Any]) -> dict[str, str]:
     named = {}
     for value in values:
         if isinstance(value, str):
-            own = user_code.named(value)
-            file = value.removeprefix("policy:") if own is None else own.file
+            file = user_code.file_of(value) or value
             if (found := digest(file)) is not None:
                 named[file] = found
     return named

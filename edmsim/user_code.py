@@ -36,6 +36,16 @@ def named(text: str) -> UserObject | None:
     return None if found is None else UserObject(found["file"], found["name"] or "", found["rest"] or "")
 
 
+def file_of(text: str) -> str | None:
+    """Return the user's file that a text names; of a policy the ``.json``, which has the hash of its ``.npz``."""
+    if (own := named(text)) is not None:
+        return own.file
+    policy = text.removeprefix("policy:")
+    if policy == text or not policy.endswith((".json", ".npz")):
+        return None
+    return f"{policy.rpartition('.')[0]}.json"
+
+
 def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     """Make what ``KIND:REST`` names, by the function registered in `MAKERS`, or in others."""
     module, _, function = makers[kind].partition(":")

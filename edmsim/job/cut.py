@@ -389,7 +389,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
     machine, path = simulation.machine, simulation.path
     table = machine.base.table
     unit = position_unit(settings.planner, table.travel_mm.value * 1e3, table.step_um.value)
-    file = _file_of(settings.controller)
+    file = user_code.file_of(settings.controller) if isinstance(settings.controller, str) else None
     tables = settings.compensation
     return {
         "program": Path(program).name.encode("utf-8", "replace").decode(),
@@ -404,16 +404,6 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         "wire_path_sha256": _digest(b"".join(way.tobytes() for contour in path.contours for way in contour.reach_um)),
         "constants_sha256": _digest((machine.model_dump_json() + own_mjcf_text(machine.base.model)).encode()),
     }
-
-
-def _file_of(controller: str | FeedController) -> str | Path | None:
-    """Return the user's file that a controller is read from; None for edmsim's own."""
-    if not isinstance(controller, str):
-        return None
-    own, policy = user_code.named(controller), Path(controller.removeprefix("policy:")).with_suffix(".json")
-    if own is not None:
-        return own.file
-    return policy if controller.startswith("policy:") and policy.is_file() else None
 
 
 def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
