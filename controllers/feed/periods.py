@@ -26,6 +26,7 @@ and those of drawn machines within a factor of 3 (docs/tasks/max-rate-shift.md).
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -406,14 +407,17 @@ LEAST_HOLD, MOST_HOLD = 0.02, 3.0
 """Ends of what is held, in parts of the critical flux by the files' constants (ours: beyond any limit seen)."""
 LEVELS = np.linspace(math.log(LEAST_HOLD), math.log(MOST_HOLD), 168)
 """Logarithms of the fluxes that may be held, and at which wires may break: 3 % apart."""
-STEEPNESS = 15.0
-"""Growth of the logarithm of the hazard with that of the flux (ours: breaks of a machine within some 10 %)."""
 HAZARD_PER_S = 1.0 / 60.0  # hazard at the flux that is called the wire's limit
-HAZARD = HAZARD_PER_S * np.exp(np.clip(STEEPNESS * (LEVELS[:, None] - LEVELS), -50.0, 12.0))
-"""Of a flux held (rows) where the limit is another (columns), per s, without breaks by chance."""
 SLOW_S = 0.1
 """Time constant of the flux that a break is put down to (ours: a wire breaks some 20 ms after it boils dry)."""
 DECISION_S = 1.0  # time between two looks at what was held (ours: some hundred windows)
+RAMP_SHARE = 0.02  # chance that the wire's limit lies below the first flux of a ramp (ours)
+
+
+@lru_cache(maxsize=8)
+def hazards_per_s(steepness: float) -> NDArray[np.float64]:
+    """Return the hazard of a flux held (rows) where the limit is another (columns), without breaks by chance."""
+    return np.asarray(HAZARD_PER_S * np.exp(np.clip(steepness * (LEVELS[:, None] - LEVELS), -50.0, 12.0)))
 
 
 @dataclass
@@ -461,6 +465,8 @@ class AdaptiveHold(HoldHeat):
     # and pressure change the limit
     drift_per_s: float = 2e-5
     fall_per_s: float = 0.0
+    # growth of the logarithm of the hazard with that of the flux (breaks of a machine within some 10 %)
+    steepness: float = 15.0
     # hazard at any flux (a wire in a shift), for breaks far below a flux that the wire has borne
     by_chance_per_s: float = 1.0 / 1200.0
     rate_exponent: float = 0.8  # growth of the logarithm of the cutting rate with that of the flux
@@ -494,7 +500,7 @@ class AdaptiveHold(HoldHeat):
     def best_hold(self) -> float:
         """Return the flux u of the most ``u^rate_exponent / (1 + hazard lost_s)`` over what the limit may be."""
         lost_s = self.break_weight * (self._threading_s + self.rise_s)
-        cutting = 1.0 / (1.0 + (self.by_chance_per_s + HAZARD) * lost_s)
+        cutting = 1.0 / (1.0 + (self.by_chance_per_s + hazards_per_s(self.steepness)) * lost_s)
         rates = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)
         return float(np.exp(LEVELS[int(np.argmax(rates))]))
 
@@ -528,7 +534,8 @@ class AdaptiveHold(HoldHeat):
 
     def _hazard(self, level: float) -> NDArray[np.float64]:
         """Return the hazard of a flux, given by its logarithm, for every limit there may be, per s."""
-        return np.asarray(self.by_chance_per_s + HAZARD[int(np.argmin(np.abs(LEVELS - level)))])
+        row = int(np.argmin(np.abs(LEVELS - level)))
+        return np.asarray(self.by_chance_per_s + hazards_per_s(self.steepness)[row])
 
     def fresh_wire(self) -> None:
         """Take in what the break said of the limit."""
@@ -617,11 +624,28 @@ class GuardedHold(AdaptiveHold):
     # kerf holds clean water, in which the gap is unsteady and bursts are larger, until debris has gathered.
     gentle_s: float = 20.0
     gentle_share: float = 0.65
+    # ramp_s, ramp_per_s: time in which the first wire finds its limit, before `AdaptiveHold` decides, and growth of
+    # the logarithm of what is held there
+    ramp_s: float = 0.0
+    ramp_per_s: float = 0.05
 
     log_guard: float = field(default=math.log(FIRST_GUARD), init=False)
     relieving: bool = field(default=False, init=False)  # whether the present window is a relief
     ignition_s: float = field(default=0.0, init=False)  # flux of one ignition per second
     wire_s: float = field(default=0.0, init=False)  # cutting time of the wire
+    ramp_hold: float = field(default=0.0, init=False)  # at the beginning of the ramp; 0 where there is none, or no more
+
+    def begin(self) -> None:
+        """Begin a leg, with a ramp."""
+        super().begin()
+        self.ramp_hold = self.limit(RAMP_SHARE) if self.ramp_s else 0.0
+        self.hold = self.best_hold()
+
+    def best_hold(self) -> float:
+        """Return what the ramp has reached, or the flux of the largest expected return."""
+        if self.ramp_hold and self.wire_s < self.ramp_s:
+            return min(self.ramp_hold * math.exp(self.ramp_per_s * self.wire_s), MOST_HOLD)
+        return super().best_hold()
 
     def excess(self, near: float) -> float:
         """Return how far the flux is above what this wire is to bear, in parts of it."""
@@ -650,5 +674,5 @@ class GuardedHold(AdaptiveHold):
 
     def fresh_wire(self) -> None:
         """Take in what the break said of the limit; the guard stays."""
+        self.relieving, self.wire_s, self.ramp_hold = False, 0.0, 0.0
         super().fresh_wire()
-        self.relieving, self.wire_s = False, 0.0

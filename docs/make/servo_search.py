@@ -1,11 +1,13 @@
-"""Settings of the servo of `adaptive-hold` on training machines: which cut fastest, and how far that differs.
+"""Settings of the servo of a law on training machines: which cut fastest, and how far that differs.
 
 python docs/make/servo_search.py MaxRateShift      # out/servo: some 18 h of machine time, an hour of one processor
+python docs/make/servo_search.py MaxRateShift-guarded                 # around the setting of `guarded-hold`, as long
 python docs/make/servo_search.py ThinWireShift     # some 21 h of machine time, 20 minutes of one processor
 
 Every machine is cut twice with all settings in random order, 9 s each: the law's own, single changes of it, those of
 an earlier policy, and random combinations. The rate of a segment counts over the median of those around it in time,
-as workpieces, water and the law's own adaptation change it. Interrupted, the same command goes on.
+as workpieces, water and the law's own adaptation change it. The first table has the settings, the second what each
+value adds, by a linear fit to all segments. Interrupted, the same command goes on.
 """
 
 import argparse
@@ -29,6 +31,7 @@ FIRST_S, START_S, SEGMENT_S, SETTLE_S = 30.0, 5.0, 9.0, 2.0
 out."""
 AROUND = 8  # segments before and after one that its rate is compared with
 OWN_REPEATS, COMBINATIONS = 4, 66
+MOST_LEAD = 0.7  # a segment's rate may differ by no more (logarithm): it may cross to the next workpiece
 Setting = dict[str, float]
 
 
@@ -83,6 +86,38 @@ SEARCHES = {
             "integral_share": (0.25, 0.5, 0.5, 0.8, 1.0), "recovery_s": (0.2, 0.5, 0.5, 1.0),
             "shortest_us": (18.0, 18.0, 18.0, 15.5, 12.5), "proportional_share": (0.3, 0.6, 1.0),
             "integral_per_s": (2.0, 4.0, 8.0),
+        },
+    ),
+    "MaxRateShift-guarded": Search(
+        "guarded-hold:limit_share=0.14,limit_spread=0.65,by_chance_per_s=3e-4,fall_per_s=7e-5,break_weight=1.5,"
+        "steepness=20,drift_per_s=8e-6,ramp_s=60,short_weight=0.3,proportional_um_s=250,integral_um_s2=60,"
+        "filter_s=0.02,patience_s=0.04,recovery_s=0.2,shortest_us=12.5",
+        {
+            "open_target_share": 0.0, "short_weight": 0.3, "proportional_um_s": 250.0, "integral_um_s2": 60.0,
+            "filter_s": 0.02, "patience_s": 0.04, "retract_feed_um_s": 80.0, "integral_share": 0.5, "recovery_s": 0.2,
+            "shortest_us": 12.5, "proportional_share": 0.6, "integral_per_s": 4.0, "flux_filter_s": 0.05,
+            "reliefs_per_s": 0.25, "relief_us": 200.0, "restart_share": 0.7,
+        },
+        {
+            "open_target_share": (0.03, 0.06), "short_weight": (0.15, 0.5),
+            "proportional_um_s": (120.0, 400.0, 700.0), "integral_um_s2": (20.0, 120.0, 250.0),
+            "filter_s": (0.01, 0.04), "patience_s": (0.02, 0.08), "retract_feed_um_s": (40.0, 160.0, 300.0),
+            "integral_share": (0.25, 0.8, 1.0), "recovery_s": (0.0, 0.1, 0.5), "shortest_us": (11.0, 15.5),
+            "proportional_share": (0.3, 1.0), "integral_per_s": (2.0, 8.0), "flux_filter_s": (0.02, 0.1),
+            "reliefs_per_s": (0.0, 0.1, 0.6), "relief_us": (100.0, 400.0),
+            "restart_share": (0.0, 0.5, 0.9),
+        },
+        (),
+        {
+            "open_target_share": (0.0, 0.0, 0.0, 0.05), "short_weight": (0.15, 0.3, 0.3, 0.5),
+            "proportional_um_s": (150.0, 250.0, 250.0, 400.0, 700.0),
+            "integral_um_s2": (30.0, 60.0, 60.0, 120.0, 250.0), "filter_s": (0.01, 0.02, 0.02, 0.04),
+            "patience_s": (0.02, 0.04, 0.04, 0.08), "retract_feed_um_s": (40.0, 80.0, 80.0, 160.0, 300.0),
+            "integral_share": (0.25, 0.5, 0.5, 0.8, 1.0), "recovery_s": (0.0, 0.1, 0.2, 0.2, 0.5),
+            "shortest_us": (11.0, 12.5, 12.5, 14.0), "proportional_share": (0.3, 0.6, 0.6, 1.0),
+            "integral_per_s": (2.0, 4.0, 4.0, 8.0), "flux_filter_s": (0.02, 0.05, 0.05, 0.1),
+            "reliefs_per_s": (0.1, 0.25, 0.25, 0.6), "relief_us": (100.0, 200.0, 200.0, 400.0),
+            "restart_share": (0.5, 0.7, 0.7, 0.9),
         },
     ),
     "ThinWireShift": Search(
@@ -154,7 +189,7 @@ def record(job: tuple[str, int, int]) -> dict[str, Any]:
     """Return what a machine cut: rows of setting, seconds and area, in order of time; and lost wires."""
     task, seed, number = job
     recorder = Recorder(SEARCHES[task], 1000 * seed + number)
-    episode = Episode(Task(f"edmsim/{task}-v0", test_s=0.0), recorder, seed, "recorder")
+    episode = Episode(Task(f"edmsim/{task.partition('-')[0]}-v0", test_s=0.0), recorder, seed, "recorder")
     rows: list[tuple[int, float, float]] = []
     seconds = area = 0.0
     for window in episode.windows():
@@ -171,8 +206,16 @@ def record(job: tuple[str, int, int]) -> dict[str, Any]:
     return {"seed": seed, "rows": rows, "lost": recorder.lost}
 
 
-def gains(passes: list[dict[str, Any]]) -> tuple[np.ndarray, float]:
-    """Return the logarithm of each setting's rate over the own one's on a machine, and that rate in mm2/min."""
+class Gains(NamedTuple):
+    """What settings cut on a machine."""
+
+    means: np.ndarray  # logarithm of each setting's rate over the own one's
+    own_mm2_min: float  # and that rate
+    segments: list[tuple[int, float]]  # setting, and logarithm of the rate over that of the segments around
+
+
+def gains(passes: list[dict[str, Any]]) -> Gains:
+    """Return what settings cut on a machine."""
     found: list[list[float]] = [[] for _ in passes[0]["lost"]]
     own: list[float] = []
     for one in passes:
@@ -182,7 +225,28 @@ def gains(passes: list[dict[str, Any]]) -> tuple[np.ndarray, float]:
             found[int(setting)].append(log_rate[k] - np.median(log_rate[max(k - AROUND, 0) : k + AROUND + 1]))
             own += [60.0 * np.exp(log_rate[k])] * int(setting < OWN_REPEATS)
     means = np.array([np.mean(each) if each else np.nan for each in found])
-    return means - np.nanmean(means[:OWN_REPEATS]), float(np.mean(own))
+    segments = [(setting, lead) for setting, leads in enumerate(found) for lead in leads]
+    return Gains(means - np.nanmean(means[:OWN_REPEATS]), float(np.mean(own)), segments)
+
+
+def print_values(search: Search, each: list[Gains], lost: np.ndarray) -> None:
+    """Print what each value adds to the logarithm of the rate; fast machines count in proportion."""
+    settings = search.settings
+    values = [(name, value) for name, own in search.own.items()
+              for value in sorted({setting[name] for setting in settings} - {own})]  # fmt: skip
+    has = np.array([[setting[name] == value for name, value in values] for setting in settings], float)
+    setting, lead = np.array([segment for one in each for segment in one.segments]).T
+    setting = setting.astype(int)
+    weight = np.sqrt(np.repeat([one.own_mm2_min for one in each], [len(one.segments) for one in each]))
+    design = np.column_stack([np.ones(len(setting)), has[setting]]) * weight[:, None]
+    fitted, *_ = np.linalg.lstsq(design, np.clip(lead, -MOST_LEAD, MOST_LEAD) * weight)
+    left = np.clip(lead, -MOST_LEAD, MOST_LEAD) * weight - design @ fitted
+    error = left.std() * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+    segments = np.bincount(setting, minlength=len(settings))
+    for k, (name, value) in enumerate(values):
+        broke = 100 * (has[:, k] @ lost) / max(has[:, k] @ segments, 1)
+        print(f"{name}={value:g}: {100 * fitted[k + 1]:+.1f} ± {100 * error[k + 1]:.1f} %, "
+              f"{broke:.1f} wires lost in 100 segments")  # fmt: skip
 
 
 def main() -> None:
@@ -200,13 +264,14 @@ def main() -> None:
     made = perform(record, jobs, lambda done, all_: print(done, "of", all_, flush=True), table=table,
                    engine=Processes(), ids=[f"{seed}-{number}" for _, seed, number in jobs])  # fmt: skip
     each = [gains(made[k : k + PASSES]) for k in range(0, len(made), PASSES)]
-    logs, rates = np.array([one[0] for one in each]), np.array([one[1] for one in each])
+    logs, rates = np.array([one.means for one in each]), np.array([one.own_mm2_min for one in each])
     total = np.nansum(rates[:, None] * np.exp(logs), axis=0) / (rates[:, None] * np.isfinite(logs)).sum(axis=0)
     lost = np.sum([one["lost"] for one in made], axis=0)
     for k in np.argsort(-total):
         changes = {name: value for name, value in settings[k].items() if value != search.own[name]}
         changed = ",".join(f"{name}={value:g}" for name, value in changes.items())
         print(f"{100 * total[k]:.1f} % of the own rate, {lost[k]} wires lost: {changed or 'own'}")
+    print_values(search, each, lost)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ class BanditController(Snapshots):
     def _begin(self) -> None:
         self.setting = 0
         self.untried = list(range(1, len(self.card.settings)))
-        self.clock_s = -self.card.start_s  # since the setting was chosen; below 0 while a wire begins
+        self.clock_s = -self.card.first_s  # since the setting was chosen; below 0 while a wire begins
         self.spent_s = 0.0  # cutting time
         self.broken = False  # whether a wire was lost
         self._clear()

@@ -48,7 +48,9 @@ class Choices(BaseModel):
     settings: Annotated[list[dict[str, FiniteFloat]], Field(min_length=2)]
     segment_s: _Positive  # cutting time between two decisions
     settle_s: _Share  # its beginning, which is not measured
-    start_s: _Share  # cutting time of a new wire with the first setting
+    # cutting time with the first setting of the first wire, in which the law may ramp up, and of every later one
+    first_s: _Share
+    start_s: _Share
     # cutting time at the beginning in which a setting is tried once that would be the best with a rate `trial_bonus`
     # standard deviations above the expected one, the most promising first
     trial_s: _Share

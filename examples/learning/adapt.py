@@ -38,7 +38,8 @@ SETTINGS = BanditSettings(
         {"open_target_share": 0.2, "short_weight": 1.0, "shortest_us": 12.5},  # a wider gap
         {"open_target_share": 0.0, "short_weight": 0.15, "shortest_us": 12.5},  # shorts are accepted
     ],
-    segment_s=10.0, settle_s=2.0, start_s=5.0,  # a decision, its beginning that is not measured, and that of a wire
+    segment_s=10.0, settle_s=2.0,  # a decision, and its beginning that is not measured
+    first_s=5.0, start_s=5.0,  # of the first and of a later wire, before a setting is tried
     trial_s=60.0, trial_bonus=1.0,  # of the test cut: what a deviation would make the best is tried once
     bonus=0.15,  # standard deviations that what is not known counts more
     machines=16, passes=4,

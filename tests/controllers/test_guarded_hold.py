@@ -118,6 +118,32 @@ def test_pulses_that_all_ignite_after_a_short_reach_no_more_flux_than_the_restar
     assert cut.windows(100, (25,) * 5)[-1].t_period_us == pytest.approx(usual.t_period_us, rel=0.1)
 
 
+def test_the_first_wire_finds_its_limit_in_a_ramp_and_later_ones_hold_what_was_learned():
+    cut = Cut(limit_share=0.2, limit_spread=0.5, ramp_s=20.0, ramp_per_s=0.1, gentle_s=0.0)
+    cut.windows(1)
+    first, began_s = cut.rule.hold, cut.time_s
+    assert first < Cut(limit_share=0.2, limit_spread=0.5).rule.hold
+    while cut.time_s < began_s + 10.0:
+        cut.windows(1, (25,) * 5)
+    assert cut.rule.hold == pytest.approx(first * math.exp(0.1 * 10.0), rel=0.15)
+    broke_at = cut.rule.level
+    cut.law.wire_lost()
+    held = cut.rule.hold
+    assert broke_at is not None
+    assert 0.6 < held / math.exp(broke_at) < 1.0
+    cut.windows(300, (25,) * 5)
+    assert cut.rule.hold == pytest.approx(held, rel=0.1)  # no second ramp
+    unbroken = Cut(limit_share=0.2, limit_spread=0.5, ramp_s=20.0, ramp_per_s=0.1, gentle_s=0.0)
+    while unbroken.time_s < 25.0:
+        unbroken.windows(1, (25,) * 5)
+    assert unbroken.rule.hold < first * math.exp(0.1 * 19.0)  # the law decides after the ramp
+
+
+def test_where_the_hazard_is_steeper_more_of_a_known_limit_is_held():
+    holds = [Cut(limit_share=0.2, limit_spread=0.02, steepness=steepness).rule.hold for steepness in (10.0, 20.0, 40.0)]
+    assert 0.7 * 0.2 < holds[0] < holds[1] < holds[2] < 0.2
+
+
 def test_a_new_wire_reaches_the_held_flux_in_some_time():
     cut = Cut(reliefs_per_s=0.0, gentle_s=8.0, gentle_share=0.65)
 

@@ -17,7 +17,7 @@ def adapt(load_script):
 
 @pytest.mark.slow
 def test_the_example_learns_and_shows_what_it_expects(adapt, tmp_path, monkeypatch, capsys):
-    short = {"segment_s": 0.4, "settle_s": 0.1, "start_s": 0.2, "trial_s": 1.0, "passes": 3}
+    short = {"segment_s": 0.4, "settle_s": 0.1, "first_s": 0.2, "start_s": 0.2, "trial_s": 1.0, "passes": 3}
     monkeypatch.setattr(adapt, "SETTINGS", adapt.SETTINGS.model_copy(update=short))
     words = ["adapt.py", "--machines", "2", "--watch", "2", "--out", str(tmp_path / "out")]
     monkeypatch.setattr(sys, "argv", words)

@@ -26,8 +26,8 @@ def card(**changes):
     size = 3 * len(SETTINGS)
     usual = {
         "format": bandit_file.FORMAT, "env_id": ENV_ID, "environment": {}, "law": "adaptive-hold",
-        "settings": SETTINGS, "segment_s": 0.5, "settle_s": 0.1, "start_s": 0.2, "trial_s": 2.0, "trial_bonus": 2.0,
-        "bonus": 0.3, "mean": [0.0] * size, "covariance": (0.04 * np.eye(size)).tolist(),
+        "settings": SETTINGS, "segment_s": 0.5, "settle_s": 0.1, "first_s": 0.5, "start_s": 0.2, "trial_s": 2.0,
+        "trial_bonus": 2.0, "bonus": 0.3, "mean": [0.0] * size, "covariance": (0.04 * np.eye(size)).tolist(),
         "noise": [0.05, 0.02, 0.02], "offset_drift": 0.02, "drift": 0.01, "breaks": [0.002] * len(SETTINGS),
         "breaks_s": 100.0, "algorithm": "none", "command": "none",
         "seed": None, "steps": 0, "versions": {},
@@ -122,6 +122,7 @@ def test_in_a_shift_settings_are_tried_and_a_new_wire_begins_with_the_first(poli
     states = [(policy.setting, policy.clock_s, policy.law.measure.open_target_share) for _ in episode.windows()]
     assert episode.outcome == "time"
     assert {setting for setting, _, _ in states} == {0, 1, 2}
+    assert min(clock_s for _, clock_s, _ in states) < -0.45  # the first wire begins for longer than later ones
     for setting, clock_s, target in states:
         assert target == SETTINGS[setting if clock_s >= 0.0 else 0]["open_target_share"]
     policy.setting, policy.clock_s, policy.broken = 2, 0.1, False

@@ -20,6 +20,7 @@ SETTINGS = SHIPPED.model_copy(update={"settings": SHIPPED.settings[:COUNT], "pas
 SHORT = """law = "adaptive-hold"
 segment_s = 0.4
 settle_s = 0.1
+first_s = 0.2
 start_s = 0.2
 passes = 3
 machines = 3
