@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from edmsim.envs import Trim
+from edmsim.envs.families import GAP_UM
 from edmsim.envs.sub_envs import FINISHED_UM, STRETCH_UM
-from edmsim.envs.trim import GAP_UM
 from edmsim.errors import InputError
 from edmsim.plant.workpiece.blanks import wavy_wall
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
