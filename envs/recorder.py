@@ -17,13 +17,12 @@ from edmsim.envs.reward import TERMS
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
 from edmsim.plant.workpiece.height_steps import middle_slice
-from edmsim.recording.stores import PULSES, Closeups, Frames
-from edmsim.recording.windows import WindowTable
+from edmsim.recording.windows import PULSES, Closeups, Frames, WindowTable
 
 if TYPE_CHECKING:
     from edmsim.envs.sub_envs import SubEnvs
     from edmsim.recording.report import Report
-    from edmsim.recording.rerun.blueprint import Steps
+    from edmsim.recording.rerun.write import Steps
     from edmsim.recording.scene import Scene
 
 EVERY = 12
@@ -142,7 +141,7 @@ class EpisodeRecorder:
 
     def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
         """Lay out what the steps commanded, earned and cost."""
-        from edmsim.recording.rerun.blueprint import COST, RETURN, TOTAL, steps_of
+        from edmsim.recording.rerun.write import COST, RETURN, TOTAL, steps_of
 
         actions, terms = len(self._actions), len(TERMS)
         values = np.array(self._steps, np.float64).reshape(len(self._steps), actions + terms + 3)
