@@ -23,10 +23,9 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
 from edmsim.machine.setting import LIMITS
 from edmsim.numeric import within
-from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot, wavy_wall
+from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, WallLine, started_slot, wavy_wall
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
-from edmsim.plant.workpiece.wall import WallLine
 from edmsim.program.path import CutPath, plan_path
 
 

@@ -36,7 +36,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.plant import Plant
-from edmsim.plant.workpiece.wall import wall_error_um
+from edmsim.plant.workpiece.blanks import wall_error_um
 
 Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)

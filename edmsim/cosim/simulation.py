@@ -30,7 +30,7 @@ from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive
 from edmsim.plant.axes.faults import AxisFault
-from edmsim.plant.axes.rapid import rapid_constants, time_left_s
+from edmsim.plant.axes.steps import rapid_constants, time_left_s
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.height_steps import LowerRegion

@@ -15,7 +15,7 @@ from edmsim.controllers.axis.drive import KP, PositionServo, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError
-from edmsim.plant.axes.rapid import straight_moves
+from edmsim.plant.axes.steps import straight_moves
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.workpiece.kerf_field import Stock
 from tests.test_cosim import contour, run, simulation
