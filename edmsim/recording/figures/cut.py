@@ -26,15 +26,6 @@ from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.figures.profile import bands, draw_errors, draw_shares, label_corners, mark_pauses, time_unit
-from edmsim.recording.figures.style import (
-    LABEL_PT,
-    TICK_PT,
-    colour_bar,
-    column_figure,
-    dress,
-    legend,
-    nothing_to_show,
-)
 from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
 from edmsim.recording.windows import column, columns
@@ -279,25 +270,25 @@ LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: it
 
 def pulses_figure(windows: pa.Table) -> Figure:
     """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
-    figure = column_figure(5.1, top_in=0.25, right_in=0.42)
+    figure = style.column_figure(5.1, top_in=0.25, right_in=0.42)
     if windows.num_rows == 0:
-        return nothing_to_show(figure, "no pulses: the cut has no window")
+        return style.nothing_to_show(figure, "no pulses: the cut has no window")
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]))
     t = t_s / seconds
     panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0, 1.0], gridspec_kw={"hspace": 0.12})
     for axes in panels:
         mark_pauses(axes, t_s, seconds, "threading" if axes is panels[0] else None)
-    dress(panels[0], "", "pulses, %")
+    style.dress(panels[0], "", "pulses, %")
     draw_shares(panels[0], t, windows, BINS)
-    legend(panels[0], above=True, columns=5)
+    style.legend(panels[0], above=True, columns=5)
     _draw_band(panels[1], t, t_s, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
     current = panels[1].twinx()
     if "net_voltage_V" in windows.column_names:
         _draw_band(panels[1], t, t_s, column(windows, "net_voltage_V"), SKY, "voltage, V", "with equalising pulses")
         panels[1].set_zorder(current.get_zorder() + 1)  # the legend before the current
         panels[1].patch.set_visible(False)
-        legend(panels[1])
+        style.legend(panels[1])
     _draw_band(current, t, t_s, column(windows, "mean_current_A"), VERMILION, "current, A")
     current.spines["right"].set(visible=True, color=LINE)
     current.grid(visible=False)
@@ -306,7 +297,7 @@ def pulses_figure(windows: pa.Table) -> Figure:
     _draw_band(panels[2], t, t_s, column(windows, "mean_delay_us"), PURPLE, "delay, µs")
     _draw_band(panels[3], t, t_s, 100.0 * column(windows, "coverage"), SKY, "gas, %")
     _draw_band(panels[4], t, t_s, column(windows, "feed_um_s"), GREEN, "feed, µm/s")
-    panels[4].set_xlabel(f"machine time, {unit}", fontsize=LABEL_PT, color=MUTED)
+    panels[4].set_xlabel(f"machine time, {unit}", fontsize=style.LABEL_PT, color=MUTED)
     panels[0].margins(x=0)
     figure.align_ylabels(panels)
     return figure
@@ -315,7 +306,7 @@ def pulses_figure(windows: pa.Table) -> Figure:
 def _draw_band(
     axes: Axes, t: Floats, t_s: Floats, values: Floats, colour: str, label: str, name: str | None = None
 ) -> None:
-    dress(axes, "", label)
+    style.dress(axes, "", label)
     for number, band in enumerate(bands(t, values, t_s, BINS)):
         axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(band.x, band.mean, color=colour, linewidth=0.9, label=None if number else name)
@@ -326,15 +317,15 @@ def plane_figure(windows: pa.Table) -> Figure:
 
     Dots are windows; the line is their mean over equal spans of time.
     """
-    figure = column_figure(3.3, top_in=0.49)
+    figure = style.column_figure(3.3, top_in=0.49)
     if windows.num_rows == 0:
-        return nothing_to_show(figure, "no pulses: the cut has no window")
+        return style.nothing_to_show(figure, "no pulses: the cut has no window")
     pulses = np.sum([column(windows, kind) for kind in KINDS], axis=0)
     short, open_ = (100.0 * column(windows, kind) / np.maximum(pulses, 1.0) for kind in ("short", "open"))
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]))
     axes = figure.add_subplot()
-    dress(axes, "open pulses, %", "short pulses, %")
+    style.dress(axes, "open pulses, %", "short pulses, %")
     axes.plot(
         open_, short, ".", color=MUTED, markersize=2.0, alpha=0.12, markeredgewidth=0, rasterized=True, zorder=1
     )
@@ -350,8 +341,8 @@ def plane_figure(windows: pa.Table) -> Figure:
     axes.plot([0, 100], [100, 0], color=INK, linewidth=0.7, linestyle=":", zorder=2, label="no pulse ignites")
     axes.set_xlim(0, 100)
     axes.set_ylim(0, max(float(short.max()), 10.0) * 1.03)
-    colour_bar(figure, path, f"path of the controller over machine time, {unit}")
-    legend(axes, loc="upper right")
+    style.colour_bar(figure, path, f"path of the controller over machine time, {unit}")
+    style.legend(axes, loc="upper right")
     return figure
 
 
@@ -361,13 +352,13 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
     Survival is the share of pulses, without shorts, that have not ignited yet (Laue's plot); an exponential delay is
     a straight line. With a cut's windows, the histogram has their mean delays as well.
     """
-    figure = column_figure(3.9, top_in=0.25)
+    figure = style.column_figure(3.9, top_in=0.25)
     delay = sample.delay_us[np.isfinite(sample.delay_us)]
     if not len(delay):
-        return nothing_to_show(figure, "no ignition delay: none of the pulses looked at ignited")
+        return style.nothing_to_show(figure, "no ignition delay: none of the pulses looked at ignited")
     above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"hspace": 0.08})
     edges = np.linspace(0.0, max(float(delay.max()), 1.0), 41)
-    dress(above, "", "density, 1/µs")
+    style.dress(above, "", "density, 1/µs")
     above.hist(delay, edges, density=True, color=BLUE, alpha=0.75, label=f"{len(delay)} single delays")
     if windows is not None:
         means = column(windows, "mean_delay_us")
@@ -377,13 +368,13 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
             means[known], edges, weights=weights[known], density=True, histtype="step", color=ORANGE, linewidth=1.1,
             label="means of the cut's windows",
         )  # fmt: skip
-    legend(above)
+    style.legend(above)
     _draw_survival(below, delay, int(np.sum(sample.kind == KINDS.index("open"))))
     below.set_xlim(0.0, edges[-1])
-    below.set_xlabel("ignition delay, µs", fontsize=LABEL_PT, color=MUTED)
+    below.set_xlabel("ignition delay, µs", fontsize=style.LABEL_PT, color=MUTED)
     above.set_title(
         f"straight cut at {sample.feed_um_s:.1f} µm/s: {100 * sample.share('open'):.0f} % open, "
-        f"{100 * sample.share('short'):.0f} % short", fontsize=LABEL_PT, color=INK, loc="left",
+        f"{100 * sample.share('short'):.0f} % short", fontsize=style.LABEL_PT, color=INK, loc="left",
     )  # fmt: skip
     return figure
 
@@ -392,7 +383,7 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
     """Share of pulses not yet ignited; open ones never do."""
     ordered = np.sort(delay_us)
     pulses = len(ordered) + open_
-    dress(axes, "", "not yet ignited, %")
+    style.dress(axes, "", "not yet ignited, %")
     axes.set_yscale("log")
     axes.plot(ordered, 1.0 - np.arange(1, len(ordered) + 1) / (pulses + 1), color=BLUE, linewidth=1.2, label="pulses")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -409,7 +400,7 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
             t, left * np.exp(-(t - TAIL_US) / mean), color=ORANGE, linewidth=1.0, linestyle="--",
             label=f"exponential from {TAIL_US:g} µs, mean {mean:.1f} µs",
         )  # fmt: skip
-    legend(axes)
+    style.legend(axes)
 
 
 
@@ -468,7 +459,7 @@ def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default")
     if not samples or min(len(s.kind) for s in samples) < 4 * SEGMENTS:
         raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")
     first = samples[0]
-    figure = column_figure(3.5, top_in=0.48)
+    figure = style.column_figure(3.5, top_in=0.48)
     modes, spectrum = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
     sampling_hz = 1e6 / first.period_us
     if len(samples) > 1:
@@ -476,28 +467,28 @@ def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default")
     _draw_modes(modes, first, sampling_hz, resolution)
     _draw_spectrum(spectrum, first, sampling_hz, resolution)
     modes.set_ylim(0, sampling_hz / 2e3)
-    legend(modes, above=True, columns=2)
+    style.legend(modes, above=True, columns=2)
     return figure
 
 
 def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution: str) -> None:
     machine = sample.machine
     tension, frequency = _modes_over_tension(machine, resolution)
-    dress(axes, "wire tension, N", "frequency, kHz")
+    style.dress(axes, "wire tension, N", "frequency, kHz")
     for number, line in enumerate(frequency.T):
         below = np.where(line <= sampling_hz / 2, line, np.nan)
         folded = np.where(line > sampling_hz / 2, folded_hz(line, sampling_hz), np.nan)
         axes.plot(tension, below / 1e3, color=INK, linewidth=1.0, label="mode" if number == 0 else None)
-        style: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (3, 3)), "alpha": 0.6}
+        thin: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (3, 3)), "alpha": 0.6}
         # only the first few: the higher ones crowd, and hardly move
         if number < 4 and np.isfinite(folded).any():
-            axes.plot(tension, folded / 1e3, **style)
+            axes.plot(tension, folded / 1e3, **thin)
         if np.isfinite(below).sum() > 1:
             last = int(np.flatnonzero(np.isfinite(below))[-1])
             through_the_top = last < len(tension) - 1  # where the legend is
             axes.annotate(
                 f"{number + 1}", (tension[last], below[last] / 1e3), xytext=(3, -6) if through_the_top else (2, 3),
-                textcoords="offset points", fontsize=TICK_PT, color=INK, va="center",
+                textcoords="offset points", fontsize=style.TICK_PT, color=INK, va="center",
             )  # fmt: skip
     axes.plot([], [], color=INK, linewidth=0.6, linestyle=(0, (3, 3)), alpha=0.6, label="mode, folded")
     axes.axvline(machine.tension, color=VERMILION, linewidth=0.8, label="set tension")
@@ -527,7 +518,7 @@ def _draw_waterfall(axes: Axes, samples: Sequence[PulseSample]) -> None:
 
 def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resolution: str) -> None:
     frequency, along, across = spectrum(sample)
-    dress(axes, "power, µm²/Hz", "")
+    style.dress(axes, "power, µm²/Hz", "")
     for hz in wire_frequencies_hz(sample.machine, resolution):
         if hz <= sampling_hz / 2:
             axes.axhline(hz / 1e3, color=GRID, linewidth=1.2, zorder=1)
@@ -535,7 +526,7 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
         axes.semilogx(power[1:], frequency[1:] / 1e3, color=colour, linewidth=0.9, label=name, zorder=2)
     axes.xaxis.set_minor_formatter("")  # a short span would label them, beyond the column
     axes.grid(axis="y", visible=False)
-    legend(axes, above=True, title=f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses")
+    style.legend(axes, above=True, title=f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses")
 
 
 

@@ -21,16 +21,6 @@ from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
 from edmsim.recording.report import PassFigures, Report, duration_text, mm_text, outcome_text, rate_text
 from edmsim.recording.rerun import logs
-from edmsim.recording.rerun.logs import (
-    CURRENT_HEIGHT,
-    KERF_FRAMES,
-    SCOPE_SPACE,
-    SCOPE_WIDTH,
-    VOLTAGE_HEIGHT,
-    bodies_of,
-    growing_kerf,
-    shapes_of,
-)
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
 from edmsim.recording.rerun.stream import CLASS_COLOURS, PATH, TIME, indexes, log_changing, releasing, saved
 from edmsim.recording.scene import Scene, round_factor, round_number
@@ -244,10 +234,10 @@ def gap_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial2DView:
 
 def scope_view(prefix: str, name: str) -> rrb.Spatial2DView:
     """Return the oscilloscope."""
-    high = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
+    high = logs.VOLTAGE_HEIGHT + logs.SCOPE_SPACE + logs.CURRENT_HEIGHT
     return rrb.Spatial2DView(
         origin=f"{prefix}/scope", name=name, background=rrb.Background(color=palette.rgb(palette.INK)),
-        visual_bounds=rrb.VisualBounds2D(x_range=(-26.0, SCOPE_WIDTH + 10.0), y_range=(-6.0, high + 20.0)),
+        visual_bounds=rrb.VisualBounds2D(x_range=(-26.0, logs.SCOPE_WIDTH + 10.0), y_range=(-6.0, high + 20.0)),
     )
 
 
@@ -401,7 +391,7 @@ def write_recording(
 ) -> None:  # fmt: skip
     """Write the recording; equal cuts give equal recordings, whatever the computer took for them."""
     closeup_rows = closeups.table()
-    shapes = shapes_of(frames, closeup_rows)
+    shapes = logs.shapes_of(frames, closeup_rows)
     factor = round_factor(np.hypot(*np.moveaxis(shapes["deflection_um"], -1, 0)).ravel(), 0.05 * scene.size_mm())
     # batches cut off by a clock would differ from run to run
     recording = rr.RecordingStream(
@@ -448,8 +438,8 @@ def _log_machine(
     """Log machine, workpiece and wire; return within how many mm the growing kerf is drawn."""
     t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
     model = build_model(wire_setup(machine), machine.base.model)
-    logs.log_bodies(recording, bodies_of(model, scene.guides_z_mm[0]))
-    growth = growing_kerf(scene, columns(windows, "x_um", "y_um"), path_um)
+    logs.log_bodies(recording, logs.bodies_of(model, scene.guides_z_mm[0]))
+    growth = logs.growing_kerf(scene, columns(windows, "x_um", "y_um"), path_um)
     logs.log_workpiece(recording, growth, t_s, path_um)
     logs.log_drawing(recording, scene)
     logs.log_errors(recording, scene)
@@ -473,7 +463,7 @@ def _drawn(group: int, tolerance_mm: float) -> str:
     return (
         "A point of a series is "
         + ("one window." if group == 1 else f"the mean of {group} windows, around events one window.")
-        + f" The kerf grows in at most {KERF_FRAMES} steps, its edge drawn within {tolerance_mm * 1000:g} µm."
+        + f" The kerf grows in at most {logs.KERF_FRAMES} steps, its edge drawn within {tolerance_mm * 1000:g} µm."
     )
 
 
