@@ -81,6 +81,8 @@ class ServoChip(ABC):
     title: ClassVar[str]  # in messages
     data: ClassVar[Mapping[str, Any]]  # ``models/drives/NAME.toml``
     signed: ClassVar[str] = ""  # the parameter that has a sign
+    wraps: ClassVar[bool] = False  # whether its arithmetic wraps, see `Extensions`
+    echoes: ClassVar[bool] = False  # whether it sends back what is typed
     baud: float  # bits per second
 
     def __init__(
@@ -101,6 +103,8 @@ class ServoChip(ABC):
         names = [row["name"] for row in self.data["parameter"]]
         limits = [(-WORD // 2, WORD // 2 - 1) if name == self.signed else (0, WORD - 1) for name in names]
         self.parameters = Registers(self, {name: (k, *limits[k]) for k, name in enumerate(names)})
+        self.extensions = Extensions(self, wraps=self.wraps)
+        self._editor = LineEditor(echo=self.echoes)
         self._deliver(stored)
         self.power_up()
 

@@ -15,7 +15,7 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import servo_chip
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.servo_chip import WORD, Command, LineEditor, ServoChip, command_in, lines_of
+from edmsim.controllers.axis.servo_chip import WORD, Command, ServoChip, command_in, lines_of
 from edmsim.errors import methods_refuse_wrong_types
 
 # The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
@@ -495,15 +495,13 @@ class ServoModule(ServoChip):
     b'(P) - Kp: 1250\r\n'
     """
 
-    name, title, data = "servo-module", "servo module", DATA
+    name, title, data, wraps = "servo-module", "servo module", DATA, True
     signed = "output_offset"  # row M-46
     sample: axis_rows.SampleFunction = _servo_module
     baud: float = _CHIP["baud"]
 
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
-        self.extensions = servo_chip.Extensions(self, wraps=True)
         self.extensions["saturating_arithmetic"] = 1
-        self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
         self.record["eeprom"][0, : N_IMAGE] = list(servo_chip.encode(words_of(self._reg)))
 

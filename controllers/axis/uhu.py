@@ -16,7 +16,7 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import servo_chip
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.servo_chip import LineEditor, ServoChip, command_in, lines_of
+from edmsim.controllers.axis.servo_chip import ServoChip, command_in, lines_of
 from edmsim.errors import methods_refuse_wrong_types
 
 DATA = data_of("uhu")
@@ -245,7 +245,7 @@ class Uhu(ServoChip):
     b'R\r\nOK\r\n>'
     """
 
-    name, title, data = "uhu", "UHU", DATA
+    name, title, data, echoes = "uhu", "UHU", DATA, True
     baud = DATA["clock"]["crystal_Hz"] / 16 / DATA["serial"]["baud_divisor"]
     sample: axis_rows.SampleFunction = _recalculate
 
@@ -265,8 +265,6 @@ class Uhu(ServoChip):
         return record
 
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
-        self.extensions = servo_chip.Extensions(self, wraps=False)
-        self._editor = LineEditor(echo=True)
         for bank in range(_N_BANKS):
             self.save(bank, false_checksum=True)
         if stored is not None:

@@ -537,7 +537,11 @@ def read_gcode(
         if conditions and not control.called:
             raise InputError("the program calls no condition: leave the table out, or name its --dialect")
         settings = settings_for(control.called, conditions or {}, read.conditions)
-    dialect_notices += _condition_notices(control.called, settings)
+    if control.called and not settings:
+        names = ", ".join(control.called)
+        dialect_notices.append(
+            f"no settings for the conditions {names}: those of the cut are used; --conditions gives a table"
+        )
     dialect_notices += _plane_notices(outlines, control)
     notices = [*dialect_notices, *unit_notices, *control.notices.texts(), *notices]
     notices.sort(key=lambda notice: int((re.findall(r"^line (\d+):", notice) or ["0"])[0]))
@@ -575,13 +579,6 @@ def _reads(text: str, ignored: blocks.Ignored, dialect: dialects.Dialect) -> boo
     except InputError:
         return False
     return True
-
-
-def _condition_notices(called: Mapping[str, int], settings: Mapping[str, object]) -> list[str]:
-    if settings or not called:
-        return []
-    names = ", ".join(called)
-    return [f"no settings for the conditions {names}: those of the cut are used; --conditions gives a table"]
 
 
 def _plane_notices(outlines: Sequence[Outline], control: Interpreter) -> list[str]:
