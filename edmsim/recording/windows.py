@@ -149,6 +149,20 @@ ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 """What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
 
 
+_Pair = tuple[float, float]
+
+
+def row_of(turn: Turn, commanded_um: _Pair, following_um: _Pair, setting_us: _Pair) -> tuple[float, ...]:
+    """Return the values of `ROW_NAMES` of a window; `setting_us` is the generator's on-time and period."""
+    window = turn.window
+    return (
+        turn.time_ns * 1e-9, *commanded_um, turn.feed_um_s, window.short, window.open, window.spark, window.arc,
+        window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um, -window.deflection_um[0],
+        -window.deflection_um[1], *following_um, window.wire_temperature_K, window.debris, window.coverage,
+        *setting_us, turn.path_um,
+    )  # fmt: skip
+
+
 class WindowTable(ArraySnapshots, Observer):
     """Rows of a cut in progress, with `EQUALISING_COLUMNS` if the generator has such pulses; read at the end."""
 
@@ -165,15 +179,11 @@ class WindowTable(ArraySnapshots, Observer):
 
     def window(self, turn: Turn, plant: PlantView) -> None:
         """Add a window of a cut."""
-        window, machine, opposite = turn.window, plant.machine, turn.opposite
-        more = (window.mean_voltage_V, 0.0) if opposite is None else (opposite.net_voltage_V, opposite.power_W)
-        self.append((
-            turn.time_ns * 1e-9, *plant.commanded_um, turn.feed_um_s, window.short, window.open, window.spark,
-            window.arc, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
-            -window.deflection_um[0], -window.deflection_um[1], *plant.following_error_um,
-            window.wire_temperature_K, window.debris, window.coverage, machine.t_on_us, machine.t_period_us,
-            turn.path_um, *more[: len(self._more)],
-        ))  # fmt: skip
+        machine, opposite = plant.machine, turn.opposite
+        more = (turn.window.mean_voltage_V, 0.0) if opposite is None else (opposite.net_voltage_V, opposite.power_W)
+        setting_us = machine.t_on_us, machine.t_period_us
+        row = row_of(turn, plant.commanded_um, plant.following_error_um, setting_us)
+        self.append((*row, *more[: len(self._more)]))
 
     def append(self, row: Sequence[float]) -> None:
         """Add one window: the values of `ROW_NAMES`, then those of `EQUALISING_COLUMNS`, if the table has them."""
