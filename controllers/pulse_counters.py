@@ -5,7 +5,6 @@ at 255 the strobes STBA and STBB go low, the 8255 takes both counts over, answer
 reset all counters for the next cycle (rows T-39, T-40).
 """
 
-from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
 
 from edmsim.errors import InputError
@@ -25,21 +24,32 @@ class PulseCounts(NamedTuple):
     open: int
 
 
-class PulseCounters(Snapshots, ABC):
-    """The three counters of a cycle; `missed` counts results that nobody had read before the next (row T-44)."""
+class PulseAnalyser(Snapshots):
+    """The three counters of a cycle, and the 8255's two input latches (mode 1), whose result is polled (row T-43).
 
-    STATE: ClassVar[tuple[str, ...]] = ("pulses", "short", "open", "missed")
+    `missed` counts results that nobody had read before the next (row T-44).
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ("pulses", "short", "open", "missed", "buffer_full", "_latch")
 
     def __init__(self) -> None:
         self.pulses = self.short = self.open = self.missed = 0
+        self.buffer_full = False
+        self._latch = PulseCounts(0, 0)
 
-    @abstractmethod
     def result_waits(self) -> bool:
         """Whether IBFA or IBFB is set: a result has not been read yet."""
+        return self.buffer_full
 
-    @abstractmethod
     def hand_over(self, short: int, open: int) -> None:
         """Give a result to the latches."""
+        self._latch = PulseCounts(short, open)
+        self.buffer_full = True
+
+    def read(self) -> PulseCounts:
+        """Read both ports: the latched counts, which clears IBF; without a new result the old one again."""
+        self.buffer_full = False
+        return self._latch
 
     def clock(self, sc: bool, op: bool) -> None:
         """Count one pulse on the edge of SYNC by the analyser's lines, of which one at most is set (row T-38)."""
@@ -71,28 +81,3 @@ class PulseCounters(Snapshots, ABC):
         else:
             self.hand_over(self.short, self.open)
         self.pulses = self.short = self.open = 0
-
-
-class PulseAnalyser(PulseCounters):
-    """The counters and the 8255's two input latches (mode 1). The result is polled (row T-43)."""
-
-    STATE: ClassVar[tuple[str, ...]] = ("buffer_full", "_latch")
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.buffer_full = False
-        self._latch = PulseCounts(0, 0)
-
-    def result_waits(self) -> bool:
-        """Whether a result waits to be read."""
-        return self.buffer_full
-
-    def hand_over(self, short: int, open: int) -> None:
-        """Latch a result."""
-        self._latch = PulseCounts(short, open)
-        self.buffer_full = True
-
-    def read(self) -> PulseCounts:
-        """Read both ports: the latched counts, which clears IBF; without a new result the old one again."""
-        self.buffer_full = False
-        return self._latch

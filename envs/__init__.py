@@ -11,13 +11,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from edmsim.envs.contour import Contour
-    from edmsim.envs.corner import Corner
     from edmsim.envs.environment import EdmEnv, EdmVectorEnv
     from edmsim.envs.episode import StepResult, Task
-    from edmsim.envs.gap_feed import GapFeed
-    from edmsim.envs.height_step import HeightStep
-    from edmsim.envs.max_rate import MaxRate
+    from edmsim.envs.families import Contour, Corner, GapFeed, HeightStep, MaxRate, ThinWire, Trim
     from edmsim.envs.observation import Sensors
     from edmsim.envs.part_task import Part, PartWeights
     from edmsim.envs.record import RecordRerun
@@ -28,16 +24,14 @@ if TYPE_CHECKING:
     from edmsim.envs.scenario import Scenario
     from edmsim.envs.shift import MaxRateShift, ThinWireShift
     from edmsim.envs.task import Family
-    from edmsim.envs.thin_wire import ThinWire
-    from edmsim.envs.trim import Trim
 
 _HOMES = {
-    "Contour": "contour", "Corner": "corner", "EdmEnv": "environment", "EdmVectorEnv": "environment",
-    "Family": "task", "GapFeed": "gap_feed", "HeightStep": "height_step", "MaxRate": "max_rate",
+    "Contour": "families", "Corner": "families", "EdmEnv": "environment", "EdmVectorEnv": "environment",
+    "Family": "task", "GapFeed": "families", "HeightStep": "families", "MaxRate": "families",
     "MaxRateShift": "shift", "Part": "part_task",
     "PartWeights": "part_task", "RecordEpisodes": "record_episodes", "RecordRerun": "record",
     "Scenario": "scenario", "Sensors": "observation", "StepResult": "episode", "Task": "episode",
-    "ThinWire": "thin_wire", "ThinWireShift": "shift", "Trim": "trim", "Weights": "reward",
+    "ThinWire": "families", "ThinWireShift": "shift", "Trim": "families", "Weights": "reward",
     "make_sb3_vec_env": "sb3", "register": "registry",
 }  # fmt: skip
 __all__ = [

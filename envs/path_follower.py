@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, LIMIT, advance_at, done_at, path_um_at, segment_at
-from edmsim.controllers.planner.lateral_offset import next_steps
+from edmsim.controllers.planner.registry import next_steps
 from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0

@@ -17,13 +17,12 @@ from edmsim.envs.reward import TERMS
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
 from edmsim.plant.workpiece.height_steps import middle_slice
-from edmsim.recording.stores import PULSES, Closeups, Frames
-from edmsim.recording.windows import WindowTable
+from edmsim.recording.windows import PULSES, Closeups, Frames, WindowTable, row_of
 
 if TYPE_CHECKING:
     from edmsim.envs.sub_envs import SubEnvs
     from edmsim.recording.report import Report
-    from edmsim.recording.rerun.blueprint import Steps
+    from edmsim.recording.rerun.write import Steps
     from edmsim.recording.scene import Scene
 
 EVERY = 12
@@ -80,14 +79,9 @@ class EpisodeRecorder:
         plant = self._sub_envs.fleet.plants[self._index]
         for window_bytes, row_bytes, state_bytes in self._windows:
             state = np.frombuffer(state_bytes, STATE)[0]
+            turn, setting_us = _turn(window_bytes, row_bytes)
             commanded_um, following_um = state["commanded_um"][:2].tolist(), plant.following_error_in_um(state)
-            (window, time_ns, feed_um_s, path_um, _), setting_us = _turn(window_bytes, row_bytes)
-            table.append((
-                time_ns * 1e-9, *commanded_um, feed_um_s, window.short, window.open, window.spark, window.arc,
-                window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um,
-                -window.deflection_um[0], -window.deflection_um[1], *following_um, window.wire_temperature_K,
-                window.debris, window.coverage, *setting_us, path_um,
-            ))  # fmt: skip
+            table.append(row_of(turn, commanded_um, following_um, setting_us))
         return table
 
     def step(
@@ -142,7 +136,7 @@ class EpisodeRecorder:
 
     def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
         """Lay out what the steps commanded, earned and cost."""
-        from edmsim.recording.rerun.blueprint import COST, RETURN, TOTAL, steps_of
+        from edmsim.recording.rerun.write import COST, RETURN, TOTAL, steps_of
 
         actions, terms = len(self._actions), len(TERMS)
         values = np.array(self._steps, np.float64).reshape(len(self._steps), actions + terms + 3)

@@ -17,17 +17,16 @@ if TYPE_CHECKING:
 
 
 class _Registered(NamedTuple):
-    file: str  # module of this folder with its arguments and its class
     version: int  # returns of earlier versions cannot be compared with those of this one
     reference: float  # mean return of the reference over the held-back seeds (docs/benchmark.md): `reward_threshold`
+    file: str = "families"  # module of this folder with its arguments and its class
 
 
 _REGISTERED = {
-    "GapFeed": _Registered("gap_feed", 2, 1828.0), "HeightStep": _Registered("height_step", 2, 1555.0),
-    "Corner": _Registered("corner", 3, 950.0), "Contour": _Registered("contour", 2, 2424.0),
-    "MaxRate": _Registered("max_rate", 1, 4211.0), "ThinWire": _Registered("thin_wire", 1, 5960.0),
-    "Trim": _Registered("trim", 1, 912.0), "Part": _Registered("part", 0, -16.0),
-    "MaxRateShift": _Registered("shift", 0, 275764.0), "ThinWireShift": _Registered("shift", 0, 62871.0),
+    "GapFeed": _Registered(2, 1828.0), "HeightStep": _Registered(2, 1555.0), "Corner": _Registered(3, 950.0),
+    "Contour": _Registered(2, 2424.0), "MaxRate": _Registered(1, 4211.0), "ThinWire": _Registered(1, 5960.0),
+    "Trim": _Registered(1, 912.0), "Part": _Registered(0, -16.0, "part"),
+    "MaxRateShift": _Registered(0, 275764.0, "shift"), "ThinWireShift": _Registered(0, 62871.0, "shift"),
 }  # fmt: skip
 _GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under

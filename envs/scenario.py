@@ -14,7 +14,7 @@ from edmsim.machine.setting import flushing_Pa, standoffs_mm
 from edmsim.plant.workpiece.kerf_field import Stock
 
 if TYPE_CHECKING:
-    from edmsim.plant.workpiece.wall import WallLine
+    from edmsim.plant.workpiece.blanks import WallLine
     from edmsim.program.path import WireContour
 
 

@@ -7,13 +7,11 @@ import numpy as np
 
 from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments
 from edmsim.envs.environment import EdmEnv
-from edmsim.envs.height_step import HeightStep
-from edmsim.envs.max_rate import MaxRate
+from edmsim.envs.families import HeightStep, MaxRate, ThinWire
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Drift, Scenario
 from edmsim.envs.task import ROOM_MM
-from edmsim.envs.thin_wire import ThinWire
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
 from edmsim.numeric import above_zero, within

@@ -16,18 +16,8 @@ from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
+from edmsim.envs import path_follower
 from edmsim.envs.knobs import to_detents
-from edmsim.envs.path_follower import (
-    DONE,
-    OUT_OF_RANGE,
-    RUNNING,
-    SETTLING_NS,
-    SUB_ENV,
-    WIRE_BREAK,
-    follow,
-    lead_sideways,
-    plan,
-)
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
@@ -36,7 +26,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.plant import Plant
-from edmsim.plant.workpiece.wall import wall_error_um
+from edmsim.plant.workpiece.blanks import wall_error_um
 
 Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
@@ -55,7 +45,7 @@ class SubEnvs:
         self.count = count
         centre_um = family.base.base.table.centre_um
         self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
-        self.rows: NDArray[np.void] = np.zeros(count, SUB_ENV)
+        self.rows: NDArray[np.void] = np.zeros(count, path_follower.SUB_ENV)
         # (n,): what makes motor steps of every sub-environment's feed
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
         # called after each window of a sub-environment, before a fresh wire is threaded; a copy has none
@@ -98,7 +88,7 @@ class SubEnvs:
         self.fleet.windows[index] = np.zeros((), self.fleet.windows.dtype)
         self.scenarios[index], self.families[index] = scenario, self.family
         self.refused[index], self.near[index] = "", True
-        self.rows[index] = np.zeros((), SUB_ENV)
+        self.rows[index] = np.zeros((), path_follower.SUB_ENV)
         self._take_constants(index, machine)
         self.rows[index]["total_um"] = sum(float(np.hypot(*np.diff(leg, axis=0).T).sum()) for leg in scenario.legs_um)
         starts, heights = scenario.heights
@@ -136,7 +126,7 @@ class SubEnvs:
         row, kind = self.rows[index], self._planner
         for name in ("path_um", "reached_um", "cut_um", "beside"):
             row[name] = 0
-        row["settling_ns"] = SETTLING_NS
+        row["settling_ns"] = path_follower.SETTLING_NS
         step_um = float(row["step_um"])
         unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
         points_um = scenario.legs_um[leg]
@@ -190,20 +180,20 @@ class SubEnvs:
         feeds = feeds_um_s, kind.max_feed_um_s, kind.speed_unit_nm_s, kind.counts
         code, path = addresses(), (self._points, self._along, self._lengths)
         planners = code.advance, self.planners, self._other_planner
-        most, sideways = plan(indices, rows, *feeds, *planners, *path, fleet.states, fleet.steps)
+        most, sideways = path_follower.plan(indices, rows, *feeds, *planners, *path, fleet.states, fleet.steps)
         if most + 2 > fleet.steps.shape[1]:
             fleet.make_room(most + 2)
-            plan(indices, rows, *feeds, *planners, *path, fleet.states, fleet.steps)
+            path_follower.plan(indices, rows, *feeds, *planners, *path, fleet.states, fleet.steps)
         if sideways:
-            lead_sideways(indices, rows, self.planners, self._points, self._along, fleet.states, fleet.steps)
+            path_follower.lead_sideways(indices, rows, self.planners, *path[:2], fleet.states, fleet.steps)
         failed = fleet.advance(indices, rows["steps"])
-        due = follow(
+        due = path_follower.follow(
             indices, rows, *code, self.planners, *path, self._height_from, self._heights, fleet.states, fleet.windows,
             _NO_STEPS,
         )
         self._count_errors(indices)
         if len(failed):
-            rows["cause"][failed[fleet.windows["broken"][failed] == 0]] = OUT_OF_RANGE
+            rows["cause"][failed[fleet.windows["broken"][failed] == 0]] = path_follower.OUT_OF_RANGE
         if self.watchers:
             advanced = set(indices.tolist())
             for index, see in self.watchers:
@@ -216,9 +206,9 @@ class SubEnvs:
     def _go_on(self, indices: Ints) -> None:
         """Begin what follows where a leg or a wire has come to its end, or where the machine is another by now."""
         rows = self.rows
-        for index in indices[rows["cause"][indices] == DONE]:
+        for index in indices[rows["cause"][indices] == path_follower.DONE]:
             self._end_leg(int(index))
-        for index in indices[rows["cause"][indices] == WIRE_BREAK]:
+        for index in indices[rows["cause"][indices] == path_follower.WIRE_BREAK]:
             self._lose_wire(int(index))
         for index in indices[rows["elapsed_ns"][indices] >= rows["drifts_ns"][indices]]:
             self._drift(int(index))
@@ -263,8 +253,8 @@ class SubEnvs:
         self.lost.append((index, tuple(row["setting_us"].tolist())))
         if row["wires_lost"] >= self.families[index].wires:
             return
-        row["cause"] = RUNNING
-        row["settling_ns"], row["shorted_s"] = SETTLING_NS, 0.0
+        row["cause"] = path_follower.RUNNING
+        row["settling_ns"], row["shorted_s"] = path_follower.SETTLING_NS, 0.0
         threading_ns = round(float(row["threading_s"]) * 1e9)
         plant.rethread(plant.commanded_um, threading_ns)
         if self.family.counts_threading:
@@ -279,7 +269,7 @@ class SubEnvs:
         following = self.leg[index] + 1
         if following == len(scenario.legs_um):
             return
-        row["cause"] = RUNNING
+        row["cause"] = path_follower.RUNNING
         row["before_um"] += row["path_um"]
         x, y = (float(v) for v in scenario.legs_um[following][0])
         table = plant.machine.base.table

@@ -26,9 +26,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import edmsim
-from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure
+from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.palette import BLUE, GREEN, ORANGE
-from edmsim.recording.figures.pulses import plane_figure, pulses_figure
 from edmsim.recording.film import Film
 from edmsim.recording.report import summary
 from edmsim.recording.rerun.playback import Playback

@@ -8,9 +8,8 @@ stepper. Your own drive is an object with the members of `edmsim.controllers.axi
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from edmsim.controllers.axis.drive import Drive, Screw, Stepper, axis_row, check_drive
+from edmsim.controllers.axis.drive import Drive, PositionServo, Screw, Stepper, axis_row, check_drive
 from edmsim.controllers.axis.eanpos import Eanpos
-from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError, one_of

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.axis import extensions, parameters
+from edmsim.controllers.axis import servo_chip
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import WORD, Command, LineEditor, ServoChip, command_in, lines_of
+from edmsim.controllers.axis.servo_chip import WORD, Command, ServoChip, command_in, lines_of
 from edmsim.errors import methods_refuse_wrong_types
 
 # The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
@@ -48,7 +48,7 @@ for the cycle in which the fault output is let go, which may be what holds the f
 
 IMAGE, N_IMAGE = 64, 62
 """The bytes that a save writes, eight to a word: 15 parameters and a checksum in their code
-(`edmsim.controllers.axis.parameters`). Words from 96 on are those of `edmsim.controllers.axis.extensions`."""
+(`edmsim.controllers.axis.servo_chip`). Words from 96 on are those of its extensions."""
 N_MEMORY = 128  # words of the recorder's memory (row M-A4)
 
 FAULT_BIT, FOLLOWING_BIT, EXTERNAL_BIT = 1 << 0, 1 << 1, 1 << 2
@@ -87,7 +87,7 @@ def _report_saturation(reg: Words) -> None:
 def narrowed(reg: Words, value: int, bits: int) -> int:
     """Fit a number into a word: held at its limit and reported as saturated, or wrapped (row M-35)."""
     fits = wrapped(value, bits)
-    if fits == value or reg[extensions.SATURATING] == 0:
+    if fits == value or reg[servo_chip.SATURATING] == 0:
         return fits
     _report_saturation(reg)
     limit = (1 << (bits - 1)) - 1
@@ -113,7 +113,7 @@ def put_duty(reg: Words, output: int) -> None:
     held = min(max(demand, -clamp_of(reg)), clamp_of(reg))
     if held != demand:
         _report_saturation(reg)
-    extensions.note_limit(reg, reg[NOW_NS], (demand > held) - (demand < held))
+    servo_chip.note_limit(reg, reg[NOW_NS], (demand > held) - (demand < held))
     reg[OUTPUT] = output
     reg[DUTY] = reg[DUTY_CENTRE] + held
 
@@ -132,7 +132,7 @@ def reset_loop(reg: Words) -> None:
     reg[SETPOINT] = reg[POSITION]
     reg[LAST_SETPOINT] = reg[SETPOINT]
     reg[ERROR] = reg[LAST_ERROR] = reg[COMMANDED] = reg[ACCUMULATED] = reg[TICK] = reg[PEAK] = 0
-    extensions.start_command(reg, reg[SETPOINT])
+    servo_chip.start_command(reg, reg[SETPOINT])
     reg[RELEASING] = 1
     put_duty(reg, 0)
 
@@ -143,7 +143,7 @@ def _control(reg: Words, acceleration: int) -> int:
     error = reg[ERROR]
     scale = reg[SCALE] if abs(error) <= reg[REGION] else SCALE_ONE
     reg[TICK] += 1
-    if reg[TICK] >= reg[INTERVAL] and not extensions.holds_integrator(reg, error):
+    if reg[TICK] >= reg[INTERVAL] and not servo_chip.holds_integrator(reg, error):
         reg[TICK] = 0
         most = clamp_of(reg) * reg[GAIN_SCALE]
         reg[ACCUMULATED] += reg[INTEGRAL] * scale // SCALE_ONE * error
@@ -151,8 +151,8 @@ def _control(reg: Words, acceleration: int) -> int:
     total = reg[PROPORTIONAL] * scale // SCALE_ONE * error + reg[ACCUMULATED]
     total += reg[DERIVATIVE] * scale // SCALE_ONE * (error - reg[LAST_ERROR])
     total += reg[VELOCITY_FF] * reg[COMMANDED] + reg[ACCELERATION_FF] * acceleration
-    extensions.derive_command(reg, reg[extensions.COMMAND] + reg[COMMANDED])
-    total += towards_zero(extensions.feed_forward(reg) * reg[GAIN_SCALE], SCALE_ONE)
+    servo_chip.derive_command(reg, reg[servo_chip.COMMAND] + reg[COMMANDED])
+    total += towards_zero(servo_chip.feed_forward(reg) * reg[GAIN_SCALE], SCALE_ONE)
     reg[LAST_ERROR] = error
     return narrowed(reg, towards_zero(narrowed(reg, total, 32), reg[GAIN_SCALE]), 16)
 
@@ -372,7 +372,7 @@ def _record(reg: NDArray[np.int64], code: int | None) -> list[str]:
 def _save(reg: NDArray[np.int64]) -> list[str]:
     if reg[NOW_NS] - reg[MOVED_NS] < reg[REST_NS]:
         return ["Motor moving, not saved"]
-    reg.view(np.uint8)[8 * IMAGE :][: N_IMAGE] = list(parameters.encode(words_of(reg)))
+    reg.view(np.uint8)[8 * IMAGE :][: N_IMAGE] = list(servo_chip.encode(words_of(reg)))
     reg[SAVED_FROM_NS], reg[SAVING] = reg[NOW_NS], 1
     return ["Parameters saved"]
 
@@ -455,7 +455,7 @@ def _servo_module(drive_at: Any, axis_at: Any) -> None:
     if ran:
         note(reg, drive.memory, turned)
     faulty = reg[STATUS] & FAULT_BIT != 0
-    extensions.record_sample(reg, drive.memory, reg[ERROR], reg[VELOCITY], reg[OUTPUT], faulty)
+    servo_chip.record_sample(reg, drive.memory, reg[ERROR], reg[VELOCITY], reg[OUTPUT], faulty)
     dump(drive)
     drive.command = (reg[DUTY] - reg[DUTY_CENTRE]) / reg[DUTY_CENTRE]
     drive.lines = _lines(reg)
@@ -495,17 +495,15 @@ class ServoModule(ServoChip):
     b'(P) - Kp: 1250\r\n'
     """
 
-    name, title, data = "servo-module", "servo module", DATA
+    name, title, data, wraps = "servo-module", "servo module", DATA, True
     signed = "output_offset"  # row M-46
     sample: axis_rows.SampleFunction = _servo_module
     baud: float = _CHIP["baud"]
 
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
-        self.extensions = extensions.Extensions(self, wraps=True)
         self.extensions["saturating_arithmetic"] = 1
-        self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
-        self.record["eeprom"][0, : N_IMAGE] = list(parameters.encode(words_of(self._reg)))
+        self.record["eeprom"][0, : N_IMAGE] = list(servo_chip.encode(words_of(self._reg)))
 
     def _fresh(self, words: Sequence[int] = DELIVERED) -> NDArray[np.void]:
         record = new_record()
@@ -555,11 +553,11 @@ class ServoModule(ServoChip):
 
     def power_up(self) -> bytes:
         """Start with the EEPROM's parameters; if they are invalid, with the defaults and the motor off."""
-        stored = parameters.decode(self.record["eeprom"][0, : N_IMAGE].tobytes())
+        stored = servo_chip.decode(self.record["eeprom"][0, : N_IMAGE].tobytes())
         words = stored.words if stored.valid else None
         fresh = self._fresh(words or DELIVERED)
         reg = fresh["reg"][0]
-        reg[extensions.EXTENSION_WORDS] = self._reg[extensions.EXTENSION_WORDS]
+        reg[servo_chip.EXTENSION_WORDS] = self._reg[servo_chip.EXTENSION_WORDS]
         reg[FRESH], reg[EDGES], reg[NOW_NS] = 1, self.record["setpoint"][0], self.record["now_ns"][0]
         reg[MOVED_NS] = reg[NOW_NS] - reg[REST_NS]
         if words is None:

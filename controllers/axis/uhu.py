@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.axis import extensions, parameters
+from edmsim.controllers.axis import servo_chip
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import LineEditor, ServoChip, command_in, lines_of
+from edmsim.controllers.axis.servo_chip import ServoChip, command_in, lines_of
 from edmsim.errors import methods_refuse_wrong_types
 
 DATA = data_of("uhu")
@@ -103,17 +103,17 @@ def control(reg: NDArray[np.int64], now_ns: int) -> int:
     behind = reg[TARGET] * reg[SPEED_DIVISOR] - reg[REFERENCE]
     reg[REFERENCE] += min(max(behind, -reg[X]), reg[X])
     reference = reg[REFERENCE] // reg[SPEED_DIVISOR]
-    extensions.derive_command(reg, reference)
+    servo_chip.derive_command(reg, reference)
     error = reference - reg[POSITION]
     error = min(max(error, -_LARGEST_ERROR), _LARGEST_ERROR)
     most = min(reg[T], reg[CONTROL_FULL])
     limit = most * _ONE
-    if not extensions.holds_integrator(reg, error):
+    if not servo_chip.holds_integrator(reg, error):
         grown = reg[INTEGRAL] + reg[I] * error * _ONE // reg[INTEGRAL_DIVISOR]
         reg[INTEGRAL] = min(max(grown, -limit), limit)
     damping = reg[D] * reg[SPEED] + reg[H] * reg[CHANGE]
-    demand = reg[P] * error + reg[INTEGRAL] - damping + extensions.feed_forward(reg)
-    extensions.note_limit(reg, now_ns, 1 if demand >= limit else -1 if demand <= -limit else 0)
+    demand = reg[P] * error + reg[INTEGRAL] - damping + servo_chip.feed_forward(reg)
+    servo_chip.note_limit(reg, now_ns, 1 if demand >= limit else -1 if demand <= -limit else 0)
     demand = min(max(demand, -limit), limit)
     reg[CONTROL] += (demand - reg[CONTROL]) * reg[N] // (reg[N] + reg[FILTER_OFFSET])
     return int(min(max((reg[CONTROL] + _ONE // 2) // _ONE, -most), most))
@@ -181,16 +181,16 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         if reg[RESTART] != 0:
             low = False  # its own error output, let go only now, may hold the net low
             reset_loop(reg, drive.setpoint, axis.count, axis.illegal)
-            extensions.start_command(reg, reg[POSITION])
+            servo_chip.start_command(reg, reg[POSITION])
         take_steps(reg, drive.setpoint)
         measure(reg, axis.count)
         judge(reg, axis.illegal, low)
         if reg[LATCHED] == 0:
             output = control(reg, drive.now_ns)
         else:
-            extensions.note_limit(reg, drive.now_ns, 0)
+            servo_chip.note_limit(reg, drive.now_ns, 0)
         error = reg[TARGET] - reg[POSITION]
-        extensions.record_sample(reg, drive.memory, error, reg[SPEED], output, reg[LATCHED] != 0)
+        servo_chip.record_sample(reg, drive.memory, error, reg[SPEED], output, reg[LATCHED] != 0)
         sent = stream_byte(reg)
         if sent != 0:
             axis_rows.put_byte(drive, sent)
@@ -231,7 +231,7 @@ class Uhu(ServoChip):
         Parameters set by the terminal's letters, by name; words 0 to 65535. A ``cycle`` typed at the terminal acts
         from the next interval, one set here from the next reset.
     extensions : Extensions
-        Functions beyond its manual, see `edmsim.controllers.axis.extensions`.
+        Functions beyond its manual, see `edmsim.controllers.axis.servo_chip`.
 
     Raises
     ------
@@ -245,7 +245,7 @@ class Uhu(ServoChip):
     b'R\r\nOK\r\n>'
     """
 
-    name, title, data = "uhu", "UHU", DATA
+    name, title, data, echoes = "uhu", "UHU", DATA, True
     baud = DATA["clock"]["crystal_Hz"] / 16 / DATA["serial"]["baud_divisor"]
     sample: axis_rows.SampleFunction = _recalculate
 
@@ -265,8 +265,6 @@ class Uhu(ServoChip):
         return record
 
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
-        self.extensions = extensions.Extensions(self, wraps=False)
-        self._editor = LineEditor(echo=True)
         for bank in range(_N_BANKS):
             self.save(bank, false_checksum=True)
         if stored is not None:
@@ -302,7 +300,7 @@ class Uhu(ServoChip):
     def power_up(self) -> bytes:
         """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
         fresh = self._fresh()
-        fresh["reg"][0, extensions.EXTENSION_WORDS] = self._reg[extensions.EXTENSION_WORDS]
+        fresh["reg"][0, servo_chip.EXTENSION_WORDS] = self._reg[servo_chip.EXTENSION_WORDS]
         restart(self.record, fresh)
         stored = self._read(0)
         if stored.words is not None:
@@ -344,7 +342,7 @@ class Uhu(ServoChip):
     def save(self, bank: int, *, false_checksum: bool = False) -> None:
         """Save the parameters to a bank without any check (row U-47)."""
         words = [self.parameters[name] for name in _STORED]
-        self.record["eeprom"][0, self._place(bank)] = list(parameters.encode(words, false_checksum=false_checksum))
+        self.record["eeprom"][0, self._place(bank)] = list(servo_chip.encode(words, false_checksum=false_checksum))
 
     def go(self, counts: int) -> None:
         """Move the setpoint; X limits the speed (row U-30)."""
@@ -369,8 +367,8 @@ class Uhu(ServoChip):
         size = 2 * (2 * len(_STORED) + 1)  # a word is two bytes, with a checksum behind all, each of two halves
         return slice(bank * size, (bank + 1) * size)
 
-    def _read(self, bank: int) -> parameters.Stored:
-        return parameters.decode(self.record["eeprom"][0, self._place(bank)].tobytes())
+    def _read(self, bank: int) -> servo_chip.Stored:
+        return servo_chip.decode(self.record["eeprom"][0, self._place(bank)].tobytes())
 
     def _use(self, words: tuple[int, ...]) -> None:
         self.parameters.update(zip(_STORED, words, strict=True))

@@ -82,9 +82,14 @@ class CountsController(Snapshots):
         self._settings: Settings | None = None
 
     @property
+    def _counters(self) -> PulseAnalyser:
+        """Where windows are counted."""
+        return self._analyser
+
+    @property
     def missed_windows(self) -> int:
         """Windows not read in time since the leg began (row T-44)."""
-        return self._analyser.missed
+        return self._counters.missed
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut; refuses feeds above the machine's largest and values too large for the routine's words."""
@@ -100,7 +105,7 @@ class CountsController(Snapshots):
         """Feed for the next window, from the counts and the position along the path."""
         cpu = self._cpu
         cpu.clock_ns += round(window.duration_s * 1e9)
-        self._count(window.short, window.open)
+        self._counters.count_window(window.short, window.open)
         if cpu.clock_ns >= cpu.busy_until_ns:
             tick = cpu.clock_ns // TICK_NS & WORD
             cpu.units, t_states = self._decide(tick, window.path_um)
@@ -158,10 +163,6 @@ class CountsController(Snapshots):
                 f"sixteen-bit word of time holds at most {WORD / TICKS_PER_S * self.retract_feed_um_s:.6g}"
             )
         return ticks
-
-    def _count(self, short: int, open: int) -> None:
-        """Let the analyser count a window."""
-        self._analyser.count_window(short, open)
 
     def _decide(self, tick: int, path_um: float) -> tuple[int, int]:
         """Read the counts and run the routine; return its speed and cost."""
@@ -236,9 +237,8 @@ class McuController(CountsController):
         return self._computer
 
     @property
-    def missed_windows(self) -> int:
-        """Windows not read in time since the leg began (row T-44)."""
-        return self._computer.board.counters.missed
+    def _counters(self) -> PulseAnalyser:
+        return self._computer.board.counters
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the generator's setting and the path; called before every leg of the cut."""
@@ -302,9 +302,6 @@ class McuController(CountsController):
     def drive(self, steps: list[Step]) -> list[Step]:
         """Make a planner's steps through timers, interrupts and port."""
         return self._computer.drive(steps)
-
-    def _count(self, short: int, open: int) -> None:
-        self._computer.board.counters.count_window(short, open)
 
     def _decide(self, tick: int, path_um: float) -> tuple[int, int]:
         setup = self._setup

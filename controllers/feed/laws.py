@@ -5,9 +5,19 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from edmsim.controllers.feed import periods
-from edmsim.controllers.feed.corners import Corners, OuterCorners, TrueBend
-from edmsim.controllers.feed.law import ServoLaw, TruthLaw
-from edmsim.controllers.feed.measures import FuzzyRules, MeanDelay, MeanVoltage, OpenShare, ShortShare, TrueGap
+from edmsim.controllers.feed.law import (
+    Corners,
+    FuzzyRules,
+    MeanDelay,
+    MeanVoltage,
+    OpenShare,
+    OuterCorners,
+    ServoLaw,
+    ShortShare,
+    TrueBend,
+    TrueGap,
+    TruthLaw,
+)
 from edmsim.controllers.feed.periods import AdaptiveHold, ClimbingHold, GuardedHold, StreamGauge
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
 from edmsim.snapshots import Snapshots

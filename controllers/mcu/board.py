@@ -20,7 +20,7 @@ from edmsim.controllers.mcu.chips.ppi import Ppi8255
 from edmsim.controllers.mcu.chips.uart import Usart8251
 from edmsim.controllers.mcu.firmware.poscal import BYTE
 from edmsim.controllers.protocols import Step
-from edmsim.controllers.pulse_counters import PulseCounters
+from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
@@ -189,7 +189,7 @@ class Faults(NamedTuple):
     stuck: frozenset[str] = frozenset()
 
 
-class _WiredCounters(PulseCounters):
+class _WiredCounters(PulseAnalyser):
     """Counters whose strobes go to the latches of an 8255."""
 
     def __init__(self, port: Ppi8255) -> None:

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from sections import table
 
 from edmsim.controllers import FeedController
-from edmsim.controllers.feed.law import Gauge, ServoLaw
+from edmsim.controllers.feed.law import Gauge, OpenShare, ServoLaw
 from edmsim.controllers.feed.laws import HEAT, HeatFluxController
-from edmsim.controllers.feed.measures import OpenShare
 from edmsim.controllers.feed.periods import FluxGauge, HeatGauge, HoldHeat
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.episode import Task

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.axis_bench.bench import AxisBench
-from edmsim.controllers.axis.drive import Drive
+from edmsim.controllers.axis.drive import Drive, PositionServo
 from edmsim.controllers.axis.elcam import mcu_g3
-from edmsim.controllers.axis.servo import PositionServo
 from edmsim.numeric import finite
 
 _CYCLE_NS = round(mcu_g3.CYCLE_S * 1e9)

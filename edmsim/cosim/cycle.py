@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from edmsim.controllers.axis.elcam.file import StepCompensation
-from edmsim.controllers.planner.lateral_offset import PathOffset
-from edmsim.controllers.planner.registry import Planner
+from edmsim.controllers.planner.registry import PathOffset, Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step, WindowObservation
 from edmsim.cosim.observers import Observer, Turn
 from edmsim.machine.setting import WINDOW_PULSES

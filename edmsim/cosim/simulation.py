@@ -18,8 +18,7 @@ from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
-from edmsim.controllers.planner.lateral_offset import PathOffset
-from edmsim.controllers.planner.registry import RunsPath, make_planner, position_unit
+from edmsim.controllers.planner.registry import PathOffset, RunsPath, make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
 from edmsim.cosim.cycle import Cycle, PlannerMotion
 from edmsim.cosim.observers import Observer
@@ -31,7 +30,7 @@ from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive
 from edmsim.plant.axes.faults import AxisFault
-from edmsim.plant.axes.rapid import rapid_constants, time_left_s
+from edmsim.plant.axes.steps import rapid_constants, time_left_s
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.height_steps import LowerRegion

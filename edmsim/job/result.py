@@ -26,8 +26,7 @@ from edmsim.program.path import CutPath
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary, write_json
 from edmsim.recording.scene import Scene, write_scene
-from edmsim.recording.stores import Closeups, Frames, write_traces
-from edmsim.recording.windows import CUT_KEY, WindowTable, write_windows
+from edmsim.recording.windows import CUT_KEY, Closeups, Frames, WindowTable, write_traces, write_windows
 
 if TYPE_CHECKING:
     import pyarrow as pa

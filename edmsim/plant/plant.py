@@ -18,8 +18,7 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from, whole_within
 from edmsim.plant import constants
 from edmsim.plant.axes import faults
-from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
-from edmsim.plant.axes.trips import reason, reason_of_delay
+from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives, reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays

@@ -202,12 +202,6 @@ AUTO = "auto"
 _COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
 
 
-def check_dialect(name: str) -> str:
-    """Return the name of a dialect; raises `InputError` for an unknown one."""
-    refuse_unknown("dialect", name, (AUTO, *DIALECTS))
-    return name
-
-
 def comments_of(text: str) -> list[str]:
     """Return the comments of a program."""
     return ["".join(found) for found in _COMMENT.findall(text)]
@@ -215,7 +209,8 @@ def comments_of(text: str) -> list[str]:
 
 def dialect_of(text: str, requested: str) -> tuple[Dialect, list[str]]:
     """Return the dialect of a program, and notices about it; ``auto`` recognises it by words that no other has."""
-    if check_dialect(requested) != AUTO:
+    refuse_unknown("dialect", requested, (AUTO, *DIALECTS))
+    if requested != AUTO:
         return DIALECTS[requested], [f"dialect {requested} ({DIALECTS[requested].machines}), as requested"]
     words = "\n".join("".join(_COMMENT.sub("", line).split()) for line in text.upper().splitlines())
     comments = "\n".join(comments_of(text))

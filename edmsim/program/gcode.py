@@ -19,18 +19,8 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError, located, refuses_wrong_types
-from edmsim.program import dialects
+from edmsim.program import blocks, dialects
 from edmsim.program.arcs import rounding_of
-from edmsim.program.blocks import (
-    Ignored,
-    ProgramBlocks,
-    Units,
-    UnknownWordsError,
-    expanded,
-    read_blocks,
-    read_text,
-    units_of,
-)
 from edmsim.program.interpreter import Interpreter, Motions, Reading, prefer_absolute, reading_of, registers_set
 from edmsim.program.limits import check_contours, check_count, check_points
 from edmsim.program.outline import (
@@ -527,27 +517,31 @@ def read_gcode(
         If an arc or a contour is invalid, or the dialect unknown; names file and line.
     """
     path = Path(file)
-    text, ignored = read_text(path), Ignored.of(ignore)
+    text, ignored = blocks.read_text(path), blocks.Ignored.of(ignore)
     found, dialect_notices = dialects.dialect_of(text, dialect)
     with located(path):
         read = _read(text, ignored, found)
-        blocks, unused = expanded(read.main, read.behind)
+        expanded, unused = blocks.expanded(read.main, read.behind)
         notices = [*read.notices, *unused]
         in_inches = found is dialects.FREECAD and dialects.INCHES.search(text) is not None
-        units, unit_notices = units_of(blocks, found, in_inches)
-        registers = OffsetRegisters(offsets or {}, registers_set(blocks))
-        two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
-        control = Interpreter(units, rounding_of(blocks, units), registers, found, two_planes)
+        units, unit_notices = blocks.units_of(expanded, found, in_inches)
+        registers = OffsetRegisters(offsets or {}, registers_set(expanded))
+        two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in expanded)
+        control = Interpreter(units, rounding_of(expanded, units), registers, found, two_planes)
         if found is dialects.LINUXCNC:
             control.state = replace(control.state, planes_mm=_planes_mm(text, units))
-        for block in blocks:
+        for block in expanded:
             with located(line=block.line):
                 control.run_block(block)
         outlines = _outlines(control, notices)
         if conditions and not control.called:
             raise InputError("the program calls no condition: leave the table out, or name its --dialect")
         settings = settings_for(control.called, conditions or {}, read.conditions)
-    dialect_notices += _condition_notices(control.called, settings)
+    if control.called and not settings:
+        names = ", ".join(control.called)
+        dialect_notices.append(
+            f"no settings for the conditions {names}: those of the cut are used; --conditions gives a table"
+        )
     dialect_notices += _plane_notices(outlines, control)
     notices = [*dialect_notices, *unit_notices, *control.notices.texts(), *notices]
     notices.sort(key=lambda notice: int((re.findall(r"^line (\d+):", notice) or ["0"])[0]))
@@ -555,7 +549,7 @@ def read_gcode(
     return Program(tuple(outlines), tuple(notices), str(path), name, read.conditions, settings)
 
 
-def _planes_mm(text: str, units: Units) -> tuple[float, float | None]:
+def _planes_mm(text: str, units: blocks.Units) -> tuple[float, float | None]:
     """Return the heights of the planes of X Y and of U V that comments name; the workpiece's faces if they do not."""
     heights = dialects.plane_heights(dialects.comments_of(text))
     if not {"XY", "UV"} <= heights.keys():
@@ -565,33 +559,26 @@ def _planes_mm(text: str, units: Units) -> tuple[float, float | None]:
     return heights["XY"] * units.at_start_mm, heights["UV"] * units.at_start_mm
 
 
-def _read(text: str, ignored: Ignored, dialect: dialects.Dialect) -> ProgramBlocks:
+def _read(text: str, ignored: blocks.Ignored, dialect: dialects.Dialect) -> blocks.ProgramBlocks:
     """Split a program into blocks; where words are unknown, say which dialects know them all."""
     try:
-        return read_blocks(text, ignored, dialect)
-    except UnknownWordsError as error:
+        return blocks.read_blocks(text, ignored, dialect)
+    except blocks.UnknownWordsError as error:
         others = [other for other in dialects.DIALECTS.values() if other is not dialect]
         knowing = [other.name for other in others if _reads(text, ignored, other)]
         if not knowing:
             raise
         found = [(word, line) for word, lines in error.words.items() for line in lines]
         hint = f"; known to --dialect {' or '.join(knowing)}"
-        raise UnknownWordsError(sorted(found, key=lambda item: item[1]), hint) from None
+        raise blocks.UnknownWordsError(sorted(found, key=lambda item: item[1]), hint) from None
 
 
-def _reads(text: str, ignored: Ignored, dialect: dialects.Dialect) -> bool:
+def _reads(text: str, ignored: blocks.Ignored, dialect: dialects.Dialect) -> bool:
     try:
-        read_blocks(text, ignored, dialect)
+        blocks.read_blocks(text, ignored, dialect)
     except InputError:
         return False
     return True
-
-
-def _condition_notices(called: Mapping[str, int], settings: Mapping[str, object]) -> list[str]:
-    if settings or not called:
-        return []
-    names = ", ".join(called)
-    return [f"no settings for the conditions {names}: those of the cut are used; --conditions gives a table"]
 
 
 def _plane_notices(outlines: Sequence[Outline], control: Interpreter) -> list[str]:

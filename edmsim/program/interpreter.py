@@ -9,16 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 from edmsim.errors import InputError
-from edmsim.program.arcs import (
-    RADIUS_TOLERANCE_MM,
-    SAME_PLACE_MM,
-    Rounding,
-    arc_points,
-    centre_from_radius,
-    line_points,
-    radii,
-    sweep_of,
-)
+from edmsim.program import arcs
+from edmsim.program.arcs import Rounding
 from edmsim.program.blocks import BELONGS, IDLE_CODES, INCH_MM, UNITS, Block, Units
 from edmsim.program.dialects import ISO, Action, Dialect
 from edmsim.program.limits import LONGEST_DWELL_S
@@ -53,14 +45,14 @@ class UpperMotion:
         if centre is None and lower_centre is not None:
             centre = lower_centre + self.from_lower
         if self.turn == 0 or centre is None:
-            return line_points(self.start, self.end, chords)
-        first, last = radii(self.start, self.end, centre)
-        if abs(first - last) > RADIUS_TOLERANCE_MM:
+            return arcs.line_points(self.start, self.end, chords)
+        first, last = arcs.radii(self.start, self.end, centre)
+        if abs(first - last) > arcs.RADIUS_TOLERANCE_MM:
             reason = f"start radius {first:.4f} and end radius {last:.4f} mm"
             raise InputError(f"the arc's radii disagree in the second plane: {reason}; correct its centre or its end")
-        if min(first, last) <= SAME_PLACE_MM:  # the tip of a cone
-            return line_points(self.start, self.end, chords)
-        return arc_points(self.start, self.end, centre, self.turn, full, chords)
+        if min(first, last) <= arcs.SAME_PLACE_MM:  # the tip of a cone
+            return arcs.line_points(self.start, self.end, chords)
+        return arcs.arc_points(self.start, self.end, centre, self.turn, full, chords)
 
 
 @dataclass(frozen=True)
@@ -94,8 +86,8 @@ class CuttingMotion:
         return relative, absolute
 
     def _agree(self, centre: complex, rounding: Rounding) -> bool:
-        first, last = radii(self.start, self.end, centre)
-        return abs(first - last) <= rounding.radius_mm and min(first, last) > SAME_PLACE_MM
+        first, last = arcs.radii(self.start, self.end, centre)
+        return abs(first - last) <= rounding.radius_mm and min(first, last) > arcs.SAME_PLACE_MM
 
 
 @dataclass(frozen=True)
@@ -112,9 +104,9 @@ class Reading:
     def moves(self) -> bool:
         """Whether anything is cut: an arc without a radius whose ends are equal does not move."""
         motion, upper = self.motion, self.motion.upper
-        if upper is not None and abs(upper.end - upper.start) > SAME_PLACE_MM:
+        if upper is not None and abs(upper.end - upper.start) > arcs.SAME_PLACE_MM:
             return True
-        return self.centre is not None or motion.arc is None or abs(motion.end - motion.start) > SAME_PLACE_MM
+        return self.centre is not None or motion.arc is None or abs(motion.end - motion.start) > arcs.SAME_PLACE_MM
 
     @property
     def points(self) -> tuple[complex, ...]:
@@ -124,8 +116,8 @@ class Reading:
     def _lower(self, chords: int) -> list[complex]:
         motion = self.motion
         if motion.arc is None or self.centre is None:
-            return line_points(motion.start, motion.end, chords)
-        return arc_points(motion.start, motion.end, self.centre, motion.arc.turn, bool(self.full), chords)
+            return arcs.line_points(motion.start, motion.end, chords)
+        return arcs.arc_points(motion.start, motion.end, self.centre, motion.arc.turn, bool(self.full), chords)
 
     @property
     def planes(self) -> tuple[tuple[complex, ...], tuple[complex, ...]]:
@@ -147,13 +139,13 @@ class Reading:
 def prefer_absolute(motions: Sequence[CuttingMotion], rounding: Rounding) -> bool | None:
     """Decide what I J mean where both readings fit: what most of the arcs mean that fit one reading only."""
     # arcs whose ends meet say nothing of it, as any centre fits them; None if no arc fits one reading only
-    arcs = [motion for motion in motions if motion.arc is not None and not motion.ends_meet(rounding)]
-    all_fits = [motion.fits(rounding) for motion in arcs]
-    for motion, fits in zip(arcs, all_fits, strict=True):
+    curved = [motion for motion in motions if motion.arc is not None and not motion.ends_meet(rounding)]
+    all_fits = [motion.fits(rounding) for motion in curved]
+    for motion, fits in zip(curved, all_fits, strict=True):
         if not any(fits):
             raise InputError(_misfit(motion), line=motion.line)
     votes = [
-        fits[1] - fits[0] for motion, fits in zip(arcs, all_fits, strict=True)
+        fits[1] - fits[0] for motion, fits in zip(curved, all_fits, strict=True)
         if motion.arc and motion.arc.absolute is not None and motion.arc.absolute_stated is None
     ]  # fmt: skip
     return sum(votes) > 0 if any(votes) else None
@@ -176,8 +168,8 @@ def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding)
     elif all(fits):
         notices += _both_fit(arc, meant)
     centre = arc.absolute if meant and arc.absolute is not None else arc.relative
-    first, last = radii(motion.start, motion.end, centre)
-    if abs(first - last) > RADIUS_TOLERANCE_MM:
+    first, last = arcs.radii(motion.start, motion.end, centre)
+    if abs(first - last) > arcs.RADIUS_TOLERANCE_MM:
         apart_um = abs(first - last) * 1e3
         notices.append(f"the arc's radii differ by {apart_um:.1f} um, which the rounding of its numbers explains")
     return Reading(motion, centre, notices=tuple(notices))
@@ -187,23 +179,23 @@ def _reading_where_ends_meet(motion: CuttingMotion, arc: Arc, absolute: bool | N
     """Tell a full circle from an arc so short that it lies, with its radius, within what rounding explains."""
     stated = arc.absolute_stated
     meant = (absolute if stated is None else stated) if arc.absolute is not None else False
-    equal = abs(motion.end - motion.start) <= SAME_PLACE_MM
+    equal = abs(motion.end - motion.start) <= arcs.SAME_PLACE_MM
     centre = arc.absolute if meant and arc.absolute is not None else arc.relative
     tiny = abs(centre - motion.start) <= rounding.radius_mm
     if meant is None and arc.absolute is not None and not equal:  # nothing says which is meant: the tiny one, then
-        tiny |= SAME_PLACE_MM < abs(arc.absolute - motion.start) <= rounding.radius_mm
+        tiny |= arcs.SAME_PLACE_MM < abs(arc.absolute - motion.start) <= rounding.radius_mm
     if tiny:
         return Reading(motion, notices=("an arc without a radius is left out",) * equal)
     reading = Reading(motion, centre, True, tuple(_both_fit(arc, bool(meant)) if stated is None else ()))
     if equal:
         return reading
-    if sweep_of(motion.start, motion.end, centre, arc.turn) > math.pi:
+    if arcs.sweep_of(motion.start, motion.end, centre, arc.turn) > math.pi:
         return reading.decided(True)
     return replace(reading, full=None)
 
 
 def _both_fit(arc: Arc, absolute: bool) -> list[str]:
-    if arc.absolute is None or abs(arc.relative - arc.absolute) <= SAME_PLACE_MM:
+    if arc.absolute is None or abs(arc.relative - arc.absolute) <= arcs.SAME_PLACE_MM:
         return []
     meant = "absolute" if absolute else "relative"
     return [f"I J fit both as relative and as absolute centre: taken as {meant}"]
@@ -211,7 +203,7 @@ def _both_fit(arc: Arc, absolute: bool) -> list[str]:
 
 def _misfit(motion: CuttingMotion) -> str:
     def radii_about(centre: complex) -> str:
-        return "start radius {:.4f} and end radius {:.4f} mm".format(*radii(motion.start, motion.end, centre))
+        return "start radius {:.4f} and end radius {:.4f} mm".format(*arcs.radii(motion.start, motion.end, centre))
 
     arc = motion.arc
     assert arc is not None
@@ -544,7 +536,7 @@ class Interpreter:
             raise InputError("coordinates come before any of G0 G1 G2 G3: say how to move")
         end = self._target(block.values, self.position - self.shift, self.absolute) + self.shift
         above = self._upper_target(block, end) if self.two_planes else end
-        moves = abs(end - self.position) > SAME_PLACE_MM or abs(above - self.upper) > SAME_PLACE_MM
+        moves = abs(end - self.position) > arcs.SAME_PLACE_MM or abs(above - self.upper) > arcs.SAME_PLACE_MM
         if self.motion in (2, 3) or (self.motion == 1 and moves):
             self._cut(block, end, above)
         self.position, self.upper = end, above
@@ -629,7 +621,7 @@ class Interpreter:
 
     def _arc_of_radius(self, block: Block, end: complex, turn: int) -> Arc:
         start, radius = self.position, block.values["R"] * self.unit_mm
-        centre = centre_from_radius(start, end, radius, turn, self.rounding.radius_mm)
+        centre = arcs.centre_from_radius(start, end, radius, turn, self.rounding.radius_mm)
         if centre is None:
             reason = f"no arc of radius R{block.values['R']:g} joins ends {abs(end - start):.4f} mm apart"
             raise InputError(f"{reason}: give I and J, or an R that does")

@@ -24,10 +24,10 @@ from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
 from edmsim.recording.report import duration_text
-from edmsim.recording.rerun.blueprint import Sizes
-from edmsim.recording.rerun.gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
+from edmsim.recording.rerun.logs import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.stream import CLASS_COLOURS
+from edmsim.recording.rerun.write import Sizes
 from edmsim.recording.windows import broken, pause_rows
 
 SIZE_INCH = (12.8, 7.2)

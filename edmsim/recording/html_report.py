@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from edmsim.cosim.straight import PulseSample
 from edmsim.files import replacing
-from edmsim.recording.figures import cut, passes, pulses, wire
+from edmsim.recording.figures import cut
 from edmsim.recording.figures.profile import PROFILE_DOTS
 from edmsim.recording.figures.style import figure_png
 from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, summary
@@ -34,15 +34,15 @@ OF_CUT: dict[str, Callable[[Report, pa.Table, Scene], Figure]] = {
     "error-shares": lambda report, windows, scene: cut.shares_figure(scene),
     "corner": lambda report, windows, scene: cut.corner_figure(scene, windows),
     "kerf-section": lambda report, windows, scene: cut.kerf_figure(report),
-    "face": lambda report, windows, scene: passes.face_figure(scene),
-    "passes": lambda report, windows, scene: passes.passes_figure(report),
-    "pulses": lambda report, windows, scene: pulses.pulses_figure(windows),
-    "short-open": lambda report, windows, scene: pulses.plane_figure(windows),
+    "face": lambda report, windows, scene: cut.face_figure(scene),
+    "passes": lambda report, windows, scene: cut.passes_figure(report),
+    "pulses": lambda report, windows, scene: cut.pulses_figure(windows),
+    "short-open": lambda report, windows, scene: cut.plane_figure(windows),
 }
 """Figures of a cut by name: functions of report, windows and scene."""
 OF_SAMPLE: dict[str, Callable[[PulseSample, pa.Table, Report], Figure]] = {
-    "ignition-delay": lambda sample, windows, report: pulses.delay_figure(sample, windows),
-    "wire-spectrum": lambda sample, windows, report: wire.spectrum_figure([sample], report.settings["resolution"]),
+    "ignition-delay": lambda sample, windows, report: cut.delay_figure(sample, windows),
+    "wire-spectrum": lambda sample, windows, report: cut.spectrum_figure([sample], report.settings["resolution"]),
 }
 """Figures of single pulses by name: functions of the sample, windows and report."""
 _CAPTIONS = {

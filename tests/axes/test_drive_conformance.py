@@ -7,7 +7,7 @@ import pytest
 
 from edmsim.compiled.axis_rows import carray, sample
 from edmsim.controllers import axis as axes
-from edmsim.controllers.axis.servo import PositionServo
+from edmsim.controllers.axis.drive import PositionServo
 from edmsim.errors import InputError
 
 

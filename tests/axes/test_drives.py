@@ -11,12 +11,11 @@ import pytest
 import edmsim
 from edmsim.compiled.axis_rows import carray, sample
 from edmsim.controllers import axis as axes
-from edmsim.controllers.axis.drive import axis_row
+from edmsim.controllers.axis.drive import KP, PositionServo, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
-from edmsim.controllers.axis.servo import KP, PositionServo
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError
-from edmsim.plant.axes.rapid import straight_moves
+from edmsim.plant.axes.steps import straight_moves
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.workpiece.kerf_field import Stock
 from tests.test_cosim import contour, run, simulation

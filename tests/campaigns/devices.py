@@ -42,7 +42,7 @@ class _Any(dict[str, int]):
 
 
 def tape(data: bytes, _folder: Path) -> object:
-    from edmsim.controllers.mcu.dialogue.monitor import read_tape
+    from edmsim.consoles.computer_1982.monitor import read_tape
 
     return read_tape(data)
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.dialogue.line_input import (
+from edmsim.consoles.computer_1982.line_input import (
     InputBuffer,
     Line,
     getnum,

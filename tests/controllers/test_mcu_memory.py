@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edmsim.consoles.computer_1982.line_input import InputBuffer, getnum
+from edmsim.consoles.computer_1982.monitor import punch, read_tape
+from edmsim.consoles.computer_1982.words import Move, ProgramStore, Setting
 from edmsim.controllers.mcu.chips import bus, pic, uart
 from edmsim.controllers.mcu.chips.cpu import CARRY, SIGN, ZERO, A, B, Cpu8085, D, E, NoCodeError
 from edmsim.controllers.mcu.computer import Computer
-from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum
-from edmsim.controllers.mcu.dialogue.main_program import Move, ProgramStore, Setting
-from edmsim.controllers.mcu.dialogue.monitor import punch, read_tape
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.optimise import Settings, State
 from edmsim.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 
 from edmsim import controllers
 from edmsim.controllers import WindowObservation, make
-from edmsim.controllers.feed.corners import lead_um
+from edmsim.controllers.feed.law import lead_um
 from edmsim.controllers.feed.periods import heat_per_ignition_s
 from edmsim.controllers.protocols import SeesBreaks, tell
 from edmsim.errors import InputError

@@ -7,8 +7,8 @@ import pytest
 from edmsim.compiled.axis_rows import carray, sample
 from edmsim.controllers import axis as axes
 from edmsim.controllers import make
+from edmsim.controllers.axis.drive import COUNTS_PER_EDGE, KD, KP, LARGEST_ERROR, PositionServo
 from edmsim.controllers.axis.eanpos import Eanpos
-from edmsim.controllers.axis.servo import COUNTS_PER_EDGE, KD, KP, LARGEST_ERROR, PositionServo
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError

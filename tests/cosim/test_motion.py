@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim import Machine, Plant
-from edmsim.controllers.planner.lateral_offset import PathOffset
+from edmsim.controllers.planner.registry import PathOffset
 from edmsim.controllers.protocols import FeedCommand, Step
 from edmsim.cosim.cycle import EvenSteps, PlannerMotion
 from edmsim.cosim.passes import Sums

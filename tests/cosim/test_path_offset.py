@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.controllers.feed.laws import FixedController
-from edmsim.controllers.planner.lateral_offset import PathOffset
+from edmsim.controllers.planner.registry import PathOffset
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine

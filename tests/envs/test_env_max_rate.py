@@ -6,7 +6,7 @@ import pytest
 
 from edmsim.controllers import make
 from edmsim.envs import Task
-from edmsim.envs.max_rate import KNOWN, KNOWN_TO_SHARE, MaxRate
+from edmsim.envs.families import KNOWN, KNOWN_TO_SHARE, MaxRate
 from edmsim.errors import InputError
 
 ID = "edmsim/MaxRate-v1"

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from edmsim.envs import Trim
+from edmsim.envs.families import GAP_UM
 from edmsim.envs.sub_envs import FINISHED_UM, STRETCH_UM
-from edmsim.envs.trim import GAP_UM
 from edmsim.errors import InputError
-from edmsim.plant.workpiece.blanks import wavy_wall
+from edmsim.plant.workpiece.blanks import wall_error_um, wavy_wall
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
-from edmsim.plant.workpiece.wall import wall_error_um
 
 STILL = {"wave_um": (6.0, 6.0), "wave_mm": (0.3, 0.3), "allowance_um": (8.0, 8.0), "height_mm": 20.0}
 

@@ -15,7 +15,7 @@ from edmsim.controllers import FeedCommand, from_text, make
 from edmsim.controllers.feed.laws import FixedController
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import Task
-from edmsim.envs.gap_feed import GapFeed
+from edmsim.envs.families import GapFeed
 from edmsim.envs.part_task import Part
 from edmsim.envs.registry import arguments_with, register
 from edmsim.envs.reward import Weights

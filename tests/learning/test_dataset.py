@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.envs.gap_feed import GapFeed
+from edmsim.envs.families import GapFeed
 from edmsim.envs.registry import register
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import cut

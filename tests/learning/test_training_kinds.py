@@ -9,7 +9,7 @@ import pytest
 
 from edmsim.controllers.protocols import tell
 from edmsim.envs.episode import Task
-from edmsim.envs.gap_feed import GapFeed
+from edmsim.envs.families import GapFeed
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.command import TrainOptions

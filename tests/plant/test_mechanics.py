@@ -21,11 +21,12 @@ from edmsim.plant.mechanics.model import (
     ModalModel,
     WireSetup,
     build_model,
+    linearise,
+    modes_with,
     reduce_model,
+    string_modes,
 )
-from edmsim.plant.mechanics.modes import linearise
-from edmsim.plant.mechanics.string_modes import _reference as reference
-from edmsim.plant.mechanics.string_modes import modes_with, string_modes
+from edmsim.plant.mechanics.model import _reference as reference
 from tests.plant.oscillators import propagator_table
 
 BRASS = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
@@ -345,7 +346,7 @@ def test_the_model_loads_no_mujoco_and_a_plant_neither_scipy_linalg_nor_asyncio(
 import sys, edmsim.plant.mechanics.model
 print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)
 import edmsim
-from edmsim.plant.mechanics.modes import _dsygvd
+from edmsim.plant.mechanics.model import _dsygvd
 edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()
 print('scipy.linalg' in sys.modules, 'asyncio' in sys.modules)
 from scipy.linalg.lapack import dsygvd

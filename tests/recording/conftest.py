@@ -14,8 +14,7 @@ from edmsim.recording.report import Corner, Kerf, Origin, ProfileErrors, Report,
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.scene import ErrorMap, Scene, polylines
-from edmsim.recording.stores import Closeups, Frames
-from edmsim.recording.windows import WindowTable
+from edmsim.recording.windows import Closeups, Frames, WindowTable
 
 N_WINDOWS = 3000
 N_SLICES = 9

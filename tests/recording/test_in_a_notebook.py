@@ -14,7 +14,7 @@ import edmsim
 from edmsim.errors import InputError
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.scene import PassFace, Terrace
-from edmsim.recording.stores import traces
+from edmsim.recording.windows import traces
 
 PNG = b"\x89PNG"
 

@@ -11,11 +11,22 @@ import edmsim
 from edmsim.cosim.straight import KINDS, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.job.result import sample_like
 from edmsim.plant.constants import wire_setup
-from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
-from edmsim.recording.figures.passes import face_figure, passes_figure
-from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
+from edmsim.recording.figures.cut import (
+    corner_figure,
+    delay_figure,
+    error_figure,
+    face_figure,
+    folded_hz,
+    kerf_figure,
+    passes_figure,
+    plane_figure,
+    pulses_figure,
+    shares_figure,
+    spectrum,
+    spectrum_figure,
+    wire_frequencies_hz,
+)
 from edmsim.recording.figures.style import WIDTH_IN
-from edmsim.recording.figures.wire import folded_hz, spectrum, spectrum_figure, wire_frequencies_hz
 from edmsim.recording.report import HeightError, KerfSlice, PassFigures, Report, Wall
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import WindowTable

@@ -10,12 +10,11 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.text import Annotation
 
 from edmsim.metrology.profile import CornerError
-from edmsim.recording.figures.cut import error_figure
+from edmsim.recording.figures.cut import error_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.profile import PANELS, draw_map, draw_series, profile_figure
-from edmsim.recording.figures.pulses import plane_figure, pulses_figure
 from edmsim.recording.figures.style import NotebookFigure
 from edmsim.recording.film import Film
-from edmsim.recording.rerun.machine import growing_kerf
+from edmsim.recording.rerun.logs import growing_kerf
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.windows import (
     ROW_NAMES,

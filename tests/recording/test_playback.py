@@ -20,8 +20,7 @@ from edmsim.recording.film import Film, render
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import take_screenshots
-from edmsim.recording.stores import Closeups, Frames
-from edmsim.recording.windows import WindowTable
+from edmsim.recording.windows import Closeups, Frames, WindowTable
 
 
 @pytest.fixture

@@ -12,12 +12,11 @@ from edmsim.job.result import recorders_for
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import SHORT
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording.figures.pulses import pulses_figure
+from edmsim.recording.figures.cut import pulses_figure
 from edmsim.recording.report import build_report, summary
-from edmsim.recording.rerun.gap import SCOPE_PULSES, VOLTAGE_HEIGHT
+from edmsim.recording.rerun.logs import SCOPE_PULSES, VOLTAGE_HEIGHT
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.stores import Closeups, traces
-from edmsim.recording.windows import NAMES, WindowTable, column, read_windows, write_windows
+from edmsim.recording.windows import NAMES, Closeups, WindowTable, column, read_windows, traces, write_windows
 
 
 def cut_of(generator):

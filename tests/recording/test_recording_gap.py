@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from edmsim.plant.kernel.state import OPEN
-from edmsim.recording.rerun.gap import AGES, SCOPE_PULSES, discharges, faded
-from edmsim.recording.stores import traces
+from edmsim.recording.rerun.logs import AGES, SCOPE_PULSES, discharges, faded
+from edmsim.recording.windows import traces
 
 
 def test_traces_show_delay_burning_and_short(cut):

@@ -10,14 +10,12 @@ from rich.console import Console
 from edmsim.controllers import WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
-from edmsim.recording.figures.pulses import pulses_figure
+from edmsim.recording.figures.cut import pulses_figure
 from edmsim.recording.film import Film
 from edmsim.recording.report import Coverage, render_table
-from edmsim.recording.rerun.gap import SMALLEST, travel_at
-from edmsim.recording.rerun.machine import shapes_of, wire_strips
+from edmsim.recording.rerun.logs import SMALLEST, shapes_of, travel_at, wire_strips
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.stores import Closeups, Frames
-from edmsim.recording.windows import WindowTable, column
+from edmsim.recording.windows import Closeups, Frames, WindowTable, column
 
 RADIUS_UM, GAP_UM = 125.0, 15.0
 """Of the made-up cut."""

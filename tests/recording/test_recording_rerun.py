@@ -9,13 +9,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS
-from edmsim.recording.rerun.machine import face_mesh, shapes_of, wire_strips
+from edmsim.recording.rerun.logs import face_mesh, shapes_of, wire_strips
 from edmsim.recording.rerun.viewer import RERUN
-from edmsim.recording.rerun.write import group_starts, recording_id
+from edmsim.recording.rerun.write import ELECTRICAL, PROCESS, group_starts, recording_id
 from edmsim.recording.scene import PassFace, Scene, read_scene, write_scene
-from edmsim.recording.stores import Closeups, Frames
-from edmsim.recording.windows import NAMES, WindowTable, column, group_means, lag_along_um
+from edmsim.recording.windows import NAMES, Closeups, Frames, WindowTable, column, group_means, lag_along_um
 
 
 def compare(one, two):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
-from edmsim.recording.rerun.machine import (
+from edmsim.recording.rerun.logs import (
     BASE,
     CROSS,
     KERF_FRAMES,

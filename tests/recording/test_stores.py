@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmsim.recording.stores import AROUND, BLOCKS, NOTHING, REGULAR, RETRACT, TURN, Closeups, Frames, turns_um
+from edmsim.recording.windows import AROUND, BLOCKS, NOTHING, REGULAR, RETRACT, TURN, Closeups, Frames, turns_um
 
 
 def show(closeups, start, stop, happened):

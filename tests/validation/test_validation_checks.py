@@ -26,8 +26,8 @@ from edmsim.validation import (
     lag,
     passes,
     pulse_ratios,
-    resolutions,
     setups,
+    spread,
     stable_rate,
     strings,
     water,
@@ -219,8 +219,8 @@ def test_rates_are_found_for_every_seed_by_itself(monkeypatch):
      ((0.3, 0.31), (0.36, 0.37), False), ((0.3, 0.3), (0.2, 0.4), False)],
 )  # fmt: skip
 def test_shorts_of_two_resolutions_agree_within_a_tenth_or_a_hundredth(fine, coarse, passed):
-    figure = resolutions.FIGURES[0]._replace(of=lambda share: share)
-    assert resolutions._row(figure, "fast", coarse, fine).passed is passed
+    figure = spread.FIGURES[0]._replace(of=lambda share: share)
+    assert spread._against_fine(figure, "fast", coarse, fine).passed is passed
 
 
 # --- the other checks: all rows that are exact pass, and those that cannot are named ---

@@ -19,7 +19,7 @@ from edmsim.controllers.axis.drive import Screw, axis_row, new_record, restart
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.controllers.axis.eanpos.moves import warn
 from edmsim.controllers.axis.eanpos.sample import eanpos_sample, start_refused
-from edmsim.controllers.axis.parameters import Registers
+from edmsim.controllers.axis.servo_chip import Registers
 from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.numeric import whole
 

@@ -421,9 +421,14 @@ class Elcam:
             case Function.ADD_FOLLOW:
                 return CallStatus.OK if table.add_follow(value) else CallStatus.REFUSED
             case Function.ROW_COUNT:
-                return self._set_row_count(table, value)
+                if table.was_started or value < 0:
+                    return CallStatus.REFUSED
+                table.row_count = value
+                table.set_bit(Mode.ROWS, value > 0)
             case Function.TABLE_SIZE:
-                return self._set_size(table, value)
+                if not table.in_computer or not 0 <= value <= len(table.points):
+                    return CallStatus.REFUSED
+                table.size_master = table.size_follow = value
             case Function.COMPENSATION:
                 table.mark(bool(value))
             case Function.INTERPOLATE_ROWS:
@@ -479,19 +484,6 @@ class Elcam:
             table.error |= Error.MEMORY
             return CallStatus.REFUSED
         table.points = np.zeros((count, 2), table.dtype)
-        return CallStatus.OK
-
-    def _set_row_count(self, table: CamTable, count: int) -> CallStatus:
-        if table.was_started or count < 0:
-            return CallStatus.REFUSED
-        table.row_count = count
-        table.set_bit(Mode.ROWS, count > 0)
-        return CallStatus.OK
-
-    def _set_size(self, table: CamTable, count: int) -> CallStatus:
-        if not table.in_computer or not 0 <= count <= len(table.points):
-            return CallStatus.REFUSED
-        table.size_master = table.size_follow = count
         return CallStatus.OK
 
     def _set_mode(self, table: CamTable, value: int) -> CallStatus:

@@ -36,7 +36,12 @@ def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool
     turn = -1 if clockwise else 1
     # a clockwise arc is a counter-clockwise one seen from below
     first, last = ((point[0] - centre_um[0], turn * (point[1] - centre_um[1])) for point in (start_um, end_um))
-    _check_radii(first, last)
+    radii = [float(np.hypot(*point)) for point in (first, last)]
+    if abs(radii[0] - radii[1]) > RADIUS_TOLERANCE_UM:
+        raise InputError(
+            f"the arc's start is {radii[0]:.1f} um from its centre and its end {radii[1]:.1f} um: "
+            f"they must agree within {RADIUS_TOLERANCE_UM} um"
+        )
     points = [first, *_corners(first, last)]
     placed = [(centre_um[0] + x, centre_um[1] + turn * y) for x, y in points]
     return np.array([*placed, end_um], dtype=np.int64)
@@ -46,15 +51,6 @@ def chord_walk(x: int, y: int) -> int:
     """Points of the walk to one chord: SQRT of the radius r, so that it bulges by ``2 r / 8 r``, a quarter um."""
     vector = resolve(subsgn(x, 0)[0], subsgn(y, 0)[0], 1, 1)
     return max(sqrt(min(vector.length << vector.halvings, WORD - 1)), 1)
-
-
-def _check_radii(first: Point, last: Point) -> None:
-    radii = [float(np.hypot(*point)) for point in (first, last)]
-    if abs(radii[0] - radii[1]) > RADIUS_TOLERANCE_UM:
-        raise InputError(
-            f"the arc's start is {radii[0]:.1f} um from its centre and its end {radii[1]:.1f} um: "
-            f"they must agree within {RADIUS_TOLERANCE_UM} um"
-        )
 
 
 def _corners(first: Point, last: Point) -> Iterator[Point]:

@@ -7,13 +7,13 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from edmsim.consoles.computer_1982.words import Entry, Move, Setting
 from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END, Board, Faults, SafetySwitches
 from edmsim.controllers.mcu.chips.dac import PulseSettings
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer, PathRun
 from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
-from edmsim.controllers.mcu.dialogue.main_program import Entry, Move, Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arcs import arc_points
 from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State

@@ -17,17 +17,17 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from edmsim.consoles.computer_1982 import line_input
 from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, Pipe, is_terminal
-from edmsim.consoles.computer_1982.operation import LEGEND, TOGGLE, Operation
+from edmsim.consoles.computer_1982.main_program import MainProgram
+from edmsim.consoles.computer_1982.monitor import STARTS, Monitor
+from edmsim.consoles.computer_1982.operation import FIELDS, LEGEND, TOGGLE, Operation
 from edmsim.consoles.computer_1982.rig import END_SWITCHES, Rig
+from edmsim.consoles.computer_1982.words import Status
 from edmsim.controllers.mcu.board import WIRE_BREAK, DropOut, Faults, SerialNoise
 from edmsim.controllers.mcu.chips import bus
 from edmsim.controllers.mcu.chips.display import BANK
 from edmsim.controllers.mcu.computer import Computer
-from edmsim.controllers.mcu.dialogue import line_input
-from edmsim.controllers.mcu.dialogue.front_panel import FIELDS
-from edmsim.controllers.mcu.dialogue.main_program import MainProgram, Status
-from edmsim.controllers.mcu.dialogue.monitor import STARTS, Monitor
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.memory_map import CIADR, HOST_IN, TERMINAL_IN
 from edmsim.errors import InputError, one_of

@@ -1,22 +1,33 @@
-"""A plant's drives: their rows in the memory of the pulse loop, and their part of a snapshot."""
+"""A plant's drives: their rows in the memory of the pulse loop, their part of a snapshot, and why they stopped."""
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import AXIS, DRIVE, FAULT, FREEWHEEL, N_AXES, NET_IN, NET_OUT, SampleFunction
+from edmsim.compiled.axis_rows import (
+    AXIS,
+    DRIVE,
+    FAULT,
+    FAULT_IN,
+    FAULT_OUT,
+    FREEWHEEL,
+    N_AXES,
+    NET_IN,
+    NET_OUT,
+    NO_COMMAND,
+    SampleFunction,
+)
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.advance import apply_geometric_errors, indicate, take_line
 from edmsim.plant.axes.board import NEVER, NOWHERE_UM
 from edmsim.plant.axes.encoder import LONG_AGO_NS, draw_pause, mark_below, watch_cam
-from edmsim.plant.axes.motor import check_motor
-from edmsim.plant.axes.rapid import rapid_constants, run_moves, straight_moves, time_left_s
-from edmsim.plant.axes.shaft import longest_step_ns
-from edmsim.plant.axes.steps import MOVE
+from edmsim.plant.axes.shaft import check_motor, longest_step_ns
+from edmsim.plant.axes.steps import MOVE, rapid_constants, run_moves, straight_moves, time_left_s
 from edmsim.plant.axes.ways import no_ways, taken_up
 from edmsim.plant.kernel.declare import ArraySizes, allocate
 from edmsim.plant.kernel.state import Axes
@@ -287,3 +298,74 @@ def _check_period(name: str, record: NDArray[np.void]) -> None:
     num, den = int(record["num"][0]), int(record["den"][0])
     if den < 1 or num < 1000 * den:
         raise InputError(f"the {name} drive's period is {num}/{den} ns; it must be 1 us or more")
+
+
+# The reasons for which axes stopped, in words: from the drives, and from table and wire.
+
+def reason(drives: Drives) -> str:
+    """Return why axes have stopped, the first one first: what stopped each, and what that did to others."""
+    rows, lines = drives.axes.rows, drives.axes.drives["lines"]
+    stopped = [k for k, name in enumerate(AXIS_NAMES) if name in drives.by_axis and drives.faults() >> k & 1]
+    by_line = [k for k in stopped if lines[k] & FAULT and not _own_words(drives, k) and _line_low(drives, k)]
+    stopped.sort(key=lambda k: (k in by_line, int(rows["trip_ns"][k])))
+    return "; ".join(_of_axis(drives, k) for k in stopped)
+
+
+def _of_axis(drives: Drives, k: int) -> str:
+    row, name = drives.axes.rows[k], AXIS_NAMES[k]
+    why = _own_words(drives, k)
+    off_um = float(max(row["place_um"] - row["most_um"], row["least_um"] - row["place_um"], 0.0))
+    if row["trip"] & NO_COMMAND:
+        text = f"the drive of {name} is out of service: it commanded what is not a share of its supply"
+    elif drives.axes.drives["lines"][k] & FAULT and not why and (pulled_by := _line_low(drives, k)):
+        return f"the drive of {name} was stopped by its fault line, pulled low {pulled_by}"
+    elif drives.axes.drives["lines"][k] & FAULT:
+        text = f"the drive of {name} has shut off its motor, {off_um:.1f} um from its path{': ' + why if why else ''}"
+    else:
+        why = why or ("its drive is held in reset" if row["in_reset"] else "")
+        text = (
+            f"{name} is {off_um:.1f} um from its path, more than the {row['stray_um']:g} um of the wire's radius"
+            f"{': ' + why if why else ''}"
+        )
+    return text + _of_supply(drives, k)
+
+
+def _own_words(drives: Drives, k: int) -> str:
+    explain = getattr(drives.by_axis[AXIS_NAMES[k]], "why_stopped", None)
+    return str(explain()) if explain is not None else ""
+
+
+def _line_low(drives: Drives, k: int) -> str:
+    """Return who pulls the fault line of an axis low; nothing if nobody does."""
+    rows, lines = drives.axes.rows, drives.axes.drives["lines"]
+    others = [
+        name for j, name in enumerate(AXIS_NAMES)
+        if j != k and drives.has_loop(j) and rows["wiring"][j] & NET_OUT and lines[j] & FAULT_OUT
+    ]
+    if others and rows["wiring"][k] & NET_IN:
+        return f"by {' and '.join(others)}"
+    return "from outside" if rows["hand_lines"][k] & FAULT_IN else ""
+
+
+def _of_supply(drives: Drives, k: int) -> str:
+    """Return what is wrong with the supply of an axis' motor, if something is."""
+    name = AXIS_NAMES[k]
+    row, motor, own = drives.axes.rows[k], drives.axes.motors[k], drives.by_axis[name].motor
+    assert own is not None
+    if motor["supply_V"] < own["supply_V"][0]:
+        return f"; its supply gives {motor['supply_V']:g} V in place of {own['supply_V'][0]:g} V"
+    # behind its inner resistance a supply is lower than this only where its current is at its limit
+    if row["link_V"] < motor["supply_V"] - motor["supply_A"] * motor["supply_ohm"]:
+        return f"; its supply is at its limit of {motor['supply_A']:g} A and gives {row['link_V']:.1f} V"
+    return ""
+
+
+def reason_of_delay(drives: Drives, away_um: NDArray[np.float64], near_um: float, late_s: float) -> str:
+    """Return which axes are not near their places, of which there is one, and how long (s) they would take."""
+    far = [k for k, name in enumerate(AXIS_NAMES) if away_um[k] > near_um]
+    texts = []
+    for k in far:
+        why = _own_words(drives, k)
+        texts.append(f"{AXIS_NAMES[k]} is {away_um[k]:.1f} um from its place{f' ({why})' if why else ''}")
+    rest = "not coming nearer" if math.isinf(late_s) else f"{late_s:.0f} s more until within {near_um:g} um"
+    return f"{' and '.join(texts)}, {rest}" + "".join(_of_supply(drives, k) for k in far)

@@ -6,23 +6,153 @@ equilibrium and returns its modes. Every number of the modal plant is read from 
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+import pickle
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from importlib.machinery import PathFinder
+from importlib.metadata import version
+from importlib.util import find_spec, module_from_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from edmsim import models
+from edmsim.compiled import cache
 from edmsim.errors import InputError
+from edmsim.machine.machine import mjcf_version
 from edmsim.machine.setting import TENSION_N
 from edmsim.plant.mechanics import mjcf
-from edmsim.plant.mechanics.modes import Linear, Modes, block_modes, check_independent, linearise
 
 if TYPE_CHECKING:
     import mujoco
 
+
+# A MuJoCo model as a linear system at rest: mass, damping, stiffness, and the modes of its blocks.
+
 Array = NDArray[np.float64]
+
+_DIFFERENCE = 1e-6  # m, rad, m/s or rad/s: far below a node's spacing, far above the rounding of a force
+_COUPLING_MAX = 1e-6  # share of the diagonal up to which two blocks count as independent
+_REST_MAX = 1e-6  # m/s2 or rad/s2 at which a machine counts as at rest
+_TINY = np.finfo(float).tiny
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A machine at rest: ``mass a + damping v + stiffness q = input ctrl``."""
+
+    # (nv, nv): over MuJoCo's degrees of freedom, SI
+    mass: Array
+    damping: Array
+    stiffness: Array
+    input: Array  # (nv, nu): generalised force per unit of each actuator's ctrl
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Mass-normalised modes of one block of n degrees of freedom, lowest first."""
+
+    # (n,): undamped angular frequency in rad/s and damping ratio
+    omega: Array
+    zeta: Array
+    shape: Array  # (n, n): displacement ``[coordinate, mode]`` per unit of modal coordinate
+    momenta: Array  # (n, n): ``shape.T @ mass``: turns displacements into modal coordinates
+    # largest ``|c_ij| / sqrt(c_ii c_jj)`` of the modal damping matrix, of which only the diagonal is kept
+    neglected_damping: float
+
+
+def linearise(model: mujoco.MjModel) -> Linear:
+    """Return mass, damping, stiffness and input matrix of slide and hinge joints at rest, all at their reference."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    if data.nefc:
+        raise InputError(f"the machine at rest touches {data.nefc} limits or contacts; it must be free")
+    if np.abs(data.qacc).max() > _REST_MAX:
+        raise InputError(f"the machine at its reference accelerates by {np.abs(data.qacc).max():g} m/s2 or rad/s2; "
+                         "it must be in equilibrium there")
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    return Linear(
+        mass=mass,
+        damping=-_force_slope(model, data, data.qvel),
+        stiffness=-_force_slope(model, data, data.qpos),
+        input=_force_slope(model, data, data.ctrl),
+    )
+
+
+def _force_slope(model: mujoco.MjModel, data: mujoco.MjData, of: Array) -> Array:
+    """Return d force / d `of` (nv, len(of)) by central differences; `of` is a view into `data`."""
+    import mujoco
+
+    def force(i: int, change: float) -> Array:
+        rest = of[i]
+        of[i] = rest + change
+        mujoco.mj_forward(model, data)
+        of[i] = rest
+        return np.asarray(data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias)
+
+    columns = [(force(i, _DIFFERENCE) - force(i, -_DIFFERENCE)) / (2 * _DIFFERENCE) for i in range(len(of))]
+    return np.stack(columns, axis=1)
+
+
+def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
+    """Refuse a machine whose blocks of degrees of freedom pull on each other: it would have other modes."""
+    inside = np.zeros(linear.mass.shape, bool)
+    for block in blocks:
+        inside[np.ix_(block, block)] = True
+    for name, matrix in (("mass", linear.mass), ("damping", linear.damping), ("stiffness", linear.stiffness)):
+        scale = np.sqrt(np.abs(np.diag(matrix)))
+        across = np.where(inside, 0.0, np.abs(matrix)) / np.maximum(np.outer(scale, scale), _TINY)
+        if across.max() > _COUPLING_MAX:
+            raise InputError(f"{name} couples wire and table or x and y by {across.max():.1e} of the diagonal; at "
+                             f"most {_COUPLING_MAX:g} is independent")
+
+
+@functools.cache
+def _dsygvd() -> Callable[[Array, Array], tuple[Array, Array, int]]:
+    """Return what scipy.linalg.eigh calls, without its checks, as draws need it often."""
+    # its module is loaded without the package around it, whose arrays of other libraries take a tenth of a second
+    name = "scipy.linalg._flapack"
+    lapack: Any = sys.modules.get(name)
+    if lapack is None:
+        package = find_spec("scipy.linalg")
+        spec = PathFinder.find_spec(name, package.submodule_search_locations if package else None)
+        if spec is None or spec.loader is None:  # another scipy has it elsewhere
+            from scipy.linalg import lapack as public
+
+            return public.dsygvd
+        lapack = module_from_spec(spec)
+        spec.loader.exec_module(lapack)
+    return lapack.dsygvd  # type: ignore[no-any-return]
+
+
+def block_modes(linear: Linear, block: list[int]) -> Modes:
+    """Return the modes of a block: ``K phi = omega^2 M phi``, each mode's first coordinate positive."""
+    inside = np.ix_(block, block)
+    mass, damping, stiffness = linear.mass[inside], linear.damping[inside], linear.stiffness[inside]
+    squares, shape, failed = _dsygvd()((stiffness + stiffness.T) / 2, mass)
+    if failed:
+        raise InputError("the machine at rest has no modes: its mass is not positive")
+    if squares[0] <= 0:
+        raise InputError(f"the machine at rest is not stable: a mode has omega^2 {squares[0]:g}, not above 0")
+    omega = np.sqrt(squares)
+    shape = shape * np.where(shape[0] < 0, -1.0, 1.0)
+    modal_damping = shape.T @ damping @ shape
+    diagonal = np.diag(modal_damping)
+    across = np.abs(modal_damping - np.diag(diagonal))
+    scale = np.sqrt(np.outer(diagonal, diagonal))
+    neglected = float(np.max(across / np.maximum(scale, _TINY)))
+    return Modes(omega, diagonal / (2 * omega), shape, shape.T @ mass, neglected)
+
 
 _ALIKE = 1e-8  # share of its greatest entry by which a matrix of the wire may differ between x and y: noise
 MODEL_FILE = "agiecut_dem15.xml"  # the machine in `edmsim.models`
@@ -287,3 +417,102 @@ def at_heights(shape: Array, node_heights: Array, guide_distance: float, heights
     bent = np.zeros((shape.shape[1], len(known)))
     bent[:, 1:-1] = shape.T
     return np.stack([np.interp(heights, known, mode) for mode in bent], axis=1)
+
+
+# Modes of a machine with any wire: the file is linearised once, and the modes of other wires follow by formula.
+
+def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
+    """Return the modes of ``reduce_model(build_model(wire, model_file), ...)`` without building that model."""
+    # the file's machine is linearised once. Of another wire only the nodes' masses and dampings differ, and the
+    # segments' stiffness, by one factor: their rest length is 0, so a node feels T/a times its neighbour's offset
+    known = _reference(model_file, mjcf_version(model_file))
+    linear, nodes = known.linear, np.concatenate(known.blocks[:2])
+    new = _nodes_of(wire, known)
+    mass, damping, stiffness = linear.mass.copy(), linear.damping.copy(), linear.stiffness.copy()
+    mass[nodes, nodes] += np.tile(new.mass_kg - known.nodes.mass_kg, 2)
+    damping[nodes, nodes] += np.tile(new.damping_N_s_m - known.nodes.damping_N_s_m, 2)
+    stiffness[np.ix_(nodes, nodes)] *= new.segment_N_m / known.nodes.segment_N_m
+    fitted = Linear(mass, damping, stiffness, linear.input)
+    return reduced(fitted, known.blocks, new.heights_m, wire.guide_distance_m, n_modes, slice_heights_m)
+
+
+def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
+    """Return the bits of `string_modes` in a tenth of the time: the table's modes are those of any wire."""
+    as_of = mjcf_version(model_file)
+    table, known = _table(model_file, as_of, n_modes), _reference(model_file, as_of)
+    new, across = _nodes_of(wire, known), known.across
+    mass, damping, diagonal = across.mass.copy(), across.damping.copy(), np.arange(len(new.mass_kg))
+    mass[diagonal, diagonal] += new.mass_kg - known.nodes.mass_kg
+    damping[diagonal, diagonal] += new.damping_N_s_m - known.nodes.damping_N_s_m
+    stiffness = across.stiffness * (new.segment_N_m / known.nodes.segment_N_m)
+    modes = block_modes(Linear(mass, damping, stiffness, across.input), list(diagonal))
+    own = of_wire(modes, new.heights_m, wire.guide_distance_m, n_modes, np.array(slice_heights_m))
+    return replace(table, **own, neglected_damping=max(modes.neglected_damping, table.neglected_damping))
+
+
+_REFERENCE_WIRE = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
+"""Any wire would do: what depends on it is taken out again."""
+_ANCHORED = 1e-6  # share of a node's stiffness that may hold it where its neighbours are not
+
+
+class _Nodes(NamedTuple):
+    """A wire's nodes: heights, masses, dampings, and the stiffness of the segments between them."""
+
+    heights_m: Array
+    mass_kg: Array
+    damping_N_s_m: Array
+    segment_N_m: float
+
+
+class _Reference(NamedTuple):
+    """A file's machine at rest with the reference wire, one direction of that wire alone, and its nodes."""
+
+    linear: Linear
+    blocks: list[list[int]]
+    across: Linear
+    nodes: _Nodes
+
+
+def _nodes_at(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
+    mass_kg = node_mass_kg(wire, heights_m, spacing_m)
+    return _Nodes(heights_m, mass_kg, node_damping_N_s_m(wire, mass_kg), wire.tension / spacing_m)
+
+
+def _nodes_of(wire: WireSetup, known: _Reference) -> _Nodes:
+    """Return the nodes of another wire, of which there are as many."""
+    count = len(known.blocks[0])
+    spacing_m = wire.guide_distance_m / (count + 1)
+    return _nodes_at(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
+
+
+@functools.lru_cache(maxsize=16)
+def _table(model_file: str, _version: int, n_modes: int) -> ModalModel:
+    """Modes of a file's machine with the reference wire."""
+    return string_modes(_REFERENCE_WIRE, model_file, n_modes, [_REFERENCE_WIRE.guide_distance_m / 2])
+
+
+@functools.lru_cache(maxsize=8)
+def _reference(model_file: str, _version: int) -> _Reference:
+    """Return a file's machine; ours is cached between runs, as MuJoCo takes a quarter of a second to load."""
+    if Path(model_file).is_absolute():
+        return _read_machine(model_file)
+    source = models.path(model_file).read_bytes() + version("mujoco").encode()
+    file = cache.folder / f"machine-{hashlib.sha256(source).hexdigest()[:16]}.pickle"
+    content = cache.read_signed(file)
+    if content is None:
+        content = pickle.dumps(_read_machine(model_file))
+        with suppress(OSError):  # what cannot be stored is read again the next time
+            cache.write_signed(file, content)
+    return cast("_Reference", pickle.loads(content))
+
+
+def _read_machine(model_file: str) -> _Reference:
+    wire, model = _REFERENCE_WIRE, build_model(_REFERENCE_WIRE, model_file)
+    heights_m, guide_distance_m = wire_heights(model)
+    linear, blocks = machine_at_rest(model, len(heights_m))
+    inside = np.ix_(blocks[0], blocks[0])
+    across = Linear(linear.mass[inside], linear.damping[inside], linear.stiffness[inside], linear.input[blocks[0]])
+    if np.abs(across.stiffness[1:-1].sum(axis=1)).max() > _ANCHORED * across.stiffness.max():
+        raise InputError("the wire's nodes are held by more than the segments between them", model_file)
+    nodes = _nodes_at(wire, heights_m, guide_distance_m / (len(heights_m) + 1))
+    return _Reference(linear, blocks, across, nodes)

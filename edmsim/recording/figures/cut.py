@@ -1,22 +1,34 @@
-"""Figures of the part and its kerf: profile error map and its shares, corner detail, kerf over the height."""
+"""Figures of a cut: profile error map and its shares, corner, kerf over the height, pulses, wire, passes."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import shapely
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.mlab import psd
 from matplotlib.patches import Circle
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from edmsim.cosim.straight import KINDS, PulseSample
 from edmsim.errors import InputError
-from edmsim.geometry import Floats, arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
+from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
+from edmsim.plant.constants import modal_model
+from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures import palette, style
-from edmsim.recording.figures.profile import draw_errors, label_corners
+from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
+from edmsim.recording.figures.profile import bands, draw_errors, draw_shares, label_corners, mark_pauses, time_unit
 from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
-from edmsim.recording.windows import columns
+from edmsim.recording.windows import column, columns
 
 _COLOURS = palette.SKY, palette.PURPLE, palette.GREEN, palette.BLUE, palette.ORANGE
 _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
@@ -244,4 +256,347 @@ def kerf_figure(report: Report) -> Figure:
         f"kerf {report.text('kerf_um.mean')} on average, wire {2 * radius:g} µm\n"
         "line: mean along the cut, band: nine tenths", fontsize=style.LABEL_PT, color=palette.INK, loc="left",
     )  # fmt: skip
+    return figure
+
+
+
+# Figures of the pulses: statistics over time, the plane of short and open, the distribution of ignition delays.
+
+BINS = 250  # most points a series is drawn with: two a pixel at one column's width
+PATH_STEPS = 120  # points of the controller's path (ours: few enough to be followed by eye)
+TAIL_US = 10.0  # from this delay on only the long branch of breakdowns is left (see `edmsim.validation.ignition`)
+LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: its slope is known to some 20 %)
+
+
+def pulses_figure(windows: pa.Table) -> Figure:
+    """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
+    figure = style.column_figure(5.1, top_in=0.25, right_in=0.42)
+    if windows.num_rows == 0:
+        return style.nothing_to_show(figure, "no pulses: the cut has no window")
+    t_s = column(windows, "t_s")
+    unit, seconds = time_unit(float(t_s[-1]))
+    t = t_s / seconds
+    panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.5, 1.0, 1.0, 1.0, 1.0], gridspec_kw={"hspace": 0.12})
+    for axes in panels:
+        mark_pauses(axes, t_s, seconds, "threading" if axes is panels[0] else None)
+    style.dress(panels[0], "", "pulses, %")
+    draw_shares(panels[0], t, windows, BINS)
+    style.legend(panels[0], above=True, columns=5)
+    _draw_band(panels[1], t, t_s, column(windows, "mean_voltage_V"), BLUE, "voltage, V")
+    current = panels[1].twinx()
+    if "net_voltage_V" in windows.column_names:
+        _draw_band(panels[1], t, t_s, column(windows, "net_voltage_V"), SKY, "voltage, V", "with equalising pulses")
+        panels[1].set_zorder(current.get_zorder() + 1)  # the legend before the current
+        panels[1].patch.set_visible(False)
+        style.legend(panels[1])
+    _draw_band(current, t, t_s, column(windows, "mean_current_A"), VERMILION, "current, A")
+    current.spines["right"].set(visible=True, color=LINE)
+    current.grid(visible=False)
+    for axes, colour in ((panels[1], BLUE), (current, VERMILION)):
+        axes.yaxis.label.set_color(colour)
+    _draw_band(panels[2], t, t_s, column(windows, "mean_delay_us"), PURPLE, "delay, µs")
+    _draw_band(panels[3], t, t_s, 100.0 * column(windows, "coverage"), SKY, "gas, %")
+    _draw_band(panels[4], t, t_s, column(windows, "feed_um_s"), GREEN, "feed, µm/s")
+    panels[4].set_xlabel(f"machine time, {unit}", fontsize=style.LABEL_PT, color=MUTED)
+    panels[0].margins(x=0)
+    figure.align_ylabels(panels)
+    return figure
+
+
+def _draw_band(
+    axes: Axes, t: Floats, t_s: Floats, values: Floats, colour: str, label: str, name: str | None = None
+) -> None:
+    style.dress(axes, "", label)
+    for number, band in enumerate(bands(t, values, t_s, BINS)):
+        axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(band.x, band.mean, color=colour, linewidth=0.9, label=None if number else name)
+
+
+def plane_figure(windows: pa.Table) -> Figure:
+    """Draw the windows' shares of short and open pulses, and their course over time.
+
+    Dots are windows; the line is their mean over equal spans of time.
+    """
+    figure = style.column_figure(3.3, top_in=0.49)
+    if windows.num_rows == 0:
+        return style.nothing_to_show(figure, "no pulses: the cut has no window")
+    pulses = np.sum([column(windows, kind) for kind in KINDS], axis=0)
+    short, open_ = (100.0 * column(windows, kind) / np.maximum(pulses, 1.0) for kind in ("short", "open"))
+    t_s = column(windows, "t_s")
+    unit, seconds = time_unit(float(t_s[-1]))
+    axes = figure.add_subplot()
+    style.dress(axes, "open pulses, %", "short pulses, %")
+    axes.plot(
+        open_, short, ".", color=MUTED, markersize=2.0, alpha=0.12, markeredgewidth=0, rasterized=True, zorder=1
+    )
+    ways = [
+        np.column_stack([band.mean for band in stretch])
+        for stretch in zip(*(bands(t_s, v, t_s, PATH_STEPS) for v in (t_s / seconds, open_, short)), strict=True)
+    ]
+    pieces = np.concatenate([np.stack([way[:-1], way[1:]], axis=1) for way in ways])
+    path = LineCollection(list(pieces[:, :, 1:]), array=pieces[:, 0, 0], cmap="viridis", linewidth=1.1, zorder=3)
+    axes.add_collection(path, autolim=False)
+    axes.plot(*ways[0][0, 1:], "^", color=GREEN, markersize=6, markeredgecolor="white", zorder=4, label="start")
+    axes.plot(*ways[-1][-1, 1:], "s", color=VERMILION, markersize=5, markeredgecolor="white", zorder=4, label="end")
+    axes.plot([0, 100], [100, 0], color=INK, linewidth=0.7, linestyle=":", zorder=2, label="no pulse ignites")
+    axes.set_xlim(0, 100)
+    axes.set_ylim(0, max(float(short.max()), 10.0) * 1.03)
+    style.colour_bar(figure, path, f"path of the controller over machine time, {unit}")
+    style.legend(axes, loc="upper right")
+    return figure
+
+
+def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure:
+    """Draw the distribution of ignition delays: histogram above, survival on a logarithmic scale below.
+
+    Survival is the share of pulses, without shorts, that have not ignited yet (Laue's plot); an exponential delay is
+    a straight line. With a cut's windows, the histogram has their mean delays as well.
+    """
+    figure = style.column_figure(3.9, top_in=0.25)
+    delay = sample.delay_us[np.isfinite(sample.delay_us)]
+    if not len(delay):
+        return style.nothing_to_show(figure, "no ignition delay: none of the pulses looked at ignited")
+    above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"hspace": 0.08})
+    edges = np.linspace(0.0, max(float(delay.max()), 1.0), 41)
+    style.dress(above, "", "density, 1/µs")
+    above.hist(delay, edges, density=True, color=BLUE, alpha=0.75, label=f"{len(delay)} single delays")
+    if windows is not None:
+        means = column(windows, "mean_delay_us")
+        weights = column(windows, "spark") + column(windows, "arc")
+        known = np.isfinite(means)
+        above.hist(
+            means[known], edges, weights=weights[known], density=True, histtype="step", color=ORANGE, linewidth=1.1,
+            label="means of the cut's windows",
+        )  # fmt: skip
+    style.legend(above)
+    _draw_survival(below, delay, int(np.sum(sample.kind == KINDS.index("open"))))
+    below.set_xlim(0.0, edges[-1])
+    below.set_xlabel("ignition delay, µs", fontsize=style.LABEL_PT, color=MUTED)
+    above.set_title(
+        f"straight cut at {sample.feed_um_s:.1f} µm/s: {100 * sample.share('open'):.0f} % open, "
+        f"{100 * sample.share('short'):.0f} % short", fontsize=style.LABEL_PT, color=INK, loc="left",
+    )  # fmt: skip
+    return figure
+
+
+def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
+    """Share of pulses not yet ignited; open ones never do."""
+    ordered = np.sort(delay_us)
+    pulses = len(ordered) + open_
+    style.dress(axes, "", "not yet ignited, %")
+    axes.set_yscale("log")
+    axes.plot(ordered, 1.0 - np.arange(1, len(ordered) + 1) / (pulses + 1), color=BLUE, linewidth=1.2, label="pulses")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    tail = ordered[ordered > TAIL_US]
+    if len(tail) >= LEAST_TAIL:
+        end = float(ordered[-1])
+        # open pulses have waited to the end: they count as time without breakdown (censored exponential)
+        mean = float((tail - TAIL_US).sum() + open_ * (end - TAIL_US)) / len(tail)
+        t = np.array([TAIL_US, end])
+        left = (len(tail) + open_) / pulses
+        axes.plot(
+            t, left * np.exp(-(t - TAIL_US) / mean), color=ORANGE, linewidth=1.0, linestyle="--",
+            label=f"exponential from {TAIL_US:g} µs, mean {mean:.1f} µs",
+        )  # fmt: skip
+    style.legend(axes)
+
+
+
+# The figure of the wire's vibration: modes over tension, and what a simulated cut shows of them.
+
+TENSIONS = 5  # tensions the modes are computed at; between them they are interpolated
+SEGMENTS = 8  # stretches of a sample whose spectra are averaged (Welch): lines are smoother, and wider
+
+
+def wire_frequencies_hz(machine: Machine, resolution: str) -> Floats:
+    """Return the undamped frequencies of the wire's modes in Hz, lowest first, as the plant has them."""
+    return np.asarray(modal_model(machine, named(resolution)).wire_omega / (2 * np.pi))
+
+
+def folded_hz(frequency_hz: Floats, sampling_hz: float) -> Floats:
+    """Return where frequencies appear when looked at once a pulse: between 0 and half the pulse frequency."""
+    return np.asarray(np.abs((frequency_hz + sampling_hz / 2) % sampling_hz - sampling_hz / 2))
+
+
+def spectrum(sample: PulseSample) -> tuple[Floats, Floats, Floats]:
+    """Return frequencies in Hz, and power spectra along and across the feed in um^2/Hz, averaged over the slices."""
+    # Welch's method of matplotlib: to load scipy.signal takes longer than to draw the whole figure
+    length = max(len(sample.deflection_um) // SEGMENTS, 2)
+    window = 0.5 - 0.5 * np.cos(2 * np.pi / length * np.arange(length))
+    per_place = [
+        psd(place_um, NFFT=length, Fs=1e6 / sample.period_us, detrend="linear", window=window, noverlap=length // 2)
+        for place_um in sample.deflection_um.reshape(len(sample.deflection_um), -1).T
+    ]
+    power = np.array([power for power, _ in per_place]).reshape(-1, 2, length // 2 + 1)
+    along, across = power.mean(axis=0)
+    return np.asarray(per_place[0][1]), along, across
+
+
+def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default") -> Figure:
+    """Draw spectra and the wire's modes over its tension (a Campbell diagram).
+
+    Parameters
+    ----------
+    samples : sequence of PulseSample
+        Cuts that differ only in tension. The figure has the spectrum of the first and, if there are several,
+        the spectra of all over their tensions.
+    resolution : {"fast", "default", "fine"}
+        Determines the number of modes.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column wide. The wire is sampled once per pulse: frequencies above half the pulse frequency appear
+        folded below it, and motion in step with the pulses appears at 0.
+
+    Raises
+    ------
+    InputError
+        If there is no sample, or one is too short for a spectrum.
+    """
+    if not samples or min(len(s.kind) for s in samples) < 4 * SEGMENTS:
+        raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")
+    first = samples[0]
+    figure = style.column_figure(3.5, top_in=0.48)
+    modes, spectrum = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
+    sampling_hz = 1e6 / first.period_us
+    if len(samples) > 1:
+        _draw_waterfall(modes, samples)
+    _draw_modes(modes, first, sampling_hz, resolution)
+    _draw_spectrum(spectrum, first, sampling_hz, resolution)
+    modes.set_ylim(0, sampling_hz / 2e3)
+    style.legend(modes, above=True, columns=2)
+    return figure
+
+
+def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution: str) -> None:
+    machine = sample.machine
+    tension, frequency = _modes_over_tension(machine, resolution)
+    style.dress(axes, "wire tension, N", "frequency, kHz")
+    for number, line in enumerate(frequency.T):
+        below = np.where(line <= sampling_hz / 2, line, np.nan)
+        folded = np.where(line > sampling_hz / 2, folded_hz(line, sampling_hz), np.nan)
+        axes.plot(tension, below / 1e3, color=INK, linewidth=1.0, label="mode" if number == 0 else None)
+        thin: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (3, 3)), "alpha": 0.6}
+        # only the first few: the higher ones crowd, and hardly move
+        if number < 4 and np.isfinite(folded).any():
+            axes.plot(tension, folded / 1e3, **thin)
+        if np.isfinite(below).sum() > 1:
+            last = int(np.flatnonzero(np.isfinite(below))[-1])
+            through_the_top = last < len(tension) - 1  # where the legend is
+            axes.annotate(
+                f"{number + 1}", (tension[last], below[last] / 1e3), xytext=(3, -6) if through_the_top else (2, 3),
+                textcoords="offset points", fontsize=style.TICK_PT, color=INK, va="center",
+            )  # fmt: skip
+    axes.plot([], [], color=INK, linewidth=0.6, linestyle=(0, (3, 3)), alpha=0.6, label="mode, folded")
+    axes.axvline(machine.tension, color=VERMILION, linewidth=0.8, label="set tension")
+    axes.set_xlim(tension[0], tension[-1])
+
+
+def _modes_over_tension(machine: Machine, resolution: str) -> tuple[Floats, Floats]:
+    """Return tensions in N up to what the wire holds, and the modes' frequencies there, (tensions, modes) in Hz."""
+    known = np.linspace(0.25, min(1.75, 0.99 * machine.breaking_force / machine.tension), TENSIONS) * machine.tension
+    frequency = np.array([wire_frequencies_hz(machine.with_(tension=float(n)), resolution) for n in known])
+    tension = np.linspace(known[0], known[-1], 200)
+    # a string's frequency squared is proportional to its tension: lines between the squares are next to exact
+    return tension, np.sqrt(interpolated(tension, known, frequency**2))
+
+
+def _draw_waterfall(axes: Axes, samples: Sequence[PulseSample]) -> None:
+    """Spectra along the feed over tension, in decades of power."""
+    ordered = sorted(samples, key=lambda s: s.machine.tension)
+    tension = np.array([s.machine.tension for s in ordered])
+    spectra = [spectrum(s) for s in ordered]
+    power = np.log10(np.maximum([along + across for _, along, across in spectra], 1e-12)).T
+    axes.pcolormesh(
+        tension, spectra[0][0] / 1e3, power, cmap="Blues", shading="nearest", rasterized=True, zorder=0,
+        vmin=np.percentile(power, 20), vmax=power.max(),
+    )  # fmt: skip
+
+
+def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resolution: str) -> None:
+    frequency, along, across = spectrum(sample)
+    style.dress(axes, "power, µm²/Hz", "")
+    for hz in wire_frequencies_hz(sample.machine, resolution):
+        if hz <= sampling_hz / 2:
+            axes.axhline(hz / 1e3, color=GRID, linewidth=1.2, zorder=1)
+    for power, colour, name in ((along, BLUE, "along feed"), (across, ORANGE, "across")):
+        axes.semilogx(power[1:], frequency[1:] / 1e3, color=colour, linewidth=0.9, label=name, zorder=2)
+    axes.xaxis.set_minor_formatter("")  # a short span would label them, beyond the column
+    axes.grid(axis="y", visible=False)
+    style.legend(axes, above=True, title=f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses")
+
+
+
+# Figures of passes: the wall after each over the height, what each took, and the face of the part.
+
+PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)  # colours of the passes, from rough on
+
+
+def pass_colour(number: int) -> str:
+    """Return the colour of a pass."""
+    return PASS_COLOURS[(number - 1) % len(PASS_COLOURS)]
+
+
+def passes_figure(report: Report) -> Figure:
+    """Draw the result of each pass of a cut in passes: wall over the height, time, stock and roughness."""
+    rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
+    if not rows:
+        none = "no passes: the cut was made in one, or none was finished"
+        return style.nothing_to_show(style.column_figure(2.0), none)
+    rows = [row for row in rows if row.contour == rows[0].contour]
+    figure = style.column_figure(4.4, top_in=0.3)
+    grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0], hspace=0.42, wspace=0.62)
+    wall = figure.add_subplot(grid[0, :])
+    heights = np.array([row.height_mm for row in report.heights])
+    for row in rows:
+        own = np.array(row.slices_um, float) - row.left_um
+        wall.plot(own, heights, "o-", color=pass_colour(row.number), markersize=2.5, linewidth=1.0,
+                  label=f"{row.number}")  # fmt: skip
+    style.dress(wall, "wall over its mean, µm (+ metal left)", "height, mm")
+    style.legend(wall, above=True, columns=len(rows), title="wall after pass")
+    numbers = [row.number for row in rows]
+    panels: tuple[tuple[str, list[Any]], ...] = (
+        ("time, min", [(row.end_s - row.begin_s) / 60 for row in rows]),
+        ("metal left, µm", [row.left_um for row in rows]),
+        ("Ra, µm", [row.ra_um or np.nan for row in rows]),
+    )
+    for k, (name, values) in enumerate(panels):
+        axes = figure.add_subplot(grid[1, k])
+        axes.bar(numbers, values, color=[pass_colour(number) for number in numbers], width=0.7)
+        style.dress(axes, "pass", "")
+        axes.set_title(name, fontsize=style.TICK_PT, color=INK, loc="left", pad=2)
+        axes.set_xticks(numbers)
+    return figure
+
+
+def face_figure(scene: Scene) -> Figure:
+    """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
+    faces = [edge for edge in scene.maps if edge.face_um is not None and np.isfinite(edge.face_um).any()]
+    if not faces:
+        return style.nothing_to_show(style.column_figure(2.0), "no face: no edge of the part was measured")
+    shown = faces[:4]
+    figure = style.column_figure(0.95 + 1.05 * len(shown), top_in=0.55)
+    known = np.concatenate(
+        [np.abs(edge.face_um[np.isfinite(edge.face_um)]) for edge in shown if edge.face_um is not None]
+    )
+    limit = max(float(np.percentile(known, 97)), 0.1)
+    panels = np.atleast_1d(figure.subplots(len(shown), 1, gridspec_kw={"hspace": 0.35}))
+    for axes, edge in zip(panels, shown, strict=True):
+        assert edge.face_um is not None
+        way = arc_lengths(edge.points_mm)
+        heights = np.linspace(0.0, scene.height_mm, len(edge.face_um) + 1)
+        ends = (
+            np.concatenate([way, way[-1:] + max(way[-1] - way[-2], 1e-3)]) if len(way) > 1 else np.array([0.0, 1.0])
+        )
+        axes.pcolormesh(
+            ends, heights, edge.face_um, cmap=style.ERROR_COLOURS, norm=Normalize(-limit, limit), rasterized=True,
+            shading="flat",
+        )
+        style.dress(axes, "", "height, mm")
+        axes.grid(visible=False)
+    panels[-1].set_xlabel("along the nominal edge, mm", fontsize=style.LABEL_PT, color=MUTED)
+    style.colour_bar(figure, panels[0].collections[0], "profile error, µm: − undercut, + metal left")
     return figure

@@ -9,8 +9,8 @@ from matplotlib.patches import Circle, Rectangle
 
 from edmsim.geometry import arc_lengths, interpolated
 from edmsim.program.path import CutPath, WireContour
+from edmsim.recording.figures.cut import pass_colour
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED, VERMILION
-from edmsim.recording.figures.passes import pass_colour
 from edmsim.recording.figures.style import NotebookFigure, fill, quiet
 
 _ARROWS = 4  # arrows on a contour: enough to see which way it is cut

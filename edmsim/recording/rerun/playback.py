@@ -170,7 +170,7 @@ class Playback:
 
     @property
     def sizes(self) -> tuple[float, ...]:
-        """The fields of `edmsim.recording.rerun.blueprint.Sizes`."""
+        """The fields of `edmsim.recording.rerun.write.Sizes`."""
         return tuple(json.loads(self.rows(*_MADE).values[0].as_py()[0])["sizes"])
 
     @property

@@ -22,7 +22,7 @@ from rerun.experimental import ViewerClient
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun import blueprint
+from edmsim.recording.rerun import write
 from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
 from edmsim.recording.rerun.stream import PATH, TIME, releasing, saved
 from edmsim.signals import noted
@@ -36,8 +36,8 @@ CURVES = (
 )
 """Curves in which the cuts are compared, and the titles of their views."""
 OF_EPISODES = tuple(
-    (f"{place}/{blueprint.TOTAL}", f"{what} so far")
-    for place, what in ((blueprint.RETURN, "return"), (blueprint.COST, "cost"))
+    (f"{place}/{write.TOTAL}", f"{what} so far")
+    for place, what in ((write.RETURN, "return"), (write.COST, "cost"))
 )
 """Those that episodes of environments have besides; without them where neither is one."""
 
@@ -51,7 +51,7 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
     entities = {str(chunk.entity_path) for play in plays for chunk in read_chunks(play.recording)}
     curves = CURVES + tuple(curve for curve in OF_EPISODES if f"/{curve[0]}" in entities)
-    with saved(recording, file, _blueprint([blueprint.Sizes(*play.sizes) for play in plays], names, curves)):
+    with saved(recording, file, _blueprint([write.Sizes(*play.sizes) for play in plays], names, curves)):
         recording.send_recording_name(" and ".join(names))
         for (place, letter, colour), play in zip(SIDES, plays, strict=True):
             chunks = read_chunks(play.recording)
@@ -64,20 +64,20 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
                 recording.log(f"{place}/{entity}", line, static=True)
 
 
-def _blueprint(sizes: list[blueprint.Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
+def _blueprint(sizes: list[write.Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
     columns = [
         rrb.Vertical(
-            blueprint.workpiece_view(size, f"/{place}", f"{name} (wire deflection × {size.deflection_factor:g})"),
-            blueprint.gap_view(size, f"/{place}", f"{letter}, at the wire from above, µm, to scale"),
-            blueprint.scope_view(f"/{place}", f"{letter}, gap voltage and current"),
+            write.workpiece_view(size, f"/{place}", f"{name} (wire deflection × {size.deflection_factor:g})"),
+            write.gap_view(size, f"/{place}", f"{letter}, at the wire from above, µm, to scale"),
+            write.scope_view(f"/{place}", f"{letter}, gap voltage and current"),
             row_shares=[4, 4, 3],
         )
         for (place, letter, _), size, name in zip(SIDES, sizes, names, strict=True)
     ]  # fmt: skip
-    plots = [blueprint.plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in curves]
-    events = (blueprint.events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES)
+    plots = [write.plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in curves]
+    events = (write.events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES)
     event_views = rrb.Horizontal(*events)
-    speed = blueprint.playback_speed(max(s.end_s for s in sizes))
+    speed = write.playback_speed(max(s.end_s for s in sizes))
     return rrb.Blueprint(
         rrb.Horizontal(*columns, rrb.Vertical(*plots, event_views), column_shares=[3, 3, 4]),
         rrb.TimePanel(state="collapsed", timeline=PATH, playback_speed=speed),

@@ -9,7 +9,7 @@ import edmsim
 from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import Session
-from edmsim.controllers.mcu.dialogue.main_program import JOB
+from edmsim.consoles.computer_1982.words import JOB
 
 from .conftest import Script
 

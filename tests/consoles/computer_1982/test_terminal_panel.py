@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.consoles.computer_1982.operation import TYPED, typed_keys
+from edmsim.consoles.computer_1982.operation import FIELDS, KEYS, TYPED, typed_keys
 from edmsim.consoles.computer_1982.rig import UNKNOWN_CAUSE, Rig, lay_out
+from edmsim.consoles.computer_1982.words import Move, Setting
 from edmsim.controllers.mcu.board import Faults, Optocouplers, SerialNoise
 from edmsim.controllers.mcu.chips import pic
 from edmsim.controllers.mcu.chips.dac import Dac
 from edmsim.controllers.mcu.chips.display import SCAN_NS, SHIFT, Kdc8279
-from edmsim.controllers.mcu.dialogue.front_panel import FIELDS, KEYS
-from edmsim.controllers.mcu.dialogue.main_program import Move, Setting
 
 PAGE = (Path(__file__).parents[3] / "docs" / "terminal.md").read_text(encoding="utf-8")
 SET = "TI 30 TP 100"

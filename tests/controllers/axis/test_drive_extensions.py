@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edmsim.controllers.axis.extensions import SAMPLES
+from edmsim.controllers.axis.servo_chip import SAMPLES
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 

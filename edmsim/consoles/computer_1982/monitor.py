@@ -15,9 +15,9 @@ from pathlib import Path
 from textwrap import fill
 from typing import NamedTuple
 
+from edmsim.consoles.computer_1982.line_input import CANCEL, LINE_FEED, RETURN, SPACE, normal
 from edmsim.controllers.mcu.chips import bus
 from edmsim.controllers.mcu.computer import Computer
-from edmsim.controllers.mcu.dialogue.line_input import CANCEL, LINE_FEED, RETURN, SPACE, normal
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.poscal import BYTE, WORD
 from edmsim.errors import InputError

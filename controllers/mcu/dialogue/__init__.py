@@ -1,1 +1,0 @@
-"""The operator's dialogue with the 1982 controller."""
