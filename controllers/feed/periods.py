@@ -633,7 +633,7 @@ class GuardedHold(AdaptiveHold):
     relieving: bool = field(default=False, init=False)  # whether the present window is a relief
     ignition_s: float = field(default=0.0, init=False)  # flux of one ignition per second
     wire_s: float = field(default=0.0, init=False)  # cutting time of the wire
-    ramp_hold: float = field(default=0.0, init=False)  # at the beginning of the ramp; 0 where there is none, or no more
+    ramp_hold: float = field(default=0.0, init=False)  # where the ramp begins; 0 without one, and after it
 
     def begin(self) -> None:
         """Begin a leg, with a ramp."""

@@ -12,7 +12,7 @@ from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
 
 NAME = "checkpoint.npz"  # file in the output folder; gone when the results are there
-FORMAT = 10  # raised when what a checkpoint holds changes: one of another format is refused
+FORMAT = 11  # raised when what a checkpoint holds changes: one of another format is refused
 
 
 def refuse_unstorable(simulation: Simulation) -> None:

@@ -140,7 +140,8 @@ def test_the_first_wire_finds_its_limit_in_a_ramp_and_later_ones_hold_what_was_l
 
 
 def test_where_the_hazard_is_steeper_more_of_a_known_limit_is_held():
-    holds = [Cut(limit_share=0.2, limit_spread=0.02, steepness=steepness).rule.hold for steepness in (10.0, 20.0, 40.0)]
+    known = {"limit_share": 0.2, "limit_spread": 0.02}
+    holds = [Cut(steepness=steepness, **known).rule.hold for steepness in (10.0, 20.0, 40.0)]
     assert 0.7 * 0.2 < holds[0] < holds[1] < holds[2] < 0.2
 
 
