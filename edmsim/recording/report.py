@@ -605,7 +605,7 @@ def summary(report: Report) -> list[tuple[str, str]]:
     say, profile = report.text, report.profile_error_um
     simulated, computed = duration_text(report.machining_time_s), duration_text(report.wall_time_s)
     shares = (f"{kind} {report.pulse_share.text(kind)}" for kind in report.pulse_share)
-    made_by = "not split: the wire leans, or its centre was to run on the edge"
+    made_by = "not split: the wire is tilted, or its centre follows the contour"
     if profile.shares is not None:
         made_by = ", ".join(f"{name} {figure_text(of['rms'], 'µm')}" for name, of in profile.shares.items()) + " rms"
     return [

@@ -171,7 +171,7 @@ def test_the_summary_reads_as_a_person_says_it(cut):
     assert said["pulses"] == "3,000,000  spark 55.0 %  arc 2.0 %  short 3.0 %  open 40.0 %"
     assert said["kerf"] == "308.0 µm mean, 301.0 µm to 314.0 µm"
     assert said["profile error"] == "10.2 µm max, 2.1 µm rms, 4.0 µm for 95 %"
-    assert said["made by"] == "not split: the wire leans, or its centre was to run on the edge"
+    assert said["made by"] == "not split: the wire is tilted, or its centre follows the contour"
     assert said["corners"] == "4, worst -10.2 µm at X 10.000 Y 6.000 mm (+90°)"
     assert said["wire"] == "lag 4.0 µm, vibration 0.80 µm rms, at most 350 K"
     assert said["axes"] == "3.2 µm behind at most, 0.8 µm rms"
