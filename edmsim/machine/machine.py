@@ -140,7 +140,7 @@ class Machine(SetUp):
     --------
     >>> import edmsim
     >>> machine = edmsim.Machine.load(material="copper", height_mm=30)
-    >>> machine.with_(tension=8).tension
+    >>> machine.with_(tension=8.0).tension
     8.0
     """
 
