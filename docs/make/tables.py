@@ -161,7 +161,7 @@ def described_parameters(name: str) -> list[tuple[str, ...]]:
         parts = {base for slot, part in kind.PARTS.items() if slot != "servo" for base in part.__mro__[:-1]}
         found_in = [each for part in parts for each in meanings(part) if each[0][0] in defaults]
         own = sorted(found_in, key=lambda each: list(defaults).index(each[0][0]))
-        usual = {field.name: field.default for field in fields(GapServo)}
+        usual = {field.name: field.default for field in fields(GapServo) if field.init}
         of_its_own = found.keys() | {key for key, value in usual.items() if defaults[key] != value}
         own += [each for each in meanings(GapServo) if each[0][0] in of_its_own]
     return [
