@@ -66,7 +66,13 @@ def choices(*, cutting: bool = False) -> tuple[str, ...]:
 
 @cache
 def found_gains(name: str) -> dict[str, float]:
-    """Return the gains found by a search for a controller or its law, ``models/gains/NAME.toml``; may be empty."""
+    """Return the gains found by a search for a controller or its law, ``models/gains/NAME.toml``; may be empty.
+
+    Examples
+    --------
+    >>> found_gains("voltage")["reference_V"]
+    7.99
+    """
     file = resources.files("edmsim.models") / "gains" / f"{SAME_LAW.get(name, name)}.toml"
     if not file.is_file():
         return {}

@@ -314,7 +314,7 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         gymnasium.error.ResetNeeded
             Before the first reset, or after the episode's end.
         gymnasium.error.InvalidAction
-            If an action has not the shape of the action space, or is NaN.
+            If an action does not have the shape of the action space, or is NaN.
         """
         if not self._running:
             why = "the episode has ended" if self._started else "no episode has begun"
@@ -628,7 +628,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         gymnasium.error.ResetNeeded
             Before the first reset of a sub-environment, or with ``DISABLED`` after its episode's end.
         gymnasium.error.InvalidAction
-            If an action has not the shape of the action space, or is NaN.
+            If an action does not have the shape of the action space, or is NaN.
         """
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before step()")

@@ -617,8 +617,8 @@ class GuardedHold(AdaptiveHold):
     # bursts per second: the threshold rises while there are more, and falls while there are fewer. 0: no guard.
     reliefs_per_s: float = 0.25
     relief_us: float = 200.0  # period of the window that follows a burst; the feed falls as the period grows
-    # what is held over the greatest flux in the window after a short: its period is so long that no more could be
-    # reached if every pulse ignited. 0: no such limit.
+    # held flux over the greatest one that is possible in the window after a short: the period of this window is so
+    # long that the flux would not be greater if every pulse ignited. 0: no such limit.
     restart_share: float = 0.7
     # gentle_s, gentle_share: time in which a new wire reaches what is held, and the share of it to begin with. Its
     # kerf holds clean water, in which the gap is unsteady and bursts are larger, until debris has gathered.

@@ -65,7 +65,7 @@ _SETTINGS = {
         "swings": "E=40000,P=2000,D=1000",
     },
     "eanpos": {
-        "speed of nought": "setvel=0", "target out of its limits": "maxpos=10", "wrong scale": "measure=800",
+        "speed of 0": "setvel=0", "target out of its limits": "maxpos=10", "wrong scale": "measure=800",
         "swings": "pgain=3000",
     },
 }  # fmt: skip

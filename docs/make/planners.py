@@ -79,7 +79,7 @@ A planner turns path and speed into the steps of two motors.
 
 The planner sets the times of the steps, with any controller. The exception is `--controller mcu --planner
 poscal-literal`, which runs no planner: the program stores XVELOC and YVELOC, the counters of the 8253 run down, and
-their interrupts make the steps ([the controller of 1982](controller-1982.md#which-makes-the-steps)).
+their interrupts make the steps ([the controller of 1982](controller-1982.md#what-makes-the-steps)).
 
 The tables below have the errors on straight moves over {long} um and over {short} um, in {directions} directions,
 1 degree apart, at {speeds} speeds of 1 to 127 units of 262.5 nm/s (`python docs/make/planners.py`):

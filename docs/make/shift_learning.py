@@ -52,7 +52,7 @@ def draw(task: str) -> None:
     rows, broke_s = followed(task, seed, name)
     figure, axes = plt.subplots(figsize=(6.4, 3.0))
     minutes = rows[:, 0] / 60.0
-    likely = "limit, 90 % of the chance"
+    likely = "limit, 90 % interval"
     axes.fill_between(minutes, rows[:, 2], rows[:, 4], color=MUTED, alpha=0.25, lw=0, label=likely)
     axes.plot(minutes, rows[:, 3], color=MUTED, lw=1.0, ls="--", label="its median")
     axes.plot(minutes, rows[:, 1], color=BLUE, lw=1.5, label="flux held")

@@ -140,11 +140,19 @@ def letters() -> str:
     ))  # fmt: skip
 
 
-def parameters(name: str) -> str:
+def parameters(name: str, like: str = "") -> str:
     """Parameters of a feed controller: default, value found by the search of gains, meaning.
 
-    ``servo`` are those all servos share; with a servo, only those of them are repeated that a search has set.
+    ``servo`` are those all servos share; with a servo, only those of them are repeated that a search or the law has
+    set. With another law that it is `like`, the rows that both have are left out.
     """
+    same = described_parameters(like) if like else []
+    rows = [row for row in described_parameters(name) if row not in same]
+    return table(("parameter", "default", "found", "meaning"), rows)
+
+
+def described_parameters(name: str) -> list[tuple[str, ...]]:
+    """Return the rows of a feed controller's parameters."""
     kind: type[Any] = GapServo if name == "servo" else type(controllers.make(name))
     found = {} if name == "servo" else controllers.found_gains(name)
     defaults = {field.name: field.default for field in fields(kind) if field.init}
@@ -153,13 +161,15 @@ def parameters(name: str) -> str:
         parts = {base for slot, part in kind.PARTS.items() if slot != "servo" for base in part.__mro__[:-1]}
         found_in = [each for part in parts for each in meanings(part) if each[0][0] in defaults]
         own = sorted(found_in, key=lambda each: list(defaults).index(each[0][0]))
-        own += [each for each in meanings(GapServo) if each[0][0] in found]
-    return table(("parameter", "default", "found", "meaning"), (
+        usual = {field.name: field.default for field in fields(GapServo) if field.init}
+        of_its_own = found.keys() | {key for key, value in usual.items() if defaults[key] != value}
+        own += [each for each in meanings(GapServo) if each[0][0] in of_its_own]
+    return [
         (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),
          ", ".join(f"{found[key]:g}" if key in found else "–" for key in keys) if found.keys() & set(keys) else "",
          meaning)
         for keys, meaning in own
-    ))  # fmt: skip
+    ]  # fmt: skip
 
 
 def meanings(kind: type) -> list[tuple[list[str], str]]:

@@ -170,7 +170,7 @@ def evaluate(
     cuts = runs if leaderboard is None else RunTable(leaderboard, texts=compare.CUT_TEXTS)
     saved = leaderboard is not None or journal is not None
     found, scores = [], {}
-    unsaved = "nothing was saved, as with --leaderboard, --page or --write-card"
+    unsaved = "nothing was saved; --leaderboard, --page and --write-card save finished cuts"
     with interruptible(RESUME if saved else unsaved) as bar:
         for env_id, laws in chosen.items():
             watch = bar.of(env_id)

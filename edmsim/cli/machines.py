@@ -166,9 +166,9 @@ def gap(
                 rig.watch(taker.frame)
         _run(rig, serial is not None, 1.0 if speed is None else speed, seconds, 5.0 if feed is None else feed)
     if sampled is not None:
-        say(f"{sampled.count} samples of {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
+        say(f"{sampled.count} samples in {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
     if logged is not None:
-        say(f"{logged.count} rows of {log}")
+        say(f"{logged.count} rows in {log}")
     if rig.gap.lost and serial is None:
         say(rig.gap.lost)
 

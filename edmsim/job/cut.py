@@ -259,6 +259,13 @@ def cut(program: str | Path, **options: Any) -> CutResult:
         If the results cannot be written, for example on a full disk. You can resume from the checkpoint.
     KeyboardInterrupt
         On Ctrl-C, SIGTERM or SIGHUP. You can resume from the checkpoint in the folder, if there is one.
+
+    Examples
+    --------
+    >>> import edmsim
+    >>> result = edmsim.cut("examples/punch.ngc", height_mm=10, resolution="fast", max_time_s=5)  # doctest: +SKIP
+    >>> result.report["outcome"]  # doctest: +SKIP
+    'time-limit'
     """
     running = Running.taken_from(options)
     watch, enter, out = running.watch, running.enter, running.out

@@ -135,6 +135,13 @@ class Machine(SetUp):
         Setting of the pulse generator.
 
     The options of `load` are attributes, too; None if the files' constants apply.
+
+    Examples
+    --------
+    >>> import edmsim
+    >>> machine = edmsim.Machine.load(material="copper", height_mm=30)
+    >>> machine.with_(tension=8.0).tension
+    8.0
     """
 
     @staticmethod

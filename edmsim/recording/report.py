@@ -605,16 +605,19 @@ def summary(report: Report) -> list[tuple[str, str]]:
     say, profile = report.text, report.profile_error_um
     simulated, computed = duration_text(report.machining_time_s), duration_text(report.wall_time_s)
     shares = (f"{kind} {report.pulse_share.text(kind)}" for kind in report.pulse_share)
-    made_by = "not split: the wire leans, or its centre was to run on the edge"
-    if profile.shares is not None:
+    made_by = "not split: the wire is tilted, or its centre follows the contour"
+    if profile.max is None:
+        made_by = "not measured"
+    elif profile.shares is not None:
         made_by = ", ".join(f"{name} {figure_text(of['rms'], 'µm')}" for name, of in profile.shares.items()) + " rms"
+    kerf = f"{say('kerf_um.mean')} mean, {say('kerf_um.min')} to {say('kerf_um.max')}"
     return [
         ("machining time", f"{simulated}  (computed in {computed}, {say('realtime_factor')})"),
         ("path", say("path_length_mm")),
         ("cutting rate", _rate_line(report)),
         ("feed", f"{say('feed_um_s.mean')} mean, {say('feed_um_s.max')} max{_limit_text(report.feed_um_s)}"),
         ("pulses", "  ".join([f"{report.pulses:,}", *shares])),
-        ("kerf", f"{say('kerf_um.mean')} mean, {say('kerf_um.min')} to {say('kerf_um.max')}"),
+        ("kerf", "not measured" if report.kerf_um.mean is None else kerf),
         ("profile error", "not measured" if profile.max is None else profile.in_words),
         ("made by", made_by),
         ("largest error", str(profile.at)),

@@ -216,8 +216,8 @@ def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, edmsim):
     assert pq.read_table(tmp_path / "out" / "gap.parquet").num_rows == pytest.approx(6000, abs=100)
     log = read_log(tmp_path / "out" / "ratios.csv")
     assert len(log) == pytest.approx(0.6 / 0.0255, abs=2)
-    assert "samples of" in said
-    assert f"{len((tmp_path / 'out' / 'ratios.csv').read_text().splitlines()) - 1} rows of" in said
+    assert "samples in" in said
+    assert f"{len((tmp_path / 'out' / 'ratios.csv').read_text().splitlines()) - 1} rows in" in said
 
 
 def test_a_table_of_delays(tmp_path, monkeypatch, edmsim):

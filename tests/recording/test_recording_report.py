@@ -18,7 +18,9 @@ from edmsim.recording.report import (
     Corner,
     Feed,
     Following,
+    Kerf,
     Offset,
+    ProfileErrors,
     Report,
     Totals,
     build_report,
@@ -171,7 +173,7 @@ def test_the_summary_reads_as_a_person_says_it(cut):
     assert said["pulses"] == "3,000,000  spark 55.0 %  arc 2.0 %  short 3.0 %  open 40.0 %"
     assert said["kerf"] == "308.0 µm mean, 301.0 µm to 314.0 µm"
     assert said["profile error"] == "10.2 µm max, 2.1 µm rms, 4.0 µm for 95 %"
-    assert said["made by"] == "not split: the wire leans, or its centre was to run on the edge"
+    assert said["made by"] == "not split: the wire is tilted, or its centre follows the contour"
     assert said["corners"] == "4, worst -10.2 µm at X 10.000 Y 6.000 mm (+90°)"
     assert said["wire"] == "lag 4.0 µm, vibration 0.80 µm rms, at most 350 K"
     assert said["axes"] == "3.2 µm behind at most, 0.8 µm rms"
@@ -192,6 +194,8 @@ def test_the_summary_tells_what_only_some_cuts_have(cut):
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms"
     assert said["equalising"] == "its pulses leave -0.12 V of the mean gap voltage and take 2.00 W, 30.00 J in all"
     assert said["made by"] == "lag 1.5 µm, gap – rms"
+    said = dict(summary(dataclasses.replace(cut.report, kerf_um=Kerf(), profile_error_um=ProfileErrors())))
+    assert {said[name] for name in ("kerf", "profile error", "made by", "largest error")} == {"not measured"}
     said = dict(summary(dataclasses.replace(cut.report, table_error_um={**table, "compensated": True})))
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms; compensated to 8.0 µm max, 2.0 µm rms"
     assert said["profile error without compensation"] == "12.0 µm max, 3.0 µm rms"
