@@ -384,6 +384,16 @@ def test_any_line_to_the_axes_is_answered_and_sends_none_beyond_its_travel(rig, 
     assert all(0 <= place <= travel_um for place in rig.gap.setpoints.places_um)
 
 
+def test_a_setting_that_is_refused_changes_nothing():
+    gap = Gap(edmsim.Machine.load(generator="powercore-v3"), 1)
+    gap.run(Output(10, True, 10.0, 100.0, 80.0))
+    before = gap.snapshot()
+    with pytest.raises(InputError, match=r"t_on 500 us is not within 1\.\.25 us"):
+        gap.run(Output(10, True, 500.0, 100.0, 90.0))
+    after = gap.snapshot()
+    assert all(np.array_equal(before[name], after[name], equal_nan=name == "gap.choices") for name in before)
+
+
 def test_a_board_that_is_none_and_a_gap_without_room_are_refused():
     with pytest.raises(InputError, match=r"no board 'powercore-v9'; choose one of .*spark"):
         Rig("powercore-v9")
