@@ -423,7 +423,7 @@ class AxisBench:
         """Return the state: drives, axes, pending steps and time. The serial lines must be idle."""
         return {
             **self._drives.snapshot(), "motors": self._drives.axes.motors.copy(), "moves": self._moves.copy(),
-            "time_ns": self._now_ns,
+            "unplugged": self._unplugged.copy(), "time_ns": self._now_ns,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -431,6 +431,7 @@ class AxisBench:
         self._drives.restore(state)
         self._drives.axes.motors[:] = state["motors"]
         self._moves, self._now_ns = state["moves"].copy(), state["time_ns"]
+        self._unplugged[:] = state["unplugged"]
         for line in self._lines.values():
             line.forget()
 

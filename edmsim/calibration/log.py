@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -180,6 +181,7 @@ NEEDED = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_peri
 """Columns that a log of ratios must have; the last two are the generator's setting."""
 MEANS = ("mean_voltage_V", "mean_current_A")  # columns it may have: means since the row before
 RATE_HZ = (2.0, 100.0)
+PAUSE_S = 2.0  # between rows further apart was a pause, of which nothing is known (ours: four of the longest rows)
 FEED_SPAN_S = 4.0
 """The feed is the way over so long a time (ours: at 5 um/s ten motor steps, so that one more or less is little)."""
 _MOST = 1e6  # no figure of a log is as large (ours): times of a second, feeds of a metre per second
@@ -205,7 +207,7 @@ def windows_of(columns: Mapping[str, Floats], file: str | Path) -> dict[str, Flo
     if missing:
         raise InputError(f"column {missing[0]} is missing; a log of ratios needs {' '.join(NEEDED)}", file)
     _check_ratios(columns, file)
-    parts = [_of_setting(columns, first, last) for first, last in _same_settings(columns)]
+    parts = [_of_run(columns, first, last) for first, last in _runs_of_rows(columns)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     if not len(whole["short"]):
         raise InputError("is too short: it has less than a window of 255 pulses", file)
@@ -219,10 +221,10 @@ def _check_ratios(columns: Mapping[str, Floats], file: str | Path) -> None:
     short, open_ = columns["short_ratio"], columns["open_ratio"]
     period = columns["t_period_us"]
     wrong = {
-        "t_s": ~(np.diff(time, prepend=time[0] - 1.0) > 0),
+        "t_s": ~((np.diff(time, prepend=time[0] - 1.0) > 0) & (time < math.inf)),
         "short_ratio": ~((short >= 0) & (short <= 1)), "open_ratio": ~((open_ >= 0) & (short + open_ <= 1.0001)),
         "t_on_us": ~(columns["t_on_us"] > 0), "t_period_us": ~((period > columns["t_on_us"]) & (period < _MOST)),
-        **{name: ~(np.abs(columns[name]) < _MOST) for name in ("x_um", "y_um", *MEANS) if name in columns},
+        **_out_of_range(columns, ("x_um", "y_um", *MEANS)),
     }  # fmt: skip
     _refuse(
         wrong, columns, "row", "times grow, ratios are shares from 0 to 1 of the pulses since the row before, and "
@@ -232,6 +234,12 @@ def _check_ratios(columns: Mapping[str, Floats], file: str | Path) -> None:
     low, high = RATE_HZ
     if not 0.99 * low <= rate_Hz <= 1.01 * high:
         raise InputError(f"has {rate_Hz:.3g} rows per second; a log of ratios has {low:g} to {high:g}", file)
+
+
+def _out_of_range(columns: Mapping[str, Floats], names: Sequence[str]) -> dict[str, NDArray[np.bool_]]:
+    """Where signed figures are none that a machine has; means may lack in all rows, but not in some."""
+    there = [name for name in names if name in columns and not (name in MEANS and np.isnan(columns[name]).all())]
+    return {name: ~(np.abs(columns[name]) < _MOST) for name in there}
 
 
 def _refuse(
@@ -244,13 +252,14 @@ def _refuse(
             raise InputError(f"{what} {row + 1}: {name} {columns[name][row]:g} cannot be; {rule}", file)
 
 
-def _same_settings(columns: Mapping[str, Floats]) -> list[tuple[int, int]]:
-    """First row and the one behind the last, of every run of rows at one setting."""
+def _runs_of_rows(columns: Mapping[str, Floats]) -> list[tuple[int, int]]:
+    """First row and the one behind the last, of every run of rows at one setting without a pause."""
     changes = (np.diff(columns["t_on_us"]) != 0) | (np.diff(columns["t_period_us"]) != 0)
+    changes |= np.diff(columns["t_s"]) > PAUSE_S
     return list(pairwise([0, *(np.flatnonzero(changes) + 1).tolist(), len(columns["t_s"])]))
 
 
-def _of_setting(columns: Mapping[str, Floats], first: int, last: int) -> dict[str, Floats]:
+def _of_run(columns: Mapping[str, Floats], first: int, last: int) -> dict[str, Floats]:
     rows = {name: values[first:last] for name, values in columns.items()}
     time, on_us, period_us = rows["t_s"], rows["t_on_us"][0], rows["t_period_us"][0]
     window_s = WINDOW_PULSES * period_us * 1e-6
@@ -293,6 +302,8 @@ TURN_DEG = 45.0
 faces the wire, and on an arc of less than a millimetre the front is bent)."""
 PLACE_UM = 50.0
 """Travel between two places of which directions are taken (ours: many motor steps, so that these do not count)."""
+PLACES_SHARE = 0.5
+"""Places move at least by this share of the way by the feed (ours: else they are in mm, or not of the guides)."""
 _SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)  # columns of which negative numbers are taken
 
 
@@ -374,12 +385,20 @@ def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
         "t_on_us": ~(columns["t_on_us"] > 0),
         "t_period_us": ~((columns["t_period_us"] > columns["t_on_us"]) & (columns["t_period_us"] < _MOST)),
         "mean_delay_us": (columns["mean_delay_us"] < 0) | (columns["mean_delay_us"] > _MOST),
-        **{name: ~(np.abs(columns[name]) < _MOST) for name in _SIGNED if name in columns},
+        **_out_of_range(columns, _SIGNED),
     }
     _refuse(
         wrong, columns, "window", f"short and open are counts of {WINDOW_PULSES} pulses, times are us and the period "
         "is longer than the on-time", file,
     )  # fmt: skip
+    if PLACES[0] in columns:
+        way_um = float((np.maximum(columns["feed_um_s"], 0.0) * columns["t_period_us"]).sum()) * WINDOW_PULSES * 1e-6
+        moved_um = float(arc_lengths(np.column_stack([columns[name] for name in PLACES]))[-1])
+        if moved_um < PLACES_SHARE * way_um:
+            raise InputError(
+                f"{' and '.join(PLACES)} move by {moved_um:g} um, feed_um_s leads over {way_um:g} um: give places "
+                "of the guides in um, or none", file,
+            )  # fmt: skip
 
 
 def stretches(log: Log, settle_um: float) -> list[Stretch]:
@@ -424,22 +443,31 @@ def _stretch(log: Log, first: int, travelled_um: float) -> Stretch | None:
         return None
     if rows["open"].mean() > AIR_SHARE * WINDOW_PULSES:
         return None
-    return Stretch(
+    stretch = Stretch(
         first, mean, float(rows["t_on_us"][0]), float(rows["t_period_us"][0]),
         statistics(*(rows[name] for name in STATISTICS)), travelled_um,
     )  # fmt: skip
+    for name, value in zip(STATISTICS[2:], stretch.mean[2:].tolist(), strict=True):
+        if value == 0.0:
+            raise InputError(
+                f"windows {first + 1} to {first + STRETCH_WINDOWS}: {name} is 0 in all of them; leave the column "
+                "empty if the machine does not measure it", log.name,
+            )  # fmt: skip
+    return stretch
 
 
 def _turn_deg(log: Log, first: int, settle_um: float) -> float:
-    """How far apart the path's directions are in a stretch and where it settles before; 0 if unknown."""
+    """How far apart the path's directions are in a stretch and where it settles before; 0 if unknown, or so short."""
     if PLACES[0] not in log.columns:
         return 0.0
     end = first + STRETCH_WINDOWS
     places = np.column_stack([log.columns[name][:end] for name in PLACES])
     travel_um = arc_lengths(places)
     begin_um = max(travel_um[first] - settle_um, 0.0)
-    chosen = np.searchsorted(travel_um, np.arange(begin_um, travel_um[-1], PLACE_UM))
+    chosen = np.unique(np.searchsorted(travel_um, np.arange(begin_um, travel_um[-1], PLACE_UM)))
     ways = np.diff(places[chosen], axis=0)
+    if not len(ways):
+        return 0.0
     return float(np.degrees(np.ptp(np.unwrap(np.arctan2(ways[:, 1], ways[:, 0])))))
 
 

@@ -20,7 +20,7 @@ from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, check_laws, cut, engine_of, episodes, is_part
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable
-from edmsim.numeric import whole_from
+from edmsim.numeric import real, whole, whole_from
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.recording.report import FigureKind, kinds_of
 from edmsim.runs import RunTable, digests_of, identity, perform, read_rows
@@ -154,6 +154,16 @@ def _result_of(row: Mapping[str, Any]) -> Result:
     return Result(*(row[name] for name in Result._fields))
 
 
+def _check_kinds(made: Result, name: str, file: str | Path) -> None:
+    """Refuse a cut of a table whose values are not texts and numbers where they must be."""
+    kinds = {"controller": "a text", "outcome": "a text", "seed": "a whole number"}
+    for figure, value in made._asdict().items():
+        kind = kinds.get(figure, "a number")
+        fits = {"a text": isinstance(value, str), "a whole number": whole(value) is not None}
+        if not fits.get(kind, real(value) is not None):
+            raise InputError(f"{figure} of the cut {name} is {value!r}, and must be {kind}", file)
+
+
 CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # what the rows of a table of cuts must have
 
 
@@ -172,13 +182,18 @@ def leaderboard(file: str | Path) -> dict[tuple[str, str], Comparison]:
     cuts: dict[tuple[str, str], dict[str, dict[int, Result]]] = {}
     try:
         for row in read_rows(file, texts=CUT_TEXTS):
+            made_cut = _result_of(row)
+            _check_kinds(made_cut, row["id"], file)
             of_env = cuts.setdefault((row["env_id"], row["resolution"]), {})
-            of_env.setdefault(row["controller"], {})[row["seed"]] = _result_of(row)
+            of_env.setdefault(row["controller"], {})[row["seed"]] = made_cut
     except KeyError as error:
         raise InputError(f"a row of this table of cuts has no {error}", file) from None
     found = {}
     for (env_id, resolution), made in sorted(cuts.items()):
-        lines = lines_of(env_id)
+        try:
+            lines = lines_of(env_id)
+        except InputError as error:
+            raise InputError(error.reason, file) from None
         seeds = tuple(sorted(made.get(lines.blind, {}).keys() & made.get(lines.reference, {}).keys()))
         if seeds:
             complete = {name: made[name] for name in sorted(made) if made[name].keys() >= set(seeds)}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.numeric import finite
 from edmsim.snapshots import Snapshots
 
 _FEED_WINDOWS = 40  # windows of the mean feed that is recorded (ours: a single one has a motor step, or none)
@@ -101,7 +102,7 @@ class _Followed(Snapshots):
     ) -> None:
         self._link, self._points, self._step_um, self._scale = link, points_um, step_um, time_scale
         self._between_ns = int(step_um / rapid_um_s * 1e9)
-        self._origin = link.place_um()
+        self._origin = self._place_um()
         self._counted = [float(v) for v in points_um[0]]
         self._target = (-1, self.position_um)
         self._end: tuple[float, float] | None = None
@@ -142,9 +143,14 @@ class _Followed(Snapshots):
         self.path_um = self._station()
         return sorted(steps)
 
+    def _place_um(self) -> tuple[float, float]:
+        """Where the other program wants the axes, in its own coordinates."""
+        x, y = (finite("a place of the program that moves the axes, in um,", um) for um in self._link.place_um())
+        return x, y
+
     def _link_um(self) -> tuple[float, float]:
         """Where the other program wants the axes, in coordinates of the path."""
-        (x, y), start = self._link.place_um(), self._points[0]
+        (x, y), start = self._place_um(), self._points[0]
         return float(start[0] + x - self._origin[0]), float(start[1] + y - self._origin[1])
 
     def _ways(self, place_um: tuple[float, float]) -> tuple[float, float]:

@@ -21,6 +21,7 @@ from edmsim.hil.gap import Gap, Output
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.numeric import finite
 
 SETTINGS = "edmsim.json"
 """File beside this one with the arguments of `Machine.load`, and ``step_s``, ``resolution``, ``gap_um``."""
@@ -58,6 +59,7 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         for name in OUTPUTS:
             setattr(self, name, 0.0)
         self._gap: Gap | None = None
+        self._start_s = math.nan  # begin of the first step, where the gap's own clock is at 0; NaN before it
         self._register()
 
     def _register(self) -> None:
@@ -80,26 +82,35 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
 
     def exit_initialization_mode(self) -> None:
         """Make the gap of the parameters."""
+        self._gap = self._new_gap()
+
+    def _new_gap(self) -> Gap:
         options = {**self._load, "height_mm": self.height_mm, "tension": self.tension_N or None}
         machine = Machine.load(**options)
         chosen = {"resolution": self._settings["resolution"], "gap_um": self._settings["gap_um"]}
-        self._gap = Gap(machine, self.seed, **chosen)
+        return Gap(machine, self.seed, **chosen)
 
     def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
         """Run the pulses that begin and end within the step; its length is fixed."""
         step_s = self._settings["step_s"]
-        if self._gap is None or abs(step_size - step_s) > 1e-6 * step_s:
+        if self._gap is None:
+            self.log("a step before the end of the initialization", Fmi3Status.error)
+            return Fmi3StepResult(Fmi3Status.error)
+        if abs(step_size - step_s) > 1e-6 * step_s:
             self.log(f"steps are {step_s:.9g} s, one window of pulses, not {step_size:.9g}", Fmi3Status.error)
             return Fmi3StepResult(Fmi3Status.error)
+        if math.isnan(self._start_s):
+            self._start_s = current_time
         try:
-            self._run(self._gap, round((current_time + step_size) * 1e9))
+            self._run(self._gap, round((current_time + step_size - self._start_s) * 1e9))
         except EdmsimError as error:
             self.log(str(error), Fmi3Status.error)
             return Fmi3StepResult(Fmi3Status.error)
         return Fmi3StepResult(Fmi3Status.ok)
 
     def _run(self, gap: Gap, until_ns: int) -> None:
-        setting = Output(WINDOW_PULSES, bool(self.generator_on), self.t_on_us, self.t_period_us)
+        t_on_us, t_period_us = (finite(name, getattr(self, name)) for name in ("t_on_us", "t_period_us"))
+        setting = Output(WINDOW_PULSES, bool(self.generator_on), t_on_us, t_period_us)
         windows: list[PulseWindow] = []
         while (room := self._room(gap, setting, until_ns)) > 0:
             gap.setpoints.move_at((self.feed_x_um_s, self.feed_y_um_s), gap.plant.time_ns)
@@ -118,7 +129,7 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         return math.floor((until_ns - gap.plant.time_ns) * 1e-3 / longest_us + 1e-6)
 
     def _names(self) -> list[str]:
-        return [*INPUTS, *OUTPUTS, "generator_on", "wire_broken"]
+        return [*INPUTS, *OUTPUTS, "generator_on", "wire_broken", "_start_s"]
 
     def _get_fmu_state(self) -> dict[str, Any]:
         values = np.array([float(getattr(self, name)) for name in self._names()])
@@ -130,7 +141,10 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         for name, value in values.items():
             setattr(self, name, bool(value) if name in ("generator_on", "wire_broken") else value)
         rest = {name: value for name, value in state.items() if name != "fmu.values"}
-        if rest and self._gap is not None:
+        if not rest:
+            self._gap = None
+        else:
+            self._gap = self._gap or self._new_gap()
             self._gap.restore(rest)
 
     @staticmethod

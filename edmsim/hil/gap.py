@@ -232,6 +232,11 @@ class Gap:
 
     def _set(self, output: Output) -> None:
         plant = self.plant
+        if (output.open_V, output.peak_A) != self._choices:  # with the pulses, before a part of it is set
+            plant.machine.with_(
+                open_voltage_V=output.open_V, peak_current_A=output.peak_A, t_on_us=output.t_on_us,
+                t_period_us=output.t_period_us,
+            )
         self._choose(output.open_V, output.peak_A)
         if (output.t_on_us, output.t_period_us) != (plant.machine.t_on_us, plant.machine.t_period_us):
             self.plant.set_generator(output.t_on_us, output.t_period_us)

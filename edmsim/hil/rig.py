@@ -13,6 +13,7 @@ from edmsim.numeric import finite
 MOST_LINE = 127  # longest line in bytes (Powercore V3)
 _MOST_STEPS = 100_000
 _MOST_HZ = 1000.0
+NO_TIME_S = 1e-9  # what sums of floats may differ by
 
 
 @methods_refuse_wrong_types
@@ -48,7 +49,7 @@ class Rig:
         if machine is None:
             machine = Machine.load(generator=self.board.generator)
         self.gap = Gap(machine, seed, **gap)
-        self._stream_s, self._sent_s = 0.0, 0.0
+        self._stream_s, self._due_s = 0.0, 0.0  # between status lines, 0 for none; and when the next one is due
         self._watchers: list[Callable[[Frame], None]] = []
 
     @property
@@ -86,10 +87,10 @@ class Rig:
         return f"T {self.time_s:.6f} X {x:.1f} Y {y:.1f} EN {int(self.board.enabled)} WIRE {wire}{pins}\r\n"
 
     def streamed(self) -> str:
-        """Return a status line if one is due; see ``STREAM``."""
-        if not self._stream_s or self.time_s - self._sent_s < self._stream_s:
+        """Return a status line if one is due, at most one for each frame; see ``STREAM``."""
+        if not self._stream_s or self.time_s < self._due_s - NO_TIME_S:
             return ""
-        self._sent_s = self.time_s
+        self._due_s = next_due_s(self._due_s, self._stream_s, self.time_s)
         return self.status()
 
     def move(self, text: str) -> str:
@@ -124,7 +125,8 @@ class Rig:
             hertz = _finite(words[0])
             if not 0 <= hertz <= _MOST_HZ:
                 return f"ERROR: STREAM takes 0 (off) to {_MOST_HZ:g} Hz\r\n"
-            self._stream_s, self._sent_s = 1.0 / hertz if hertz else 0.0, self.time_s
+            self._stream_s = 1.0 / hertz if hertz else 0.0
+            self._due_s = self.time_s + self._stream_s
         elif name == "ENABLE" and words in (["0"], ["1"]):
             self.board.enabled = words == ["1"]
         elif name == "THREAD" and not count:
@@ -134,6 +136,13 @@ class Rig:
         else:
             raise ValueError
         return "ok\r\n"
+
+
+def next_due_s(due_s: float, every_s: float, now_s: float) -> float:
+    """Return the first of regular times that comes after now: a frame ends later than what is due in it."""
+    while due_s < now_s + NO_TIME_S:
+        due_s += every_s
+    return due_s
 
 
 def _finite(word: str) -> float:

@@ -16,13 +16,12 @@ from edmsim.consoles.servo import PseudoTerminal
 from edmsim.errors import InputError
 from edmsim.files import check_suffix
 from edmsim.hil.gap import Frame
-from edmsim.hil.rig import MOST_LINE, Rig
+from edmsim.hil.rig import MOST_LINE, NO_TIME_S, Rig, next_due_s
 from edmsim.hil.samples import FrameFile
 
 # A log of ratios and positions like that of an open machine's controller, for ``edmsim calibrate``.
 
 LEAST_HZ, MOST_HZ = 2.0, 100.0
-_NO_TIME_S = 1e-9  # what sums of floats may differ by
 COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")
 
 
@@ -52,10 +51,9 @@ class RatioLog(FrameFile):
             for k, count in enumerate((window.short, window.open, window.pulses)):
                 self._counts[k] += count
         now_s = self._rig.time_s
-        if now_s < self._due_s - _NO_TIME_S or not self._counts[2]:
+        if now_s < self._due_s - NO_TIME_S or not self._counts[2]:
             return
-        while self._due_s < now_s + _NO_TIME_S:
-            self._due_s += self._every_s
+        self._due_s = next_due_s(self._due_s, self._every_s, now_s)
         short, open_, pulses = self._counts
         machine, (x, y) = self._rig.gap.plant.machine, self._rig.gap.place_um
         self._out.write(

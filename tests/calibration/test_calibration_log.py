@@ -107,6 +107,9 @@ def test_parquet_is_known_by_what_it_holds(tmp_path):
 HEADING = ",".join(COLUMNS) + "\n"
 
 
+RESTING = "20,1,2,20,1,9,30,100,0,0\n" * 9
+
+
 @pytest.mark.parametrize(("name", "content", "said"), [
     ("log.csv", None, "no such file"), ("log.csv", b"", "is empty"), ("log.csv", b" \n\n", "is empty"),
     ("log.csv", b"\xff\xfe", "is empty"),
@@ -130,7 +133,8 @@ HEADING = ",".join(COLUMNS) + "\n"
     ("log.csv", f"{HEADING}20,200,100,20,1,9,30,100\n".encode(), "window 1: short 200 cannot be"),
     ("log.csv", f"{HEADING}20,0.1,0.6,20,1,9,30,100\n".encode(), "open 0.6 cannot be; short and open are counts"),
     ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n".encode(), "window 2: t_period_us 30"),
-    ("log.csv", f"{HEADING}20,1,2,,1,9,30,100\n".encode(), "window 1: mean_voltage_V nan"),
+    ("log.csv", f"{HEADING}20,1,2,,1,9,30,100\n20,1,2,20,1,9,30,100\n".encode(), "window 1: mean_voltage_V nan"),
+    ("log.csv", f"{HEADING[:-1]},x_um,y_um\n{RESTING}".encode(), "y_um move by 0 um, feed_um_s leads over"),
     ("log.csv", f"{HEADING}20,1,2,inf,1,9,30,100\n".encode(), "window 1: mean_voltage_V inf"),
     ("log.csv", f"{HEADING}20,1,2,20,1,-9,30,100\n".encode(), "window 1: mean_delay_us -9"),
     ("log.csv", f"{HEADING}20,1,2,20,1,1e300,30,100\n".encode(), "window 1: mean_delay_us 1e.300"),
@@ -194,6 +198,21 @@ def test_air_rest_and_unsteady_feeds_are_left_out():
         rows(count, feed_um_s=restless, t_on_us=27.0), rows(count, feed_um_s=-20.0, t_on_us=26.0),
     )  # fmt: skip
     assert [s.t_on_us for s in stretches(log, SETTLE_UM)] == [28.0]
+
+
+def test_what_a_machine_does_not_measure_is_an_empty_column_and_not_0(tmp_path):
+    count = SETTLE + STRETCH_WINDOWS
+    pa.csv.write_csv(pa.table(rows(count, mean_current_A=np.nan)), tmp_path / "log.csv")
+    (found,) = stretches(read_log(tmp_path / "log.csv"), SETTLE_UM)
+    assert np.isfinite(found.mean).tolist() == [True, True, True, False, True]
+    with pytest.raises(InputError, match=r"windows 100 to 499: mean_current_A is 0 in all of them; leave the column"):
+        stretches(log_of(rows(count, mean_current_A=0.0)), SETTLE_UM)
+
+
+def test_a_stretch_too_short_to_turn_counts_as_straight():
+    log = log_of(rows(2 * STRETCH_WINDOWS, feed_um_s=1.0))
+    placed = Log("made up", {**log.columns, "x_um": np.arange(len(log)) * 0.0255, "y_um": np.zeros(len(log))})
+    assert len(stretches(placed, 5.0)) == len(stretches(log, 5.0)) == 1
 
 
 def test_of_many_stretches_those_that_differ_are_compared():
@@ -274,6 +293,15 @@ def test_another_setting_begins_its_windows_anew(tmp_path):
     assert np.allclose(log.columns["short"][log.columns["t_period_us"] == 200.0], 76.5)
 
 
+@pytest.mark.parametrize("pause_s", [3.0, 1.7e9])  # the clock of the log was set, too
+def test_of_a_pause_nothing_is_known(tmp_path, pause_s):
+    before, after = steady(0.1, 0.2, 10.0, 10.0), steady(0.3, 0.2, 10.0, 10.0)
+    after = [f"{float(row.split(',')[0]) + 10.0 + pause_s:.6f},{row.split(',', 1)[1]}" for row in after]
+    log = read_log(written(tmp_path, [*before, *after]))
+    assert len(log) == pytest.approx(2 * 9.9 / 0.0255, abs=2)
+    assert set(np.round(log.columns["short"], 1)) == {25.5, 76.5}
+
+
 @pytest.mark.slow
 def test_a_bench_s_log_has_the_statistics_of_its_own_counts(tmp_path):
     machine = edmsim.Machine.load(height_mm=10.0)
@@ -302,6 +330,7 @@ def test_a_bench_s_log_has_the_statistics_of_its_own_counts(tmp_path):
     (["0,nan,0,0,0,30,100", LATER], "row 1: x_um nan"),
     (["0,0,0,0,0,30,100", LATER], "1 rows per second; a log of ratios has 2 to 100"),
     (["0,0,0,0,0,30,100", "0.01,0,0,0,0,30,100"], "is too short"),
+    (["0,0,0,0,0,30,100", "inf,0,0,0,0,30,100"], "row 2: t_s inf"),
 ])  # fmt: skip
 def test_what_cannot_have_been_logged_is_refused(tmp_path, rows, said):
     with pytest.raises(InputError, match=said):

@@ -195,8 +195,11 @@ def test_counts_are_written_and_read_low_byte_first():
     chip.counters[0].run(0x34)
     assert chip.read(0) | chip.read(0) << 8 == 0x1200
     chip.counters[0].run(1)
-    chip.write(pit.CONTROL, 0x00)  # latch counter 0
+    chip.read(0)
+    chip.write(pit.CONTROL, 0x00)  # latch counter 0: it counts on, and the count is read from its low byte
+    chip.counters[0].run(5)
     assert chip.read(0) | chip.read(0) << 8 == 0x11FF
+    assert chip.read(0) | chip.read(0) << 8 == 0x11FA
     for word in (0xC0, 0x31, 0x12, 0x38):
         with pytest.raises(InputError, match=f"control word {word:02X}H"):
             chip.write(pit.CONTROL, word)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END, Board, LineOrder
 from edmsim.controllers.mcu.chips import bus, pic, ppi
-from edmsim.controllers.mcu.chips.dac import PulseSettings
+from edmsim.controllers.mcu.chips.dac import MOST_CODE, PulseSettings
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.poscal import poscal
@@ -245,6 +245,8 @@ def test_more_than_2_ampere_is_refused_and_the_old_pair_stays():  # T-34
     computer.set_pulse_codes(102, 170)
     with pytest.raises(InputError, match=r"draws 3\.31 A, above the generator's 2 A: t\(p\) must be at least 197 us"):
         computer.set_pulse_codes(255, 170)
+    with pytest.raises(InputError, match=r"draws 5\.00 A, above the generator's 2 A: no t\(p\) is long enough"):
+        PulseSettings(pulse_A=50.0).check(MOST_CODE, MOST_CODE)
     assert computer.pulse_codes == (102, 170)
     assert (computer.bus.read(0x4020), computer.bus.read(0x4021)) == (102, 170)
     with pytest.raises(InputError):

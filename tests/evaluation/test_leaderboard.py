@@ -1,5 +1,6 @@
 """The leaderboard gives comparisons back to the digit, and its cuts are those that are made today."""
 
+import json
 import math
 import time
 from pathlib import Path
@@ -71,15 +72,21 @@ def test_an_interrupted_evaluation_resumes_to_the_same_leaderboard(tmp_path, edm
     assert {file.name for file in tmp_path.iterdir()} == {"board.jsonl", "whole.jsonl"}
 
 
-NO_RESULT = '{"id": "1", "env_id": "e", "resolution": "fast", "controller": "c"}'
-
-
-@pytest.mark.parametrize("text", ["[]", '{"format": "other"}', NO_RESULT])
-def test_what_is_no_leaderboard_is_refused(tmp_path, text):
+@pytest.mark.parametrize(("change", "said"), [
+    ({"seed": None}, "seed of the cut .* is None, and must be a whole number"),
+    ({"total_return": "5"}, "total_return of the cut .* is '5', and must be a number"),
+    ({"env_id": "edmsim/GapFeed-v1"}, "no environment 'edmsim/GapFeed-v1'"),
+    ({"id": 5}, "the journal is damaged"),
+    (None, "a row of this table of cuts has no"), ([], "the journal is damaged"),
+])  # fmt: skip
+def test_what_is_no_leaderboard_is_refused(tmp_path, change, said):
     file = tmp_path / "board.jsonl"
-    file.write_text(text + "\n")
-    with pytest.raises(InputError, match=r"the journal is damaged|a row of this table of cuts has no"):
+    row = json.loads((DOCS / "leaderboard.jsonl").read_text(encoding="utf-8").partition("\n")[0])
+    changed = {"id": "1", "env_id": "e", "resolution": "fast", "controller": "c"} if change is None else change
+    file.write_text(json.dumps({**row, **change} if isinstance(change, dict) else changed) + "\n")
+    with pytest.raises(InputError, match=said) as refused:
         leaderboard(file)
+    assert str(file) in str(refused.value)
 
 
 @pytest.mark.parametrize("env_id", registered_ids())

@@ -106,6 +106,13 @@ def test_a_second_contour_a_bad_scale_and_a_resumed_cut_are_refused(tmp_path):
     motion.reset(30.0)
     with pytest.raises(InputError, match="one contour without dwells"):
         motion.set_up(machine, points, 100.0)
+    lost = Other(1.0, 1.0)
+    motion = ExternalMotion(lost, 1e9)
+    motion.set_up(machine, points, 0.0)
+    motion.reset(30.0)
+    lost.feed_um_s = math.nan
+    with pytest.raises(InputError, match="a place of the program that moves the axes, in um, is nan"):
+        motion.path_run("exact").advance(0, 10**6, 0)
 
 
 class Component(dict):

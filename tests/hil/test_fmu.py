@@ -50,7 +50,7 @@ class Instance:
 
 
 @contextmanager
-def instance(file, **parameters):
+def instance(file, initialise=True, **parameters):
     description = fmpy.read_model_description(str(file), validate=True)
     folder = fmpy.extract(str(file))
     try:
@@ -58,8 +58,9 @@ def instance(file, **parameters):
         own = Instance(fmu, description)
         for name, value in parameters.items():
             own.set(name, value)
-        fmu.enterInitializationMode()
-        fmu.exitInitializationMode()
+        if initialise:
+            fmu.enterInitializationMode()
+            fmu.exitInitializationMode()
         yield own
         fmu.terminate()
         fmu.freeInstance()
@@ -99,6 +100,22 @@ def test_a_state_taken_goes_on_to_the_bit(file, as_bytes):
 
 
 @pytest.mark.slow
+def test_a_simulation_may_start_at_any_time_and_go_on_in_an_instance_that_was_not_initialised(file):
+    rows = []
+    for start_s in (0.0, 2.0):
+        with instance(file, seed=3) as fmu:
+            fmu.time = start_s
+            rows.append([fmu.step(feed) for feed in FEEDS[:4]])
+            packed = fmu.fmu.serializeFMUState(fmu.fmu.getFMUState())
+            at, goes_on = fmu.time, [fmu.step(feed) for feed in FEEDS]
+    assert rows[0] == rows[1]
+    with instance(file, initialise=False, seed=3) as fmu:
+        fmu.fmu.setFMUState(fmu.fmu.deserializeFMUState(packed))
+        fmu.time = at
+        assert [fmu.step(feed) for feed in FEEDS] == goes_on
+
+
+@pytest.mark.slow
 def test_settings_count_from_the_next_step_on_and_time_is_never_lost(file):
     with instance(file) as fmu:
         fmu.set("t_period_us", 120.0)
@@ -120,6 +137,10 @@ def test_a_step_of_another_length_and_a_setting_that_cannot_be_are_errors(file):
             fmu.step(1.0)
     with instance(file) as fmu, pytest.raises(fmpy.fmi1.FMICallException):
         fmu.step(math.nan)
+    with instance(file) as fmu:
+        fmu.set("t_period_us", math.nan)
+        with pytest.raises(fmpy.fmi1.FMICallException, match=r"\(error\)"):
+            fmu.step(1.0)
 
 
 def test_the_description_says_what_it_needs_and_can(file):

@@ -268,13 +268,15 @@ def test_a_setpoint_ends_where_the_travel_does():
 
 
 def test_status_lines_come_as_often_as_requested():
-    own = Rig("powercore", seed=1)
-    own.move("STREAM 100")
-    lines = []
-    for _ in range(100):
-        own.frame()
-        lines.append(own.streamed())
-    assert 9 <= sum(bool(line) for line in lines) <= 11
+    # a frame is 1, 9.8 and 5 ms, and a line waits for its end; that must not delay those that follow
+    for board, rate_Hz in (("powercore", 300), ("powercore-v2", 50), ("spark", 70)):
+        own = Rig(board, seed=1)
+        own.move(f"STREAM {rate_Hz}")
+        lines = []
+        while own.time_s < 0.5:
+            own.frame()
+            lines.append(own.streamed())
+        assert sum(map(bool, lines)) == pytest.approx(0.5 * rate_Hz, abs=1)
     assert own.move("STREAM 1e9").startswith("ERROR: STREAM takes 0")
     own.move("STREAM 0")
     own.frame()
@@ -380,6 +382,16 @@ def test_any_line_to_the_axes_is_answered_and_sends_none_beyond_its_travel(rig, 
         assert axis in (0, 1)
         assert direction in (-1, 1)
     assert all(0 <= place <= travel_um for place in rig.gap.setpoints.places_um)
+
+
+def test_a_setting_that_is_refused_changes_nothing():
+    gap = Gap(edmsim.Machine.load(generator="powercore-v3"), 1)
+    gap.run(Output(10, True, 10.0, 100.0, 80.0))
+    before = gap.snapshot()
+    with pytest.raises(InputError, match=r"t_on 500 us is not within 1\.\.25 us"):
+        gap.run(Output(10, True, 500.0, 100.0, 90.0))
+    after = gap.snapshot()
+    assert all(np.array_equal(before[name], after[name], equal_nan=name == "gap.choices") for name in before)
 
 
 def test_a_board_that_is_none_and_a_gap_without_room_are_refused():

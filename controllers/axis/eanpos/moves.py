@@ -299,9 +299,15 @@ def top_speed(reg: Words) -> float:
 
 
 @exactly_compiled
+def has_resolution(reg: Words) -> bool:
+    """Say whether units of measure and edges can be converted; without, the output has no scale and is 0 V."""
+    return bool(reg[at.MEASURE] > 0 and reg[at.PULSE] > 0)
+
+
+@exactly_compiled
 def edges_a_sample(reg: Words) -> float:
     """Return the encoder edges of a sample at full speed: the error that pgain 1000 makes 10 V of."""
-    if reg[at.MEASURE] < 1:
+    if not has_resolution(reg):
         return 0.0
     return float(top_speed(reg) * reg[at.TCAMP_NS] * 1e-9 * reg[at.PULSE] / reg[at.MEASURE])
 

@@ -323,7 +323,10 @@ def _follow_steps(reg: Words, real: Reals, edges: int) -> None:
 
 @exactly_compiled
 def _following_error(reg: Words, real: Reals) -> int:
-    """Return the error in edges, and judge it (row Q-A26)."""
+    """Return the error in edges, and judge it (row Q-A26); 0 without a resolution."""
+    if not moves.has_resolution(reg):
+        reg[at.FOLLERR] = 0
+        return 0
     error: int = math.floor((real[at.THEORY] - moves.place(reg)) * reg[at.PULSE] / reg[at.MEASURE] + 0.5)
     reg[at.FOLLERR] = error
     if abs(error) > reg[at.MAXFOLLERR]:
@@ -425,8 +428,8 @@ def _run(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) ->
     if reg[at.RESOURCES] & at.HAS_COUNTER == 0 and reg[at.PULSE] > 0:
         reg[at.NUMERATOR] = math.floor(real[at.THEORY] * reg[at.PULSE] + 0.5)
         reg[at.POSIT] = reg[at.NUMERATOR] // reg[at.PULSE]
-    if reg[at.MEASURE] > 0 and reg[at.PULSE] > 0:
-        _put_out(reg, real)
+    _put_out(reg, real)
+    if moves.has_resolution(reg):
         _measure_speed(reg)
     _judge_tolerance(reg)
 

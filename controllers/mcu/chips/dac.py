@@ -71,9 +71,10 @@ class PulseSettings:
         if current > LIMIT_A:
             t_i_us, t_p_us = self.times_us(t_i_code, t_p_code)
             enough = [us for us in map(self._t_p_us, range(MOST_CODE + 1)) if self.pulse_A * t_i_us <= LIMIT_A * us]
+            way_out = f"t(p) must be at least {math.ceil(min(enough))} us" if enough else "no t(p) is long enough"
             raise InputError(
                 f"t(i) {time_text(t_i_us)} us in t(p) {time_text(t_p_us)} us draws {current:.2f} A, above the "
-                f"generator's {LIMIT_A:g} A: t(p) must be at least {math.ceil(min(enough))} us"
+                f"generator's {LIMIT_A:g} A: {way_out}"
             )
 
     def code_of_t_i(self, us: float) -> int:

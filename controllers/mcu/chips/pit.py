@@ -27,13 +27,18 @@ class Counter:
     mode: int = TERMINAL_COUNT
     reload: int = 0  # count loaded, 0 for 65 536
     left: int = 0  # ticks until the output rises; 0 when it has risen in mode 0, or nothing is loaded
-    low: int = -1
-    latched: int = -1
+    low: int = -1  # low byte of a count being written; -1 for none
+    latched: int = -1  # count held for reading; -1 for none
+    low_was_read: bool = False
 
     def load(self, count: int) -> None:
         """Load a count; 0 counts 65 536 ticks (row T-74)."""
         self.reload = count
         self.left = count or TIMER_COUNT
+
+    def latch(self) -> None:
+        """Hold the present count until both of its bytes are read."""
+        self.latched, self.low_was_read = self.left & 0xFFFF, False
 
     @property
     def ticks_to_rise(self) -> int:
@@ -63,16 +68,18 @@ class Pit8253(Snapshots):
         self.counters = (Counter(), Counter(), Counter())
 
     def read(self, offset: int) -> int:
-        """Low byte and then high byte of a count, latched by the first."""
+        """Low byte and then high byte of a count, latched by a control word before, or by the first."""
         if offset == CONTROL:
             return 0xFF
         counter = self.counters[offset]
         if counter.latched < 0:
-            counter.latched = counter.left & 0xFFFF | 0x10000
-            return counter.latched & 0xFF
+            counter.latch()
         value = counter.latched
-        counter.latched = -1
-        return value >> 8 & 0xFF
+        if counter.low_was_read:
+            counter.latched, counter.low_was_read = -1, False
+            return value >> 8
+        counter.low_was_read = True
+        return value & 0xFF
 
     def write(self, offset: int, byte: int) -> None:
         """A control word, or the low and then the high byte of a count."""
@@ -95,7 +102,8 @@ class Pit8253(Snapshots):
                 f"control word {word:02X}H: the counters of this 8253 take two bytes in binary, in mode 0, 2 or 3"
             )
         counter = self.counters[number]
-        if access == 0:  # the count is latched for reading
-            counter.latched = -1
+        if access == 0:
+            counter.latch()
         else:
-            counter.mode, counter.left, counter.low, counter.latched = mode, 0, -1, -1
+            counter.mode, counter.left, counter.low = mode, 0, -1
+            counter.latched, counter.low_was_read = -1, False

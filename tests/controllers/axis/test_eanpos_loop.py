@@ -270,6 +270,14 @@ def test_an_output_without_a_scale_is_nought():  # Q-A31
     assert p.device.output_V == 0.0
     p.do("START", run_s=0.5)
     assert p.device.output_V == 0.0
+    for name, value in (("pulse", 0), ("measure", -5)):  # written in motion
+        p = Positioner()
+        p.do("START", run_s=0.6)
+        p[name] = value
+        p.run(0.5)
+        place = p.true_um
+        p.run(0.2)
+        assert (p.error, p.device.output_V, p.true_um) == (4, 0.0, pytest.approx(place, abs=0.1))
 
 
 def test_a_sample_may_be_shorter_than_an_edge_at_full_speed():  # 1.7.2: no condition of START
