@@ -150,6 +150,7 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, t
         (("evaluate", "edmsim/GapFeed-v2", "--leaderboard", "a.csv"), "a leaderboard is written as .jsonl"),
         (("evaluate", "edmsim/GapFeed-v2", "--page", "page.html"), "page.html: a page is written as .md"),
         (("evaluate", "edmsim/GapFeed-v2", "--controllers", "pid"), "there is no feed controller 'pid'"),
+        (("evaluate", "edmsim/GapFeed-v2", "--controllers", "a/p.json"), "did you mean 'policy:a/p.json'?"),
         (("report", "a", "--seconds", "3"), "give the file with --film"),
         (("report", "."), "report.json: no such file, the folder of a cut is needed"),
         (("view",), "directory"), (("view", "."), "no cut.rrd in it"), (("view", "none"), "none: no such folder"),

@@ -323,7 +323,8 @@ def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
     assert outcome.out.count("123.2") == 3
     scores = policy_file.load(str(tmp_path / "mine.json")).card.scores
     assert [scored["resolution"] for scored in scores] == ["fast", "default", "fine"]
-    at_one = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--resolution", "fine", "--json")
+    named = f"policy:{tmp_path / 'mine.json'}"
+    at_one = edmsim("evaluate", "--policy", named, "--seeds", 2, "--resolution", "fine", "--json")
     assert [row["resolution"] for row in json.loads(at_one.out)[0]["scores"]] == ["fine"]
     assert_refused(edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 1), "2 or more")
     assert_refused(edmsim("evaluate"), "name an environment, or a policy")
