@@ -170,12 +170,13 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
         array = np.array(None)
     if array.dtype.kind not in "fiu":
         raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
-    array = array.astype(np.float32, copy=False)
     if array.shape != shape:
         raise InvalidAction(f"an action has the shape {shape}, not {array.shape}")
-    if not np.isfinite(array).all():
+    with np.errstate(over="ignore"):  # of float64, greater than float32 can be
+        taken = array.astype(np.float32, copy=False)
+    if not np.isfinite(taken).all():
         raise InvalidAction(f"an action is finite numbers from -1 to 1, not {array.tolist()}")
-    return array
+    return taken
 
 
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
