@@ -32,7 +32,6 @@ def argument(default: _Value, unit: str, meaning: str) -> _Value:
 
 
 LEAST_MM = 0.05  # least length of a band or wave (ours: some cells of the kerf field)
-MOST_TIME_S = 1e9  # longest time that may be asked for (ours: nanoseconds of ten times as much can be counted)
 
 
 class Argument(NamedTuple):

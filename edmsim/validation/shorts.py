@@ -9,10 +9,10 @@ from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.machine.machine import Machine
 from edmsim.plant.window import PlantError
 from edmsim.validation.breakage import MIDDLE_MM, held_periods, rough_rig, sato_rig
+from edmsim.validation.pulse_ratios import LIAO_WOO
 from edmsim.validation.rows import Check, Row, differences
 from edmsim.validation.setups import HELD_SHARE, PRACTICE, UNBREAKABLE, altered, capacity_um_s, feed_within, servo_cut
 
-LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
 JAM = "a wire that only touches cuts nothing (derived)"
 COST = "shorts melt little and heat the wire as discharges do (derived)"
 DERIVED = (
