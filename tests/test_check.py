@@ -107,7 +107,9 @@ def test_words_of_a_dialect_say_whose_they_are(edmsim, tmp_path):
 def test_a_group_of_commands_without_one_shows_its_help(edmsim, group):
     outcome = edmsim(*group)
     assert (outcome.status, outcome.err) == (2, "")
-    assert f"Usage: {' '.join(('edmsim', *group))}" in outcome.out
+    options = "[OPTIONS]" if group else "[--version | --help]"
+    assert f"Usage: {' '.join(('edmsim', *group, options))} COMMAND" in outcome.out
+    assert "Usage: edmsim validate [OPTIONS]" in edmsim("validate", "--help").out
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
