@@ -271,6 +271,16 @@ def test_ctrl_c_while_modules_load_is_silent_and_130(capfd, monkeypatch):
     assert capfd.readouterr() == ("", "")
 
 
+def test_ctrl_c_while_the_package_is_imported_is_silent(tmp_path):
+    (tmp_path / "gymnasium.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
+    ended = subprocess.run(
+        [sys.executable, "-m", "edmsim", "--version"], capture_output=True, check=False,
+        env={**os.environ, "PYTHONPATH": path}, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, b"", b"")  # which shells call 130
+
+
 class _Gone:
     def __del__(self):
         signal.raise_signal(signal.SIGINT)
