@@ -149,6 +149,7 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, t
         (("bench", "--pairs", "3"), "give the revision with --against"),
         (("evaluate", "edmsim/GapFeed-v2", "--write-card"), "give the policy with --policy"),
         (("evaluate", "edmsim/GapFeed-v2", "--policy", "best"), "there is no policy 'best'"),
+        (("evaluate", "--policy", "GapFeed-ppo", "--page", "a.md"), "--page is for environments"),
         (("evaluate", "edmsim/GapFeed-v2", "--leaderboard", "a.csv"), "a leaderboard is written as .jsonl"),
         (("evaluate", "edmsim/GapFeed-v2", "--page", "page.html"), "page.html: a page is written as .md"),
         (("evaluate", "edmsim/GapFeed-v2", "--controllers", "pid"), "there is no feed controller 'pid'"),
