@@ -136,6 +136,8 @@ def from_text(text: str, *, cutting: bool = False) -> FeedController:
     name, _, rest = text.partition(":")
     if name in user_code.MAKERS:
         return cast(FeedController, user_code.make(name, rest))
+    if text.endswith((".json", ".npz")):
+        raise InputError(f"there is no feed controller {text!r}; did you mean 'policy:{text}'?")
     if name not in _CONTROLLERS:
         listed = one_of(name, names(), choices(cutting=cutting))
         raise InputError(f"there is no feed controller {name!r}; choose one of {listed}")

@@ -5,6 +5,9 @@
 40.0
 """
 
+import signal
+import sys
+import threading
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,6 +58,13 @@ def _register() -> None:
     PASS_MAKERS["policy"] = "edmsim.learning.policy_controller:passes_from_name"
 
 
+def _is_starting() -> bool:
+    """Say whether this is the command ``edmsim``, or ``python -m edmsim``, which cannot answer Ctrl-C yet."""
+    is_command = any(Path(word).stem == "edmsim" for word in sys.orig_argv[1:3])
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    return is_command and in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def __dir__() -> list[str]:
     """Name the public names, loaded or not, and nothing of the machinery."""
     return sorted([*__all__, "__version__", "__doc__"])
@@ -72,4 +82,9 @@ def __getattr__(name: str) -> Any:
     return value
 
 
-_register()
+if _is_starting():
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # ends it at once, without a traceback
+    _register()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+else:
+    _register()

@@ -36,11 +36,16 @@ def named(text: str) -> UserObject | None:
     return None if found is None else UserObject(found["file"], found["name"] or "", found["rest"] or "")
 
 
+def policy_of(text: str) -> str:
+    """Return a policy's file or name, without the prefix ``policy:`` that it has as a controller."""
+    return text.removeprefix("policy:")
+
+
 def file_of(text: str) -> str | None:
     """Return the user's file that a text names; of a policy the ``.json``, which has the hash of its ``.npz``."""
     if (own := named(text)) is not None:
         return own.file
-    policy = text.removeprefix("policy:")
+    policy = policy_of(text)
     if policy == text or not policy.endswith((".json", ".npz")):
         return None
     return f"{policy.rpartition('.')[0]}.json"

@@ -32,7 +32,6 @@ def argument(default: _Value, unit: str, meaning: str) -> _Value:
 
 
 LEAST_MM = 0.05  # least length of a band or wave (ours: some cells of the kerf field)
-MOST_TIME_S = 1e9  # longest time that may be asked for (ours: nanoseconds of ten times as much can be counted)
 
 
 class Argument(NamedTuple):
@@ -170,12 +169,13 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
         array = np.array(None)
     if array.dtype.kind not in "fiu":
         raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
-    array = array.astype(np.float32, copy=False)
     if array.shape != shape:
         raise InvalidAction(f"an action has the shape {shape}, not {array.shape}")
-    if not np.isfinite(array).all():
+    with np.errstate(over="ignore"):  # of float64, greater than float32 can be
+        taken = array.astype(np.float32, copy=False)
+    if not np.isfinite(taken).all():
         raise InvalidAction(f"an action is finite numbers from -1 to 1, not {array.tolist()}")
-    return array
+    return taken
 
 
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:

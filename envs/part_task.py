@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.passes import Sums
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.arguments import MOST_TIME_S, Range, argument, check_kinds, ends_of, shows_arguments
+from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, shows_arguments
 from edmsim.envs.observation import Entry
 from edmsim.envs.part_cut import Choice, PartCut, Step
 from edmsim.envs.reward import WeightsOfTerms
@@ -25,7 +25,7 @@ from edmsim.geometry import Floats
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import values_of
-from edmsim.machine.setting import check_height, open_V
+from edmsim.machine.setting import MOST_TIME_S, check_height, open_V
 from edmsim.machine.technology import Technology, machine_of, read_technology
 from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.resolution import resolution

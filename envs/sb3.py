@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.environment import EdmVectorEnv, SubEnvView
+from edmsim.envs.registry import env_id_of, find
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.numeric import whole, whole_from
 
@@ -214,7 +215,7 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     Raises
     ------
     InputError
-        If stable-baselines3 is missing, or an option cannot be used.
+        If stable-baselines3 is missing, the environment is not one of edmsim, or an option cannot be used.
 
     Examples
     --------
@@ -223,12 +224,12 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     >>> env.reset().shape
     (2, 46)
     """
+    find(env_id)
     made = gym.make_vec(
-        env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP,
-        **options,
+        env_id_of(env_id), num_envs=num_envs, vectorization_mode="vector_entry_point",
+        autoreset_mode=AutoresetMode.SAME_STEP, **options,
     )
-    if not isinstance(made, EdmVectorEnv):
-        raise InputError(f"{env_id!r} is not an environment of edmsim")
+    assert isinstance(made, EdmVectorEnv)  # as all that are found
     env = EdmVecEnv(made)
     if seed is not None:
         env.seed(seed)

@@ -14,7 +14,6 @@ from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs import knobs as generator
 from edmsim.envs import servo
 from edmsim.envs.arguments import (
-    MOST_TIME_S,
     Range,
     argument,
     check_kinds,
@@ -29,6 +28,7 @@ from edmsim.envs.scenario import Scenario, draw_machine, names_of
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import MOST_TIME_S
 from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution

@@ -72,9 +72,9 @@ SESSIONS = {
 REFUSED = f"""|saw|cut|cut punch.ngc|cut no.ngc --out o|cut no.dxf --out o|cut punch.ngc --out bad.txt/o|view|view .
 evaluate no|evaluate {IDS[0]} --seeds 1|evaluate {IDS[0]} --controllers no|evaluate own.py:no|train no --out o|view no
 train {IDS[0]} --out o --score 1|train {IDS[0]} --out o --algo no|train {IDS[0]} --out o --resume|view no .
-report no|report . --format bmp|report .|report . --film a.gif|terminal --machine no|terminal --speed 0|--help
-terminal --fault no|terminal --planner no|terminal --host no|calibrate bad.txt --out o.toml|validate --write no
-calibrate no.csv --out no/o.toml|bench --planners no/p.md|cut --help|evaluate --help|console 1982 --help"""
+report no|report . --format bmp|report .|report . --film a.gif|console 1982 --machine no|console 1982 --speed 0
+console 1982 --fault no|console 1982 --planner no|console 1982 --host no|calibrate bad.txt --out o.toml|validate no
+calibrate no.csv --out no/o.toml|bench --figure no|--help|cut --help|evaluate --help|console 1982 --help"""
 CUT_WITH = """--material no|--machine no|--machine no.toml|--wire brass-10|--generator no|--planner no|--drive no
 --controller no|--controller fixed:feed_um_s=99|--controller oracle|--controller fixed:feed=1|--mechanics no|--resume
 --controller fixed:feed_um_s=x|--controller no.py:Own|--controller own.py|--controller policy:no|--resolution no

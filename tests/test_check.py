@@ -107,7 +107,9 @@ def test_words_of_a_dialect_say_whose_they_are(edmsim, tmp_path):
 def test_a_group_of_commands_without_one_shows_its_help(edmsim, group):
     outcome = edmsim(*group)
     assert (outcome.status, outcome.err) == (2, "")
-    assert f"Usage: {' '.join(('edmsim', *group))}" in outcome.out
+    options = "[OPTIONS]" if group else "[--version | --help]"
+    assert f"Usage: {' '.join(('edmsim', *group, options))} COMMAND" in outcome.out
+    assert "Usage: edmsim validate [OPTIONS]" in edmsim("validate", "--help").out
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
@@ -147,9 +149,11 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, t
         (("bench", "--pairs", "3"), "give the revision with --against"),
         (("evaluate", "edmsim/GapFeed-v2", "--write-card"), "give the policy with --policy"),
         (("evaluate", "edmsim/GapFeed-v2", "--policy", "best"), "there is no policy 'best'"),
+        (("evaluate", "--policy", "GapFeed-ppo", "--page", "a.md"), "--page is for environments"),
         (("evaluate", "edmsim/GapFeed-v2", "--leaderboard", "a.csv"), "a leaderboard is written as .jsonl"),
         (("evaluate", "edmsim/GapFeed-v2", "--page", "page.html"), "page.html: a page is written as .md"),
         (("evaluate", "edmsim/GapFeed-v2", "--controllers", "pid"), "there is no feed controller 'pid'"),
+        (("evaluate", "edmsim/GapFeed-v2", "--controllers", "a/p.json"), "did you mean 'policy:a/p.json'?"),
         (("report", "a", "--seconds", "3"), "give the file with --film"),
         (("report", "."), "report.json: no such file, the folder of a cut is needed"),
         (("view",), "directory"), (("view", "."), "no cut.rrd in it"), (("view", "none"), "none: no such folder"),

@@ -271,6 +271,16 @@ def test_ctrl_c_while_modules_load_is_silent_and_130(capfd, monkeypatch):
     assert capfd.readouterr() == ("", "")
 
 
+def test_ctrl_c_while_the_package_is_imported_is_silent(tmp_path):
+    (tmp_path / "gymnasium.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
+    ended = subprocess.run(
+        [sys.executable, "-m", "edmsim", "--version"], capture_output=True, check=False,
+        env={**os.environ, "PYTHONPATH": path}, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, b"", b"")  # which shells call 130
+
+
 class _Gone:
     def __del__(self):
         signal.raise_signal(signal.SIGINT)
@@ -323,7 +333,8 @@ def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
     assert outcome.out.count("123.2") == 3
     scores = policy_file.load(str(tmp_path / "mine.json")).card.scores
     assert [scored["resolution"] for scored in scores] == ["fast", "default", "fine"]
-    at_one = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--resolution", "fine", "--json")
+    named = f"policy:{tmp_path / 'mine.json'}"
+    at_one = edmsim("evaluate", "--policy", named, "--seeds", 2, "--resolution", "fine", "--json")
     assert [row["resolution"] for row in json.loads(at_one.out)[0]["scores"]] == ["fine"]
     assert_refused(edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 1), "2 or more")
     assert_refused(edmsim("evaluate"), "name an environment, or a policy")

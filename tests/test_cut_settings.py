@@ -48,6 +48,7 @@ def test_files_may_be_paths():
 @pytest.mark.parametrize(("option", "value", "message"), [
     ("out", b"out", "option out cannot be b'out': must not be bytes: decode them to text"),
     ("wire", bytearray(b"copper"), r"option wire cannot be bytearray\(b'copper'\): must not be bytes"),
+    ("ignore", ["M77", b"U"], r"option ignore cannot be \['M77', b'U'\]: must not be bytes"),
     ("out", 3, "option out cannot be 3: give str | Path | None"),
     ("offset", [1], r"option offset cannot be \[1\]: give str | float"),
 ])

@@ -126,6 +126,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"height_areas": [([(0, 0), (1, 1), (1, 0), (0, 1)], 6.0)]}, "Self-intersection"),
     ({"height_areas": [([(0, 0), (1, 1), (2, 2)], 6.0)]}, "area 1"),
     ({"height_areas": [("square", 6.0)]}, "area 1"),
+    ({"height_areas": [([(0, 0), (np.nan, 0), (1, 1)], 6.0)]}, "Invalid Coordinate[nan 0]"),
     ({"height_areas": [(shapely.box(0, 0, 1, 1), 6.0), (shapely.box(50, 50, 51, 51), 6.0)]}, "area 2"),
 ]  # fmt: skip
 

@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, low_pass_weight, shorted
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.machine.machine import Machine
+from edmsim.machine.parts import BOILING_K
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, flushing_Pa, least_period_us, pulse_form
 
@@ -44,7 +45,6 @@ STEP_US = 5  # the shortest period is rounded up to whole multiples of this (our
 MOST_ERROR = 1.0  # no larger deviation from what is held counts (ours: one window of few sparks tells little)
 USUAL_S = 20.0  # time constant of the usual share of opens (ours: many retracts, a tenth of a workpiece)
 WIDER = 0.1  # share of opens above the usual one from which a gap counts as wider (ours: of one window, 0.03)
-BOILING_K = 373.15
 _Setting = tuple[float | None, float | None]
 
 

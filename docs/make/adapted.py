@@ -35,10 +35,9 @@ FOUND = Path("out/adapted")
 
 def law_below(policy: str) -> str:
     """Return the law of a bandit with its first setting: one for all machines, without adaptation."""
-    name = policy.removeprefix("policy:")
-    file = bandit_file.find(name)
+    file = bandit_file.find(policy)
     if file is None:
-        raise InputError(f"'{name}' is not a policy that adapts")
+        raise InputError(f"'{policy}' is not a policy that adapts")
     return bandit_file.load(file).law
 
 
@@ -114,7 +113,7 @@ def main() -> None:
         return
     write_sections("tasks/max-rate-shift.md", {"adapted": found})
     scores = [score.score(cuts.results(name, seeds), "fast") for name in (POLICY, LAW)]
-    score.write_card(POLICY.removeprefix("policy:"), [scores[0]._replace(controller="policy"), scores[1]])
+    score.write_card(POLICY, [scores[0]._replace(controller="policy"), scores[1]])
     write_sections("tasks/max-rate-shift.md", {"adapted-elsewhere": elsewhere(POLICY)})
 
 

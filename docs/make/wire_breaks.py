@@ -17,9 +17,9 @@ from sections import table, write_sections
 
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import shorted
-from edmsim.controllers.feed.periods import BOILING_K
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
+from edmsim.machine.parts import BOILING_K
 
 ENV_ID, LAW = "edmsim/MaxRateShift-v0", "adaptive-hold"
 SEEDS, SECONDS = (22_002, 22_003, 22_004), 600.0

@@ -14,7 +14,6 @@ import numpy as np
 
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
 from edmsim.calibration.log import (
-    AIR_SHARE,
     FEED_SPREAD,
     LEAST_FEED_UM_S,
     STRETCH_WINDOWS,
@@ -24,12 +23,14 @@ from edmsim.calibration.log import (
     stretches,
 )
 from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.geometry import Floats
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import KINDS, with_overrides
 from edmsim.machine.ranges import choose, share_of, uncertain, value_at, with_constants, with_values
+from edmsim.machine.setting import AIR_SHARE
 from edmsim.numeric import whole_from
 from edmsim.runs import RunTable
 
@@ -113,7 +114,6 @@ MOST_ROUNDS = 10  # Gauss-Newton steps at most (ours)
 UNTOLD = 0.29
 """A standard error of this share of the range is no more than the range says: a uniform draw has it (1/sqrt(12))."""
 AT_BOUND = 0.01
-CONFIDENCE = 0.95
 
 
 class FittedConstant(NamedTuple):

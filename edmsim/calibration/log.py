@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.settings import METADATA_KEY, CutSettings
-from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.machine.setting import AIR_SHARE, WINDOW_PULSES
 from edmsim.metrology.profile import finite_mean
 
 if TYPE_CHECKING:
@@ -294,7 +294,6 @@ STATISTICS = ("short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_u
 STRETCH_WINDOWS = 400  # windows of a stretch: 10 s at a period of 100 us (ours)
 BATCH_WINDOWS = 40
 """Windows whose mean counts as one independent observation: 1 s at 100 us (ours: a gap forgets in less)."""
-AIR_SHARE = 0.9  # a stretch with more open pulses than this has no metal near the wire (ours)
 FEED_SPREAD = 0.15  # a stretch is steady if its feed's standard deviation is at most this share of its mean (ours)
 LEAST_FEED_UM_S = 0.5  # a stretch with less feed does not cut (ours)
 TURN_DEG = 45.0

@@ -53,12 +53,12 @@ COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 """Every command by its group: what the group is for, and its commands."""
 
 for _name, (_purpose, _commands) in COMMANDS.items():
-    _group = typer.Typer(no_args_is_help=True, help=_purpose, options_metavar="[OPTIONS]") if _name else app
+    _group = typer.Typer(no_args_is_help=True, help=_purpose) if _name else app
     for _word, _command in _commands.items():
         _settings = search.SHORT_FORM if _command is search.run else {}
-        _group.command(_word, cls=Command, context_settings=_settings)(_command)
+        _group.command(_word, cls=Command, context_settings=_settings, options_metavar="[OPTIONS]")(_command)
     if _name:
-        app.add_typer(_group, name=_name)
+        app.add_typer(_group, name=_name, options_metavar="[OPTIONS]")
 
 
 @app.callback(invoke_without_command=True)

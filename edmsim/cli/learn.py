@@ -149,6 +149,9 @@ def evaluate(
         raise InputError("--write-card writes to a policy's file: give the policy with --policy")
     if not named and not policy:
         raise InputError("name an environment, or a policy with --policy; see edmsim evaluate --help")
+    of_envs = {"--controllers": controllers, "--record": record, "--leaderboard": leaderboard, "--page": page}
+    if not named and (without := [flag for flag, value in of_envs.items() if value is not None]):
+        raise InputError(f"{without[0]} is for environments: name one, or leave it out")
     chosen = {
         env_id: compare.usual(env_id) if controllers is None else listed(controllers)
         for env_id in (compare.env_ids() if named == ["all"] else map(resolve, named))

@@ -119,13 +119,20 @@ def gap(
     speed: Annotated[
         float | None, typer.Option(help="With --serial: machine seconds per second; default: 1.")
     ] = None,
-    rate: Annotated[float, typer.Option(help="Samples per second, 10000 to 100000.")] = 50_000.0,
+    rate: Annotated[
+        float | None, typer.Option(help="Samples per second, 10000 to 100000; default: 50000.")
+    ] = None,
     low_pass: Annotated[
-        float, typer.Option(help="Cut-off frequency of a low-pass filter before the converter in Hz; 0 for none.")
-    ] = 0.0,
-    noise: Annotated[float, typer.Option(help="Noise of the voltage samples, rms in V.")] = 0.0,
-    current_noise: Annotated[float, typer.Option(help="Noise of the current samples, rms in A.")] = 0.0,
-    log_rate: Annotated[float, typer.Option(help="Rows of --log per second, 2 to 100.")] = 10.0,
+        float | None,
+        typer.Option(help="Cut-off frequency of a low-pass filter before the converter in Hz; default: no filter."),
+    ] = None,
+    noise: Annotated[float | None, typer.Option(help="Noise of the voltage samples, rms in V; default: 0.")] = None,
+    current_noise: Annotated[
+        float | None, typer.Option(help="Noise of the current samples, rms in A; default: 0.")
+    ] = None,
+    log_rate: Annotated[
+        float | None, typer.Option(help="Rows of --log per second, 2 to 100; default: 10.")
+    ] = None,
     **options: Any,
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""
@@ -143,6 +150,13 @@ def gap(
         raise InputError("--speed is that of ports: give --serial BOARD")
     if serial is not None and feed is not None:
         raise InputError("--feed is that of a run without ports: with --serial the axes' port moves the wire")
+    sensed = {"rate_Hz": rate, "low_pass_Hz": low_pass, "noise_V": noise, "noise_A": current_noise}
+    chosen = {name: value for name, value in sensed.items() if value is not None}
+    if samples is None and chosen:
+        raise InputError("--rate, --low-pass, --noise and --current-noise are those of samples: give the file with "
+                         "--samples")  # fmt: skip
+    if log is None and log_rate is not None:
+        raise InputError("--log-rate is that of a log: give the file with --log")
     board = None if serial is None else make_board(serial)
     of_board = {} if board is None else {"generator": board.generator}
     settings = CutSettings.model_validate({**of_board, **options})
@@ -158,9 +172,9 @@ def gap(
             make_writable(file.parent)
     rig = Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=gap, resolution=settings.resolution)
     with ExitStack() as files:
-        sensing = Sensing(rate, low_pass, noise, current_noise, seed)
+        sensing = Sensing(**chosen, seed=seed)
         sampled = files.enter_context(SampleFile(samples, sensing, rig.time_s)) if samples else None
-        logged = files.enter_context(RatioLog(log, rig, log_rate)) if log else None
+        logged = files.enter_context(RatioLog(log, rig, 10.0 if log_rate is None else log_rate)) if log else None
         for taker in (sampled, logged):
             if taker is not None:
                 rig.watch(taker.frame)

@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
-from edmsim.consoles.servo import bench_for
+from edmsim.consoles.servo import STREAM, bench_for
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis.drive import data_of
 from edmsim.errors import InputError
@@ -85,7 +85,6 @@ class AxisTrace(NamedTuple):
 _START_S = 0.05  # time for the start-up text (ours)
 _REST_S = 0.2  # time for an axis to come to rest (ours)
 _BITS = 10  # of a byte on the line: start bit, eight, stop bit
-_DATA = 0x80  # bytes from here on are the stream's (row U-35)
 STEP_RATE, MOVE_RATE, _AT_ONCE, _OUTPUT = 1, 2, 24, 96
 """Parts of a recorder's code (guide 4.20): rates, no trigger, the output instead of the error."""
 _WATCHED_S = {STEP_RATE: 0.3, MOVE_RATE: 0.5}
@@ -198,11 +197,11 @@ class UhuOperator(Operator):
     def _watched(self, since_s: float, seconds: float) -> AxisTrace:
         self.bench.run(seconds)
         since_s += _BITS / self.baud  # which a byte is on its way
-        data = [(at_s - since_s, byte) for byte, at_s in self.bench.received_at() if byte >= _DATA]
+        data = [(at_s - since_s, byte) for byte, at_s in self.bench.received_at() if byte >= STREAM]
         heard = [(at_s, byte) for at_s, byte in data if at_s >= 0]
         self.bench.send(b"Z\r")
         self.bench.run(0.02)
-        zero = _DATA + int(self._data["law"]["stream_zero"])
+        zero = STREAM + int(self._data["law"]["stream_zero"])
         return AxisTrace(np.array([at_s for at_s, _ in heard]), np.array([byte - zero for _, byte in heard]))
 
 

@@ -63,7 +63,7 @@ class Scope:
 
     def draw(self, heard: Sequence[tuple[int, float]], samples: NDArray[np.void]) -> None:
         """Take bytes with their times, those of the analyser with bit 7, and the bench's notes; draw when enough."""
-        self._heard += [(byte, at_s) for byte, at_s in heard if byte >= _DATA]
+        self._heard += [(byte, at_s) for byte, at_s in heard if byte >= STREAM]
         self._samples.append(samples)
         if len(samples) and samples["time_ns"][-1] * 1e-9 >= self._drawn_s + _BATCH_S:
             self._draw_batch()
@@ -72,7 +72,7 @@ class Scope:
         heard, self._heard = self._heard, []
         blocks, self._samples = self._samples, []
         if heard:
-            errors = np.array([byte - _DATA - self._zero for byte, _ in heard])
+            errors = np.array([byte - STREAM - self._zero for byte, _ in heard])
             self._send("tracking_error", np.array([at_s for _, at_s in heard]), errors)
         samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE_ROW)
         if len(samples):
@@ -203,7 +203,7 @@ class PseudoTerminal:
 FRAME_S = 0.01  # simulated time between two looks at the terminal (ours): far below what a person notices
 _START_S, _LAST_S = 0.1, 0.1  # time for the start-up text, and for the last answer, of a script (ours)
 _STDIN = 0
-_DATA = 0x80  # bytes from here on are the analyser's (row U-35)
+STREAM = 0x80  # bytes from here on are the analyser's (row U-35)
 
 
 def serve(
@@ -272,7 +272,7 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
             heard = _advance(bench, scope)
             _print(heard)
             busy = bench.sending() or (isinstance(drive, ServoModule) and drive.recording)
-            quiet = 0 if busy or any(byte < _DATA for byte in heard) else quiet + 1
+            quiet = 0 if busy or any(byte < STREAM for byte in heard) else quiet + 1
     _pause(bench, _LAST_S, scope)
 
 
@@ -311,4 +311,4 @@ class _DriveKeyboard(Keyboard):
 
     def write(self, data: bytes) -> None:
         """Print the drive's text."""
-        super().write(bytes(byte for byte in data if byte < _DATA))
+        super().write(bytes(byte for byte in data if byte < STREAM))

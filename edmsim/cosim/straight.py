@@ -21,6 +21,7 @@ from edmsim.cosim.cycle import Cycle, EvenSteps
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
+from edmsim.machine.setting import AIR_SHARE
 from edmsim.metrology.edges import metal_at
 from edmsim.numeric import finite, real
 from edmsim.plant.plant import Plant
@@ -198,7 +199,6 @@ KINDS = ("short", "open", "spark", "arc")  # classes of pulses; `PulseSample.kin
 SETTLE_S = 3.0  # machine time before the first pulse is looked at (ours: several times what a gap takes to settle)
 PULSES = 4096
 """Pulses looked at (ours: the spectrum's lines are some 20 Hz apart at 100 us, and a share is known to 1 %)."""
-AIR_SHARE = 0.9  # from this share of open pulses on a window is taken for one without metal near (ours)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.recording.report import FigureKind, kinds_of
 from edmsim.runs import RunTable, digests_of, identity, perform, read_rows
 
-CONFIDENCE = 0.95
+CONFIDENCE = 0.95  # level of all intervals
 RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)
 
 

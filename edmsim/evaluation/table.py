@@ -16,6 +16,7 @@ from edmsim.evaluation.compare import FIGURES, Comparison, Figure
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable, replacing
 from edmsim.recording.figures.palette import BLUE, MUTED
+from edmsim.user_code import policy_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -78,7 +79,7 @@ def render(comparison: Comparison, width: int) -> "RenderableType":
             cells = [cell.replace(" (", "\n(") for cell in cells]
         else:
             cells = [cell.split(" (")[0] for cell in cells] + _events(comparison, controller)
-        table.add_row(controller.removeprefix("policy:"), *cells)
+        table.add_row(policy_of(controller), *cells)
     return Group(table, Text(f"\n{_meaning(comparison, wide)}"))
 
 

@@ -35,7 +35,7 @@ from edmsim.recording import report
 from edmsim.recording.scene import ErrorMap, PassFace, Scene, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
-_NEAR_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
+_WINDOW_REACH_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
 
 _HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the path
 
@@ -425,5 +425,5 @@ def _error_per_window(guides_um: NDArray[np.float64], profiles: list[ProfileErro
 
     points = np.concatenate([p.points_mm for p in profiles])
     error = np.append(np.concatenate([p.mean_um for p in profiles]), np.nan)
-    _, nearest = KDTree(points).query(guides_um * 1e-3, distance_upper_bound=_NEAR_MM)
+    _, nearest = KDTree(points).query(guides_um * 1e-3, distance_upper_bound=_WINDOW_REACH_MM)
     return np.asarray(error[nearest])

@@ -38,7 +38,7 @@ from edmsim.machine.options import (
     registered,
 )
 from edmsim.machine.overrides import checked_constants, parse_constant, with_overrides
-from edmsim.machine.setting import check_height
+from edmsim.machine.setting import MOST_TIME_S, check_height
 from edmsim.numeric import Number, WholeNumber
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes, parse_height
 
@@ -49,7 +49,6 @@ else:  # only named in signatures: to load them takes the compiler, and seconds,
     FeedController, Progress = (type(name, (), {}) for name in ("FeedController", "Progress"))
 
 METADATA_KEY = b"edmsim"  # under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON
-MOST_TIME_S = 1e9  # longest limit of the machine time, which is counted in ns: thirty years (ours)
 MOST_GUIDE_ERROR_MM = 5.0  # further from where the file says, no guide is (ours)
 
 

@@ -26,6 +26,7 @@ from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.errors import InputError, invalid_entry, located
 from edmsim.snapshots import Snapshots
+from edmsim.user_code import policy_of
 
 FORMAT: Final = "edmsim-bandit-1"
 QUANTITIES = "logarithm of the rate", "share of open pulses", "share of short pulses"
@@ -182,6 +183,7 @@ def height_share(fifths: Sequence[int]) -> float:
 
 def find(name: str) -> Path | None:
     """Return the file of a bandit by its path or its name under ``models/policies``; None for other policies."""
+    name = policy_of(name)
     shipped = name in models.policies()
     file = models.path(f"policies/{name}.json") if shipped else Path(name)
     if file.suffix != ".json" or not file.is_file():

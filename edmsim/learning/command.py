@@ -45,7 +45,7 @@ class TrainOptions(NamedTuple):
 
     def policy(self) -> Policy | None:
         """Return the policy that the training starts from."""
-        return None if self.start is None else policy_file.load(self.start.removeprefix("policy:"))
+        return None if self.start is None else policy_file.load(self.start)
 
     def of_result(self) -> dict[str, Any]:
         """Return the options that change the result, for JSON; a resumed training has them again."""

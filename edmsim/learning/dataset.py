@@ -32,6 +32,7 @@ from edmsim.evaluation.compare import check_controllers
 from edmsim.evaluation.episode import HELD_BACK, is_part
 from edmsim.files import folder_of, locked, replacing
 from edmsim.numeric import whole_from, whole_within
+from edmsim.user_code import policy_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -228,6 +229,6 @@ def _check_names(controllers: Sequence[str]) -> None:
 
 def _plain(name: str) -> str:
     """Return a controller's name as one of a folder and a data set."""
-    short = name.removeprefix("policy:")
+    short = policy_of(name)
     short = Path(short).stem if short.endswith((".json", ".npz")) else short
     return re.sub(r"[^a-zA-Z0-9]+", "-", short).strip("-").lower()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
-from edmsim import models, user_code
+from edmsim import models
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.part_task import ACTIONS
@@ -25,6 +25,7 @@ from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, invalid_entry, one_of, refuses_wrong_types
 from edmsim.files import read_arrays, replacing
 from edmsim.learning import bandit_file
+from edmsim.user_code import named, policy_of
 
 FORMAT = "edmsim-policy-1"
 ACTION_MEANINGS = {
@@ -61,7 +62,7 @@ class Residual(BaseModel, extra="forbid", frozen=True):
         InputError
             If the name is unknown, or the law observes what no machine measures.
         """
-        known = self.law.partition(":")[0] in names() and user_code.named(self.law) is None
+        known = self.law.partition(":")[0] in names() and named(self.law) is None
         law = from_text(self.law) if known else None
         if law is None or isinstance(law, SeesTruth):
             laws = one_of(self.law, (name for name in names() if not isinstance(from_text(name), SeesTruth)))
@@ -271,6 +272,7 @@ _NO_FILE = "no such file: a policy is a .json and the .npz beside it"
 
 def locate(name: str) -> Path:
     """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``."""
+    name = policy_of(name)
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
         if name not in models.policies():
@@ -290,7 +292,7 @@ def load(name: str, env_id: str | None = None) -> Policy:
     Parameters
     ----------
     name : str
-        Either of its files, or a name under ``models/policies``.
+        Either of its files, or a name under ``models/policies``; the prefix ``policy:`` is optional.
     env_id : str, optional
         Environment of its training; by default any of edmsim's.
 

@@ -13,6 +13,7 @@ from edmsim.evaluation.compare import Figure, mean
 from edmsim.evaluation.episode import HELD_BACK, cut_job, engine_of
 from edmsim.learning.policy_file import locate
 from edmsim.runs import perform
+from edmsim.user_code import policy_of
 
 FIRST_SEED = HELD_BACK - 100_000
 """First seed of the machines that test a policy: comparisons use others, as their seeds must not choose a policy;
@@ -76,15 +77,14 @@ def accept(
 ) -> Verdict:
     """Compare a trained policy with its start, and replace it by its start if it is refused.
 
-    A refused policy moves to ``refused.json`` in the same folder. The start is ``policy:NAME`` or a file.
+    A refused policy moves to ``refused.json`` in the same folder. The start is a file or a name.
     """
-    named = start if start.startswith("policy:") else f"policy:{start}"
-    found = compare(env_id, f"policy:{file}", named, machines, watch)
+    found = compare(env_id, f"policy:{file}", f"policy:{policy_of(start)}", machines, watch)
     if not found.accepted:
         refused = file.with_name("refused.json")
         for ending in (".json", ".npz"):
             file.with_suffix(ending).replace(refused.with_suffix(ending))
-        first = locate(named.removeprefix("policy:"))
+        first = locate(start)
         for ending in (".json", ".npz"):
             shutil.copy(first.with_suffix(ending), file.with_suffix(ending))
     return found

@@ -155,7 +155,7 @@ def start_sb3(model: BaseAlgorithm, vec_env: VecEnv, policy: str | Policy) -> No
     >>> from edmsim.learning import start_sb3
     >>> start_sb3(model, vec_env, "policy:GapFeed-ppo")  # doctest: +SKIP
     """
-    policy_file = load(policy.removeprefix("policy:")) if isinstance(policy, str) else policy
+    policy_file = load(policy) if isinstance(policy, str) else policy
     network, wrapped = network_of(model), around(vec_env)
     _check(policy_file, network, wrapped)
     with torch.no_grad():

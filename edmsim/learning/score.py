@@ -19,6 +19,7 @@ from edmsim.evaluation.episode import Result, is_part
 from edmsim.learning import bandit_file, policy_file
 from edmsim.numeric import whole_from
 from edmsim.runs import RunTable
+from edmsim.user_code import policy_of
 
 if TYPE_CHECKING:
     from edmsim.screen import ScreenTable
@@ -64,7 +65,7 @@ def measure(
     ----------
     env_id : str
     policy : str
-        Either of its files, or a name under ``models/policies``.
+        Either of its files, or a name under ``models/policies``; the prefix ``policy:`` is optional.
     episodes : int
         Number of episodes, 2 or more.
     watch : callable, optional
@@ -80,9 +81,10 @@ def measure(
     whole_from("episodes", episodes, 2)  # one gives no mean with an error
     scores = []
     rivals, usual = measured_with(env_id)
+    controllers = [f"policy:{policy_of(policy)}", *rivals]
     for resolution in resolutions or usual:
         made_so_far = None if watch is None else partial(watch, f"{policy}, {resolution}")
-        results = run(env_id, [f"policy:{policy}", *rivals], episodes, resolution, made_so_far, table=table)
+        results = run(env_id, controllers, episodes, resolution, made_so_far, table=table)
         scores += [score(made, resolution) for made in results.values()]
     return [row._replace(controller="policy") if row.controller.startswith("policy:") else row for row in scores]
 

@@ -160,6 +160,8 @@ class Machine(SetUp):
         InputError
             If a name is unknown, a key is wrong or missing, or a setting cannot run.
         """
+        if "machine" in options:
+            raise InputError(f"the machine is the first argument: Machine.load({str(options['machine'])!r})")
         try:
             chosen = SetUpOptions.model_validate(options)
         except ValidationError as error:

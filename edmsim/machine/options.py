@@ -84,7 +84,8 @@ class Options(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _refuse_bytes(cls, value: Any) -> Any:
-        if isinstance(value, bytes | bytearray):  # pydantic would decode them
+        entries = value if isinstance(value, list | tuple | set | frozenset) else (value,)
+        if any(isinstance(entry, bytes | bytearray) for entry in entries):  # pydantic would decode them
             raise ValueError("must not be bytes: decode them to text")
         return value
 

@@ -13,6 +13,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from edmsim.machine.options import Choices
 from edmsim.numeric import Number
 
+BOILING_K = 373.15  # water at ambient pressure
+
 
 class Part(BaseModel):
     """A group of constants or choices that is read as a whole, and never changed."""

@@ -8,6 +8,8 @@ from edmsim.machine.options import Choices, SetUpOptions, bare_name, limits_of, 
 from edmsim.machine.parts import Constant, SetUp
 
 WINDOW_PULSES = 255  # pulses of a window: the cycle of the analyser that counts them (row T-40)
+AIR_SHARE = 0.9  # where more pulses are open than this, no metal is near the wire (ours)
+MOST_TIME_S = 1e9  # longest machine time, which is counted in ns: thirty years (ours: int64 holds ten times as much)
 WIRE_DIAMETER_UM = (20.0, 400.0)  # wire diameters of the field (thesis 1982, section 2.7.1)
 TENSION_N = (0.01, 300.0)  # ours: from 20 um copper to what breaks 400 um molybdenum
 LIMITS = limits_of(SetUpOptions)  # limits of the options of a set-up, by name

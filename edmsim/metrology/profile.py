@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from edmsim.geometry import Floats, Polyline, arc_lengths, left_of
 from edmsim.metrology.edges import edge_segments, metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
+from edmsim.program.arcs import ROUND_MM
 from edmsim.program.path import WireContour
 from edmsim.program.taper import Ruled
 
@@ -233,9 +234,6 @@ def corners(contour: WireContour, profile: ProfileError) -> list[CornerError]:
     return found
 
 
-_ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord tolerance and rounding (ours)
-
-
 @dataclass(frozen=True)
 class ElementError:
     """A line or arc of the nominal edge, and its error."""
@@ -293,14 +291,14 @@ def _shape(points: Floats) -> tuple[str, float | None]:
     picked = points[[0, len(points) // 2, -1]] if third == 0 else points[[0, third, 2 * third]]
     a, b, c = picked @ (1, 1j)
     cross = ((b - a).conjugate() * (c - a)).imag
-    if abs(cross) < _ROUND_MM * abs(c - a):
+    if abs(cross) < ROUND_MM * abs(c - a):
         return ("line", None) if _is_straight(points) else ("curve", None)
     centre = a + (abs(b - a) ** 2 * (c - a) - abs(c - a) ** 2 * (b - a)) / (2j * cross)
     radii = np.abs(points @ (1, 1j) - centre)
-    return ("arc", float(radii.mean())) if np.ptp(radii) < 2 * _ROUND_MM else ("curve", None)
+    return ("arc", float(radii.mean())) if np.ptp(radii) < 2 * ROUND_MM else ("curve", None)
 
 
 def _is_straight(points: Floats) -> bool:
     along = points - points[0]
     x, y = along[-1]
-    return bool(np.abs(along @ (-y, x)).max() < _ROUND_MM * np.hypot(x, y))
+    return bool(np.abs(along @ (-y, x)).max() < ROUND_MM * np.hypot(x, y))

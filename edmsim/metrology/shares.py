@@ -79,7 +79,7 @@ def share_stats(shares_um: Floats, error_um: Floats) -> dict[str, dict[str, floa
 
 
 _PATH = PLACES.index(PATH)
-_NEAR_MM = 1e-3  # the tangent at a point is that between places so far to its sides (ours)
+_TANGENT_MM = 1e-3  # the tangent at a point is that between places so far to its sides (ours)
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def table_error(
     """Return what the table contributes to a profile error, by its errors where the wire passes."""
     # the table is taken as it comes to rest there, backlash left out; before the contour lie `start_um` of path
     line = Polyline(contour.nominal_mm, contour.closed)
-    towards_left = left_of(line.tangent(profile.s_mm, _NEAR_MM))
+    towards_left = left_of(line.tangent(profile.s_mm, _TANGENT_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
     points_um = profile.points_mm * 1e3
     way = shapely.LineString(contour.points_um)

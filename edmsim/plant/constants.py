@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from edmsim.machine import setting
 from edmsim.machine.machine import Machine, mjcf_version
-from edmsim.machine.parts import Part
+from edmsim.machine.parts import BOILING_K, Part
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
@@ -18,7 +18,6 @@ from edmsim.plant.gap.debris import Jets, jets, kerf_jets
 from edmsim.plant.gap.generator import crater_um3, switched_off, timing
 from edmsim.plant.gap.water import (
     AMBIENT_PA,
-    BOILING_K,
     DENSITY_KG_M3,
     face_Pa,
     permittivity_ratio,

@@ -51,6 +51,7 @@ def rounding_of(blocks: Sequence[Block], units: Units) -> Rounding:
     return Rounding(max((mm for mm in written if mm <= COARSEST_MM * (1 + 1e-9)), default=0.0))
 
 
+ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord tolerance and rounding (ours)
 CHORD_TOLERANCE_UM = 1.0  # between a curve and its chords (ours: below the 2 um step of the axes, row T-16)
 
 

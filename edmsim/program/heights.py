@@ -167,7 +167,8 @@ def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:
 
 def _polygon(value: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], number: int) -> shapely.Polygon:
     try:
-        polygon = shapely.Polygon(shape(value) if isinstance(value, Mapping) else value)
+        with np.errstate(invalid="ignore"):  # of a corner that is not a number, which is refused below
+            polygon = shapely.Polygon(shape(value) if isinstance(value, Mapping) else value)
     except (TypeError, ValueError, LookupError, shapely.errors.ShapelyError) as error:
         raise InputError(f"area {number} of another height is not a polygon: {error}") from None
     if not (polygon.is_valid and polygon.area > 0 and np.isfinite(polygon.bounds).all()):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.program.arcs import CHORD_TOLERANCE_UM
+from edmsim.program.arcs import CHORD_TOLERANCE_UM, ROUND_MM
 from edmsim.program.outline import Corners, Outline, Side, Taper
 
 Stop = tuple[int, float]  # at which point of a way the wire waits, and how many seconds
@@ -396,9 +396,6 @@ def _pieces(outline: Outline) -> list[_Piece]:
     return found
 
 
-_ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord tolerance and rounding (ours)
-
-
 def _circle(points: Floats) -> tuple[Floats, float, float] | None:
     """Return centre, radius and swept angle of an arc's points; None if they lie on none."""
     system = np.column_stack([points, np.ones(len(points))])
@@ -407,7 +404,7 @@ def _circle(points: Floats) -> tuple[Floats, float, float] | None:
     centre = solved[:2] / 2
     radius = math.sqrt(max(float(solved[2] + centre @ centre), 0.0))
     off = points - (centre + middle)
-    if not 0 < radius < 1e5 or np.abs(np.hypot(*off.T) - radius).max() > _ROUND_MM or _is_straight(points):
+    if not 0 < radius < 1e5 or np.abs(np.hypot(*off.T) - radius).max() > ROUND_MM or _is_straight(points):
         return None
     angles = np.unwrap(np.arctan2(off[:, 1], off[:, 0]))
     steps = np.diff(angles)

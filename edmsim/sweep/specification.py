@@ -20,7 +20,7 @@ from edmsim.errors import InputError, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_toml
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
-from edmsim.machine.options import USUAL_MACHINE, TextOrPath, as_text, bare_name
+from edmsim.machine.options import USUAL_MACHINE, TextOrPath, as_text, bare_name, kind_of
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
 from edmsim.numeric import WholeNumber, listed, plain, whole
@@ -143,8 +143,9 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         except ValidationError as error:
             first, (name, reason) = error.errors()[0], refused_entry(error)
             if first["type"] == "extra_forbidden":
-                known = ", ".join(cls.model_fields)
-                raise InputError(f"a sweep has no '{name}'; it has {known}; options stand under [settings]") from None
+                keys = cls.model_fields
+                known = one_of(name, keys, [*keys, "with options under [settings] and [grid]"])
+                raise InputError(f"a sweep has no '{name}'; it has {known}") from None
             raise InputError(f"{name} cannot be {first['input']!r}: {reason}") from None
 
     @model_validator(mode="before")
@@ -194,6 +195,9 @@ class Specification(BaseModel, extra="forbid", frozen=True):
                 raise InputError(f"{name} is given twice: in one of settings, grid and sobol")
             if name == "seed":
                 raise InputError("seed is not a setting of a sweep: give seeds, a number of them or a list")
+        for name, value in self.settings.items():
+            if isinstance(value, list) and not _takes_several(_option(name, self), self):
+                raise InputError(f"{name} is one value under [settings], not {value}: several to try go under [grid]")
         if self.environment and (self.machine_samples or self.sample_only):
             raise InputError("an environment draws its machines itself (randomise): machine_samples is for programs")
         if self.environment and self.recordings:
@@ -344,9 +348,17 @@ def _option(name: str, spec: Specification) -> str:
     found = [option for option in CutSettings.model_fields if plain in (option, bare_name(option))]
     if not found or found[0] == "constants":
         spelt = [bare_name(option).replace("_", "-") for option in CutSettings.model_fields if option != "constants"]
-        known = one_of(name.replace("_", "-"), spelt, [*spelt, "and constants, as gap.critical_um"])
-        raise InputError(f"a cut has no option '{name}'; there are: {known}")
+        listed_by = ["those of edmsim cut --help", "and constants, as gap.critical_um"]
+        known = one_of(name.replace("_", "-"), spelt, listed_by)
+        raise InputError(f"a cut has no option '{name}'; there are {known}")
     return found[0]
+
+
+def _takes_several(option: str, spec: Specification) -> bool:
+    """Say whether a setting can be a list, as the heights of a cut, or the ranges of an environment."""
+    if spec.environment:
+        return option != "controller"
+    return option in CutSettings.model_fields and "[" in kind_of(CutSettings.model_fields[option])
 
 
 def checked(task: str, combination: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-LEVEL = 0.95  # level of every interval in the table
+from edmsim.evaluation.compare import CONFIDENCE
 
 Simulated = float | Sequence[float] | NDArray[np.float64]
 """What a row is built from: a number, or the values of independent seeds, whose mean and interval it shows."""
@@ -117,7 +117,7 @@ def mean_and_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[fl
     n = data.size
     if n < 2:
         return float(data.mean()), math.inf
-    return float(data.mean()), float(student.ppf(0.5 + LEVEL / 2, n - 1) * data.std(ddof=1) / math.sqrt(n))
+    return float(data.mean()), float(student.ppf(0.5 + CONFIDENCE / 2, n - 1) * data.std(ddof=1) / math.sqrt(n))
 
 
 def _central(simulated: Simulated, uncertainty: float = 0.0) -> tuple[float, float]:

@@ -7,10 +7,11 @@ import numpy as np
 
 from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, cut_straight
+from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.machine.machine import Machine
 from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
 from edmsim.validation.lag import LAG
-from edmsim.validation.rows import LEVEL, Check, Row, differences, mean_and_interval
+from edmsim.validation.rows import Check, Row, differences, mean_and_interval
 from edmsim.validation.setups import feed_within
 
 MACHINES_PER_SEED = 3  # machines drawn (ours: with eight seeds two dozen, of which the outermost bound the interval)
@@ -48,7 +49,7 @@ def ranges(seeds: Sequence[int]) -> list[Row]:
 def _row(
     name: str, source: str, low: float, high: float, values: Sequence[float], unit: str = "um", note: str = PAGE
 ) -> Row:
-    least, middle, most = np.quantile(values, [0.5 - LEVEL / 2, 0.5, 0.5 + LEVEL / 2])
+    least, middle, most = np.quantile(values, [0.5 - CONFIDENCE / 2, 0.5, 0.5 + CONFIDENCE / 2])
     return Row.band("ranges", name, source, low=low, high=high, simulated=float(middle),
                     uncertainty=float(most - least) / 2, unit=unit, note=note)
 

@@ -71,6 +71,8 @@ def main() -> None:
     parser.add_argument("--watch", type=float, default=180.0, metavar="S", help="time to cut on a new machine")
     parser.add_argument("--out", type=Path, required=True, help="folder for histories and the policy")
     arguments = parser.parse_args()
+    if arguments.machines < 2:
+        parser.error(f"--machines {arguments.machines}: what machines have in common shows on 2 or more")
     arguments.out.mkdir(parents=True, exist_ok=True)
     table = RunTable(arguments.out / "histories.jsonl", {"settings": SETTINGS.model_dump()})
     seeds = [FIRST_SEED + k for k in range(arguments.machines)]

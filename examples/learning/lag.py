@@ -29,6 +29,7 @@ import torch
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import make_family
 from edmsim.evaluation.episode import Episode
+from edmsim.files import replacing
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.policy_file import write_policy
 
@@ -116,9 +117,10 @@ def record(seed: int, file: Path, student: Any = None) -> None:
             break
     across_um_s, lag_um_s, seconds_, cut_um = np.array(sums, np.float32).T
     rows = np.array(recorder.rows[: len(sums)])
-    np.savez_compressed(
-        file, rows=rows, across_um=across_um_s / seconds_, lag_um=lag_um_s / seconds_, cut_um=cut_um
-    )
+    with replacing(file) as partial, partial.open("wb") as opened:
+        np.savez_compressed(
+            opened, rows=rows, across_um=across_um_s / seconds_, lag_um=lag_um_s / seconds_, cut_um=cut_um
+        )
 
 
 SCALE = {
@@ -324,6 +326,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True, help="folder for recordings and policies")
     arguments = parser.parse_args()
+    if arguments.machines < 2 or min(arguments.rounds, arguments.epochs) < 1:
+        parser.error("give 2 machines or more, one of which tests the student, and 1 round and epoch or more")
     torch.set_num_threads(1)
     count = arguments.machines
     options = f"--machines {count} --rounds {arguments.rounds} --epochs {arguments.epochs} --seed {arguments.seed}"

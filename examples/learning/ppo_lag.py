@@ -112,6 +112,8 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=0.1, help="limit on the mean cost of an episode")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     args = parser.parse_args()
+    if args.steps < NUM_ENVS * STEPS:
+        parser.error(f"--steps {args.steps}: one rollout has {NUM_ENVS * STEPS} decisions; give as many or more")
     args.out.parent.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # more threads do not help such small networks
     torch.manual_seed(args.seed)

@@ -55,6 +55,8 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20_480, help="decisions, all sub-environments together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     arguments = parser.parse_args()
+    if arguments.steps < NUM_ENVS * STEPS:
+        parser.error(f"--steps {arguments.steps}: one rollout has {NUM_ENVS * STEPS} decisions; give as many or more")
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # more threads do not help such small networks
     vec_env = make_sb3_vec_env(

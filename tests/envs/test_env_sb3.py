@@ -1,5 +1,6 @@
 """The adapter for stable-baselines3."""
 
+import re
 from functools import partial
 
 import gymnasium as gym
@@ -176,6 +177,10 @@ def test_gymnasiums_vector_has_the_attributes_of_its_sub_environments_too():
         native.set_attr("note", [1, 2, 3])
 
 
-def test_it_takes_edmsims_environments_only():
-    with pytest.raises((InputError, TypeError)):
-        make_sb3_vec_env("CartPole-v1", 2)
+@pytest.mark.parametrize(("env_id", "said"), [
+    ("CartPole-v1", "'CartPole-v1'; choose one of edmsim/GapFeed-v2"),
+    ("edmsim/GapFeed-v1", "did you mean 'edmsim/GapFeed-v2'?"),
+])
+def test_it_takes_edmsims_environments_only(env_id, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        make_sb3_vec_env(env_id, 2)

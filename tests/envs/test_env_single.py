@@ -237,6 +237,7 @@ def test_step_before_reset_and_after_the_end(make_env):
     [
         (np.array([np.nan], np.float32), "finite"),
         (np.array([np.inf], np.float32), "finite"),
+        ([1e300], "not [1e+300]"),
         (np.zeros(2, np.float32), "shape (1,), not (2,)"),
         (np.float32(0), "shape (1,), not ()"),
         ("fast", "numbers"),

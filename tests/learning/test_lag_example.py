@@ -1,6 +1,7 @@
 """The example that finds out how far a wire lags: its schedule, its student, its recordings and its policy."""
 
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,21 @@ FILE = Path(__file__).parents[2] / "examples" / "learning" / "lag.py"
 @pytest.fixture(scope="module")
 def lag(load_script):
     return load_script(FILE)
+
+
+@pytest.mark.parametrize(("example", "words", "said"), [
+    ("lag", ("--machines", "1"), "2 machines or more"), ("lag", ("--rounds", "0"), "1 round and epoch or more"),
+    ("adapt", ("--machines", "1"), "--machines 1: "), ("ppo", ("--steps", "1023"), "one rollout has 1024 decisions"),
+    ("ppo_lag", ("--steps", "0"), "one rollout has 1024 decisions"),
+])  # fmt: skip
+def test_too_little_to_learn_from_is_refused_by_all_examples(
+    load_script, tmp_path, monkeypatch, capsys, example, words, said
+):
+    monkeypatch.setattr(sys, "argv", [example, *words, "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit):
+        load_script(FILE.with_name(f"{example}.py")).main()
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def way(lag, turn_deg, step_um=4.0, from_um=-250.0):

@@ -234,6 +234,8 @@ def test_with_changes_one_thing_and_checks_it():
 def test_with_refuses_what_it_does_not_know():
     with pytest.raises(InputError, match="heigth_mm"):
         Machine.load().with_(heigth_mm=40)
+    with pytest.raises(InputError, match="the machine is the first argument"):
+        Machine.load(machine="production")
     with pytest.raises(ValueError, match="frozen"):
         Machine.load().height_mm = 3
 

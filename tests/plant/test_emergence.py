@@ -9,7 +9,7 @@ from edmsim.controllers import from_text, make
 from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap.water import BOILING_K
+from edmsim.machine.parts import BOILING_K
 from edmsim.validation.breakage import APPROACH_S, HELD_SHARE, HOLD_S, break_limit_A, sato_rig
 from edmsim.validation.pulse_ratios import drum_um
 from edmsim.validation.quality import AFTER_UM, BEFORE_UM, corner_rig, cut_corner

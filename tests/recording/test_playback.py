@@ -250,6 +250,7 @@ def test_without_a_graphics_driver_screenshots_say_so(recording, tmp_path, monke
     monkeypatch.setenv("WGPU_BACKEND", "dx12" if sys.platform != "win32" else "metal")  # no such thing here
     with pytest.raises(InputError, match="Vulkan driver"):
         take_screenshots(recording, tmp_path / "shots")
+    assert not (tmp_path / "shots").exists()
 
 
 @pytest.mark.slow

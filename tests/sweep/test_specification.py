@@ -74,8 +74,11 @@ def test_seeds_of_environments_are_those_held_back():
 @pytest.mark.parametrize(("options", "named"), [
     ({}, "either program or environment"),
     ({"program": "none.ngc"}, "none.ngc"),
-    ({"colour": "red"}, "colour"),
-    ({"grid": {"heigt": 5}}, "wire, generator, height, tension, t-on, t-period,"),
+    ({"colour": "red"}, "under [settings]"), ({"setings": {}}, "did you mean 'settings'?"),
+    ({"grid": {"colour": 5}}, "a cut has no option 'colour'; there are those of edmsim cut --help, and constants"),
+    ({"grid": {"heigt": 5}}, "did you mean 'height'?"),
+    ({"settings": {"height": [5, 10]}}, "height is one value under [settings], not [5, 10]: several to try go under"),
+    ({"settings": {"gap.critical_um": [4, 5]}}, "[grid]"),
     ({"grid": {"wire_spede": 5}}, "did you mean 'wire-speed'?"),
     ({"grid": {"seed": [1, 2]}}, "give seeds"),
     ({"grid": {"height_mm": []}}, "no value"),
@@ -104,7 +107,8 @@ def test_what_is_no_sweep_is_refused_in_one_line(line, options, named):
 @pytest.mark.parametrize(("options", "named"), [
     ({"machine_samples": 2}, "randomise"), ({"recordings": "all"}, "no recordings"),
     ({"environment": ["edmsim/GapFeed-v2"] * 2}, "environment has 'edmsim/GapFeed-v2' twice"),
-    ({"settings": {"colour": 1}}, "colour"), ({"settings": {"gap.critical_um": 5}}, "randomise"),
+    ({"settings": {"colour": 1}}, "colour"), ({"settings": {"controller": ["counts"]}}, r"under \[grid\]"),
+    ({"settings": {"gap.critical_um": 5}}, "randomise"),
     ({"grid": {"weights.colour": [1]}}, "weights has no entry 'colour'"),
     ({"grid": {"machine.wire": ["brass-200"]}, "settings": {"machine": "production"}}, "give one of them"),
 ])  # fmt: skip

@@ -213,6 +213,7 @@ class Session:
         self._leaving = False
         self._wait_until_ns: int | None = None
         self._waits_for_rest = False
+        self._input_ended = False
         self._program_until_ns: int | None = None
         self._buffer = line_input.InputBuffer(streams=rig.computer.streams)
         self._line = line_input.Line(self._buffer, self._transmit)
@@ -253,8 +254,9 @@ class Session:
                 for character in self._heard(bytes([self._pending.pop(0)])):
                     self._take(character)
             elif self._screen.at_end:
-                self._waits_for_rest = self._rig.moving
-                self._leaving = not self._rig.moving
+                if not self._ends_last_line():
+                    self._waits_for_rest = self._rig.moving
+                    self._leaving = not self._rig.moving
             else:
                 self._prompt()
                 self._pending += self._screen.read(None)
@@ -275,9 +277,17 @@ class Session:
                 self._advance()
             self._screen.refresh(self._operation)
             self._receive(min(max(due_s, 0.0), _IDLE_S))
-            if self._screen.at_end and not self._pending and not self._rig.moving and not self._waiting:
-                self._leaving = True
+            if self._screen.at_end and not self._pending and not self._waiting:
+                self._leaving = not (self._ends_last_line() or self._rig.moving)
         self._end_line()
+
+    def _ends_last_line(self) -> bool:
+        """End a script's last line where it has no end of its own, as files may; say whether it was done."""
+        ends = bool(self._typed) and not self._person and not self._input_ended
+        self._input_ended = True
+        if ends:
+            self._pending.append(line_input.RETURN)
+        return ends
 
     def _receive(self, timeout_s: float) -> None:
         """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten."""
@@ -455,7 +465,7 @@ class Session:
             self._prompted = False
 
     def _end_line(self) -> None:
-        """Close the dialogue; a line without its end is not executed (row T-53)."""
+        """Close the dialogue; a person's line without its end is not executed (row T-53)."""
         self._clear_line()
         if self._typed:
             self.refused += 1

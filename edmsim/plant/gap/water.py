@@ -5,7 +5,6 @@ import math
 REFERENCE_K = 293.15  # temperature for which a machine file gives permittivity and viscosity
 DENSITY_KG_M3 = 998.0  # water at 20 C
 AMBIENT_PA = 101_325.0  # pressure of the water around the kerf, and behind the wire, where the gas goes
-BOILING_K = 373.15  # water at ambient pressure
 
 
 def permittivity_ratio(temperature_K: float) -> float:

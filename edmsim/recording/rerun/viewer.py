@@ -265,9 +265,9 @@ def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, .
         Vulkan driver.
     """
     end_s = Playback(recording).end_s
-    target = make_writable(folder)
     written = []
     with _headless(recording) as client:
+        target = make_writable(folder)  # not earlier: without a driver an empty folder would be left
         time.sleep(_OPENED_S)
         for share in shares:
             client.set_time(TIME, duration=share * end_s, play_state="paused")

@@ -288,7 +288,7 @@ def steps_of(
 
 
 MOST = 300  # most events of a kind that are listed; of more, evenly spaced ones
-_NEAR_MM = 0.5  # the wire passes a corner of the drawing at most this far away
+_AT_CORNER_MM = 0.5  # the wire passes a corner of the drawing at most this far away
 _LEVELS = {words.report: words.level for words in WORDS.values()}
 _ALARM = WORDS[StopCause.PERSISTENT_SHORT].report
 
@@ -374,7 +374,7 @@ def _corners(scene: Scene, place: Floats) -> list[Event]:
     for corner in scene.corners:
         away = np.hypot(*(place / 1000.0 - (corner.x_mm, corner.y_mm)).T)
         nearest = int(away.argmin())
-        if away[nearest] <= _NEAR_MM:
+        if away[nearest] <= _AT_CORNER_MM:
             error = f", error {corner.error_um:+.1f} µm" if np.isfinite(corner.error_um) else ""
             where = _at(np.array([corner.x_mm, corner.y_mm]) * 1000.0)
             found.append(Event(nearest, "INFO", f"corner of {corner.turn_deg:+.0f}° at {where}{error}"))

@@ -177,11 +177,13 @@ def test_a_new_move_while_moving_is_refused_and_the_move_goes_on(operate):
     assert "READY   X 32520 Y 32500 um" in session.lines
 
 
-def test_a_line_without_its_end_is_not_executed(rig):
-    screen = Script(b"X 10\nX 20")
-    assert Session(rig, screen, Interrupts()).run() == 2
-    assert rig.place_um == (32_510.0, 32_500.0)
-    assert b"the last line has no end; nothing was done" in screen.printed
+@pytest.mark.parametrize(("speed", "person", "place_um"), [(None, False, 32_520.0), (1e4, False, 32_520.0),
+                                                           (1e4, True, 32_500.0)])  # fmt: skip
+def test_the_end_of_a_script_ends_its_last_line_and_a_lost_terminal_does_not(rig, speed, person, place_um):
+    screen = Script(b"STATUS\nX 20")
+    assert Session(rig, screen, Interrupts(), speed=speed, person=person).run() == 0
+    assert rig.place_um == (place_um, 32_500.0)
+    assert (b"the last line has no end; nothing was done" in screen.printed) is person
 
 
 def test_return_and_line_feed_together_end_one_line(rig):
