@@ -239,9 +239,9 @@ def print_values(search: Search, each: list[Gains], lost: np.ndarray) -> None:
     setting = setting.astype(int)
     weight = np.sqrt(np.repeat([one.own_mm2_min for one in each], [len(one.segments) for one in each]))
     design = np.column_stack([np.ones(len(setting)), has[setting]]) * weight[:, None]
-    fitted, *_ = np.linalg.lstsq(design, np.clip(lead, -MOST_LEAD, MOST_LEAD) * weight)
-    left = np.clip(lead, -MOST_LEAD, MOST_LEAD) * weight - design @ fitted
-    error = left.std() * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+    weighted = np.clip(lead, -MOST_LEAD, MOST_LEAD) * weight
+    fitted, *_ = np.linalg.lstsq(design, weighted)
+    error = (weighted - design @ fitted).std() * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
     segments = np.bincount(setting, minlength=len(settings))
     for k, (name, value) in enumerate(values):
         broke = 100 * (has[:, k] @ lost) / max(has[:, k] @ segments, 1)

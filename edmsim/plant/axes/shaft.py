@@ -77,7 +77,7 @@ def _settle(current: float, voltage: float, emf: float, motor: Any, dt: float) -
 
 @compiled
 def _freewheel(row: Any, motor: Any, emf: float, dt: float) -> float:
-    """Current of a motor whose bridge is off: through the diodes against the supply, until there is none."""
+    """Current of a motor whose bridge is off: through the diodes against the supply, until it is 0."""
     drop = row.link_V + 2.0 * motor.diode_V
     if row.current_A == 0.0:
         return _settle(0.0, math.copysign(drop, emf), emf, motor, dt) if abs(emf) > drop else 0.0
