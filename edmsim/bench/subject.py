@@ -68,7 +68,8 @@ def straight_cut(settle: int, **options: str) -> Callable[[], None]:
 
 def gap_feed() -> str:
     """Return the id of the environment in the revision's own version, the highest it has."""
-    return max(name for name in gymnasium.registry if name.startswith("edmsim/GapFeed-v"))
+    names = [name for name in gymnasium.registry if name.startswith("edmsim/GapFeed-v")]
+    return max(names, key=lambda name: int(name.rpartition("v")[2]))
 
 
 def fleet(num_envs: int, settle: int, threads: int = 1) -> Callable[[], object]:

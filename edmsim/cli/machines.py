@@ -148,6 +148,8 @@ def gap(
                          "edmsim gap --help")
     if serial is None and speed is not None:
         raise InputError("--speed is that of ports: give --serial BOARD")
+    if not is_run and (seconds is not None or feed is not None):
+        raise InputError("--seconds and --feed are those of a run: give --serial BOARD, --samples or --log FILE")
     if serial is not None and feed is not None:
         raise InputError("--feed is that of a run without ports: with --serial the axes' port moves the wire")
     sensed = {"rate_Hz": rate, "low_pass_Hz": low_pass, "noise_V": noise, "noise_A": current_noise}

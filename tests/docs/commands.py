@@ -32,7 +32,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "console 1982": ("--resolution", "fast"), "console servo": (), "console positioner": (),
     "measure table": ("--runs", "2"), "measure guides": ("--height", "3", "--quiet"),
     "sweep run": ("--processes", "1"), "sweep show": (), "tune controller": ("--trials", "1", "--seeds", "1"),
-    "tune technology": (), "tune drive": (), "gap": ("--seconds", "0.2"),
+    "tune technology": (), "tune drive": (), "gap": (),
 }  # fmt: skip
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 
@@ -102,7 +102,8 @@ def run(words: list[str], page: str) -> int:
     arguments = list(words[1:])
     if "--help" not in arguments:
         arguments += SHORT[" ".join(arguments[: 1 + (arguments[0] in cli.COMMANDS)])]
-    if "--film" in arguments:
+    is_gap_run = arguments[0] == "gap" and {"--serial", "--samples", "--log"}.intersection(arguments)
+    if "--film" in arguments or is_gap_run:
         arguments += ["--seconds", "0.5"]
     if arguments[0] == "cut":
         seconds = CUT_S

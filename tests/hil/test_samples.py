@@ -235,6 +235,7 @@ def test_a_table_of_delays(tmp_path, monkeypatch, edmsim):
         (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
         (("--samples", "a.csv"), "written as .parquet .wav"),
         (("--samples", "a.wav", "--speed", "3"), "--speed is that of ports"),
+        (("--delays", "a.csv", "--seconds", "3"), "--seconds and --feed are those of a run"),
         (("--log", "b.csv", "--current-noise", "0.2"), "give the file with --samples"),
         (("--samples", "a.wav", "--log-rate", "5"), "give the file with --log"),
         (("--serial", "spark", "--feed", "3"), "--feed is that of a run without ports"),
