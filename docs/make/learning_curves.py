@@ -85,7 +85,7 @@ def _short(name: str) -> str:
 def draw_task(task: str, curves: list[np.ndarray]) -> None:
     """Draw every seed thinly, their median and a task's lines.
 
-    What is less than is reached after a third of the training is learned soon, and left out.
+    What is less than the least after a third of the training is learned soon, and left out.
     """
     figure, axes = plt.subplots(figsize=(6.4, 3.2))
     decisions, values = on_grid(curves)
@@ -93,7 +93,7 @@ def draw_task(task: str, curves: list[np.ndarray]) -> None:
     _draw_seeds(axes, decisions, values)
     for (label, height), style in zip(lines.items(), ("-", "--", ":"), strict=True):
         axes.axhline(height, color=MUTED, lw=1.0, ls=style, label=label)
-    low, high = min(*lines.values(), median[len(median) // 3]), max(*lines.values(), values.max())
+    low, high = min(*lines.values(), median[len(median) // 3 :].min()), max(*lines.values(), values.max())
     axes.set_xlim(0, None)
     axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     rows = 1 if sum(map(len, lines)) < LEGEND_LETTERS else 2
