@@ -106,7 +106,7 @@ def dataset(
 USUAL_EPISODES = 20  # held-back episodes that a policy is measured on at every resolution (ours)
 
 
-@takes("resolution", resolution=Unset("Default: that of the environment; for a policy all, or fast in Part and shifts."))
+@takes("resolution", resolution=Unset("Default: that of the environment; for a policy all, fast in Part and shifts."))
 def evaluate(
     env_ids: Annotated[
         list[str] | None,
