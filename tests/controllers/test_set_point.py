@@ -187,8 +187,8 @@ def test_a_period_of_0_is_the_operators_and_not_that_of_pulses_that_wait_to_igni
     controller = law_on_production_machine(name, period_us=0.0, slow_factor=1.0)
     named = law_on_production_machine(name, period_us=production_machine().t_period_us, slow_factor=1.0)
     for k in range(3):
-        seen = observed((k + 1) * WINDOW_S)
-        assert controller.update(seen) == named.update(seen)
+        measured = observed((k + 1) * WINDOW_S)
+        assert controller.update(measured) == named.update(measured)
 
 
 @pytest.mark.parametrize(("name", "parameters"), [
