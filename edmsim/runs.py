@@ -60,17 +60,17 @@ class RunTable:
     ) -> None:
         file = None if file is None else Path(file)
         self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
-        self._file, self._of, self._lock = file, of, threading.Lock()
+        self.file, self._of, self._lock = file, of, threading.Lock()
         if file is not None and file.exists():
             self.keep(self.rows.values())  # without a last line that was cut off
 
     def add(self, row: Row) -> None:
         """Save a finished run; one with the same id is replaced."""
         with self._lock:
-            if self._file is not None:
-                if not self._file.exists():
+            if self.file is not None:
+                if not self.file.exists():
                     self.keep(self.rows.values())
-                with self._file.open("ab") as opened:
+                with self.file.open("ab") as opened:
                     opened.write(json.dumps(row).encode() + b"\n")
                     opened.flush()
                     os.fsync(opened.fileno())
@@ -79,9 +79,9 @@ class RunTable:
     def keep(self, rows: Iterable[Row]) -> None:
         """Replace all rows by these."""
         self.rows = {row["id"]: row for row in rows}
-        if self._file is not None:
+        if self.file is not None:
             lines = [*([] if self._of is None else [{"of": self._of}]), *self.rows.values()]
-            with replacing(self._file) as partial:
+            with replacing(self.file) as partial:
                 partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 

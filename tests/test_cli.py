@@ -336,5 +336,16 @@ def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
     named = f"policy:{tmp_path / 'mine.json'}"
     at_one = edmsim("evaluate", "--policy", named, "--seeds", 2, "--resolution", "fine", "--json")
     assert [row["resolution"] for row in json.loads(at_one.out)[0]["scores"]] == ["fine"]
-    assert_refused(edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 1), "2 or more")
+    assert_refused(edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 1), "seeds is 1", "2 or more")
     assert_refused(edmsim("evaluate"), "name an environment, or a policy")
+    assert_refused(edmsim("evaluate", "all", "edmsim/GapFeed-v2"), "all names every environment")
+
+
+def test_a_policy_of_a_shift_is_scored_again_where_its_training_scored_it(edmsim, monkeypatch):
+    from edmsim.learning import score as scoring
+
+    row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
+    monkeypatch.setattr(scoring, "run", lambda *_, **__: {"policy:mine": []})
+    monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))
+    outcome = edmsim("evaluate", "--policy", "MaxRateShift-adapt", "--seeds", 2, "--json")
+    assert [row["resolution"] for row in json.loads(outcome.out)[0]["scores"]] == ["fast"]

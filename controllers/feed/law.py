@@ -539,7 +539,7 @@ class Corners(CornerRule):
     # wire by `lead_um`, and after a corner this deflection points off the path. The offset compensates it and fades
     # out as the wire turns into the new direction.
     pull_N_m: float = 0.0
-    fade_um: float = 100.0  # length of path after a corner on which this compensation falls to 1/e
+    fade_um: float = 100.0  # length of path after a corner on which this compensation falls to 1/e; 0 for none
 
     def __post_init__(self) -> None:
         self.start_um = self._lead_um = 0.0
@@ -564,6 +564,8 @@ class Corners(CornerRule):
 
     def offset(self, path_um: float) -> float:
         """Return the offset at a place of the path, to its left."""
+        if not self.fade_um:
+            return self.offset_um
         behind_um = path_um - self._corners_um
         passed = behind_um >= 0.0
         lateral_um = self._lead_um * np.sin(self._turns_rad[passed]) * np.exp(-behind_um[passed] / self.fade_um)

@@ -135,7 +135,13 @@ class RisingPeriod(PeriodRule):
     slow_factor: float = 2.0  # first period of a new wire, divided by the final one
 
     cutting_s: float = field(default=0.0, init=False)  # since the wire was threaded
-    first_us: float = field(default=0.0, init=False)  # with which the leg began; 0 before the first window
+
+    def __post_init__(self) -> None:
+        self._usual_us = self.period_us  # 0 where neither a period nor a set-up is known
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Read the operator's period."""
+        self._usual_us = self.period_us or machine.t_period_us
 
     def fresh_wire(self) -> None:
         """Begin the slow approach to the period again, with the next wire."""
@@ -145,13 +151,11 @@ class RisingPeriod(PeriodRule):
         """Return the period of the next window."""
         self.cutting_s += window.duration_s
         left = max(1.0 - self.cutting_s / self.rise_s, 0.0) if self.rise_s else 0.0
-        return None, self.next_us(window, law) * float(max(self.slow_factor, 1.0) ** left)
+        return None, self.next_us(window, law) * float(max(self.slow_factor, 1.0) ** left) or None
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period after the slow approach."""
-        if not self.first_us:
-            self.first_us = round(window.duration_s * 1e6 / WINDOW_PULSES, 1)
-        return self.period_us or self.first_us
+        return self._usual_us
 
 
 @dataclass
@@ -183,7 +187,7 @@ class HoldHeat(RisingPeriod):
     def begin(self) -> None:
         """Begin a leg."""
         super().begin()
-        self.log_us, self.hold = math.log(max(self.period_us, 1.0)), self.hold_share
+        self.log_us, self.hold = math.log(max(self._usual_us, 1.0)), self.hold_share
 
     def fresh_wire(self) -> None:
         """Lower the target after a break."""
@@ -405,6 +409,7 @@ class Climb(SetPoint):
 
 LEAST_HOLD, MOST_HOLD = 0.02, 3.0
 """Ends of what is held, in parts of the critical flux by the files' constants (ours: beyond any limit seen)."""
+MOST_GROWTH = 50.0  # greatest growth of its logarithm at once (ours: beyond both ends; its power is finite)
 LEVELS = np.linspace(math.log(LEAST_HOLD), math.log(MOST_HOLD), 168)
 """Logarithms of the fluxes that may be held, and at which wires may break: 3 % apart."""
 HAZARD_PER_S = 1.0 / 60.0  # hazard at the flux that is called the wire's limit
@@ -441,7 +446,7 @@ class ClimbingHold(HoldHeat):
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the flux to what is held; the hold stays where the period is at its shortest."""
         if self.log_us > math.log(max(1.05 * self.shortest_us, 1.0)) or self.hold < 1.2 * _near(law):
-            self.hold = min(self.hold * math.exp(self.pace_per_s * window.duration_s), MOST_HOLD)
+            self.hold = _grown(self.hold, self.pace_per_s * window.duration_s)
         return super().next_us(window, law)
 
     def fresh_wire(self) -> None:
@@ -479,10 +484,12 @@ class AdaptiveHold(HoldHeat):
     level: float | None = field(default=None, init=False)  # its slow mean now; None where nothing was seen of a wire
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._threading_s = 0.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in how long the machine threads."""
+        super().set_up(machine, points_um, start_um)
         self._threading_s = machine.base.table.threading_s.value
 
     def begin(self) -> None:
@@ -543,6 +550,11 @@ class AdaptiveHold(HoldHeat):
         super().fresh_wire()
         self.level = None
         self.hold = self.best_hold()
+
+
+def _grown(hold: float, by: float) -> float:
+    """Return what is held when its logarithm has grown, at most `MOST_HOLD`."""
+    return min(hold * math.exp(min(by, MOST_GROWTH)), MOST_HOLD)
 
 
 def _near(law: ServoLaw) -> float:
@@ -644,7 +656,7 @@ class GuardedHold(AdaptiveHold):
     def best_hold(self) -> float:
         """Return what the ramp has reached, or the flux of the largest expected return."""
         if self.ramp_hold and self.wire_s < self.ramp_s:
-            return min(self.ramp_hold * math.exp(self.ramp_per_s * self.wire_s), MOST_HOLD)
+            return _grown(self.ramp_hold, self.ramp_per_s * self.wire_s)
         return super().best_hold()
 
     def excess(self, near: float) -> float:

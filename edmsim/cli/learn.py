@@ -106,7 +106,7 @@ def dataset(
 USUAL_EPISODES = 20  # held-back episodes that a policy is measured on at every resolution (ours)
 
 
-@takes("resolution", resolution=Unset("Default: that of the environment; for a policy all."))
+@takes("resolution", resolution=Unset("Default: that of the environment; for a policy all, fast in Part and shifts."))
 def evaluate(
     env_ids: Annotated[
         list[str] | None,
@@ -141,7 +141,7 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from edmsim.evaluation import compare, episode, table
     from edmsim.learning import policy_file, score
-    from edmsim.numeric import listed
+    from edmsim.numeric import listed, whole_from
     from edmsim.runs import RunTable
 
     resolution, named = options.get("resolution"), env_ids or []
@@ -152,6 +152,10 @@ def evaluate(
     of_envs = {"--controllers": controllers, "--record": record, "--leaderboard": leaderboard, "--page": page}
     if not named and (without := [flag for flag, value in of_envs.items() if value is not None]):
         raise InputError(f"{without[0]} is for environments: name one, or leave it out")
+    if "all" in named and len(named) > 1:
+        raise InputError("all names every environment: leave out the others, or all")
+    if policy and not named and seeds is not None:
+        whole_from("seeds", seeds, 2)
     chosen = {
         env_id: compare.usual(env_id) if controllers is None else listed(controllers)
         for env_id in (compare.env_ids() if named == ["all"] else map(resolve, named))
@@ -183,7 +187,7 @@ def evaluate(
         for name in policy or ():
             scores[name] = score.measure(
                 score.env_id_of(name), name, USUAL_EPISODES if seeds is None else seeds, bar.show,
-                score.RESOLUTIONS if resolution is None else (resolution,), runs,
+                () if resolution is None else (resolution,), runs,
             )  # fmt: skip
             if write_card:
                 score.write_card(name, scores[name])

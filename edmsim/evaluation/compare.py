@@ -136,11 +136,15 @@ def run(
             "resolution": resolution, "record": record and str(record), "files": sorted(files.values()),
         })  # fmt: skip
 
+    table, ids = table or RunTable(), [identity_of(job) for job in jobs]
+    for name in ids:
+        if name in table.rows:  # a damaged one is refused before the first cut
+            _result_of(table.rows[name], table.file)
     rows = perform(
-        partial(_row, env_id, resolution, record), jobs, watch, engine=engine_of(env_id, len(jobs)),
-        table=table or RunTable(), ids=[identity_of(job) for job in jobs],
+        partial(_row, env_id, resolution, record), jobs, watch, engine=engine_of(env_id, len(jobs)), table=table,
+        ids=ids,
     )  # fmt: skip
-    made = dict(zip(jobs, map(_result_of, rows), strict=True))
+    made = {job: _result_of(row, table.file) for job, row in zip(jobs, rows, strict=True)}
     return {name: [made[name, seed] for seed in held_back(seeds)] for name in controllers}
 
 
@@ -150,18 +154,19 @@ def _row(env_id: str, resolution: str, record: Path | None, job: tuple[str, int]
     return {"env_id": env_id, "resolution": resolution, **result._asdict()}
 
 
-def _result_of(row: Mapping[str, Any]) -> Result:
-    return Result(*(row[name] for name in Result._fields))
-
-
-def _check_kinds(made: Result, name: str, file: str | Path) -> None:
-    """Refuse a cut of a table whose values are not texts and numbers where they must be."""
+def _result_of(row: Mapping[str, Any], file: str | Path | None) -> Result:
+    """Return the cut of a table's row; refuse values that are not texts and numbers where they must be."""
+    try:
+        made = Result(*(row[name] for name in Result._fields))
+    except KeyError as error:
+        raise InputError(f"a row of this table of cuts has no {error}", file) from None
     kinds = {"controller": "a text", "outcome": "a text", "seed": "a whole number"}
     for figure, value in made._asdict().items():
         kind = kinds.get(figure, "a number")
         fits = {"a text": isinstance(value, str), "a whole number": whole(value) is not None}
         if not fits.get(kind, real(value) is not None):
-            raise InputError(f"{figure} of the cut {name} is {value!r}, and must be {kind}", file)
+            raise InputError(f"{figure} of the cut {row['id']} is {value!r}, and must be {kind}", file)
+    return made
 
 
 CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # what the rows of a table of cuts must have
@@ -180,14 +185,10 @@ def leaderboard(file: str | Path) -> dict[tuple[str, str], Comparison]:
         If the file is not a table of cuts, or is damaged.
     """
     cuts: dict[tuple[str, str], dict[str, dict[int, Result]]] = {}
-    try:
-        for row in read_rows(file, texts=CUT_TEXTS):
-            made_cut = _result_of(row)
-            _check_kinds(made_cut, row["id"], file)
-            of_env = cuts.setdefault((row["env_id"], row["resolution"]), {})
-            of_env.setdefault(row["controller"], {})[row["seed"]] = made_cut
-    except KeyError as error:
-        raise InputError(f"a row of this table of cuts has no {error}", file) from None
+    for row in read_rows(file, texts=CUT_TEXTS):
+        made_cut = _result_of(row, file)
+        of_env = cuts.setdefault((row["env_id"], row["resolution"]), {})
+        of_env.setdefault(row["controller"], {})[row["seed"]] = made_cut
     found = {}
     for (env_id, resolution), made in sorted(cuts.items()):
         try:

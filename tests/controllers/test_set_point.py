@@ -9,7 +9,7 @@ import pytest
 from edmsim import controllers
 from edmsim.controllers import WindowObservation, make
 from edmsim.controllers.feed.law import lead_um
-from edmsim.controllers.feed.periods import heat_per_ignition_s
+from edmsim.controllers.feed.periods import MOST_HOLD, heat_per_ignition_s
 from edmsim.controllers.protocols import SeesBreaks, tell
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -53,6 +53,10 @@ def test_a_corner_is_rounded_on_the_inside_by_what_the_wire_is_ahead(machine, si
     offsets = [controller.update(window(START_UM + path_um)).offset_um for path_um in (299.0, 300.0, 400.0, 600.0)]
     expected = [0.0, *(side * ahead * math.exp(-behind / 100.0) for behind in (0.0, 100.0, 300.0))]
     assert offsets == pytest.approx([-3.0 + lateral_um for lateral_um in expected])
+    sudden = make("set-point", pull_N_m=0.1, offset_um=-3.0, fade_um=0.0)
+    tell(sudden, machine, LEFT * (1, side), START_UM)
+    sudden.reset(33.0)
+    assert [sudden.update(window(START_UM + path_um)).offset_um for path_um in (300.0, 400.0)] == [-3.0, -3.0]
 
 
 @pytest.mark.parametrize(("side", "outer"), [("left", True), ("right", False), (None, False)])
@@ -175,6 +179,26 @@ def test_a_fresh_wire_comes_to_its_period_slowly(name):
     assert threaded is not None
     assert first[0] > 1.5 * first[-1]
     assert threaded > 1.5 * first[-1]
+
+
+@pytest.mark.parametrize("name", ["fixed-period", "heat-flux", "guarded-hold"])
+def test_a_period_of_0_is_the_operators_and_not_that_of_pulses_that_wait_to_ignite(name):
+    """The windows are 20 ms long: 78 us a pulse, of which the operator set 72."""
+    controller = law_on_production_machine(name, period_us=0.0, slow_factor=1.0)
+    named = law_on_production_machine(name, period_us=production_machine().t_period_us, slow_factor=1.0)
+    for k in range(3):
+        measured = observed((k + 1) * WINDOW_S)
+        assert controller.update(measured) == named.update(measured)
+
+
+@pytest.mark.parametrize(("name", "parameters"), [
+    ("climbing-hold", {"climb_per_s": 1e9}), ("guarded-hold", {"ramp_s": 1e9, "ramp_per_s": 1e9}),
+])
+def test_what_is_held_grows_to_an_end(name, parameters):
+    controller = law_on_production_machine(name, **parameters)
+    for k in range(60):
+        controller.update(observed((k + 1) * WINDOW_S))
+    assert controller.period.hold == MOST_HOLD
 
 
 def test_what_broke_a_wire_is_held_no_more():

@@ -89,6 +89,17 @@ def test_what_is_no_leaderboard_is_refused(tmp_path, change, said):
     assert str(file) in str(refused.value)
 
 
+def test_a_damaged_cut_of_a_leaderboard_is_refused_before_the_first_cut(tmp_path, monkeypatch):
+    file = tmp_path / "board.jsonl"
+    row = json.loads((DOCS / "leaderboard.jsonl").read_text(encoding="utf-8").partition("\n")[0])
+    file.write_text(json.dumps({**row, "total_return": "5"}) + "\n")
+    monkeypatch.setattr("edmsim.evaluation.compare.identity", lambda _: row["id"])
+    monkeypatch.setattr("edmsim.evaluation.compare.cut", lambda *_: pytest.fail("a cut was made"))
+    with pytest.raises(InputError, match=r"total_return of the cut .* is '5'") as refused:
+        evaluate(GAP_FEED, ["fixed"], 2, table=RunTable(file))
+    assert str(file) in str(refused.value)
+
+
 @pytest.mark.parametrize("env_id", registered_ids())
 def test_the_threshold_of_an_id_is_what_its_reference_earns(env_id):
     page = (DOCS / "benchmark.md").read_text(encoding="utf-8")
