@@ -197,7 +197,7 @@ def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
     >>> in_words([1_000, 2_000, 3_000, 4_000, 5_000], [0.0, 1.0, 0.0, 60.0, 100.0])
     'flat until about 3,000 steps, then rising from 0 to 100'
     >>> in_words([1_000, 2_000, 3_000], [5.0, 5.0, 4.0])
-    'no clear rise in 3,000 steps: from 5 to 4'
+    'no rise above the scatter in 3,000 steps: from 5 to 4'
     """
     known = [(step, value) for step, value in zip(steps, returns, strict=True) if not math.isnan(value)]
     if not known:
@@ -207,7 +207,7 @@ def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
     begin, end = float(np.median(values[:part])), float(np.median(values[-part:]))
     scatter = min(_scatter(at[:part], values[:part]), _scatter(at[-part:], values[-part:]))
     if end - begin <= LEAST_RISE * scatter or end <= begin:
-        return f"no clear rise in {at[-1]:,.0f} steps: from {begin:.0f} to {end:.0f}"
+        return f"no rise above the scatter in {at[-1]:,.0f} steps: from {begin:.0f} to {end:.0f}"
     below = np.flatnonzero(values < begin + RISEN * (end - begin))
     last = int(below[-1]) if len(below) else 0
     if last < part:

@@ -24,7 +24,7 @@ def test_flat_rising_and_unknown_curves():
     early = in_words(steps, [100.0 * (1.0 - math.exp(-step / 8_000)) for step in steps])
     assert early == "rising from the beginning, from 27 to 99"  # the first part's own rise is no scatter
     falling = in_words([100, 200, 300], [9.0, 5.0, 1.0])
-    assert falling == "no clear rise in 300 steps: from 9 to 1"
+    assert falling == "no rise above the scatter in 300 steps: from 9 to 1"
 
 
 @pytest.mark.slow
