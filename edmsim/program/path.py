@@ -614,6 +614,9 @@ def _on_grid(
     """Return the contour of a way on the grid that begins with the lead, without points at which nothing moves."""
     outline, count = leg.outline, len(lead.points)
     way, moves, stops = way.moving(stops)
+    if not moves.any():
+        with of_outline(outline):
+            raise InputError("it moves the wire by less than a um: draw it longer, or leave it out")
     lines = np.array([*lead.lines, *line_numbers], np.int64)[moves]
     return WireContour(
         points_um=way.points_um, lead_in_moves=int(moves[:count].sum()), nominal_mm=leg.nominal,
