@@ -20,7 +20,6 @@ from edmsim.program.outline import Outline, Program
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.report import duration_text, mm_text
 
-
 Limit = Literal["machine", "planner", "generator"]
 _LIMITS: dict[Limit, str] = {
     "machine": "the machine's greatest feed", "planner": "the planner's greatest feed",
