@@ -17,7 +17,7 @@ from edmsim.machine.setting import mean_current_A
 from edmsim.plant.gap.generator import timing
 from edmsim.program.arcs import extent_mm
 from edmsim.program.outline import Outline, Program
-from edmsim.program.path import CutPath, WireContour
+from edmsim.program.path import CutPath
 from edmsim.recording.report import duration_text, mm_text
 
 Limit = Literal["machine", "planner", "generator"]
@@ -73,7 +73,8 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     machine = settings.load_machine()
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.planner, settings.workpiece.lowest_mm)
     trim_feed_um_s, _ = _feed_limit(machine, settings.planner)
-    length_um = sum(k.length_um for k in path.contours) + sum(_way_um(a, b) for a, b in _on_one_wire(path))
+    between_um = sum(way for way, threads in _between_um(path) if not threads)
+    length_um = sum(k.length_um for k in path.contours) + between_um
     trims_um = sum(float(p.way.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
     cutting_s = (length_um - trims_um) / feed_um_s + trims_um / trim_feed_um_s
     return Check(
@@ -82,14 +83,10 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     )
 
 
-def _on_one_wire(path: CutPath) -> list[tuple[WireContour, WireContour]]:
-    """Return pairs of contours between which the wire stays threaded, and cuts its way."""
-    return [(before, contour) for before, contour in pairwise(path.contours) if contour.continues]
-
-
-def _way_um(before: WireContour, contour: WireContour) -> float:
-    """Return the length of the way from the end of one contour to the beginning of the next."""
-    return float(np.hypot(*(contour.ways_um[0][0] - before.ways_um[-1][-1])))
+def _between_um(path: CutPath) -> list[tuple[float, bool]]:
+    """Return the distance from each way's end to the next one's beginning, and whether the wire is threaded there."""
+    ways = [pair for k in path.contours for pair in zip(k.ways_um, k.threads, strict=True)]
+    return [(float(np.hypot(*(way[0] - before[-1]))), threads) for (before, _), (way, threads) in pairwise(ways)]
 
 
 def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
@@ -127,11 +124,12 @@ def greatest_feed_um_s(machine: Machine, planner: str, height_mm: float) -> tupl
 
 
 def _waiting_s(path: CutPath, machine: Machine) -> float:
-    """Return the time in which the wire does not cut: dwells, ways to the next contour, threading there."""
+    """Return the time in which the wire does not cut: dwells, ways to the next start hole, threading there."""
     dwells = sum(contour.waiting_s for contour in path.contours)
     table = machine.base.table
-    ways_um = [_way_um(before, contour) for before, contour in pairwise(path.contours) if not contour.continues]
-    return dwells + sum(way / table.rapid_um_s.value + table.threading_s.value for way in ways_um)
+    return dwells + sum(
+        way / table.rapid_um_s.value + table.threading_s.value for way, threads in _between_um(path) if threads
+    )
 
 
 def _pass_lines(found: Check) -> list[tuple[str, str]]:
