@@ -465,6 +465,11 @@ def _legs(
     if passes is not None and not (once or passes.of_program):
         reason = f"{group[0].name}: the program cuts it {len(group)} times, in passes of its own"
         raise InputError(f"{reason}: give no number of passes", line=group[1].line)
+    for number, one in enumerate(group, 1):
+        if (one.taper is None) != (group[0].taper is None):
+            first, later = ("vertical", "tilted") if one.taper is not None else ("tilted", "vertical")
+            reason = f"pass 1 is {first} and pass {number} {later}: tilt the wire in all passes or in none"
+            raise InputError(f"{one.name}: {reason}", line=one.line)
     planned = passes is not None and chosen_mm is None and (
         not passes.of_program if once else len(passes.offsets_mm) == len(group)
     )

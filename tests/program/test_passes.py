@@ -247,6 +247,17 @@ def test_a_trim_cannot_be_reached_through_the_part(tmp_path):
         plan(tmp_path, "D1=0.25\nD2=0.2\n" + ELSEWHERE.format("X2\nY5\n"))
 
 
+@pytest.mark.parametrize(
+    ("angles", "named"), [((0, 2), "1 is vertical and pass 2 tilted"), ((2, 0), "1 is tilted and pass 2 vertical")]
+)
+def test_passes_of_an_edge_are_all_tilted_or_none(tmp_path, angles, named):
+    again = "\n".join(f"G0 X-1.5 Y2\nG41 G51 T{deg} G1 X0 D{n}\n{ROUND}G40 G50" for n, deg in enumerate(angles, 1))
+    file = tmp_path / "a.nc"
+    file.write_text(f"D1=0.25\nD2=0.2\n{again}\nM2\n")
+    with pytest.raises(InputError, match=named):
+        plan_path(load_program(file, dialect="fanuc"), auto_offset_mm=0.2, guides=[GUIDES])
+
+
 def test_where_the_wire_goes_on_there_is_no_start_hole(tmp_path):
     """The wire stops in its kerf 0.2 mm from the part, where no hole of 0.25 mm fits, and cuts the tab from there."""
     text = "G0 X2 Y-1.5\nG41 G1 Y0\nX0\nY4\nX4\nY0\nX3\nG40 Y-0.2\nG41 G1 Y0\nX2\nG40\nM2\n"
