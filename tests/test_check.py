@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from edmsim import controllers
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
@@ -274,16 +275,35 @@ def test_the_least_time_is_that_of_the_path_at_the_greatest_feed(small_punch):
     assert found.feed_um_s == simulation.max_feed_um_s
     assert found.least_s == pytest.approx(simulation.total_um / simulation.max_feed_um_s)
     assert found.path_length_mm == pytest.approx(simulation.total_um * 1e-3)
+    faster = {"machine": "production", "height_mm": 3.0}
+    held, freed = (check(small_punch, CutSettings(**faster, planner=name)) for name in ("poscal", "exact"))
+    assert (held.limited_by, held.feed_um_s) == ("planner", MAX_FEED_UM_S)
+    assert (freed.limited_by, freed.feed_um_s) == ("machine", 400.0)
+
+
+def test_a_wire_that_stays_is_not_threaded_and_trims_are_not_limited_by_the_generator():
+    folder, usual = EXAMPLES / "dialects", {"machine": "production", "generator": "production", "wire": "brass-250"}
+    conditions = str(folder / "conditions.toml")
+    found = check(folder / "punch-sodick.nc", CutSettings(**usual, planner="exact", conditions=conditions))
+    profile, tab = found.path.contours
+    way_um = np.hypot(*(tab.passes[0].points_um[0] - profile.passes[-1].points_um[-1]))
+    assert (found.waiting_s, tab.continues) == (0, True)
+    assert found.path_length_mm * 1e3 == pytest.approx(profile.length_um + tab.length_um + way_um)
+    trims_um = sum(p.way.along_um[-1] for k in (profile, tab) for p in k.passes if p.number > 1)
+    rough_s = (found.path_length_mm * 1e3 - trims_um) / found.feed_um_s
+    assert (found.limited_by, found.trim_feed_um_s) == ("generator", 400.0)
+    assert found.least_s == pytest.approx(rough_s + trims_um / 400.0)
+    assert dict(lines_of(found))["time"].endswith(f"{found.feed_um_s:.1f} µm/s, 400.0 µm/s in trims")
 
 
 def test_a_tall_workpiece_is_limited_by_the_generator():
     machine = Machine.load(height_mm=400.0)
-    feed_um_s, limited_by = greatest_feed_um_s(machine, 400.0)
+    feed_um_s, limited_by = greatest_feed_um_s(machine, "poscal", 400.0)
     assert limited_by == "generator"
     # what all pulses together remove in a second fills the kerf of that second
     removed_mm3 = 6.61 * 0.3 * machine.material.burning_voltage_V.value * machine.material.removal_mm3_J.value
     assert feed_um_s * 1e-3 * 400.0 * 2 * machine.auto_offset_mm == pytest.approx(removed_mm3, rel=1e-3)
-    assert greatest_feed_um_s(machine, 200.0)[0] == pytest.approx(2 * feed_um_s)
+    assert greatest_feed_um_s(machine, "poscal", 200.0)[0] == pytest.approx(2 * feed_um_s)
 
 
 def test_passes_are_listed_as_the_program_has_them(edmsim):

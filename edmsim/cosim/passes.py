@@ -75,10 +75,10 @@ def legs_of(contour: WireContour) -> list[Leg]:
     """Cut a contour's path at its dwells; of one in passes return them one after the other, lead-in first."""
     legs: list[Leg] = []
     parts: Sequence[CutPass | WireContour] = contour.passes or (contour,)
-    for number, part in enumerate(parts):
+    for number, (part, threads) in enumerate(zip(parts, contour.threads, strict=True)):
         one = part if isinstance(part, CutPass) else None
         lead = one.approach_moves if one is not None and number == 0 else 0
-        along, waits, threads = part.way.along_um, _waits_s(part.dwells), number == 0 and not contour.continues
+        along, waits = part.way.along_um, _waits_s(part.dwells)
         ends = sorted({lead, len(part.points_um) - 1, *waits} - {0})
         for a, b in zip([0, *ends[:-1]], ends, strict=True):
             legs.append(

@@ -161,7 +161,7 @@ class Simulation:
         self.passes = PassLog(path, self.legs)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
-        holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
+        holes = tuple((float(x), float(y), radius) for x, y in path.start_holes_um)
         x, y = (int(v) for v in path.contours[0].points_um[0])
         self.elcam = compensation
         step_um = table.step_um.value

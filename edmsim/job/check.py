@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers.planner.registry import kind_of
 from edmsim.job.cut import Passes, planned, read_program, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
@@ -18,6 +19,12 @@ from edmsim.program.arcs import extent_mm
 from edmsim.program.outline import Outline, Program
 from edmsim.program.path import CutPath
 from edmsim.recording.report import duration_text, mm_text
+
+Limit = Literal["machine", "planner", "generator"]
+_LIMITS: dict[Limit, str] = {
+    "machine": "the machine's greatest feed", "planner": "the planner's greatest feed",
+    "generator": "all that the generator can remove",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -37,10 +44,12 @@ class Check:
 
     path: CutPath  # with the reader's notices
     machine: Machine
-    cutting_s: float  # least time of the path, at `feed_um_s`
-    feed_um_s: float  # highest possible feed
-    # the machine's largest feed, or that at which every pulse removes its maximum
-    limited_by: Literal["machine", "generator"]
+    path_length_mm: float  # of the wire's path over all passes, with lead-ins
+    cutting_s: float  # least time of the path: at `feed_um_s`, and of trims, which remove little, at `trim_feed_um_s`
+    feed_um_s: float  # highest possible feed of a rough cut
+    trim_feed_um_s: float  # that of a trim: the largest of machine and planner
+    # the machine's or the planner's largest feed, or that at which every pulse removes its maximum
+    limited_by: Limit
     waiting_s: float  # threading, moves between contours and dwells
     passes: tuple[PassEstimate, ...]  # none for a cut in one pass
     program: Program  # as read
@@ -55,11 +64,6 @@ class Check:
         """The least machining time."""
         return self.cutting_s + self.waiting_s
 
-    @property
-    def path_length_mm(self) -> float:
-        """Length of the wire's path with its lead-ins."""
-        return self.cutting_s * self.feed_um_s * 1e-3
-
 
 def check(program: str | Path, settings: CutSettings) -> Check:
     """Read a program, offset it and estimate its time for the lowest height, as for a cut with these settings."""
@@ -67,10 +71,22 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     found = with_passes(read, settings, planned)
     settings, path = found.settings, found.path
     machine = settings.load_machine()
-    feed_um_s, limited_by = greatest_feed_um_s(machine, settings.workpiece.lowest_mm)
-    length_um = sum(k.length_um for k in path.contours)
-    waiting_s, passes = _waiting_s(path, machine), _estimates(found)
-    return Check(path, machine, length_um / feed_um_s, feed_um_s, limited_by, waiting_s, passes, read)
+    feed_um_s, limited_by = greatest_feed_um_s(machine, settings.planner, settings.workpiece.lowest_mm)
+    trim_feed_um_s, _ = _feed_limit(machine, settings.planner)
+    between_um = sum(way for way, threads in _between_um(path) if not threads)
+    length_um = sum(k.length_um for k in path.contours) + between_um
+    trims_um = sum(float(p.way.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
+    cutting_s = (length_um - trims_um) / feed_um_s + trims_um / trim_feed_um_s
+    return Check(
+        path, machine, length_um * 1e-3, cutting_s, feed_um_s, trim_feed_um_s, limited_by, _waiting_s(path, machine),
+        _estimates(found), read,
+    )
+
+
+def _between_um(path: CutPath) -> list[tuple[float, bool]]:
+    """Return the distance from each way's end to the next one's beginning, and whether the wire is threaded there."""
+    ways = [pair for k in path.contours for pair in zip(k.ways_um, k.threads, strict=True)]
+    return [(float(np.hypot(*(way[0] - before[-1]))), threads) for (before, _), (way, threads) in pairwise(ways)]
 
 
 def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
@@ -89,24 +105,31 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
     return tuple(estimates)
 
 
-def greatest_feed_um_s(machine: Machine, height_mm: float) -> tuple[float, Literal["machine", "generator"]]:
-    """Return the highest possible feed and its limit."""
+def _feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
+    """Return the lower one of the greatest feeds of machine and planner, and whose it is."""
+    own, of_planner_um_s = machine.base.table.max_feed_um_s, kind_of(planner).max_feed_um_s
+    own_um_s = MAX_FEED_UM_S if own is None else own.value
+    return (own_um_s, "machine") if own_um_s <= of_planner_um_s else (of_planner_um_s, "planner")
+
+
+def greatest_feed_um_s(machine: Machine, planner: str, height_mm: float) -> tuple[float, Limit]:
+    """Return the highest possible feed of a rough cut and its limit."""
     # every pulse that ignites at once removes what its energy melts, from a kerf as wide as the wire and twice
     # the gap; most cuts are slower: pulses stay open, or short
-    own = machine.base.table.max_feed_um_s
-    limit_um_s = MAX_FEED_UM_S if own is None else own.value
+    limit_um_s, limited_by = _feed_limit(machine, planner)
     power_W = mean_current_A(machine) * machine.material.burning_voltage_V.value
     removed_um3_s = power_W * timing(machine).removal_um3_J
     by_power_um_s = removed_um3_s / (2e3 * machine.auto_offset_mm * height_mm * 1e3)
-    return (limit_um_s, "machine") if limit_um_s <= by_power_um_s else (by_power_um_s, "generator")
+    return (limit_um_s, limited_by) if limit_um_s <= by_power_um_s else (by_power_um_s, "generator")
 
 
 def _waiting_s(path: CutPath, machine: Machine) -> float:
-    """Return the time in which the wire does not cut: dwells, ways to the next contour, threading there."""
+    """Return the time in which the wire does not cut: dwells, ways to the next start hole, threading there."""
     dwells = sum(contour.waiting_s for contour in path.contours)
     table = machine.base.table
-    ways_um = (float(np.hypot(*(b.points_um[0] - a.points_um[-1]))) for a, b in pairwise(path.contours))
-    return dwells + sum(way / table.rapid_um_s.value + table.threading_s.value for way in ways_um)
+    return dwells + sum(
+        way / table.rapid_um_s.value + table.threading_s.value for way, threads in _between_um(path) if threads
+    )
 
 
 def _pass_lines(found: Check) -> list[tuple[str, str]]:
@@ -142,7 +165,7 @@ def _outline_text(outline: Outline) -> str:
         parts.append("adaptive feed" if outline.adaptive else "constant feed")
     if outline.taper is not None:
         angles = sorted({abs(angle) for angle in outline.taper.angle_deg or ()})
-        parts.append(f"leans by {angles[-1]:g} deg" if angles else "leans along a second contour")
+        parts.append(f"leans by {angles[-1]:g} deg" if angles else "leans between two contours, one in each plane")
     if outline.continues:
         parts.append("on the same wire")
     if outline.stops_after:
@@ -161,9 +184,10 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
         thread = f"{'continues from' if contour.continues else 'threaded at'} X {mm_text(x)} Y {mm_text(y)}"
         size = f"{kind}, {across:.3f} x {up:.3f} mm, part on the {contour.part_side}, {thread}"
         rows.append((f"contour {number}", size))
-    limit = {"machine": "the machine's greatest feed", "generator": "all that the generator can remove"}
     waiting = f" and {duration_text(found.waiting_s)} of threading and dwells" if found.waiting_s else ""
-    feed = f"{found.feed_um_s:.1f} µm/s"
+    feed = f"{_LIMITS[found.limited_by]}, {found.feed_um_s:.1f} µm/s"
+    if found.path.passes > 1 and found.trim_feed_um_s > found.feed_um_s:
+        feed += f", {found.trim_feed_um_s:.1f} µm/s in trims"
     used_um = {p.offset_um for k in found.path.contours for p in k.passes} or {
         k.offset_um for k in found.path.contours
     }
@@ -173,6 +197,6 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
         ("offset", f"{offsets} mm"),
         ("path", f"{found.path_length_mm:.2f} mm"),
         *(_pass_lines(found) or [
-            ("time", f"at least {duration_text(found.least_s)}: {limit[found.limited_by]}, {feed}{waiting}")
+            ("time", f"at least {duration_text(found.least_s)}: {feed}{waiting}")
         ]),
     ]  # fmt: skip

@@ -39,13 +39,16 @@ class Rounding:
         return max(JOIN_TOLERANCE_MM, math.sqrt(2) * self.resolution_mm)
 
 
+_NO_PLACE = frozenset({("G", 4), ("G", 10)})  # codes whose X and R are a time and an offset
+
+
 def rounding_of(blocks: Sequence[Block], units: Units) -> Rounding:
     """Find the resolution of a program: the finest number under each unit, and of several units the coarsest."""
     unit_mm, decimals = units.at_start_mm, dict[float, int]()
     for block in blocks:
         for letter, number in block.codes:
             unit_mm = (units.of_code_mm(number) if letter == "G" else None) or unit_mm
-        if block.decimals is not None:
+        if block.decimals is not None and _NO_PLACE.isdisjoint(block.codes):
             decimals[unit_mm] = max(decimals.get(unit_mm, 0), block.decimals)
     written = [unit * 10.0**-places for unit, places in decimals.items()]
     return Rounding(max((mm for mm in written if mm <= COARSEST_MM * (1 + 1e-9)), default=0.0))

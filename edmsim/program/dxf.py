@@ -287,6 +287,7 @@ _MOST_NAMED = 20
 
 _EQUAL = 1e-9
 """Angles that differ by less, in degrees or radians, are equal; so are radii and 0 (ours: what arithmetic leaves)."""
+_TURN_RAD = 1e-8  # by which a turn of an ellipse may miss itself (ours: two numbers of eight decimals)
 
 
 class Drawn:
@@ -299,7 +300,7 @@ class Drawn:
         self.left_out: dict[str, int] = {}
         self._count = 0
         self._refuse_unknown_layers()
-        self._shrink_points()
+        self._take_turns()
         self._unmoved = {block.name: _taken_out(block) for block in document.blocks}
 
     def __iter__(self) -> Iterator[Any]:
@@ -349,8 +350,9 @@ class Drawn:
             return True
         return False
 
-    def _shrink_points(self) -> None:
-        """Make arcs with equal angles the points that CAD programs draw: the library makes them full circles."""
+    def _take_turns(self) -> None:
+        """Make arcs with equal angles the points that CAD programs draw, and let ellipses all round begin at 0."""
+        # the library makes full circles of the first, and nothing of the second if they begin elsewhere
         blocks: Any = self._document.blocks
         for block in blocks:
             for arc in block.query("ARC"):
@@ -361,6 +363,8 @@ class Drawn:
                     common = {name: ellipse.dxf.get(name) for name in ("layer", "invisible")}
                     block.add_arc(ellipse.dxf.center, 0.0, 0.0, 0.0, dxfattribs=common)
                     block.delete_entity(ellipse)
+                elif _is_turn(ellipse.dxf.start_param, ellipse.dxf.end_param):
+                    ellipse.dxf.start_param, ellipse.dxf.end_param = 0.0, math.tau
 
     def _refuse_unknown_layers(self) -> None:
         blocks = (entity for block in self._document.blocks for entity in block)
@@ -371,6 +375,11 @@ class Drawn:
             listed = ", ".join(sorted(there)[:_MOST_NAMED]) + (", ..." if len(there) > _MOST_NAMED else "")
             missing = ", ".join(self._layers[name] for name in sorted(unknown))
             raise InputError(f"the drawing has no layer {missing}; there are: {listed}")
+
+
+def _is_turn(start: float, end: float) -> bool:
+    """Say whether parameters in rad lead all round an ellipse from elsewhere than 0."""
+    return start != 0 and abs(math.remainder(end - start, math.tau)) <= _TURN_RAD
 
 
 def _taken_out(block: Any) -> list[Any]:

@@ -78,8 +78,8 @@ class CutPass:
 
     number: int  # 1 is the rough pass. The technology's pass of this number has its setting.
     piece: Piece  # part of the contour to cut
-    # (n, 2): wire centre, at the lower guide if the wire leans, from the end of the previous pass; for the first
-    # pass, from the start hole
+    # (n, 2): wire centre, at the lower guide if the wire leans, from the end of the previous pass; for the first pass
+    # and one that ``threads``, from the start hole
     points_um: NDArray[np.int64]
     approach_moves: int  # number of moves to the beginning of the pass
     offset_um: float  # distance from the drawing
@@ -87,6 +87,7 @@ class CutPass:
     stops_before: bool = False  # whether the machine stops first, to glue the piece
     frees: bool = False  # whether a piece of metal may come loose at its end
     falls: bool = False  # whether such a piece falls; otherwise it is held
+    threads: bool = False  # whether the wire is threaded for it, at a start hole of its own
     lean: Lean | None = None  # inclination of the wire; None if it is vertical
     dwells: tuple[tuple[int, float], ...] = ()  # ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4)
 
@@ -133,6 +134,7 @@ class Stretch:
     stops_before: bool = False
     frees: bool = False
     falls: bool = False
+    threads: bool = False
     tilt: Tilt | None = None
     dwells: tuple[tuple[int, float], ...] = ()
     leads: int = 0
@@ -346,18 +348,27 @@ def runs_back(one: Outline, other: Outline) -> bool:
     return bool(np.hypot(*(start - one.points_mm[0])) > np.hypot(*(start - one.points_mm[-1])))
 
 
-def ways_of_group(legs: Sequence[OffsetOutline]) -> list[Stretch]:
-    """Return the ways of a program's passes along one edge, as the program has them."""
+def begins_elsewhere(before: Outline, outline: Outline) -> bool:
+    """Say whether a pass begins elsewhere than where the one before it ended, so that it needs a way of its own."""
+    apart_mm = float(np.hypot(*(outline.points_mm[0] - before.points_mm[-1])))
+    return before is not outline and apart_mm > JOIN_TOLERANCE_MM * 10
+
+
+def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Floats | None]) -> list[Stretch]:
+    """Return the ways of a program's passes along one edge, as the program has them, each behind its lead, if any."""
     check_offsets([leg.offset_mm for leg in legs], legs[-1].outline.line)
-    first = legs[0].outline
-    return [
-        replace(
+    first, ways = legs[0].outline, []
+    for number, (leg, lead) in enumerate(zip(legs, leads, strict=True), 1):
+        way = replace(
             _Line(leg).whole(number, runs_back(first, leg.outline)),
             stops_before=number > 1 and legs[number - 2].outline.stops_after,
             frees=first.closed and number == 1,
         )
-        for number, leg in enumerate(legs, 1)
-    ]  # fmt: skip
+        if lead is not None:
+            way = way.behind(Stretch(number, "profile", lead, leg.offset_mm, False))
+            way = replace(way, threads=not leg.outline.continues)
+        ways.append(way)
+    return ways
 
 
 def on_grid(
@@ -368,14 +379,16 @@ def on_grid(
     passes: list[CutPass] = []
     before = lead
     for way in ways:
+        before = before[:0] if way.threads else before
         known = np.concatenate([before, way.points])
         dwells = (*waits, *((len(before) + i, seconds) for i, seconds in way.dwells))
-        joined = _guided(known, way, len(before), passes[-1] if passes else None, grid_um)
+        joined = _guided(known, way, len(before), passes[-1] if passes and not way.threads else None, grid_um)
         joined, moves, dwells = joined.moving(dwells)
         passes.append(
             CutPass(
                 way.number, way.piece, joined.points_um, int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, joined.lean, dwells,
+                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, way.threads,
+                joined.lean, dwells,
             )
         )
         before, waits = way.points[-1:], ()

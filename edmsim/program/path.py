@@ -30,7 +30,16 @@ from edmsim.program.offset import (
     offset_outline,
 )
 from edmsim.program.outline import Corners, Outline, Program, Taper, signed_area
-from edmsim.program.passes import CutPass, PassPlan, Stretch, grouped, on_grid, ways_of, ways_of_group
+from edmsim.program.passes import (
+    CutPass,
+    PassPlan,
+    Stretch,
+    begins_elsewhere,
+    grouped,
+    on_grid,
+    ways_of,
+    ways_of_group,
+)
 from edmsim.program.tables import GREATEST_MM, in_um, read_conditions, read_offsets
 from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
 
@@ -220,6 +229,11 @@ class WireContour:
         return self if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
 
     @property
+    def threads(self) -> tuple[bool, ...]:
+        """For each of the paths, whether the wire is threaded at its beginning, in a start hole."""
+        return (not self.continues, *(one.threads for one in self.passes[1:]))
+
+    @property
     def ways_um(self) -> tuple[NDArray[np.int64], ...]:
         """The lower guide's paths (n, 2) in order."""
         return tuple(way.points_um for way in self.ways)
@@ -270,7 +284,7 @@ class CutPath:
 
     contours: tuple[WireContour, ...]
     stock_mm: tuple[float, float, float, float]  # the workpiece blank on the table
-    start_hole_radius_mm: float  # radius of the hole at every ``points_um[0]``
+    start_hole_radius_mm: float  # radius of the hole where the wire is threaded
     origin_mm: tuple[float, float]  # the program's zero on the table
     notices: tuple[str, ...]  # decisions of the reader that you should know
     source: str  # the program's file
@@ -285,6 +299,12 @@ class CutPath:
     def leans(self) -> bool:
         """Whether the wire leans on some contour."""
         return any(contour.lean is not None for contour in self.contours)
+
+    @property
+    def start_holes_um(self) -> NDArray[np.int64]:
+        """Places (n, 2) where the wire is threaded."""
+        contours = self.contours
+        return np.array([w[0] for c in contours for w, new in zip(c.ways_um, c.threads, strict=True) if new])
 
     @property
     def offset_um(self) -> float | None:
@@ -404,7 +424,14 @@ def plan_path(
             for face in faces:
                 for leg, lead in zip(face, leads, strict=True):
                     _check_lead(leg, lead)
-        contours = [_contour_of(of_group, lead, passes, grid_um) for of_group, lead in zip(legs, leads, strict=True)]
+        later = [[
+            _lead([leg], edges[:1], lead_in_mm, start_hole_radius_mm, notices).points
+            if begins_elsewhere(before.outline, leg.outline) else None for before, leg in pairwise(of_group)
+        ] for of_group in legs]  # fmt: skip
+        contours = [
+            _contour_of(of_group, lead, [None, *ways], passes, grid_um)
+            for of_group, lead, ways in zip(legs, leads, later, strict=True)
+        ]
         shift = _shift_um(contours, table_um, grid_um, program.source)
         placed = tuple(_placed(contour, shift) for contour in contours)
         origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
@@ -438,6 +465,11 @@ def _legs(
     if passes is not None and not (once or passes.of_program):
         reason = f"{group[0].name}: the program cuts it {len(group)} times, in passes of its own"
         raise InputError(f"{reason}: give no number of passes", line=group[1].line)
+    for number, one in enumerate(group, 1):
+        if (one.taper is None) != (group[0].taper is None):
+            first, later = ("vertical", "tilted") if one.taper is not None else ("tilted", "vertical")
+            reason = f"pass 1 is {first} and pass {number} {later}: tilt the wire in all passes or in none"
+            raise InputError(f"{one.name}: {reason}", line=one.line)
     planned = passes is not None and chosen_mm is None and (
         not passes.of_program if once else len(passes.offsets_mm) == len(group)
     )
@@ -465,8 +497,10 @@ def _legs(
     return found
 
 
-def _contour_of(legs: list[OffsetOutline], lead: _Lead, passes: PassPlan | None, grid_um: int) -> WireContour:
-    """Return the contour of one edge with its passes, if it has several."""
+def _contour_of(
+    legs: list[OffsetOutline], lead: _Lead, leads: list[Floats | None], passes: PassPlan | None, grid_um: int
+) -> WireContour:
+    """Return the contour of one edge with its passes, if it has several; `leads` are those of the passes after."""
     last = legs[-1]
     made = _contour if last.surfaces is None else _leaning_contour
     if len(legs) == 1:
@@ -476,7 +510,7 @@ def _contour_of(legs: list[OffsetOutline], lead: _Lead, passes: PassPlan | None,
             assert passes is not None
             ways: list[Stretch] = ways_of(legs, passes)
         else:
-            ways = ways_of_group(legs)
+            ways = ways_of_group(legs, leads)
     contour = made(_as_first(legs), lead, grid_um)
     before = lead.points if len(lead.points) else ways[0].points[:1]
     first = legs[0].outline
@@ -485,7 +519,7 @@ def _contour_of(legs: list[OffsetOutline], lead: _Lead, passes: PassPlan | None,
 
 
 def _as_first(legs: list[OffsetOutline]) -> OffsetOutline:
-    """Return the last pass's path in the direction of the first, and from where that begins."""
+    """Return the last pass's path and edge in the direction of the first, and from where that begins."""
     first, last = legs[0], legs[-1]
     if last.outline is first.outline:
         return last
@@ -493,7 +527,7 @@ def _as_first(legs: list[OffsetOutline]) -> OffsetOutline:
         return leaning_outline(first.outline, last.offset_mm, last.guides)
     assert first.outline.wire_side is not None
     path = offset_edge(first.outline.points_mm, first.outline.wire_side, last.offset_mm, first.outline.closed)
-    return replace(last, outline=first.outline, path=path)
+    return replace(last, outline=first.outline, path=path, nominal=first.outline.points_mm)
 
 
 def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
@@ -594,7 +628,8 @@ def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
             raise InputError(f"the wire is threaded at X{x:.3f} Y{y:.3f} in the part: exchange G41 and G42 "
                              "or thread it in the waste")
     if outline.closed or outline.wire_side is not None:
-        _check_approach(np.concatenate([points, leg.path[:1]]), leg.edge, leg.offset_mm, hole_radius_mm)
+        hole_mm = 0.0 if outline.continues else hole_radius_mm
+        _check_approach(np.concatenate([points, leg.path[:1]]), leg.edge, leg.offset_mm, hole_mm)
     return _Lead(points, lines)
 
 
@@ -614,6 +649,9 @@ def _on_grid(
     """Return the contour of a way on the grid that begins with the lead, without points at which nothing moves."""
     outline, count = leg.outline, len(lead.points)
     way, moves, stops = way.moving(stops)
+    if not moves.any():
+        with of_outline(outline):
+            raise InputError("it moves the wire by less than a um: draw it longer, or leave it out")
     lines = np.array([*lead.lines, *line_numbers], np.int64)[moves]
     return WireContour(
         points_um=way.points_um, lead_in_moves=int(moves[:count].sum()), nominal_mm=leg.nominal,

@@ -78,6 +78,18 @@ def test_ellipses_within_a_micrometre(drawing):
     assert area(outline) == pytest.approx(120 * math.pi, rel=1e-3)
 
 
+@pytest.mark.parametrize("start", [-math.pi, 0.3, math.tau])
+def test_an_ellipse_all_round_may_begin_anywhere(drawing, start):
+    def draw(space):
+        space.add_ellipse((0, 0), (5, 0), 0.5, start, start + math.tau)
+        block = space.doc.blocks.new("TURNED")
+        block.add_ellipse((0, 0), (2, 0), 0.5, start, start + math.tau)
+        space.add_blockref("TURNED", (0, 0), dxfattribs={"rotation": 20, "xscale": 1.2})
+
+    inner, outer = drawing(draw).outlines
+    assert [area(inner), area(outer)] == pytest.approx([-2.4 * math.pi, 12.5 * math.pi], rel=1e-3)
+
+
 def test_splines_within_a_micrometre(drawing):
     control = [(0, 0), (10, -8), (20, 6), (30, -4), (33, 15), (20, 12), (5, 22), (-9, 10), (0, 0)]
 

@@ -218,6 +218,54 @@ def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path):
     assert path.contours[0].offset_um == 200.0
 
 
+ELSEWHERE = AGAIN.format("G41", "D1", ROUND) + "X-1\n{}G42 D2 G1 Y4\nX0\nY0\nX4\nY4\nX2\nG40\nM2\n"
+"""A square whose second pass runs back, from the middle of its upper side."""
+
+
+@pytest.mark.parametrize(("way", "threads"), [("Y5\nX2\n", False), ("G0 X2 Y5.5\n", True)])
+def test_a_trim_that_begins_elsewhere_goes_there_as_the_program_says(tmp_path, way, threads):
+    path = plan(tmp_path, "D1=0.25\nD2=0.2\n" + ELSEWHERE.format(way))
+    (contour,) = path.contours
+    rough, trim = contour.passes
+    origin_um = 1e3 * np.array(path.origin_mm)
+    ways = [(2, 5.5), (2, 4.2)] if threads else [(-0.25, 2), (-1, 2), (-1, 5), (2, 5), (2, 4.2)]
+    np.testing.assert_allclose(trim.points_um[: trim.approach_moves + 1] - origin_um, 1e3 * np.array(ways), atol=1)
+    edge = shapely.LineString(contour.nominal_mm)
+    assert edge.distance(shapely.LineString(trim.points_um * 1e-3)) == pytest.approx(0.2, abs=2e-3)
+    assert (trim.reversed, trim.threads, contour.threads) == (True, threads, (True, threads))
+    assert [leg.threads for leg in legs_of(contour)] == [True, False, threads]
+    assert len(path.start_holes_um) == 1 + threads
+    # the edge runs as the contour does, whatever the last pass does
+    np.testing.assert_allclose(contour.nominal_mm[:3] - path.origin_mm, [(0, 2), (0, 4), (4, 4)])
+    assert [element for element, _ in contour.elements] == [1, 2, 3, 4, 5]
+    rough_end, begin = rough.points_um[-1], trim.points_um[0]
+    assert threads != bool((rough_end == begin).all())
+
+
+def test_a_trim_cannot_be_reached_through_the_part(tmp_path):
+    with pytest.raises(InputError, match=r"the approach from X-1\.000 Y2\.000 cuts into the part"):
+        plan(tmp_path, "D1=0.25\nD2=0.2\n" + ELSEWHERE.format("X2\nY5\n"))
+
+
+@pytest.mark.parametrize(
+    ("angles", "named"), [((0, 2), "1 is vertical and pass 2 tilted"), ((2, 0), "1 is tilted and pass 2 vertical")]
+)
+def test_passes_of_an_edge_are_all_tilted_or_none(tmp_path, angles, named):
+    again = "\n".join(f"G0 X-1.5 Y2\nG41 G51 T{deg} G1 X0 D{n}\n{ROUND}G40 G50" for n, deg in enumerate(angles, 1))
+    file = tmp_path / "a.nc"
+    file.write_text(f"D1=0.25\nD2=0.2\n{again}\nM2\n")
+    with pytest.raises(InputError, match=named):
+        plan_path(load_program(file, dialect="fanuc"), auto_offset_mm=0.2, guides=[GUIDES])
+
+
+def test_where_the_wire_goes_on_there_is_no_start_hole(tmp_path):
+    """The wire stops in its kerf 0.2 mm from the part, where no hole of 0.25 mm fits, and cuts the tab from there."""
+    text = "G0 X2 Y-1.5\nG41 G1 Y0\nX0\nY4\nX4\nY0\nX3\nG40 Y-0.2\nG41 G1 Y0\nX2\nG40\nM2\n"
+    path = plan(tmp_path, text)
+    assert [contour.threads for contour in path.contours] == [(True,), (False,)]
+    np.testing.assert_array_equal(path.start_holes_um, path.contours[0].points_um[:1])
+
+
 def test_a_program_with_passes_cannot_have_others(tmp_path):
     with pytest.raises(InputError, match="cuts it 2 times, in passes of its own: give no number of passes"):
         plan(tmp_path, twice(0.25, 0.2, "G42", "Y0\nX4\nY4\nX0\nY2\n"), PassPlan(OFFSETS_MM))

@@ -324,6 +324,13 @@ def test_a_text_that_does_not_read_as_a_program_is_refused(plan):
         plan("Dear reader,\nthis is a letter.\n", name="part.txt")
 
 
+def test_a_contour_within_a_micrometre_is_refused(plan):
+    with pytest.raises(InputError, match="moves the wire by less than a um") as caught:
+        plan("G0 X-5. Y0\nG1 X-2.\nG0 X0 Y0\nG1 X.0004\nM2\n")
+    assert caught.value.line == 4
+    assert len(plan("G0 X0 Y0\nG1 X.001\nM2\n").contours[0].points_um) == 2
+
+
 def test_options_of_the_other_kind_of_file_are_refused():
     with pytest.raises(InputError, match=r"a\.ngc: layers: a drawing has this, leave it out here"):
         load_program("a.ngc", layers=["0"])

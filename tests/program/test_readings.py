@@ -120,6 +120,12 @@ def test_what_no_rounding_explains_is_refused(read):
     assert length_mm(read(rounded).outlines[0].points_mm) == pytest.approx(39.3, abs=0.05)
 
 
+@pytest.mark.parametrize("block", ["", "G10 L12 P1 R0.1556\n", "G4 X0.1234\n"])
+def test_an_offset_and_a_dwell_say_nothing_of_how_finely_places_are_written(read, block):
+    program = read(f"{block}G0 X0. Y0.\nG1 X3.02\nG2 X5.03 Y-1.98 I0.0 J-2.00\nM2\n")
+    assert has_notice(program, "the arc's radii differ by 10.1 um, which the rounding of its numbers explains")
+
+
 # words that belong to a code
 
 

@@ -40,7 +40,7 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
         axes.annotate(
             str(number + 1), way[0], xytext=(8, 8), textcoords="offset points", fontsize=9, color=GREEN, zorder=6
         )
-    starts = np.array([contour.points_um[0] for contour in path.contours]) / 1e3 - path.origin_mm
+    starts = path.start_holes_um / 1e3 - path.origin_mm
     axes.plot(*starts.T, "^", color=GREEN, markeredgecolor="white", zorder=6, label="start hole")
     axes.set_xlabel("X of the program, mm", fontsize=9, color=MUTED)
     axes.set_ylabel("Y of the program, mm", fontsize=9, color=MUTED)
@@ -99,10 +99,9 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
     ]
     kerf = shapely.union_all([way.buffer(kerf_um / 2e3) for way in ways])
     fill(axes, kerf, "#cfe3f1", "kerf")
-    for contour in path.contours:
+    for place_um in path.start_holes_um:
         hole = Circle(
-            contour.points_um[0] / 1e3 - path.origin_mm, path.start_hole_radius_mm, facecolor="white",
-            edgecolor=MUTED, zorder=2,
+            place_um / 1e3 - path.origin_mm, path.start_hole_radius_mm, facecolor="white", edgecolor=MUTED, zorder=2
         )
         axes.add_patch(hole)
 
