@@ -45,11 +45,7 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
     else:
         file, text = f"models/{kind}/{name}.toml", _our_file(kind, name)
     try:
-        data: dict[str, Any] = tomllib.loads(text)
-        like = data.pop("like", None)
-        if like is not None:
-            data = _overlaid(tomllib.loads(_our_file(kind, str(like), file)), data)
-        return part.model_validate(data)
+        return part.model_validate(_on_its_like(tomllib.loads(text), kind, file))
     except ValidationError as error:
         key, reason = refused_entry(error)
         raise InputError(f"key '{key}': {reason}" if key else reason, file) from None
@@ -60,6 +56,15 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
 def _our_file(kind: Kind, name: str, referring_file: str | None = None) -> str:
     refuse_unknown("technology" if kind == "technologies" else kind[:-1], name, available(kind), referring_file)
     return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _on_its_like(data: dict[str, Any], kind: Kind, file: str) -> dict[str, Any]:
+    """Return what a file says on top of the one of ours that it is like, which may be like another in its turn."""
+    like = data.pop("like", None)
+    if like is None:
+        return data
+    below = tomllib.loads(_our_file(kind, str(like), file))
+    return _overlaid(_on_its_like(below, kind, file), data)
 
 
 def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
