@@ -6,6 +6,7 @@ word "ours"; the range, where one is known, is what `value` may be drawn from.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -90,6 +91,12 @@ def own_mjcf(name: str, file: str) -> str:
 def own_mjcf_text(model_file: str) -> str:
     """Return the text of a user's MJCF; nothing of ours, which belongs to the version of edmsim."""
     return Path(model_file).read_text(encoding="utf-8") if Path(model_file).is_absolute() else ""
+
+
+def constants_digest(machine: Machine) -> str:
+    """Return what identifies every constant and setting of a set-up, with a user's MJCF."""
+    said = machine.model_dump_json() + own_mjcf_text(machine.base.model)
+    return hashlib.sha256(said.encode()).hexdigest()[:16]
 
 
 def mjcf_version(model_file: str) -> int:
