@@ -15,9 +15,9 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
-from edmsim.plant.kernel.state import OPEN, PULSE, Timing
+from edmsim.plant.kernel.state import Timing
 from edmsim.plant.resolution import Resolution
-from edmsim.plant.window import PlantError, forget_places
+from edmsim.plant.window import PlantError, without_wire
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.snapshots import ArraySnapshots, with_prefix
 
@@ -202,7 +202,7 @@ class Gap:
             self.lost = f"the wire broke {plant.broken_height_mm:.1f} mm above the lower face, at {kelvin}"
             plant.go_bare()
         self.setpoints.keep(start_ns, plant.time_ns, plant.commanded_um)
-        pulses = _without_wire(window, plant.timing) if self.lost else plant.last_pulses()
+        pulses = without_wire(window, plant.timing) if self.lost else plant.last_pulses()
         return Frame(window, pulses, plant.timing, output.on)
 
     def thread(self) -> None:
@@ -251,12 +251,3 @@ class Gap:
         self.plant = self.plant.with_machine(machine)
         self.plant.watch_pulses()
         self._choices = open_V, peak_A
-
-
-def _without_wire(window: PulseWindow, timing: Timing) -> NDArray[np.void]:
-    """Return the pulses of a window that found no wire: all open."""
-    pulses = np.zeros(window.pulses, PULSE)
-    pulses["start_us"] = np.arange(window.pulses) * window.duration_ns * 1e-3 / window.pulses
-    pulses["delay_us"], pulses["open_V"], pulses["kind"], pulses["slice"] = timing.wait_us, timing.open_V, OPEN, -1
-    forget_places(pulses)
-    return pulses

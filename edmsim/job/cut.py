@@ -32,7 +32,7 @@ from edmsim.job import checkpoint
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, Running
 from edmsim.machine import technology as technologies
-from edmsim.machine.machine import Machine, own_mjcf_text
+from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.options import show
 from edmsim.machine.setting import guide_bends
 from edmsim.machine.technology import PassSetting, PassTable, Technology
@@ -409,7 +409,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,
         "wire_path_sha256": _digest(b"".join(way.tobytes() for contour in path.contours for way in contour.reach_um)),
-        "constants_sha256": _digest((machine.model_dump_json() + own_mjcf_text(machine.base.model)).encode()),
+        "constants_sha256": constants_digest(machine),
     }
 
 

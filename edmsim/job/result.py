@@ -17,7 +17,7 @@ from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
 from edmsim.files import check_suffix, folder_of, locked, make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.settings import METADATA_KEY, CutSettings
-from edmsim.machine.machine import Machine
+from edmsim.machine.machine import Machine, constants_digest
 from edmsim.metrology.edges import contour, without_specks
 from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
@@ -60,9 +60,10 @@ def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> P
     if feed is None:
         raise InputError("the cut has no window with metal near the wire")
     settings = CutSettings.of_report(report)
-    return sample_pulses(
-        settings.load_machine(), feed, seed=settings.seed, pulses=pulses, resolution=settings.resolution
-    )
+    machine = settings.load_machine()
+    if constants_digest(machine) != report.settings["constants_sha256"]:
+        raise InputError("a file of the set-up has other constants than the cut had: undo the change, or cut again")
+    return sample_pulses(machine, feed, seed=settings.seed, pulses=pulses, resolution=settings.resolution)
 
 
 def sample_or_reason(report: Report, windows: pa.Table) -> PulseSample | str:

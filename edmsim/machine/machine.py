@@ -6,6 +6,7 @@ word "ours"; the range, where one is known, is what `value` may be drawn from.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -45,11 +46,7 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
     else:
         file, text = f"models/{kind}/{name}.toml", _our_file(kind, name)
     try:
-        data: dict[str, Any] = tomllib.loads(text)
-        like = data.pop("like", None)
-        if like is not None:
-            data = _overlaid(tomllib.loads(_our_file(kind, str(like), file)), data)
-        return part.model_validate(data)
+        return part.model_validate(_on_its_like(tomllib.loads(text), kind, file))
     except ValidationError as error:
         key, reason = refused_entry(error)
         raise InputError(f"key '{key}': {reason}" if key else reason, file) from None
@@ -60,6 +57,15 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
 def _our_file(kind: Kind, name: str, referring_file: str | None = None) -> str:
     refuse_unknown("technology" if kind == "technologies" else kind[:-1], name, available(kind), referring_file)
     return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _on_its_like(data: dict[str, Any], kind: Kind, file: str) -> dict[str, Any]:
+    """Return what a file says on top of the one of ours that it is like, which may be like another in its turn."""
+    like = data.pop("like", None)
+    if like is None:
+        return data
+    below = tomllib.loads(_our_file(kind, str(like), file))
+    return _overlaid(_on_its_like(below, kind, file), data)
 
 
 def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
@@ -85,6 +91,12 @@ def own_mjcf(name: str, file: str) -> str:
 def own_mjcf_text(model_file: str) -> str:
     """Return the text of a user's MJCF; nothing of ours, which belongs to the version of edmsim."""
     return Path(model_file).read_text(encoding="utf-8") if Path(model_file).is_absolute() else ""
+
+
+def constants_digest(machine: Machine) -> str:
+    """Return what identifies every constant and setting of a set-up, with a user's MJCF."""
+    said = machine.model_dump_json() + own_mjcf_text(machine.base.model)
+    return hashlib.sha256(said.encode()).hexdigest()[:16]
 
 
 def mjcf_version(model_file: str) -> int:

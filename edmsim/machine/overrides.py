@@ -1,9 +1,10 @@
 """Overrides of constants by name: the option ``constants`` of a cut."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
 
 from edmsim.errors import InputError, one_of, refused_entry
 from edmsim.machine.machine import Machine
@@ -15,16 +16,21 @@ OPTIONS = {"wire.stress_MPa": "tension", "wire.default_diameter_um": "wire, as b
 """Constants that only say what an option is by default, and that option."""
 
 
-def _kinds() -> dict[str, type[Constant]]:
-    """Return every constant of machine, wire and material, also those that a file need not give, and its kind."""
+def _fields() -> dict[str, FieldInfo]:
+    """Return every constant of machine, wire and material, also those that a file need not give, as declared."""
     tables = {name: field.annotation for name, field in Base.model_fields.items()}
     parts = {**tables, "wire": Wire, "material": Material}
     return {
-        f"{section}.{key}": kind
+        f"{section}.{key}": field
         for section, part in parts.items() if isinstance(part, type) and issubclass(part, Part)
-        for key, field in part.model_fields.items() for kind in _parts_of(field.annotation)
-        if isinstance(kind, type) and issubclass(kind, Constant)
+        for key, field in part.model_fields.items() if _kind(field) is not None
     }  # fmt: skip
+
+
+def _kind(field: FieldInfo) -> type[Constant] | None:
+    """Return the kind of constant that a field holds; None if it is another field."""
+    kinds = (kind for kind in _parts_of(field.annotation) if isinstance(kind, type) and issubclass(kind, Constant))
+    return next(kinds, None)
 
 
 def _parts_of(annotation: Any) -> Iterator[Any]:
@@ -34,7 +40,8 @@ def _parts_of(annotation: Any) -> Iterator[Any]:
         yield from _parts_of(part)
 
 
-KINDS = _kinds()
+_FIELDS = _fields()
+KINDS = {name: kind for name, field in _FIELDS.items() if (kind := _kind(field)) is not None}
 
 
 def checked_constants(constants: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
@@ -78,10 +85,7 @@ def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> 
     changed: dict[str, Constant] = {}
     for name, value in constants:
         check_names([name])
-        try:
-            changed[name] = KINDS[name](value=value, source="given as an option")
-        except ValidationError as error:
-            raise InputError(f"the constant {name} cannot be {value:g}: {refused_entry(error)[1]}") from None
+        changed[name] = _checked(name, value)
     changed_machine = with_constants(machine, changed)
     try:
         Base.model_validate(changed_machine.base.model_dump())
@@ -90,3 +94,14 @@ def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> 
         raise InputError(f"constants of {section} do not go together: {reason}") from None
     changed_machine.check()
     return changed_machine
+
+
+def _checked(name: str, value: float) -> Constant:
+    """Return a constant with a value, which is within the bounds that a file's has."""
+    field = _FIELDS[name]
+    kind: Any = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+    try:
+        constant: Constant = TypeAdapter(kind).validate_python({"value": value, "source": "given as an option"})
+    except ValidationError as error:
+        raise InputError(f"the constant {name} cannot be {value:g}: {refused_entry(error)[1]}") from None
+    return constant

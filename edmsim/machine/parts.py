@@ -282,7 +282,7 @@ class Surface(Part):
     @model_validator(mode="after")
     def _affected_before_it_melts(self) -> Self:
         if not self.affected_K.value < self.melting_K.value:
-            raise ValueError("affected_K lies below melting_K")
+            raise ValueError("affected_K must be below melting_K")
         return self
 
 

@@ -30,7 +30,15 @@ from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.snapshot import check_snapshot, digest_of
-from edmsim.plant.window import PlantError, forget_places, left_validity, pass_window, read_window, wrong_step
+from edmsim.plant.window import (
+    PlantError,
+    forget_places,
+    left_validity,
+    pass_window,
+    read_window,
+    without_wire,
+    wrong_step,
+)
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
@@ -420,7 +428,10 @@ class Plant:
             pass_window(
                 self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses
             )
-            return self.window()
+            passed = self.window()
+            if len(self._pulses):
+                self._pulses[:pulses] = without_wire(passed, self.timing)
+            return passed
         if status == loop.NO_TILES:
             self.make_tiles()
             status = self._fire_once(place, len(rows), pulses)
@@ -706,7 +717,9 @@ class Plant:
         return self._arrays.shape @ self._arrays.wire_q.T
 
     def coverage(self) -> NDArray[np.float64]:
-        """Share of the wire's front that gas covers now, (slices,) from the lowest: 0 to 1."""
+        """Share of the wire's front that gas covers now, (slices,) from the lowest: 0 to 1; 0 without a wire."""
+        if self._state["broken"][0] == loop.BARE:
+            return np.zeros(self.resolution.slices)
         return self._arrays.covered[: len(self._arrays.shape)].copy()
 
     def rays(self) -> Rays:

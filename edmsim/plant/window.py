@@ -11,7 +11,7 @@ from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.axes.drives import Drives
 from edmsim.plant.kernel.declare import FREE
-from edmsim.plant.kernel.state import BROKEN, GRID, INSIDE, NOT_FINITE, OPEN, OUTSIDE, WINDOW, Timing
+from edmsim.plant.kernel.state import BROKEN, GRID, INSIDE, NOT_FINITE, OPEN, OUTSIDE, PULSE, WINDOW, Timing
 
 _NAMES = tuple(name for name in WINDOW.names or () if name != FREE)
 _KINDS = [WINDOW[name] for name in _NAMES]
@@ -96,6 +96,15 @@ def forget_places(pulses: NDArray[np.void]) -> None:
     for name in ("gap_um", "x_um", "y_um"):
         pulses[name][nowhere] = np.nan
     pulses["ray"][nowhere] = -1
+
+
+def without_wire(window: PulseWindow, timing: Timing) -> NDArray[np.void]:
+    """Return the pulses of a window (rows of `state.PULSE`) that found no wire: all open."""
+    pulses = np.zeros(window.pulses, PULSE)
+    pulses["start_us"] = np.arange(window.pulses) * window.duration_ns * 1e-3 / window.pulses
+    pulses["delay_us"], pulses["open_V"], pulses["kind"], pulses["slice"] = timing.wait_us, timing.open_V, OPEN, -1
+    forget_places(pulses)
+    return pulses
 
 
 def left_validity(status: int, window: PulseWindow, time_s: float, commanded_um: tuple[float, float]) -> PlantError:

@@ -10,6 +10,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import open_V
+from edmsim.plant.kernel.state import OPEN
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.windows import WindowTable
 
@@ -120,6 +121,21 @@ def test_pulses_without_a_wire_take_as_long_as_open_ones(generator):
     bare = far.advance()
     assert (bare.open, bare.duration_ns) == (255, open_.duration_ns)
     assert bare.mean_voltage_V == pytest.approx(open_.mean_voltage_V, rel=0.02)  # a wire leaks a little
+
+
+def test_watched_pulses_without_a_wire_are_open_and_there_is_no_gas():
+    plant = straight_cut(Machine.load(height_mm=5)).plant
+    plant.watch_pulses()
+    while not plant.coverage().any():
+        plant.advance()
+    assert (plant.last_pulses()["kind"] != OPEN).any()
+    plant.go_bare()
+    window = plant.advance(pulses=100)
+    pulses = plant.last_pulses()
+    assert set(pulses["kind"]) == {OPEN}
+    assert set(pulses["slice"]) == {-1}
+    np.testing.assert_allclose(np.diff(pulses["start_us"]), window.duration_ns * 1e-5, rtol=1e-4)
+    assert not plant.coverage().any()
 
 
 def test_steps_without_a_wire_are_checked(hot):

@@ -170,6 +170,8 @@ def test_an_overridden_constant_is_in_force_and_not_drawn():
     ({"gap.colour": 1}, "gap.critical_um"), ({"colour": 1}, "gap.*"), ({"gap.critical_um": -1}, "gap.critical_um"),
     ({"gap.critical_um": float("nan")}, "gap.critical_um"), ({"wire.default_diameter_um": 200}, "brass-200"),
     ({"geometry.x_periodic_um": 2}, "lead_mm"), (3, "{'gap.critical_um': 5.0}"),
+    ({"gap.critical_um": 1e5}, "gap.critical_um cannot be 100000"), ({"guides.lower_error_mm": 9}, "within -5..5"),
+    ({"wire.heat_capacity_J_kgK": 1e-6}, "within 50..5000"), ({"material.magnetic_share": 50}, "within -1..1"),
 ])  # fmt: skip
 def test_a_constant_that_cannot_be_is_refused_in_one_line(constants, named):
     with pytest.raises(InputError) as refused:

@@ -243,12 +243,13 @@ def test_with_refuses_what_it_does_not_know():
 # --- files that are like another, and the production preset ---
 
 
-def test_a_file_like_another_has_its_constants_where_it_gives_none(own_file, tmp_path):
+@pytest.mark.parametrize("name", available("machines"))  # of ours, some are like another themselves
+def test_a_file_like_another_has_its_constants_where_it_gives_none(tmp_path, name):
     file = tmp_path / "like.toml"
     file.write_text(
-        'title = "Like"\nlike = "agiecut-dem15"\n[guides]\nclearance_mm = { value = 3.0, source = "measured" }\n'
+        f'title = "Like"\nlike = "{name}"\n[guides]\nclearance_mm = {{ value = 3.0, source = "measured" }}\n'
     )
-    own, usual = Machine.load(str(file)).base, Machine.load().base
+    own, usual = Machine.load(str(file)).base, Machine.load(name).base
     assert (own.title, own.guides.clearance_mm.value, own.guides.clearance_mm.range) == ("Like", 3.0, None)
     assert own.guides.model_copy(update={"clearance_mm": usual.guides.clearance_mm}) == usual.guides
     assert (own.table, own.gap, own.model) == (usual.table, usual.gap, usual.model)

@@ -137,6 +137,15 @@ def test_a_snapshot_with_heights_no_slice_has_is_refused(name):
         plant.restore(state)
 
 
+def test_a_snapshot_whose_mean_height_is_rounded_is_restored():
+    """At 15 mm of 30 the topmost slice has one and a half times its metal, and the mean of its rays a bit more."""
+    plant = stepped_plant(30.0, [(None, 15.0)])
+    state = plant.snapshot()
+    state["metal"][:2] = np.nextafter(0.5, 0.0), np.nextafter(1.5, 2.0)
+    plant.restore(state)
+    np.testing.assert_array_equal(plant.snapshot()["metal"], state["metal"])
+
+
 @pytest.mark.parametrize("heights", [(6.3,), (4.0, 7.1), (2.1, 5.0, 8.99), (9.2,)])
 def test_the_field_counts_the_true_volume(heights):
     """Bands on the grid of cells; all metal in reach is taken, and back after a snapshot as well."""

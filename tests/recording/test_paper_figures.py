@@ -184,6 +184,9 @@ def test_a_sample_of_a_cut_has_its_setting(small_cut):
     assert drawn.machine.height_mm == 5.0
     assert drawn.feed_um_s == cutting_feed_um_s(result.windows)
     assert drawn.period_us == 100.0
+    settings = {**result.report.settings, "material": "copper"}  # as if the material's file had changed
+    with pytest.raises(edmsim.InputError, match="other constants than the cut had"):
+        sample_like(dataclasses.replace(result.report, settings=settings), result.windows)
 
 
 def test_what_cannot_be_sampled_is_said(cut):

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.recording.figures.profile import binned, profile_figure
-from edmsim.recording.figures.style import write_figure
+from edmsim.recording.figures.profile import binned, draw_map, profile_figure
+from edmsim.recording.figures.style import NotebookFigure, write_figure
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import WindowTable
 
@@ -61,6 +61,16 @@ def test_the_map_is_to_scale(cut):
     low, high = axes.get_xlim()
     left, _ = cut.scene.origin_mm
     assert low < 19.0 - left < 30.0 - left < high
+
+
+def test_the_kerf_round_a_small_part_is_in_the_map():
+    """It reaches a wire and two gaps beyond the edge."""
+    corners_mm, wire_um = np.array([(0.0, 0.0), (1.0, 1.0)]), 250.0
+    figure = NotebookFigure()
+    axes = figure.add_subplot()
+    draw_map(axes, Scene((), (), (), corners_mm, (-9, -9, 9, 9), 20.0, (-10, 30), wire_um))
+    for low, high in (axes.get_xlim(), axes.get_ylim()):
+        assert low < -0.35 < 1.35 < high
 
 
 def test_a_stopped_cut_says_why_and_where(cut):
