@@ -93,6 +93,8 @@ def run(
     refuse_unknown("algorithm", algo, (*ALGORITHMS, BANDIT))
     if not resume:
         hyperparameters.refuse_training(out)
+        if (out / "policy.json").exists():  # it may be the start, which --safe compares with
+            raise InputError("this folder has a policy, which the training would replace: give another folder", out)
     if algo == BANDIT:
         return _bandit(env_id, out, steps, seed, resume, episodes, options)
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing

@@ -5,7 +5,7 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK
-from edmsim.learning import policy_file, safe
+from edmsim.learning import command, policy_file, safe
 
 RNG = np.random.default_rng(1)
 MACHINES = RNG.uniform(500, 3000, 12)  # what a start earns: machines differ far more than policies
@@ -54,3 +54,12 @@ def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, wors
 def test_what_cannot_be_compared_is_refused_before_the_training(machines, start, said):
     with pytest.raises(InputError, match=said):
         safe.check(machines, start)
+
+
+@pytest.mark.parametrize("algo", ["ppo", "bandit"])
+def test_a_training_does_not_replace_the_policy_of_a_folder(tmp_path, algo):
+    file = tmp_path / "policy.json"
+    file.write_text("a start")
+    with pytest.raises(InputError, match="has a policy, which the training would replace"):
+        command.run("edmsim/GapFeed-v2", algo, tmp_path, 64, 0, False, 0)
+    assert file.read_text() == "a start"
