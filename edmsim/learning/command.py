@@ -123,11 +123,14 @@ def run(
         options = options._replace(**done.options)
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
         card, packed = trained.export(f"edmsim train {words}{options.words()}")
-        policy_file.write(card, packed, file)
+        is_safe = options.safe is not None and options.start is not None
+        # an interrupted comparison must not leave a policy that was not accepted
+        written = file.with_name("candidate.json") if is_safe else file
+        policy_file.write(card, packed, written)
         if returns:
             bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
         if options.safe is not None and options.start is not None:
-            verdict = safe.accept(done.env_id, file, options.start, options.safe, bar.show)
+            verdict = safe.accept(done.env_id, written, options.start, options.safe, bar.show)
             bar.show("accept", 1, 1, verdict.words())
         return _scored(done.env_id, file, episodes, bar)
 

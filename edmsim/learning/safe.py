@@ -73,18 +73,19 @@ def compare(
 
 
 def accept(
-    env_id: str, file: Path, start: str, machines: int, watch: Callable[[str, int, int], None] | None = None
+    env_id: str, trained: Path, start: str, machines: int, watch: Callable[[str, int, int], None] | None = None
 ) -> Verdict:
-    """Compare a trained policy with its start, and replace it by its start if it is refused.
+    """Compare a trained policy with its start: it becomes ``policy.json`` of its folder, or ``refused.json``.
 
-    A refused policy moves to ``refused.json`` in the same folder. The start is a file or a name.
+    If it is refused, the start becomes ``policy.json``. The start is a file or a name.
     """
-    found = compare(env_id, f"policy:{file}", f"policy:{policy_of(start)}", machines, watch)
-    if not found.accepted:
-        refused = file.with_name("refused.json")
-        for ending in (".json", ".npz"):
-            file.with_suffix(ending).replace(refused.with_suffix(ending))
-        first = locate(start)
-        for ending in (".json", ".npz"):
+    found = compare(env_id, f"policy:{trained}", f"policy:{policy_of(start)}", machines, watch)
+    file, refused = trained.with_name("policy.json"), trained.with_name("refused.json")
+    first = locate(start)
+    for ending in (".json", ".npz"):
+        trained.with_suffix(ending).replace((file if found.accepted else refused).with_suffix(ending))
+        if found.accepted:
+            refused.with_suffix(ending).unlink(missing_ok=True)
+        else:
             shutil.copy(first.with_suffix(ending), file.with_suffix(ending))
     return found
