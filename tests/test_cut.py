@@ -12,6 +12,7 @@ import shapely
 
 import edmsim
 from edmsim.errors import InputError
+from edmsim.metrology.roughness import roughness_um
 from edmsim.recording.scene import write_scene
 from edmsim.recording.windows import write_windows
 
@@ -93,6 +94,16 @@ def test_removed_metal_is_what_the_craters_took(small_cut):
     areas_mm2 = [small_cut.result.contour(i).area for i in range(field.n_slices)]
     # the contour is the half-removed level of 4 um cells
     assert sum(areas_mm2) * 5 / field.n_slices == pytest.approx(report["removed_mm3"], rel=0.01)
+
+
+@pytest.mark.slow
+def test_roughness_is_that_of_the_mean_crater_of_sparks_and_arcs(cut_small):
+    report = cut_small(t_on_us=4.0, t_period_us=14.0, max_time_s=3.0).report  # so short a pause that arcs burn
+    share = report["pulse_share"]
+    assert share["arc"] > 0.1 * share["spark"]
+    crater_um3 = 1e9 * report["removed_mm3"] / (report["pulses"] * (share["spark"] + share["arc"]))
+    flatness = edmsim.Machine.load().base.discharge.crater_flatness.value
+    assert report["surface"]["ra_um"] == pytest.approx(roughness_um(crater_um3, flatness), rel=1e-3)
 
 
 def test_energy_and_removed_metal_belong_together(small_cut):  # T-11
