@@ -30,7 +30,7 @@ def test_the_machines_are_none_of_a_comparison():
 @pytest.mark.parametrize(("worse", "left"), [(True, "start"), (False, "trained")])
 def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, worse, left):
     shipped = policy_file.locate("GapFeed-ppo")
-    trained, kept, refused = (tmp_path / f"{name}.json" for name in ("candidate", "policy", "refused"))
+    trained, policy_json, refused = (tmp_path / f"{name}.json" for name in ("candidate", "policy", "refused"))
     policy = policy_file.load("GapFeed-ppo")
     card = policy.card.model_copy(update={"command": "trained"})
     policy_file.write(card, shipped.with_suffix(".npz").read_bytes(), trained)
@@ -39,13 +39,13 @@ def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, wors
 
     class Cut:
         def __init__(self, seed, name):
-            assert not kept.exists()  # an interruption leaves no policy that was not accepted
+            assert not policy_json.exists()  # an interruption leaves no policy that was not accepted
             self.total_return = MACHINES[seed - safe.FIRST_SEED] - (500.0 if worse and "trained" in name else 0.0)
 
     monkeypatch.setattr(safe, "cut_job", lambda env_id, job: Cut(job[1], job[0].replace(str(trained), "trained")))
     found = safe.accept("edmsim/GapFeed-v2", trained, "policy:GapFeed-ppo", 6)
     assert found.machines == 6
-    assert (policy_file.load(str(kept)).card.command == "trained") is (left == "trained")
+    assert (policy_file.load(str(policy_json)).card.command == "trained") is (left == "trained")
     assert not trained.exists()
     assert refused.exists() is refused.with_suffix(".npz").exists() is worse
     if worse:
