@@ -563,11 +563,11 @@ def _near(law: ServoLaw) -> float:
     return float(law.gauge.flux.max())
 
 
-# `GuardedHold` relieves a wire before it breaks, so that it can hold a higher heat flux. On training machines, most
-# wires that broke had boiled dry 10 to 270 ms before (docs/tasks/max-rate-shift.md). It began with 1.4 to 4 times as
-# many discharges as usual in one fifth of the height, often as a short cleared. Steam then covers the wire, takes
-# hardly any heat from it, and leaves it only when the wire has cooled down. A law that holds the mean flux is too
-# slow for that; therefore a window of long periods follows a burst.
+# `GuardedHold` relieves a wire before it breaks, so that it can hold a higher heat flux. On training machines, the
+# wires that broke had boiled dry 16 to 52 ms before (docs/tasks/max-rate-shift.md). It began with 1.2 to 3 times as
+# many discharges as usual in one fifth of the height. Steam then covers the wire, takes hardly any heat from it, and
+# leaves it only when the wire has cooled down. A law that holds the mean flux is too slow for that; therefore a
+# window of long periods follows a burst.
 # Kinoshita, Fukui and Gamo (CIRP Annals 31:111, 1982) saw the frequency of pulses rise 5 to 40 ms before a wire
 # broke, and switched the generator off then; later controllers located discharges and reduced the power where they
 # concentrated (both after the review of Ho et al., Int. J. Mach. Tools Manuf. 44:1247, 2004).
@@ -575,8 +575,8 @@ def _near(law: ServoLaw) -> float:
 WATER_KG_M3 = 1000.0
 IGNITION_S = 1.0  # time constant of what an ignition adds to the flux (ours: some hundred windows)
 FIRST_GUARD, LEAST_GUARD = 1.5, 1.15
-"""Flux of a window, over what is held, that is a burst: at first, and at the least (ours: two thirds of those that
-dried wires of training machines were above 1.5; counts of 50 ignitions scatter by 0.14)."""
+"""Flux of a window, over what is held, that is a burst: at first, and at the least (ours: among the 1.2 to 3 of
+those that dried wires of training machines; counts of 50 ignitions scatter by 0.14)."""
 GUARD_STEP = 0.02  # change of its logarithm after a relief (ours: it settles within some minutes)
 NEAR_HOLD = 0.8  # share of what is held above which the guard learns (ours: below, the gap limits the flux)
 

@@ -106,7 +106,7 @@ TASKS = {
         ("heat-flux", *(f"heat-flux:hold_share={share:g}" for share in (0.3, 0.5))),
         ("heat-flux:hold_share=0.6",),
         ("heat-oracle",),
-        ("fixed-period", "heat-flux"),
+        ("fixed-period:period_us=35", "fixed-period:period_us=35"),
     ),
     "ThinWire": Candidates(
         tuple(f"{GAP},period_factor={factor:g}" for factor in (0.25, 0.35, 0.5, 0.7, 1.4)),

@@ -22,7 +22,7 @@ from edmsim.evaluation.episode import Episode
 from edmsim.machine.parts import BOILING_K
 
 ENV_ID, LAW = "edmsim/MaxRateShift-v0", "adaptive-hold"
-SEEDS, SECONDS = (22_002, 22_003, 22_004), 600.0
+SEEDS, SECONDS = range(22_002, 22_014), 600.0
 USUAL_S = 1.0  # time constant of the usual ignitions in each fifth
 SHORT_S = 0.05  # time in which a short counts as just cleared
 
