@@ -91,12 +91,13 @@ def run(
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     refuse_unknown("algorithm", algo, (*ALGORITHMS, BANDIT))
+    file = out / "policy.json"
     if not resume:
         hyperparameters.refuse_training(out)
-        if (out / "policy.json").exists():  # it may be the start, which --safe compares with
+        if file.exists():  # it may be the start, which --safe compares with
             raise InputError("this folder has a policy, which the training would replace: give another folder", out)
     if algo == BANDIT:
-        return _bandit(env_id, out, steps, seed, resume, episodes, options)
+        return _bandit(env_id, file, steps, seed, resume, episodes, options)
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
 
     if options.safe is not None:
@@ -105,7 +106,6 @@ def run(
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
     parameters = None if resume else options.hyperparameters(named, algo)
-    file = out / "policy.json"
     returns: list[tuple[int, float]] = []
     with ShownProgress(keep=True) as bar:
 
@@ -123,9 +123,8 @@ def run(
         options = options._replace(**done.options)
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
         card, packed = trained.export(f"edmsim train {words}{options.words()}")
-        is_safe = options.safe is not None and options.start is not None
         # an interrupted comparison must not leave a policy that was not accepted
-        written = file.with_name("candidate.json") if is_safe else file
+        written = file if options.safe is None else file.with_name("candidate.json")
         policy_file.write(card, packed, written)
         if returns:
             bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
@@ -136,9 +135,9 @@ def run(
 
 
 def _bandit(
-    env_id: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, options: TrainOptions
+    env_id: str, file: Path, steps: int | None, seed: int, resume: bool, episodes: int, options: TrainOptions
 ) -> list[ScreenTable]:
-    """Train a bandit, and score it."""
+    """Train a bandit in the folder of its file, and score it."""
     if others := options._replace(settings=None).words():
         raise InputError(f"a bandit chooses settings of a law: leave out{others}")
     if options.record_every is not None or options.live:
@@ -148,14 +147,13 @@ def _bandit(
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
     settings = None if resume else bandit_training.load(named, options.settings)
-    file = out / "policy.json"
     with ShownProgress(keep=True) as bar:
 
         def watch(machines: int, total: int) -> None:
             bar.show("train", machines, total, f"{machines} of {total} machines recorded")
 
         card = bandit_training.train(
-            named, out, steps=steps, seed=seed, resume=resume, settings=settings, watch=watch,
+            named, file.parent, steps=steps, seed=seed, resume=resume, settings=settings, watch=watch,
             command=f"edmsim train {env_id} --algo {BANDIT}", options=options.words(),
         )  # fmt: skip
         bandit_file.write(card, file)

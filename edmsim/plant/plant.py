@@ -424,7 +424,7 @@ class Plant:
         status = self._fire_once(place, len(rows), pulses)
         if status == loop.FINE:  # as most often
             return read_window(self._window_bytes)
-        if status == loop.BROKEN and self._state["broken"][0] == loop.BARE:
+        if status == loop.BROKEN and self._is_bare:
             pass_window(
                 self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses
             )
@@ -718,7 +718,7 @@ class Plant:
 
     def coverage(self) -> NDArray[np.float64]:
         """Share of the wire's front that gas covers now, (slices,) from the lowest: 0 to 1; 0 without a wire."""
-        if self._state["broken"][0] == loop.BARE:
+        if self._is_bare:
             return np.zeros(self.resolution.slices)
         return self._arrays.covered[: len(self._arrays.shape)].copy()
 
@@ -729,13 +729,18 @@ class Plant:
         return rays
 
     @property
+    def _is_bare(self) -> bool:
+        """Whether the machine goes on without a wire."""
+        return bool(self._state["broken"][0] == loop.BARE)
+
+    @property
     def timing(self) -> loop.Timing:
         """Voltages, currents and times of the generator's present setting."""
         return self._setting.timing
 
     def leakage_S(self) -> float:
         """Return the conductance of the water between wire and metal; 0 without a wire."""
-        if self._state["broken"][0] == loop.BARE:
+        if self._is_bare:
             return 0.0
         reach_um = np.maximum(self._arrays.distance[:, : self._arrays.edge_um.shape[1]], 1.0)
         return float((1.0 / reach_um.astype(np.float64)).sum()) * self._constants.leak_S_um
