@@ -1,19 +1,6 @@
 """The boards of the drives: when a drive is due, its inputs, and when its outputs take effect."""
 
-from edmsim.compiled.axis_rows import (
-    FAULT_IN,
-    FAULT_OUT,
-    FOLLOWING_ERROR,
-    FREEWHEEL,
-    HOLDS_OUTPUT,
-    N_AXES,
-    NET_IN,
-    NET_OUT,
-    NO_COMMAND,
-    SAMPLE,
-    SHARED_IN,
-    WATCHDOG,
-)
+from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.memory_views import call_with_two
 from edmsim.plant.axes.encoder import read_axis
@@ -22,7 +9,7 @@ from edmsim.plant.kernel.state import Axes
 NEVER = 1 << 62  # a time (ns) after all others
 NOBODY = -1  # nobody is due
 NOWHERE_UM = 1e9  # largest valid place; beyond it, or not finite, the axis has run away
-_OUTPUT, _DUTY, _SAMPLE, _ALARM = (kind * N_AXES for kind in range(4))
+_OUTPUT, _DUTY, _SAMPLE, _ALARM = (kind * axis_rows.N_AXES for kind in range(4))
 """Who is due: one of these and the number of the axis."""
 
 
@@ -30,7 +17,7 @@ _OUTPUT, _DUTY, _SAMPLE, _ALARM = (kind * N_AXES for kind in range(4))
 def first_due(axes: Axes, until_ns: int) -> tuple[int, int]:
     """Who is due first before a time, and when: of several at once in the order of the axes, outputs first."""
     who, due_ns = NOBODY, until_ns
-    for axis in range(N_AXES):
+    for axis in range(axis_rows.N_AXES):
         drive = axes.drives[axis]
         if drive.sample == 0:
             continue
@@ -48,9 +35,9 @@ def first_due(axes: Axes, until_ns: int) -> tuple[int, int]:
 @compiled
 def fault_net_low(axes: Axes) -> bool:
     """Whether a drive pulls the fault net low through its diode."""
-    for axis in range(N_AXES):
+    for axis in range(axis_rows.N_AXES):
         row = axes.rows[axis]
-        if axes.drives[axis].sample != 0 and row.wiring & NET_OUT and row.pins & FAULT_OUT:
+        if axes.drives[axis].sample != 0 and row.wiring & axis_rows.NET_OUT and row.pins & axis_rows.FAULT_OUT:
             return True
     return False
 
@@ -58,8 +45,8 @@ def fault_net_low(axes: Axes) -> bool:
 @compiled
 def _is_shared(axes: Axes, axis: int) -> bool:
     """Whether another drive is writing to the output that one shares with it."""
-    for other in range(N_AXES):
-        writes = axes.drives[other].sample != 0 and not axes.drives[other].lines & HOLDS_OUTPUT
+    for other in range(axis_rows.N_AXES):
+        writes = axes.drives[other].sample != 0 and not axes.drives[other].lines & axis_rows.HOLDS_OUTPUT
         if other != axis and writes and axes.rows[other].shares == axes.rows[axis].shares:
             return True
     return False
@@ -71,8 +58,8 @@ def _put_command(axes: Axes, axis: int) -> None:
     group = axes.rows[axis].shares
     if group == 0:
         axes.rows[axis].duty = axes.drives[axis].command
-    elif not axes.drives[axis].lines & HOLDS_OUTPUT:
-        for other in range(N_AXES):
+    elif not axes.drives[axis].lines & axis_rows.HOLDS_OUTPUT:
+        for other in range(axis_rows.N_AXES):
             if axes.rows[other].shares == group:
                 axes.rows[other].duty = axes.drives[axis].command
 
@@ -82,10 +69,10 @@ def _call(axes: Axes, axis: int, event: int, now_ns: int) -> bool:
     """Call a drive; say whether what it commands is a share of its supply."""
     drive, row = axes.drives[axis], axes.rows[axis]
     row.lines = row.hand_lines
-    if row.wiring & NET_IN and fault_net_low(axes):
-        row.lines |= FAULT_IN
+    if row.wiring & axis_rows.NET_IN and fault_net_low(axes):
+        row.lines |= axis_rows.FAULT_IN
     if row.shares != 0 and _is_shared(axes, axis):
-        row.lines |= SHARED_IN
+        row.lines |= axis_rows.SHARED_IN
     read_axis(axes, axis, now_ns)
     drive.now_ns, drive.event = now_ns, event
     size_of_drive, size_of_row = axes.drives.itemsize, axes.rows.itemsize
@@ -102,7 +89,7 @@ def _take_sample(axes: Axes, axis: int) -> bool:
     drive, row = axes.drives[axis], axes.rows[axis]
     now_ns, fine, ready_ns = drive.due_ns, True, drive.due_ns
     if row.in_reset == 0 and now_ns >= drive.stalled_until_ns:
-        fine = _call(axes, axis, SAMPLE, now_ns)
+        fine = _call(axes, axis, axis_rows.SAMPLE, now_ns)
         drive.alarm_ns = now_ns + drive.watchdog_ns if drive.watchdog_ns > 0 else NEVER
         ready_ns = now_ns + drive.busy_ns
     drive.index += 1
@@ -116,11 +103,11 @@ def _take_sample(axes: Axes, axis: int) -> bool:
 @compiled
 def serve(axes: Axes, who: int, now_ns: int) -> bool:
     """Let happen what `first_due` found; false if a drive commands what is not a share of its supply."""
-    axis = who % N_AXES
+    axis = who % axis_rows.N_AXES
     drive, row = axes.drives[axis], axes.rows[axis]
     if who >= _ALARM:
         drive.alarm_ns = NEVER
-        return row.in_reset != 0 or _call(axes, axis, WATCHDOG, now_ns)
+        return row.in_reset != 0 or _call(axes, axis, axis_rows.WATCHDOG, now_ns)
     if who >= _SAMPLE:
         return _take_sample(axes, axis)
     if who >= _DUTY:
@@ -128,7 +115,7 @@ def serve(axes: Axes, who: int, now_ns: int) -> bool:
         _put_command(axes, axis)
         return True
     drive.output_ns = NEVER
-    row.pins = drive.lines if row.apart == 0 else drive.lines | FREEWHEEL
+    row.pins = drive.lines if row.apart == 0 else drive.lines | axis_rows.FREEWHEEL
     if drive.pwm_ns > 0:
         drive.duty_ns = -(-now_ns // drive.pwm_ns) * drive.pwm_ns
     else:
@@ -141,7 +128,7 @@ def shut_off(axes: Axes, axis: int, now_ns: int) -> None:
     """Take a drive out of service that commands what is not a share of its supply."""
     hold_in_reset(axes, axis)
     axes.drives[axis].command = axes.rows[axis].duty = 0.0
-    axes.rows[axis].trip |= NO_COMMAND
+    axes.rows[axis].trip |= axis_rows.NO_COMMAND
     axes.rows[axis].trip_ns = now_ns
 
 
@@ -149,7 +136,7 @@ def shut_off(axes: Axes, axis: int, now_ns: int) -> None:
 def tripped(axes: Axes) -> int:
     """Return which axes the machine itself has to stop, a bit each."""
     found = 0
-    for axis in range(N_AXES):
+    for axis in range(axis_rows.N_AXES):
         if axes.drives[axis].sample != 0 and axes.rows[axis].trip != 0:
             found |= 1 << axis
     return found
@@ -158,15 +145,15 @@ def tripped(axes: Axes) -> int:
 @compiled
 def watch(axes: Axes, now_ns: int) -> None:
     """See which axes are too far from where the planner has them; a place that is not a number is nowhere."""
-    for axis in range(N_AXES):
+    for axis in range(axis_rows.N_AXES):
         row = axes.rows[axis]
         if axes.drives[axis].sample == 0:
             continue
         place, most = row.place_um, row.stray_um
         if abs(place) < NOWHERE_UM and place - row.most_um <= most and row.least_um - place <= most:
-            row.trip &= ~FOLLOWING_ERROR
-        elif row.trip & FOLLOWING_ERROR == 0:
-            row.trip |= FOLLOWING_ERROR
+            row.trip &= ~axis_rows.FOLLOWING_ERROR
+        elif row.trip & axis_rows.FOLLOWING_ERROR == 0:
+            row.trip |= axis_rows.FOLLOWING_ERROR
             row.trip_ns = now_ns
 
 
@@ -174,5 +161,5 @@ def watch(axes: Axes, now_ns: int) -> None:
 def hold_in_reset(axes: Axes, axis: int) -> None:
     """Let go of all of a drive's pins: the board pulls the bridge's enable low."""
     axes.rows[axis].in_reset = 1
-    axes.rows[axis].pins = FREEWHEEL
+    axes.rows[axis].pins = axis_rows.FREEWHEEL
     axes.drives[axis].output_ns = axes.drives[axis].duty_ns = NEVER

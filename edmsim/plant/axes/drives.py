@@ -8,19 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import (
-    AXIS,
-    DRIVE,
-    FAULT,
-    FAULT_IN,
-    FAULT_OUT,
-    FREEWHEEL,
-    N_AXES,
-    NET_IN,
-    NET_OUT,
-    NO_COMMAND,
-    SampleFunction,
-)
+from edmsim.compiled import axis_rows
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.advance import apply_geometric_errors, indicate, take_line
@@ -47,7 +35,7 @@ class AxisDrive(Protocol):
     motor: NDArray[np.void] | None
 
     @property
-    def sample(self) -> SampleFunction | None:
+    def sample(self) -> axis_rows.SampleFunction | None:
         """The compiled sample; None for a stepper."""
 
 
@@ -78,7 +66,7 @@ class Drives:
                 continue
             if not hasattr(drive, "record"):
                 raise InputError(f"the drive of {name} is {drive!r}: give one of edmsim.controllers.axis.make")
-            if drive.record.dtype != DRIVE or drive.record.shape != (1,):
+            if drive.record.dtype != axis_rows.DRIVE or drive.record.shape != (1,):
                 raise InputError(f"the record of the {name} drive is not one row of edmsim.compiled.axis_rows.DRIVE")
             made.drives[k] = drive.record[0]
             drive.record = made.drives[k : k + 1]
@@ -115,7 +103,7 @@ class Drives:
         for k in self._looped:
             drives["index"][k] = 1
             drives["due_ns"][k] = int(drives["num"][k]) // int(drives["den"][k])
-            rows["noise_key"][k] = key_of(-1 - N_AXES * int(seed) - k)  # other keys than the plants' own
+            rows["noise_key"][k] = key_of(-1 - axis_rows.N_AXES * int(seed) - k)  # other keys than the plants' own
             if self.axes.motors["spike_rate_Hz"][k] > 0:
                 rows["spike_ns"][k] = draw_pause(rows[k], self.axes.motors[k])
         self._find_marks()
@@ -128,7 +116,7 @@ class Drives:
         # an axis under a drive with a loop is given whole steps, at once where the drive makes ramps of its own, and
         # is moved by it; the others are there. Returns how long it took (ns), and for how long (s) axes would still
         # have to be waited for until they are within a step of their place: 0 if they are, or have been stopped
-        moved_um = np.zeros(N_AXES)
+        moved_um = np.zeros(axis_rows.N_AXES)
         moved_um[: len(position_um)] = position_um - state["commanded_um"][0, : len(position_um)]
         counts = [round(float(um) / step_um) if self.has_loop(k) else 0 for k, um in enumerate(moved_um)]
         for k in self._looped:
@@ -138,7 +126,7 @@ class Drives:
             play_um = 0.5 * self.axes.ways["backlash_um"]
             state["slack_um"] = np.clip(state["slack_um"] + moved_um[:2], -play_um, play_um)
         state["commanded_um"] += moved_um
-        for axis in range(N_AXES):
+        for axis in range(axis_rows.N_AXES):
             if not self.has_loop(axis):
                 slack_um = state["slack_um"][0, axis] if axis < 2 else 0.0
                 state["axis_um"][0, axis] = state["commanded_um"][0, axis] - slack_um
@@ -158,7 +146,7 @@ class Drives:
         moves = straight_moves(counts, start_ns, rapid_um_s / step_um, at_once)
         rows["least_um"], rows["most_um"] = np.minimum(rows["least_um"], to_um), np.maximum(rows["most_um"], to_um)
         until_ns, late_s = start_ns + duration_ns, 0.0
-        check_ns, before_um = until_ns, np.inf * np.ones(N_AXES)
+        check_ns, before_um = until_ns, np.inf * np.ones(axis_rows.N_AXES)
         while run_moves(self.axes, moves, until_ns) and not self.faults():
             away_um = self.away_um(state)
             if np.all(away_um <= step_um):
@@ -175,7 +163,7 @@ class Drives:
 
     def away_um(self, state: NDArray[np.void]) -> NDArray[np.float64]:
         """Return how far every axis is from where its steps lead it; 0 for a stepper, which nobody looks after."""
-        away_um = np.zeros(N_AXES)
+        away_um = np.zeros(axis_rows.N_AXES)
         away_um[self._looped] = np.abs(self.axes.rows["place_um"] - state["commanded_um"][0])[self._looped]
         return away_um
 
@@ -191,7 +179,7 @@ class Drives:
             indicate(state)
         for time_ns, channel, value in events.tolist():
             self._run_to(time_ns)
-            if channel >= N_AXES:
+            if channel >= axis_rows.N_AXES:
                 take_line(self.axes, channel, value)
                 continue
             state["commanded_um"][0, channel] += value * step_um
@@ -230,7 +218,7 @@ class Drives:
     def faults(self) -> int:
         """Return which axes have to stop: bit k for axis k, if its drive reports a fault, or the machine stops it."""
         lines, trips = self.axes.drives["lines"].tolist(), self.axes.rows["trip"].tolist()
-        return sum(1 << k for k in range(N_AXES) if lines[k] & FAULT or trips[k])
+        return sum(1 << k for k in range(axis_rows.N_AXES) if lines[k] & axis_rows.FAULT or trips[k])
 
     @property
     def reach_um(self) -> float:
@@ -287,10 +275,10 @@ class Drives:
 
 def _initial_rows(travel_um: float, stray_um: float) -> NDArray[np.void]:
     """Rows of axes that are switched on, but for where they stand."""
-    rows = np.zeros(N_AXES, AXIS)
+    rows = np.zeros(axis_rows.N_AXES, axis_rows.AXIS)
     rows["spike_ns"], rows["stray_um"] = np.inf, stray_um
     rows["low_um"], rows["high_um"] = (0.0, 0.0, -np.inf, -np.inf), (travel_um, travel_um, np.inf, np.inf)
-    rows["pins"], rows["wiring"] = FREEWHEEL, NET_IN | NET_OUT
+    rows["pins"], rows["wiring"] = axis_rows.FREEWHEEL, axis_rows.NET_IN | axis_rows.NET_OUT
     return rows
 
 
@@ -306,7 +294,8 @@ def reason(drives: Drives) -> str:
     """Return why axes have stopped, the first one first: what stopped each, and what that did to others."""
     rows, lines = drives.axes.rows, drives.axes.drives["lines"]
     stopped = [k for k, name in enumerate(AXIS_NAMES) if name in drives.by_axis and drives.faults() >> k & 1]
-    by_line = [k for k in stopped if lines[k] & FAULT and not _own_words(drives, k) and _line_low(drives, k)]
+    fault = axis_rows.FAULT
+    by_line = [k for k in stopped if lines[k] & fault and not _own_words(drives, k) and _line_low(drives, k)]
     stopped.sort(key=lambda k: (k in by_line, int(rows["trip_ns"][k])))
     return "; ".join(_of_axis(drives, k) for k in stopped)
 
@@ -315,11 +304,11 @@ def _of_axis(drives: Drives, k: int) -> str:
     row, name = drives.axes.rows[k], AXIS_NAMES[k]
     why = _own_words(drives, k)
     off_um = float(max(row["place_um"] - row["most_um"], row["least_um"] - row["place_um"], 0.0))
-    if row["trip"] & NO_COMMAND:
+    if row["trip"] & axis_rows.NO_COMMAND:
         text = f"the drive of {name} is out of service: it commanded what is not a share of its supply"
-    elif drives.axes.drives["lines"][k] & FAULT and not why and (pulled_by := _line_low(drives, k)):
+    elif drives.axes.drives["lines"][k] & axis_rows.FAULT and not why and (pulled_by := _line_low(drives, k)):
         return f"the drive of {name} was stopped by its fault line, pulled low {pulled_by}"
-    elif drives.axes.drives["lines"][k] & FAULT:
+    elif drives.axes.drives["lines"][k] & axis_rows.FAULT:
         text = f"the drive of {name} has shut off its motor, {off_um:.1f} um from its path{': ' + why if why else ''}"
     else:
         why = why or ("its drive is held in reset" if row["in_reset"] else "")
@@ -340,11 +329,11 @@ def _line_low(drives: Drives, k: int) -> str:
     rows, lines = drives.axes.rows, drives.axes.drives["lines"]
     others = [
         name for j, name in enumerate(AXIS_NAMES)
-        if j != k and drives.has_loop(j) and rows["wiring"][j] & NET_OUT and lines[j] & FAULT_OUT
+        if j != k and drives.has_loop(j) and rows["wiring"][j] & axis_rows.NET_OUT and lines[j] & axis_rows.FAULT_OUT
     ]
-    if others and rows["wiring"][k] & NET_IN:
+    if others and rows["wiring"][k] & axis_rows.NET_IN:
         return f"by {' and '.join(others)}"
-    return "from outside" if rows["hand_lines"][k] & FAULT_IN else ""
+    return "from outside" if rows["hand_lines"][k] & axis_rows.FAULT_IN else ""
 
 
 def _of_supply(drives: Drives, k: int) -> str:

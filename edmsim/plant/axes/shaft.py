@@ -11,15 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import (
-    BRIDGE_DAMAGED,
-    FREEWHEEL,
-    MAGNETS_DAMAGED,
-    MOTOR,
-    N_AXES,
-    REFERENCE_V,
-    WINDING_DAMAGED,
-)
+from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
 from edmsim.plant.axes.encoder import position, see_edges, watch_cam
@@ -55,9 +47,9 @@ _EITHER = frozenset(
 
 def check_motor(motor: NDArray[np.void]) -> None:
     """Raise `InputError` for a row of `MOTOR` with a value that no motor can have."""
-    if motor.dtype != MOTOR or motor.shape != (1,):
+    if motor.dtype != axis_rows.MOTOR or motor.shape != (1,):
         raise InputError("a drive's motor is one row of edmsim.compiled.axis_rows.MOTOR")
-    for name in MOTOR.names or ():
+    for name in axis_rows.MOTOR.names or ():
         value = float(motor[name][0])
         fine = math.isfinite(value) and (value > 0 if name in _POSITIVE else value >= 0 or name in _EITHER)
         if not fine:
@@ -103,7 +95,7 @@ def _feed(row: Any, motor: Any, drawn_A: float, dt: float) -> None:
 def energise(row: Any, motor: Any, dt: float) -> float:
     """Carry current, supply and the winding's heat on over a time (s); return the mean torque (Nm)."""
     emf, before = motor.torque_Nm_A * row.speed_rad_s, row.current_A
-    if row.pins & FREEWHEEL:
+    if row.pins & axis_rows.FREEWHEEL:
         row.integral_A = 0.0
         row.current_A = _freewheel(row, motor, emf, dt)
         mean = 0.5 * (before + row.current_A)
@@ -119,11 +111,11 @@ def energise(row: Any, motor: Any, dt: float) -> float:
     heat_W = motor.resistance_ohm * mean * mean
     row.winding_K += dt * (heat_W - row.winding_K / motor.winding_K_W) / motor.winding_J_K
     if current > motor.bridge_A:
-        row.damage |= BRIDGE_DAMAGED
+        row.damage |= axis_rows.BRIDGE_DAMAGED
     if current > motor.peak_A:
-        row.damage |= MAGNETS_DAMAGED
+        row.damage |= axis_rows.MAGNETS_DAMAGED
     if row.winding_K > motor.rated_K:
-        row.damage |= WINDING_DAMAGED
+        row.damage |= axis_rows.WINDING_DAMAGED
     return float(motor.torque_Nm_A * mean)
 
 
@@ -131,8 +123,8 @@ def energise(row: Any, motor: Any, dt: float) -> float:
 def _target_rad_s(row: Any, motor: Any) -> float:
     """Speed that the amplifier makes of the voltage at its input."""
     warmth = 1.0 - math.exp(-row.moved_ns * 1e-9 / motor.warm_s) if motor.warm_s > 0.0 else 1.0
-    volts = row.duty * REFERENCE_V + motor.offset_V + motor.drift_V * warmth
-    volts = min(max(volts, -REFERENCE_V), REFERENCE_V)
+    volts = row.duty * axis_rows.REFERENCE_V + motor.offset_V + motor.drift_V * warmth
+    volts = min(max(volts, -axis_rows.REFERENCE_V), axis_rows.REFERENCE_V)
     gain = 1.0 + motor.gain_error + math.copysign(0.5 * motor.asymmetry, volts)
     return float(volts * gain * motor.amplifier_rad_s_V)
 
@@ -241,7 +233,7 @@ def coast(axes: Axes, axis: int, until_ns: int) -> bool:
 @compiled
 def coast_all(axes: Axes, first: int, until_ns: int) -> bool:
     """Move the axes from `first` on whose drives have a loop; false if a place is out of range or not finite."""
-    for axis in range(first, N_AXES):
+    for axis in range(first, axis_rows.N_AXES):
         if axes.drives[axis].sample != 0 and not coast(axes, axis, until_ns):
             return False
     return True
