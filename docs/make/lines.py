@@ -33,7 +33,7 @@ TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
           for pull in (-0.3, -0.5, -0.7) for fade in (25, 50)),
         f"{SET_POINT}0.4,{CORNER_PULSES},before_um=20,behind_um=100,corner_factor=2",
     )),
-    "Trim": (range(100, 112), (
+    "Trim": (range(100, 148), (
         *(f"fixed:feed_um_s={feed},offset_um={off}" for feed in (50, 100, 200) for off in (-8, -5, -2, 1, 4, 7)),
         *(f"{SET_POINT}{share:g},proportional_um_s=200,integral_um_s2=400,offset_um={off}"
           for share in (0.4, 0.5, 0.6, 0.7) for off in (-4, -2, 0)),

@@ -354,7 +354,7 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
             solid_capstyle="butt", zorder=10,
         )
         axes.text(
-            0.965 - span / 2, bottom + 0.007, text, transform=axes.transAxes, ha="center", va="bottom", fontsize=8,
+            0.965, bottom + 0.007, text, transform=axes.transAxes, ha="right", va="bottom", fontsize=8,
             color=palette.INK, zorder=10,
         )
 
