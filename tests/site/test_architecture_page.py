@@ -68,7 +68,8 @@ def test_every_name_is_defined_in_the_file_that_the_page_says():
     "where is a spark's crater made?", "where is an option declared?", "where is a UHU's law?",
     "where is the observation of an environment built?", "what does `--resume` restore?",
     "how is a figure of the report computed?", "where does the offset of a trim come from?",
-    "where is the unit of a program decided?", "where is the exchange with FMUs?", "where is a task's reward declared?",
+    "where is the unit of a program decided?", "where is the exchange with FMUs?",
+    "where is a task's reward declared?",
 ])  # fmt: skip
 def test_what_a_newcomer_looks_for_has_a_file_and_a_name(question):
     (answer,) = [cells[1] for cells in ROWS if cells[0] == question]
@@ -77,5 +78,6 @@ def test_what_a_newcomer_looks_for_has_a_file_and_a_name(question):
 
 def test_packages_are_in_the_order_in_which_they_import_each_other():
     table = PAGE.split("| package or file | subject |")[1].split("\n\n")[0]
-    packages = [re.sub(r"^edmsim/|/$|\.py$", "", path) for path in re.findall(r"^\| `([\w/.]+)`", table, re.MULTILINE)]
+    paths = re.findall(r"^\| `([\w/.]+)`", table, re.MULTILINE)
+    packages = [re.sub(r"^edmsim/|/$|\.py$", "", path) for path in paths]
     assert packages == [name for name in ORDER if name not in ("", "__main__")]
