@@ -67,8 +67,8 @@ def section(rows: list[VectorRate], comparison: dict[str, float]) -> str:
     return (
         f"{table(heads, cells, numbers=4)}\n\n"
         f"On {processor()}. A window of one environment takes {alone / many:.1f} times the processor time of one of "
-        f"{most}, because the environments of a step share the time that Python takes. 64 environments with all processors made {ours / theirs:.2f} times the steps per "
-        "second of 64 HalfCheetah-v5, timed in turns."
+        f"{most}, because the environments of a step share the time that Python takes. 64 environments with all "
+        f"processors made {ours / theirs:.2f} times the steps per second of 64 HalfCheetah-v5, timed in turns."
     )
 
 

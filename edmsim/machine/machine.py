@@ -79,7 +79,7 @@ def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 
 def own_mjcf(name: str, file: str) -> str:
-    """Return the MJCF that a user's machine file names: the path of a file in its folder, or a name of the package."""
+    """Return the MJCF that a user's machine file names: the path of a file in its folder, or our file's name."""
     sibling = Path(file).absolute().parent / name
     if sibling.is_file():
         return str(sibling)
