@@ -147,9 +147,9 @@ def know_types() -> None:
     """Import what modules import for annotations alone, so that these can be resolved."""
     for page in (DOCS / "api").glob("*.rst"):
         for name in re.findall(r"currentmodule:: (.*)", page.read_text(encoding="utf-8")):
-            room = import_module(name)
-            for public in getattr(room, "__all__", ()):
-                getattr(room, public)  # some load when they are asked for
+            package = import_module(name)
+            for public in getattr(package, "__all__", ()):
+                getattr(package, public)  # some load when they are asked for
     modules = [m for name, m in sys.modules.items() if name.partition(".")[0] == "edmsim" and m.__file__]
     known: dict[str, Any] = {}
     for module in modules:
@@ -230,7 +230,7 @@ def known_name(
 ) -> Element | None:
     """Find a class by its bare name; complain of an unknown name of edmsim; leave others as they are.
 
-    Docstrings name parameters, files and private rooms in single backticks as well as what has an entry here.
+    Docstrings name parameters, files and private modules in single backticks as well as what has an entry here.
     """
     target = node["reftarget"]
     if node.get("refdomain") != "py" or (target.startswith("edmsim.") and not exists(target)):

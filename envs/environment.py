@@ -110,7 +110,7 @@ class AttachedController:
         sub_envs.watchers.append((index, self._see))
 
     def stop(self) -> None:
-        """Look no more."""
+        """Detach the controller."""
         self._sub_envs.watchers.remove((self._index, self._see))
 
     @property
@@ -436,7 +436,7 @@ class SubEnvView:
         setattr(self, name, value)
 
     def begin_draws(self, seed: int | None) -> None:
-        """Let the sub-environment's draws begin as a seed has them, or as nobody knows."""
+        """Seed the sub-environment's draws; without a seed, at random."""
         self._random, self._seed = seeding.np_random(seed)
 
     @property
@@ -694,7 +694,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         return tuple(getattr(view, name) for view in self._views)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every sub-environment, of a list or tuple one each.
+        """Set an attribute of every sub-environment; a list or tuple has a value for each.
 
         Raises
         ------

@@ -18,7 +18,7 @@ from edmsim.recording.cut_folder import RECORDING
 
 
 class RecordedEpisodes:
-    """Every n-th episode in a folder of its own, perhaps shown as it ends; `hint` tells what is without a viewer."""
+    """Every n-th episode in its own folder, shown at its end if live; `hint` says what to do without a viewer."""
 
     def __init__(self, folder: str | Path, every: int, hint: str | None) -> None:
         self._every = whole_from("every", every, 1)

@@ -197,6 +197,6 @@ figure.tight_layout()
 # ## Limits
 #
 # - The oracle is a bound only for controllers that choose the feed and nothing else, and only for the cutting rate.
-#   In the model shorts do no harm to the surface; on a real machine so many of them may be a bad idea.
+#   In the model shorts do no harm to the surface; on a real machine they may.
 # - `counts` has its documented constants. Those that a search finds earn more, but oscillate if windows are long
 #   (page "benchmark").

@@ -121,8 +121,8 @@ for label in ("trained here", "shipped policy"):
     print(f"{label}: {share:.0%} of the return of `{best}`, more than it on {won} of {machines} machines")
 
 # %% [markdown]
-# The policy trained here has a negative return. The shipped one started from a policy of the previous version,
-# which avoided the metal, and had five times as many windows. It earns 91 % of the return of `voltage`, and 9 % more
+# The policy trained here has a negative return. The training of the shipped one started from a policy that avoids
+# the metal, and had five times as many windows. It earns 91 % of the return of `voltage`, and 9 % more
 # than `counts`; with eight machines the intervals of all three overlap. No learned policy is significantly better
 # than the best law, `delay` on the page "benchmark". This task sets only the feed, and a servo comes within a tenth
 # of a controller that sees the gap. A policy could gain more if it also sets the generator, or if it knows the

@@ -27,14 +27,14 @@ LAYERS: dict[str, set[str]] = {
         "compiled",
     },
 }  # fmt: skip
-"""Rooms that may import only some others."""
+"""Packages that may import only some others."""
 ORDER = (
     "models", "compiled", "errors", "numeric", "snapshots", "files", "user_code", "screen", "progress", "signals",
     "runs", "geometry", "machine", "plant", "controllers", "axis_bench", "program", "metrology", "cosim", "recording",
     "job", "measure", "envs", "consoles", "hil", "evaluation", "learning", "calibration", "validation", "sweep",
     "bench", "cli", "", "__main__",
 )  # fmt: skip
-"""Rooms from the bottom up: each imports only from those before it."""
+"""Packages and single files from the bottom up: each imports only from those before it."""
 EXCEPTIONS: dict[str, dict[str, str]] = {
     "layers": {}, "recording": {}, "circles": {}, "names": {}, "lines": {}, "files": {},
     "constants": {
@@ -84,7 +84,7 @@ def imports(name):
     return frozenset(imported & modules().keys()) - {name, "edmsim"}
 
 
-def room(name):
+def package(name):
     return (name + ".").split(".")[1]
 
 
@@ -102,24 +102,24 @@ def test_the_packages_are_the_folders():
     assert not bare, "a folder with Python files needs an __init__.py"
 
 
-def test_rooms_import_only_what_lies_below_them():
+def test_packages_import_only_what_lies_below_them():
     broken = {
         f"{name} imports {other}"
-        for name in modules() if room(name) in LAYERS
-        for other in imports(name) if room(other) not in LAYERS[room(name)]
+        for name in modules() if package(name) in LAYERS
+        for other in imports(name) if package(other) not in LAYERS[package(name)]
     }  # fmt: skip
     agree("layers", broken)
 
 
 def test_nobody_imports_the_command_line():
-    users = {name for name in modules() if any(room(other) == "cli" for other in imports(name))}
-    assert {name for name in users if room(name) not in ("cli", "__main__")} == set()
+    users = {name for name in modules() if any(package(other) == "cli" for other in imports(name))}
+    assert {name for name in users if package(name) not in ("cli", "__main__")} == set()
 
 
-def test_every_room_stands_on_those_below_it():
+def test_every_package_imports_only_from_those_below_it():
     upward = {
         f"{name} imports {other}"
-        for name in modules() for other in imports(name) if ORDER.index(room(other)) > ORDER.index(room(name))
+        for name in modules() for other in imports(name) if ORDER.index(package(other)) > ORDER.index(package(name))
     }  # fmt: skip
     assert upward == {"edmsim.models imports edmsim.errors"}  # errors stand beside, and import nothing
 
@@ -127,7 +127,7 @@ def test_every_room_stands_on_those_below_it():
 def test_recording_makes_no_plant():
     simulates = {"Plant", "Fleet", "Simulation", "Cycle", "Traverse", "sample_pulses", "sample_like", "cut"}
     broken = {
-        name for name in modules() if room(name) == "recording" for node in ast.walk(tree(name))
+        name for name in modules() if package(name) == "recording" for node in ast.walk(tree(name))
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("edmsim.")
         if not node.module.startswith("edmsim.recording") and simulates & {alias.name for alias in node.names}
     }  # fmt: skip
@@ -161,12 +161,12 @@ def test_constants_of_a_machine_stand_under_models():
     agree("constants", broken)
 
 
-def test_a_public_class_has_a_name_of_its_own_in_its_room():
+def test_a_public_class_has_a_name_of_its_own_in_its_package():
     places = defaultdict(list)
     for name in modules():
         for node in tree(name).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                places[room(name), node.name].append(name)
+                places[package(name), node.name].append(name)
     agree("names", {f"{where}: {name}" for (where, name), found in places.items() if len(found) > 1})
 
 

@@ -107,7 +107,7 @@ class NormalPulses(PeriodRule):
 
 @dataclass
 class FreshNormalPulses(NormalPulses):
-    """The same, but every wire begins with a longer period."""
+    """`NormalPulses`, but every wire begins with a longer period."""
 
     slow_factor: float = 2.5  # first period of every wire, divided by the operator's (ours)
 

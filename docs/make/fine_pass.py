@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from sections import table, write_sections
 
-from edmsim.evaluation.technology import cut_in_passes
+from edmsim.evaluation.technology_search import cut_in_passes
 from edmsim.machine.technology import Technology, technology_for
 from edmsim.validation.passes import HEIGHT_MM, LENGTH_MM
 

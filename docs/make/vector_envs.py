@@ -66,9 +66,9 @@ def section(rows: list[VectorRate], comparison: dict[str, float]) -> str:
     alone, many = (next(r.processor_us for r in rows if r.environments == n and r.threads == 1) for n in (1, most))
     return (
         f"{table(heads, cells, numbers=4)}\n\n"
-        f"On {processor()}. A window of one environment costs {alone / many:.1f} times one of {most}: Python's "
-        f"share, which they divide. 64 environments with all processors made {ours / theirs:.2f} times the steps per "
-        "second of 64 HalfCheetah-v5, timed in turns."
+        f"On {processor()}. A window of one environment takes {alone / many:.1f} times the processor time of one of "
+        f"{most}, because the environments of a step share the time that Python takes. 64 environments with all "
+        f"processors made {ours / theirs:.2f} times the steps per second of 64 HalfCheetah-v5, timed in turns."
     )
 
 

@@ -242,7 +242,7 @@ def technology(
 
     An interrupted search is resumed.
     """
-    from edmsim.evaluation.technology import Job, Search, at_height, merged, technology_text
+    from edmsim.evaluation.technology_search import Job, Search, at_height, merged, technology_text
     from edmsim.machine.technology import read_technology
 
     job = Job(material, passes=passes, **options)

@@ -176,7 +176,7 @@ CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # what the rows of a t
 def leaderboard(file: str | Path) -> dict[tuple[str, str], Comparison]:
     """Return the comparisons of a table of cuts, by environment id and resolution; none if there is no such file.
 
-    Of a cut that was made again the last one counts. A comparison has the seeds of its references; a controller
+    If a cut was repeated, the last one counts. A comparison has the seeds of its references; a controller
     without cuts of all of them is left out.
 
     Raises

@@ -37,9 +37,9 @@ _Part = TypeVar("_Part", bound=Part)
 
 
 def read(part: type[_Part], kind: Kind, name: str) -> _Part:
-    """Read a part of a set-up from a name under `models/` or an own TOML file.
+    """Read a part of a set-up by its name under `models/`, or from a user's TOML file.
 
-    A file that says ``like = "agiecut-dem15"`` has the constants of that one of ours where it gives none itself.
+    A file with ``like = "agiecut-dem15"`` takes the constants that it lacks from that file of the package.
     """
     if name.endswith(".toml"):
         file, text = name, _own_file(name)
@@ -79,7 +79,7 @@ def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 
 def own_mjcf(name: str, file: str) -> str:
-    """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours."""
+    """Return the MJCF that a user's machine file names: the path of a file in its folder, or our file's name."""
     sibling = Path(file).absolute().parent / name
     if sibling.is_file():
         return str(sibling)
@@ -89,7 +89,7 @@ def own_mjcf(name: str, file: str) -> str:
 
 
 def own_mjcf_text(model_file: str) -> str:
-    """Return the text of a user's MJCF; nothing of ours, which belongs to the version of edmsim."""
+    """Return the text of a user's MJCF; empty for one of the package, which belongs to the version of edmsim."""
     return Path(model_file).read_text(encoding="utf-8") if Path(model_file).is_absolute() else ""
 
 
@@ -100,7 +100,7 @@ def constants_digest(machine: Machine) -> str:
 
 
 def mjcf_version(model_file: str) -> int:
-    """Return a number that changes when a user's MJCF does; 0 for ours."""
+    """Return a number that changes when a user's MJCF does; 0 for one of the package."""
     return Path(model_file).stat().st_mtime_ns if Path(model_file).is_absolute() else 0
 
 

@@ -235,7 +235,7 @@ def read_technology(file: str | Path) -> Technology:
 
 
 def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
-    """Return ours for a material, or for the one that is removed most like it, for a machine and a wire if said."""
+    """Return the technology of a material, or of that with the nearest removal, for a machine and a wire if named."""
     known = [read_technology(name) for name in available("technologies")]
     fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
     if not fitting:

@@ -66,7 +66,7 @@ def shapes() -> list[tuple[int, int, int, bool]]:
 
 @methods_refuse_wrong_types
 class Plant:
-    """A wire-EDM machine at work.
+    """A simulated wire-EDM machine: table, wire, generator and gap.
 
     Parameters
     ----------

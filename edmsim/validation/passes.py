@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from edmsim.cosim.passes import PassRecord
 from edmsim.cosim.simulation import Simulation
-from edmsim.evaluation.technology import Job, cut_in_passes, cut_pass
+from edmsim.evaluation.technology_search import Job, cut_in_passes, cut_pass
 from edmsim.geometry import Floats
 from edmsim.machine.technology import Technology, technology_for
 from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error

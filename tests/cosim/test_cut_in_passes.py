@@ -13,7 +13,7 @@ from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.evaluation.technology import straight_path
+from edmsim.evaluation.technology_search import straight_path
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import metal_at
 from edmsim.metrology.passes import loose_pieces

@@ -7,7 +7,7 @@ from importlib import resources
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.evaluation.technology import Job, cut_pass
+from edmsim.evaluation.technology_search import Job, cut_pass
 from edmsim.machine.options import available
 from edmsim.machine.technology import (
     machine_of,
@@ -59,7 +59,7 @@ def test_a_single_height_gives_another_one_its_power_per_mm():
 @pytest.mark.slow
 def test_a_lower_part_than_the_technology_knows_does_not_break_the_wire(monkeypatch):
     """With the power for 25.4 mm, carbide of 16 mm breaks it within seconds."""
-    monkeypatch.setattr("edmsim.evaluation.technology.ROUGH_MM", 1.0)
+    monkeypatch.setattr("edmsim.evaluation.technology_search.ROUGH_MM", 1.0)
     found = technology_for("cemented-carbide")
     (one,) = found.table(16.0, 1).settings
     tall = found.heights[0].passes[0]

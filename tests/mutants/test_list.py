@@ -11,9 +11,9 @@ def test_every_mutant_can_be_put_in_and_has_tests():
         assert all((ROOT / place).exists() for place in mutant.tests), mutant
 
 
-def test_there_are_sixty_over_all_rooms():
+def test_there_are_sixty_over_all_packages():
     mutants = load()
     assert len({(mutant.file, mutant.old, mutant.new) for mutant in mutants}) == 60
-    rooms = {file.parent.name for file in (ROOT / "edmsim").glob("*/__init__.py")}
-    assert len(rooms) > 20
-    assert {mutant.file.removeprefix("edmsim/").split("/")[0] for mutant in mutants} >= rooms
+    packages = {file.parent.name for file in (ROOT / "edmsim").glob("*/__init__.py")}
+    assert len(packages) > 20
+    assert {mutant.file.removeprefix("edmsim/").split("/")[0] for mutant in mutants} >= packages

@@ -1,4 +1,4 @@
-"""docs/architecture.md: read in ten minutes; its files, names and order of rooms are those of the code."""
+"""docs/architecture.md: read in ten minutes; its files, names and order of packages are those of the code."""
 
 import ast
 import re
@@ -67,14 +67,17 @@ def test_every_name_is_defined_in_the_file_that_the_page_says():
 @pytest.mark.parametrize("question", [
     "where is a spark's crater made?", "where is an option declared?", "where is a UHU's law?",
     "where is the observation of an environment built?", "what does `--resume` restore?",
-    "how is a figure of the report computed?",
+    "how is a figure of the report computed?", "where does the offset of a trim come from?",
+    "where is the unit of a program decided?", "where is the exchange with FMUs?",
+    "where is a task's reward declared?",
 ])  # fmt: skip
 def test_what_a_newcomer_looks_for_has_a_file_and_a_name(question):
     (answer,) = [cells[1] for cells in ROWS if cells[0] == question]
     assert any(file in answer and f"`{name}`" in answer for name, file in finds())
 
 
-def test_rooms_are_in_the_order_in_which_they_import_each_other():
-    table = PAGE.split("| room | subject |")[1].split("\n\n")[0]
-    rooms = [re.sub(r"^edmsim/|/$|\.py$", "", path) for path in re.findall(r"^\| `([\w/.]+)`", table, re.MULTILINE)]
-    assert rooms == [room for room in ORDER if room not in ("", "__main__")]
+def test_packages_are_in_the_order_in_which_they_import_each_other():
+    table = PAGE.split("| package or file | subject |")[1].split("\n\n")[0]
+    paths = re.findall(r"^\| `([\w/.]+)`", table, re.MULTILINE)
+    packages = [re.sub(r"^edmsim/|/$|\.py$", "", path) for path in paths]
+    assert packages == [name for name in ORDER if name not in ("", "__main__")]

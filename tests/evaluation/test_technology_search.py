@@ -6,8 +6,8 @@ import pytest
 
 from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
-from edmsim.evaluation import technology
-from edmsim.evaluation.technology import TARGETS, Cut, Job, Search, technology_text
+from edmsim.evaluation import technology_search
+from edmsim.evaluation.technology_search import TARGETS, Cut, Job, Search, technology_text
 from edmsim.machine.technology import read_technology
 from edmsim.metrology.passes import WallError
 
@@ -33,15 +33,17 @@ def answer_through(job, at):
     table = job.technology([at]).table(at.height_mm, len(at.passes))
     for number, (one, offset_mm) in enumerate(zip(table.settings, table.offsets_mm, strict=True), 1):
         cut = answer(job, one, number, offset_mm, None)
-        wall = replace(cut.record.wall, mean_um=cut.record.wall.mean_um - job.seed // technology.NEXT_SEED)
+        wall = replace(cut.record.wall, mean_um=cut.record.wall.mean_um - job.seed // technology_search.NEXT_SEED)
         cuts.append(cut._replace(record=replace(cut.record, wall=wall)))
     return cuts
 
 
 @pytest.fixture(autouse=True)
 def no_cuts(monkeypatch):
-    monkeypatch.setattr(technology, "cut_pass", lambda job, one, number, mm, _: answer(job, one, number, mm, number))
-    monkeypatch.setattr(technology, "cut_through", answer_through)
+    monkeypatch.setattr(
+        technology_search, "cut_pass", lambda job, one, number, mm, _: answer(job, one, number, mm, number),
+    )  # fmt: skip
+    monkeypatch.setattr(technology_search, "cut_through", answer_through)
 
 
 def forbidden(*_):
@@ -75,8 +77,8 @@ def test_passes_that_are_known_keep_their_settings_and_get_their_offsets_again(m
         resolutions.append(job.resolution)
         return answer_through(job, at)
 
-    monkeypatch.setattr(technology, "cut_pass", forbidden)
-    monkeypatch.setattr(technology, "cut_through", noted)
+    monkeypatch.setattr(technology_search, "cut_pass", forbidden)
+    monkeypatch.setattr(technology_search, "cut_through", noted)
     assert Search(Job("tool-steel", passes=3), lambda text: None, known=found).run() == found
     off = tuple(one.model_copy(update={"last_offset_um": one.last_offset_um + 9.0}) for one in found.passes)
     known = found.model_copy(update={"passes": off})
@@ -97,11 +99,11 @@ def test_offsets_are_of_the_cuts_that_came_to_the_end_of_a_pass(monkeypatch):
 
     def stopped(job, at):
         cuts = answer_through(job, at)
-        last = ends[job.seed // technology.NEXT_SEED]
+        last = ends[job.seed // technology_search.NEXT_SEED]
         records = [cut.record if k < last else replace(cut.record, wall=None) for k, cut in enumerate(cuts)]
         return [cut._replace(record=record) for cut, record in zip(cuts, records, strict=True)]
 
-    monkeypatch.setattr(technology, "cut_through", stopped)
+    monkeypatch.setattr(technology_search, "cut_through", stopped)
     found = Search(Job("tool-steel", passes=2), lambda text: None).run()
     assert [one.last_offset_um for one in found.passes] == [164.5, 149.5]
     with pytest.raises(InputError, match="pass 3 did not come to its end in any cut through all passes: ask for 2"):
@@ -118,13 +120,13 @@ def test_an_interrupted_measurement_of_offsets_goes_on_behind_its_cuts(tmp_path,
             raise KeyboardInterrupt
         return answer_through(job, at)
 
-    monkeypatch.setattr(technology, "cut_through", interrupted)
+    monkeypatch.setattr(technology_search, "cut_through", interrupted)
     with pytest.raises(KeyboardInterrupt):
         Search(Job("tool-steel", passes=2), lambda text: None, tmp_path / "steel.runs.jsonl").run()
-    monkeypatch.setattr(technology, "cut_pass", forbidden)
+    monkeypatch.setattr(technology_search, "cut_pass", forbidden)
     resumed = Search(Job("tool-steel", passes=2), lambda text: None, tmp_path / "steel.runs.jsonl").run()
     assert resumed == whole
-    assert [seed // technology.NEXT_SEED for seed in seeds] == [0, 1, 2, 2, 3]
+    assert [seed // technology_search.NEXT_SEED for seed in seeds] == [0, 1, 2, 2, 3]
 
 
 def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path, monkeypatch):
@@ -134,7 +136,7 @@ def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path, monk
         cuts.append((number, one, offset_mm))
         return answer(job, one, number, offset_mm, number)
 
-    monkeypatch.setattr(technology, "cut_pass", noted)
+    monkeypatch.setattr(technology_search, "cut_pass", noted)
     journal, messages = tmp_path / "steel.runs.jsonl", list[str]()
     whole = Search(Job("tool-steel", passes=3), lambda text: None).run()
     last = {cut[0]: cut for cut in cuts}
