@@ -71,10 +71,18 @@ class NormalPulses(PeriodRule):
     base_us: float = field(default=0.0, init=False)
     period_us: float = field(default=0.0, init=False)
 
+    def __post_init__(self) -> None:
+        self._usual_us = 0.0  # where no set-up is known
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Read the operator's period."""
+        self._usual_us = machine.t_period_us
+
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
         """Add a window; every 100 ms compare with the threshold and set the period."""
-        if not self.base_us:  # the first window tells the operator's
-            self.base_us = self.period_us = round(window.duration_s * 1e6 / WINDOW_PULSES, 6)
+        if not self.base_us:  # without a set-up the first window tells the operator's period
+            usual_us = self._usual_us or round(window.duration_s * 1e6 / WINDOW_PULSES, 6)
+            self.base_us = self.period_us = usual_us
         self.seconds += window.duration_s
         self.normal += WINDOW_PULSES - window.short - window.open
         if math.isfinite(window.mean_current_A):

@@ -239,6 +239,14 @@ def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name
     assert closed_us == pytest.approx(usual_us, rel=0.1)
 
 
+@pytest.mark.parametrize(("name", "factor"), [("adaptive-off-time", 1.0), ("sato", 2.5)])
+def test_the_operators_period_is_the_set_ups_and_not_that_of_a_first_window_with_late_ignitions(name, factor):
+    controller = make(name)
+    tell(controller, Machine.load(t_on_us=20.0, t_period_us=80.0), LEFT, 0.0)
+    controller.reset(400.0)
+    assert controller.update(observed(1.2 * 255 * 80e-6)).t_period_us == factor * 80.0
+
+
 def test_sato_begins_every_wire_above_the_operators_period():
     controller = controllers.make("sato")
     controller.reset(400.0)
