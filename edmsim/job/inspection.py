@@ -266,15 +266,12 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[repor
     taken = [math.nan, *(before - now for before, now in pairwise(lefts))]
     volumes = [r.sums.crater_um3 / max(r.sums.spark + r.sums.arc, 1) for r in records]
     faces = face_roughness_um(volumes, taken, machines[0].base.discharge.crater_flatness.value)
-    found, heated = [], 0.0
+    found, heated = [], math.nan
     for record, machine, wall, took, ra_um in zip(records, machines, walls, taken, faces, strict=True):
         own_um = heat_affected_um(machine, _discharge_us(machine, record.sums))
-        heated = own_um if math.isnan(took) else max(own_um, heated - took)
+        heated = own_um if record is records[0] else float(np.maximum(own_um, heated - took))
         length_mm, seconds = (record.end_um - record.begin_um) * 1e-3, record.end_s - record.begin_s
-        face_mm2 = (
-            _area_mm2(simulation, record.begin_um, record.end_um) if simulation.path.leans
-            else length_mm * machine.height_mm
-        )
+        face_mm2 = _area_mm2(simulation, record.begin_um, record.end_um)
         left, pulses = wall.mean_um, max(record.sums.pulses, 1)
         found.append(report.PassFigures(
             record.contour, record.number, record.piece, record.reversed, record.begin_s, record.end_s, length_mm,
