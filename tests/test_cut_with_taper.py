@@ -6,19 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 import edmsim
 from edmsim.controllers import axis, from_text
-from edmsim.cosim.passes import PassSetup
+from edmsim.cosim.passes import PassRecord, PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.check import check
 from edmsim.job.cut import guides_of
+from edmsim.job.inspection import pass_figures
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
 from edmsim.metrology.profile import slice_heights_mm
 from edmsim.plant.plant import Plant
+from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.passes import PassPlan
@@ -92,6 +95,15 @@ def test_both_walls_lean_and_lie_an_ellipse_apart(finished):
     assert kerf == pytest.approx(plain / math.cos(math.radians(ANGLE_DEG)), abs=4.0)
     part = tilted[:, 1] - heights_um * TAN  # the part's wall, from where it was drawn
     assert np.abs(part - straight[:, 1].mean()).max() < 5.0
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, ANGLE_DEG])
+def test_a_rate_counts_the_local_height_along_the_wire(angle_deg):
+    cut = cut_of(angle_deg, steps=(LowerRegion(shapely.box(-1e6, -1e6, 1e6, 1e6), 2.0),))
+    ends_um = cut.total_um - 500.0, cut.total_um
+    cut.passes.records.append(PassRecord(1, 1, "profile", False, 164.0, 0.0, 60.0, *ends_um))
+    (found,) = pass_figures(cut)
+    assert found.rate_mm2_min == pytest.approx(0.5 * 2.0 / math.cos(math.radians(angle_deg)), rel=2e-3)
 
 
 @pytest.mark.slow

@@ -85,25 +85,22 @@ def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) 
 
 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
-    """Return a way along the path times the local height in mm2."""
+    """Return a way along the path times the local height in mm2; of a tilted wire, the height along it."""
     length, relief = to_um - from_um, simulation.plant.field.relief
-    if simulation.path.leans and length > 0:
-        every = [way for contour in simulation.path.contours for way in contour.ways]
-        slant = np.concatenate([way.slant for way in every])
-        ways = np.concatenate([np.diff(way.along_um) for way in every])
-        passed, areas = (np.concatenate([[0.0], np.cumsum(um)]) for um in (ways, ways * slant))
-        begin, end = np.interp((from_um, to_um), passed, areas)
-        return float(end - begin) * simulation.machine.height_mm * 1e-3
-    if relief is None or length <= 0:
+    if length <= 0 or (relief is None and not simulation.path.leans):
         return length * simulation.machine.height_mm * 1e-3
-    points = [way.astype(np.float64) for contour in simulation.path.contours for way in contour.ways_um]
+    ways = [way for contour in simulation.path.contours for way in contour.ways]
     # a way between contours is not a cut: it counts for nothing
-    pieces = [np.append(np.hypot(*np.diff(part, axis=0).T), 0.0) for part in points]
-    place = np.concatenate([[0.0], np.cumsum(np.concatenate(pieces))[:-1]])
-    count = math.ceil(length / _HEIGHT_STEP_UM)
-    s = from_um + (np.arange(count) + 0.5) * (length / count)
-    x, y = (np.interp(s, place, column) for column in np.concatenate(points).T)
-    return float(relief.heights_mm(np.column_stack([x, y])).mean()) * length * 1e-3
+    moves = np.concatenate([np.append(np.diff(way.along_um), 0.0) for way in ways])
+    slant = np.concatenate([np.append(way.slant, 1.0) for way in ways])
+    place, wall = (np.concatenate([[0.0], np.cumsum(um)[:-1]]) for um in (moves, moves * slant))
+    edges = np.linspace(from_um, to_um, math.ceil(length / _HEIGHT_STEP_UM) + 1)
+    walls_um = np.diff(np.interp(edges, place, wall))
+    if relief is None:
+        return float(walls_um.sum()) * simulation.machine.height_mm * 1e-3
+    points = np.concatenate([way.at_mid_height() for way in ways])
+    middle = np.column_stack([np.interp((edges[1:] + edges[:-1]) / 2, place, column) for column in points.T])
+    return float((walls_um * relief.heights_mm(middle)).sum()) * 1e-3
 
 
 def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:

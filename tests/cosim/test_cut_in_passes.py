@@ -10,16 +10,14 @@ import shapely
 
 import edmsim
 from edmsim.controllers import from_text
-from edmsim.cosim.passes import PassRecord, PassSetup
+from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.evaluation.technology import straight_path
-from edmsim.job.inspection import pass_figures
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import metal_at
 from edmsim.metrology.passes import loose_pieces
 from edmsim.metrology.roughness import face_roughness_um, roughness_um
-from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
 
@@ -29,13 +27,12 @@ def setups(height_mm=25.4):
     return [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, found, strict=True)]
 
 
-def started(length_mm=0.5, resolution="fast", height_mm=25.4, seed=0, steps=()):
+def started(length_mm=0.5, resolution="fast", height_mm=25.4, seed=0):
     both = setups(height_mm)
     offsets_mm = technology_for("tool-steel").table(height_mm, 2).offsets_mm
     path = straight_path(offsets_mm, length_mm, both[0].machine)
     return Simulation(
-        both[0].machine, path, both[0].controller, planner="exact", seed=seed, resolution=resolution, setups=both,
-        steps=steps,
+        both[0].machine, path, both[0].controller, planner="exact", seed=seed, resolution=resolution, setups=both
     )
 
 
@@ -185,10 +182,3 @@ def test_a_fine_pass_needs_stock_to_make_the_face_its_own():
     assert enough == pytest.approx(alone, rel=0.15)
     assert enough < little < nothing
     assert nothing == pytest.approx(roughness_um(coarse), rel=0.15)
-
-
-def test_the_rate_of_a_pass_counts_the_local_height():
-    simulation = started(steps=(LowerRegion(shapely.box(-1e6, -1e6, 1e6, 1e6), 20.0),))
-    simulation.passes.records.append(PassRecord(1, 1, "profile", False, 200.0, 0.0, 60.0, 0.0, 500.0))
-    (found,) = pass_figures(simulation)
-    assert found.rate_mm2_min == pytest.approx(0.5 * 20.0)
