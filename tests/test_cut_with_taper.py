@@ -106,6 +106,15 @@ def test_a_rate_counts_the_local_height_along_the_wire(angle_deg):
     assert found.rate_mm2_min == pytest.approx(0.5 * 2.0 / math.cos(math.radians(angle_deg)), rel=2e-3)
 
 
+def test_the_layer_of_a_trim_is_unknown_where_its_stock_is():
+    cut = cut_of()
+    for number in (1, 2):
+        cut.passes.records.append(PassRecord(1, number, "profile", False, 164.0, 0.0, 60.0, 0.0, 500.0))
+    rough, trim = pass_figures(cut)
+    assert rough.heat_affected_um is not None
+    assert (trim.stock_um, trim.heat_affected_um) == (None, None)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"planner": "poscal"}, {"drives": {n: axis.tuned("uhu") for n in "xy"}}])
 def test_planners_that_count_and_drives_make_the_same_wall(finished, options):
