@@ -346,10 +346,9 @@ def _part(
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
     heated_um = heat_affected_um(machine, _discharge_us(machine, sums)) if ignited else None
-    gap_um = ((math.nan if kerf.mean is None else kerf.mean) - machine.wire_diameter_um) / 2
-    length_mm, origin_mm = simulation.path_um * 1e-3, simulation.path.origin_mm
+    origin_mm = simulation.path.origin_mm
     passes = pass_figures(simulation)
-    last = max(passes, key=lambda one: (one.piece == "profile", one.end_s), default=None)
+    last = max(passes, key=_as_last, default=None)
     offset_mm = math.nan if simulation.path.offset_um is None else simulation.path.offset_um * 1e-3
     mean_um = mean_error_um(contours, profiles, left_um)
     elements = (
@@ -370,9 +369,26 @@ def _part(
         surface=report.Surface(
             last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else None,
             last.heat_affected_um if last else heated_um,
-            electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else None,
+            _electrolysed_um(simulation, kerf),
         ),
     )  # fmt: skip
+
+
+def _as_last(one: report.PassFigures | PassRecord) -> tuple[bool, float]:
+    """Rank passes: the face of the part is that of the greatest."""
+    return one.piece == "profile", one.end_s
+
+
+def _electrolysed_um(simulation: Simulation, kerf: report.Kerf) -> float | None:
+    """Return the depth that the water dissolved: in passes, in the last one, as trims take more than a layer."""
+    sums, length_um = simulation.sums, simulation.path_um
+    gap_um = ((math.nan if kerf.mean is None else kerf.mean) - simulation.machine.wire_diameter_um) / 2
+    if simulation.passes.records:
+        last = max(simulation.passes.records, key=_as_last)
+        sums, length_um = last.sums, last.end_um - last.begin_um
+        left_um = math.nan if last.wall is None else last.wall.mean_um
+        gap_um = last.offset_um - left_um - simulation.machine.wire_diameter_um / 2
+    return electrolysed_um(simulation.machine, sums.voltage_s / (length_um * 1e-3), gap_um) if length_um else None
 
 
 def _heights(profiles: list[ProfileError], height_mm: float) -> list[report.HeightError]:
