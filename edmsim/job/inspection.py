@@ -289,9 +289,11 @@ def _shares(
     simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[NDArray[np.float64], ...]]
 ) -> list[NDArray[np.float64] | None]:
     """Split the profile error; not where the wire's centre runs on the edge itself, or leans."""
+    records, contours = simulation.passes.records, simulation.path.contours
+    last_cut = [max((r.number for r in records if r.contour == k), default=None) for k in range(1, len(contours) + 1)]
     return [
-        error_shares(profile, contour, ways) if contour.offset_um and contour.lean is None else None
-        for profile, contour, ways in zip(profiles, simulation.path.contours, ways_um, strict=True)
+        error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
+        for profile, contour, ways, last in zip(profiles, contours, ways_um, last_cut, strict=True)
     ]
 
 
