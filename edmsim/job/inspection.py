@@ -1,6 +1,7 @@
 """Inspection of a cut part: its measurements for report, picture and recording."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 
@@ -352,7 +353,11 @@ def _part(
     passes = pass_figures(simulation)
     last = max(passes, key=_as_last, default=None)
     offset_mm = math.nan if simulation.path.offset_um is None else simulation.path.offset_um * 1e-3
-    mean_um = mean_error_um(contours, profiles, left_um)
+    finished = [
+        of_one for number, of_one in enumerate(zip(contours, profiles, left_um, strict=True), 1)
+        if _is_finished(number, of_one[0], simulation.passes.records)
+    ]
+    mean_um = mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
     elements = (
         found
         for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
@@ -374,6 +379,11 @@ def _part(
             _electrolysed_um(simulation, kerf),
         ),
     )  # fmt: skip
+
+
+def _is_finished(number: int, contour: WireContour, records: Sequence[PassRecord]) -> bool:
+    """Say whether all passes of a contour have been cut; the wall of one without passes is as it will be."""
+    return sum(r.contour == number and r.wall is not None for r in records) == len(contour.passes)
 
 
 def _as_last(one: report.PassFigures | PassRecord) -> tuple[bool, float]:

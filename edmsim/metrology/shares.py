@@ -24,6 +24,7 @@ from edmsim.plant.axes.ways import StillTable
 from edmsim.program.offset import REACH_TOLERANCE_MM
 from edmsim.program.path import WireContour
 
+_PASSED_UM = 20.0  # a pass has been at a place if it was no further off than its programmed way and this (ours)
 _JUMP_UM = 300.0  # places of a way further apart than this are not joined (ours: a window is some um of way)
 
 SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in the order of `error_shares`
@@ -35,13 +36,16 @@ def error_shares(
     """Split the profile error of a contour, offset above 0, into `SHARES` (5, places) that add up to ``mean_um``."""
     # ways are those of commanded position, guides and wire in order of time, in um on the table; all shares are
     # NaN where the error is, and everywhere for a contour that was not begun. Of a cut in passes they are those of
-    # the last pass that was begun, by default the last one
+    # the last pass that was begun, by default the last one, and NaN where that one has not been
     points = profile.points_mm * 1000
     planned = np.concatenate([_chords(way) for way in _programmed_um(contour, last_pass)])
     away = np.stack([_distance(points, planned), *(_distance(points, _joined(way)) for way in ways_um)])
     last = profile.mean_um + contour.offset_um - away[-1]
     shares = np.concatenate([np.diff(away, axis=0, prepend=contour.offset_um), [last]])
-    return np.where(np.isfinite(shares[-1]), shares, np.nan)
+    passed = np.isfinite(shares[-1])
+    if contour.passes:
+        passed &= away[1] - away[0] < _PASSED_UM
+    return np.where(passed, shares, np.nan)
 
 
 def _programmed_um(contour: WireContour, number: int | None = None) -> list[Floats]:

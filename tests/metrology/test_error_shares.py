@@ -86,6 +86,8 @@ def test_what_trims_leave_is_the_share_of_their_path_and_its_ends_are_out_of_rea
         shares = error_shares(found, trimmed, [dense] * 3, last)
         assert shares[0] == pytest.approx(path)
         assert shares[1:4] == pytest.approx(np.zeros((3, 2)), abs=1e-6)
+        stopped = error_shares(found, trimmed, [dense[:1000]] * 3, last)  # before it came to the second place
+        assert np.isnan(stopped).all(axis=0).tolist() == [False, True]
 
 
 def _inside():
