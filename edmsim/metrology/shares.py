@@ -214,8 +214,11 @@ def worst_place(
             x, y = profile.points_mm[place].tolist()
             out_of_reach = not reachable and left_um[place] > abs(largest) / 2
             why = "out of reach" if out_of_reach else _what_lies_at(contour, profile, int(place))
-            known = split is not None and bool(np.isfinite(split[:, place]).all())
-            made_by = SHARES[int(np.abs(split[:, place]).argmax())] if split is not None and known else None
+            made_by = None
+            if split is not None and np.isfinite(split[:, place]).all():
+                parts = dict(zip(SHARES, split[:, place].tolist(), strict=True))
+                parts["path"] -= left_um[place] if reachable else 0.0
+                made_by = max(SHARES, key=lambda name: abs(parts[name]))
             worst = WorstPlace(x, y, largest, why, made_by)
     return worst
 

@@ -167,6 +167,18 @@ def test_the_largest_error_says_what_lies_there(place_mm, why):
     assert (worst.error_um, worst.why, worst.made_by) == (-30.0, why, "wire")
 
 
+def test_what_is_out_of_reach_does_not_make_the_error_within_reach():
+    bare = profile()
+    left = unreachable_um(bare, contour())
+    gap_um = 0.2 * left
+    shares = np.array([left, 0.0 * left, 0.0 * left, 0.0 * left, gap_um])
+    against, within = (
+        worst_place([contour()], [profile(left + gap_um)], [left], [shares], reachable=reachable)
+        for reachable in (False, True)
+    )
+    assert (against.made_by, within.made_by) == ("path", "gap")
+
+
 def test_the_mean_error_is_that_of_the_walls_between_corners():
     bare = profile()
     left = unreachable_um(bare, contour())
