@@ -177,6 +177,9 @@ def test_measure_table_writes_what_cut_reads(edmsim, tmp_path):
     assert abs(document["squareness_um_m"]) < 40.0  # of 400
     assert document["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
     assert document["circle"]["circular_deviation"] < 6.0  # of 21
+    rest = edmsim(*words, "--compensation", made, "--out", left)
+    assert "Cut with it" not in rest.out  # they do not replace the tables in force
+    assert "worn-table with made here.toml in force" in left.read_text()
     assert edmsim(*words, "--out", made / "a.toml").status == 2  # a file is not a folder
     once = edmsim("measure", "table", "--runs", 1)
     assert once.status == 2

@@ -6,24 +6,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 import edmsim
 from edmsim.controllers import axis, from_text
-from edmsim.cosim.passes import PassSetup
+from edmsim.cosim.passes import PassRecord, PassSetup, Sums
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.check import check
 from edmsim.job.cut import guides_of
+from edmsim.job.inspection import inspect, pass_figures
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
+from edmsim.metrology.passes import WallError
 from edmsim.metrology.profile import slice_heights_mm
+from edmsim.metrology.roughness import electrolysed_um
 from edmsim.plant.plant import Plant
+from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import plan_path
 from edmsim.recording.scene import read_scene, write_scene
+from edmsim.recording.windows import WindowTable
 from edmsim.validation.setups import altered
 
 HEIGHT_MM, ANGLE_DEG = 3.0, 15.0
@@ -92,6 +98,35 @@ def test_both_walls_lean_and_lie_an_ellipse_apart(finished):
     assert kerf == pytest.approx(plain / math.cos(math.radians(ANGLE_DEG)), abs=4.0)
     part = tilted[:, 1] - heights_um * TAN  # the part's wall, from where it was drawn
     assert np.abs(part - straight[:, 1].mean()).max() < 5.0
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, ANGLE_DEG])
+def test_a_rate_counts_the_local_height_along_the_wire(angle_deg):
+    cut = cut_of(angle_deg, steps=(LowerRegion(shapely.box(-1e6, -1e6, 1e6, 1e6), 2.0),))
+    ends_um = cut.total_um - 500.0, cut.total_um
+    cut.passes.records.append(PassRecord(1, 1, "profile", False, 164.0, 0.0, 60.0, *ends_um))
+    (found,) = pass_figures(cut)
+    assert found.rate_mm2_min == pytest.approx(0.5 * 2.0 / math.cos(math.radians(angle_deg)), rel=2e-3)
+
+
+def test_the_layer_of_a_trim_is_unknown_where_its_stock_is():
+    cut = cut_of()
+    for number in (1, 2):
+        cut.passes.records.append(PassRecord(1, number, "profile", False, 164.0, 0.0, 60.0, 0.0, 500.0))
+    rough, trim = pass_figures(cut)
+    assert rough.heat_affected_um is not None
+    assert (trim.stock_um, trim.heat_affected_um) == (None, None)
+
+
+@pytest.mark.slow
+def test_what_the_water_dissolved_is_of_the_last_pass():
+    cut = cut_of()
+    for number, voltage_s, left_um in ((1, 900.0, 30.0), (2, 50.0, 2.0)):
+        wall = WallError(9, left_um, 1.0, (left_um,) * 5, 0.0, 0.0, 0.0, 0.1)
+        ends, sums = (0.0, float(number), 0.0, 500.0), Sums(voltage_s=voltage_s)
+        cut.passes.records.append(PassRecord(1, number, "profile", False, 150.0 + left_um, *ends, sums, wall))
+    expected = electrolysed_um(cut.machine, 50.0 / 0.5, 150.0 - cut.machine.wire_diameter_um / 2)
+    assert inspect(cut, WindowTable()).part.surface.electrolysed_um == pytest.approx(expected)
 
 
 @pytest.mark.slow

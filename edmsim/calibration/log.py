@@ -371,9 +371,13 @@ def _settings(table: LogTable, file: str | Path) -> CutSettings | None:
     """Return the cut's settings from the table's metadata; None if the table is not a cut's."""
     text = table.metadata.get(METADATA_KEY)
     try:
-        return None if text is None else CutSettings.of_json(text)
+        settings = None if text is None else CutSettings.of_json(text)
     except InputError as error:
         raise InputError(f"the settings in its metadata cannot be read: {error.reason}", file) from None
+    if settings is not None and (settings.passes or 1) > 1:
+        raise InputError(f"it is the log of a cut in {settings.passes} passes: trims have other settings, and "
+                         "metal on one side only; give the log of a cut in one pass", file)
+    return settings
 
 
 def _check(columns: Mapping[str, Floats], file: str | Path) -> None:

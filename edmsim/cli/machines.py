@@ -52,7 +52,8 @@ def table(
             make_writable(file.parent)
     found = measure_table(worn, interval_mm=interval, runs=runs, seed=settings.seed, compensation=loaded)
     if out is not None:
-        about = f"Errors of the table of {settings.machine}: what an axis indicates less where it truly is."
+        left = "" if compensation is None else f" with {Path(compensation).name} in force"
+        about = f"Errors of the table of {settings.machine}{left}: what an axis indicates less where it truly is."
         with replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
@@ -61,7 +62,7 @@ def table(
         sys.stdout.write(as_json(found) + "\n")
         return
     OUT.print(render(found))
-    if out is not None:
+    if out is not None and compensation is None:
         print_line(f"Cut with it: edmsim cut PROGRAM --compensation {shlex.quote(str(out))} --out DIR")
 
 

@@ -1,6 +1,7 @@
 """Inspection of a cut part: its measurements for report, picture and recording."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 
@@ -85,25 +86,22 @@ def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) 
 
 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
-    """Return a way along the path times the local height in mm2."""
+    """Return a way along the path times the local height in mm2; of a tilted wire, the height along it."""
     length, relief = to_um - from_um, simulation.plant.field.relief
-    if simulation.path.leans and length > 0:
-        every = [way for contour in simulation.path.contours for way in contour.ways]
-        slant = np.concatenate([way.slant for way in every])
-        ways = np.concatenate([np.diff(way.along_um) for way in every])
-        passed, areas = (np.concatenate([[0.0], np.cumsum(um)]) for um in (ways, ways * slant))
-        begin, end = np.interp((from_um, to_um), passed, areas)
-        return float(end - begin) * simulation.machine.height_mm * 1e-3
-    if relief is None or length <= 0:
+    if length <= 0 or (relief is None and not simulation.path.leans):
         return length * simulation.machine.height_mm * 1e-3
-    points = [way.astype(np.float64) for contour in simulation.path.contours for way in contour.ways_um]
+    ways = [way for contour in simulation.path.contours for way in contour.ways]
     # a way between contours is not a cut: it counts for nothing
-    pieces = [np.append(np.hypot(*np.diff(part, axis=0).T), 0.0) for part in points]
-    place = np.concatenate([[0.0], np.cumsum(np.concatenate(pieces))[:-1]])
-    count = math.ceil(length / _HEIGHT_STEP_UM)
-    s = from_um + (np.arange(count) + 0.5) * (length / count)
-    x, y = (np.interp(s, place, column) for column in np.concatenate(points).T)
-    return float(relief.heights_mm(np.column_stack([x, y])).mean()) * length * 1e-3
+    moves = np.concatenate([np.append(np.diff(way.along_um), 0.0) for way in ways])
+    slant = np.concatenate([np.append(way.slant, 1.0) for way in ways])
+    place, wall = (np.concatenate([[0.0], np.cumsum(um)[:-1]]) for um in (moves, moves * slant))
+    edges = np.linspace(from_um, to_um, math.ceil(length / _HEIGHT_STEP_UM) + 1)
+    walls_um = np.diff(np.interp(edges, place, wall))
+    if relief is None:
+        return float(walls_um.sum()) * simulation.machine.height_mm * 1e-3
+    points = np.concatenate([way.at_mid_height() for way in ways])
+    middle = np.column_stack([np.interp((edges[1:] + edges[:-1]) / 2, place, column) for column in points.T])
+    return float((walls_um * relief.heights_mm(middle)).sum()) * 1e-3
 
 
 def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
@@ -266,15 +264,12 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[repor
     taken = [math.nan, *(before - now for before, now in pairwise(lefts))]
     volumes = [r.sums.crater_um3 / max(r.sums.spark + r.sums.arc, 1) for r in records]
     faces = face_roughness_um(volumes, taken, machines[0].base.discharge.crater_flatness.value)
-    found, heated = [], 0.0
+    found, heated = [], math.nan
     for record, machine, wall, took, ra_um in zip(records, machines, walls, taken, faces, strict=True):
         own_um = heat_affected_um(machine, _discharge_us(machine, record.sums))
-        heated = own_um if math.isnan(took) else max(own_um, heated - took)
+        heated = own_um if record is records[0] else float(np.maximum(own_um, heated - took))
         length_mm, seconds = (record.end_um - record.begin_um) * 1e-3, record.end_s - record.begin_s
-        face_mm2 = (
-            _area_mm2(simulation, record.begin_um, record.end_um) if simulation.path.leans
-            else length_mm * machine.height_mm
-        )
+        face_mm2 = _area_mm2(simulation, record.begin_um, record.end_um)
         left, pulses = wall.mean_um, max(record.sums.pulses, 1)
         found.append(report.PassFigures(
             record.contour, record.number, record.piece, record.reversed, record.begin_s, record.end_s, length_mm,
@@ -295,9 +290,11 @@ def _shares(
     simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[NDArray[np.float64], ...]]
 ) -> list[NDArray[np.float64] | None]:
     """Split the profile error; not where the wire's centre runs on the edge itself, or leans."""
+    records, contours = simulation.passes.records, simulation.path.contours
+    last_cut = [max((r.number for r in records if r.contour == k), default=None) for k in range(1, len(contours) + 1)]
     return [
-        error_shares(profile, contour, ways) if contour.offset_um and contour.lean is None else None
-        for profile, contour, ways in zip(profiles, simulation.path.contours, ways_um, strict=True)
+        error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
+        for profile, contour, ways, last in zip(profiles, contours, ways_um, last_cut, strict=True)
     ]
 
 
@@ -352,12 +349,15 @@ def _part(
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
     heated_um = heat_affected_um(machine, _discharge_us(machine, sums)) if ignited else None
-    gap_um = ((math.nan if kerf.mean is None else kerf.mean) - machine.wire_diameter_um) / 2
-    length_mm, origin_mm = simulation.path_um * 1e-3, simulation.path.origin_mm
+    origin_mm = simulation.path.origin_mm
     passes = pass_figures(simulation)
-    last = max(passes, key=lambda one: (one.piece == "profile", one.end_s), default=None)
+    last = max(passes, key=_as_last, default=None)
     offset_mm = math.nan if simulation.path.offset_um is None else simulation.path.offset_um * 1e-3
-    mean_um = mean_error_um(contours, profiles, left_um)
+    finished = [
+        of_one for number, of_one in enumerate(zip(contours, profiles, left_um, strict=True), 1)
+        if _is_finished(number, of_one[0], simulation.passes.records)
+    ]
+    mean_um = mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
     elements = (
         found
         for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
@@ -376,9 +376,31 @@ def _part(
         surface=report.Surface(
             last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else None,
             last.heat_affected_um if last else heated_um,
-            electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else None,
+            _electrolysed_um(simulation, kerf),
         ),
     )  # fmt: skip
+
+
+def _is_finished(number: int, contour: WireContour, records: Sequence[PassRecord]) -> bool:
+    """Say whether all passes of a contour have been cut; the wall of one without passes is as it will be."""
+    return sum(r.contour == number and r.wall is not None for r in records) == len(contour.passes)
+
+
+def _as_last(one: report.PassFigures | PassRecord) -> tuple[bool, float]:
+    """Rank passes: the face of the part is that of the greatest."""
+    return one.piece == "profile", one.end_s
+
+
+def _electrolysed_um(simulation: Simulation, kerf: report.Kerf) -> float | None:
+    """Return the depth that the water dissolved: in passes, in the last one, as trims take more than a layer."""
+    sums, length_um = simulation.sums, simulation.path_um
+    gap_um = ((math.nan if kerf.mean is None else kerf.mean) - simulation.machine.wire_diameter_um) / 2
+    if simulation.passes.records:
+        last = max(simulation.passes.records, key=_as_last)
+        sums, length_um = last.sums, last.end_um - last.begin_um
+        left_um = math.nan if last.wall is None else last.wall.mean_um
+        gap_um = last.offset_um - left_um - simulation.machine.wire_diameter_um / 2
+    return electrolysed_um(simulation.machine, sums.voltage_s / (length_um * 1e-3), gap_um) if length_um else None
 
 
 def _heights(profiles: list[ProfileError], height_mm: float) -> list[report.HeightError]:

@@ -19,26 +19,42 @@ from edmsim.controllers.axis.elcam.file import PATH, PLACES, StepCompensation
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.geometry import Floats, Polyline, left_of
 from edmsim.machine.machine import Machine
-from edmsim.metrology.profile import CORNER_REACH_MM, EDGE_CORNER_DEG, ProfileError, wire_line
+from edmsim.metrology.profile import CORNER_REACH_MM, EDGE_CORNER_DEG, ProfileError
 from edmsim.plant.axes.ways import StillTable
 from edmsim.program.offset import REACH_TOLERANCE_MM
 from edmsim.program.path import WireContour
 
+_PASSED_UM = 20.0  # a pass has been at a place if it was no further off than its programmed way and this (ours)
 _JUMP_UM = 300.0  # places of a way further apart than this are not joined (ours: a window is some um of way)
 
 SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in the order of `error_shares`
 
 
-def error_shares(profile: ProfileError, contour: WireContour, ways_um: Sequence[Floats]) -> Floats:
+def error_shares(
+    profile: ProfileError, contour: WireContour, ways_um: Sequence[Floats], last_pass: int | None = None
+) -> Floats:
     """Split the profile error of a contour, offset above 0, into `SHARES` (5, places) that add up to ``mean_um``."""
     # ways are those of commanded position, guides and wire in order of time, in um on the table; all shares are
-    # NaN where the error is, and everywhere for a contour that was not begun
+    # NaN where the error is, and everywhere for a contour that was not begun. Of a cut in passes they are those of
+    # the last pass that was begun, by default the last one, and NaN where that one has not been
     points = profile.points_mm * 1000
-    planned_um = contour.points_um.astype(np.float64)
-    away = np.stack([_distance(points, _chords(planned_um)), *(_distance(points, _joined(way)) for way in ways_um)])
+    planned = np.concatenate([_chords(way) for way in _programmed_um(contour, last_pass)])
+    away = np.stack([_distance(points, planned), *(_distance(points, _joined(way)) for way in ways_um)])
     last = profile.mean_um + contour.offset_um - away[-1]
     shares = np.concatenate([np.diff(away, axis=0, prepend=contour.offset_um), [last]])
-    return np.where(np.isfinite(shares[-1]), shares, np.nan)
+    passed = np.isfinite(shares[-1])
+    if contour.passes:
+        passed &= away[1] - away[0] < _PASSED_UM
+    return np.where(passed, shares, np.nan)
+
+
+def _programmed_um(contour: WireContour, number: int | None = None) -> list[Floats]:
+    """Return the programmed ways (n, 2) along a contour: in passes those of one, by default the last, and its tab."""
+    if not contour.passes:
+        return [contour.points_um[contour.lead_in_moves :].astype(np.float64)]
+    number = contour.passes[-1].number if number is None else number
+    passes = [one for one in contour.passes if one.number == number]
+    return [one.points_um[one.approach_moves :].astype(np.float64) for one in passes]
 
 
 def _joined(way: Floats) -> Floats:
@@ -158,7 +174,7 @@ class WorstPlace:
 
 def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
     """Return the metal (n,) that a wire exactly on its path leaves at every point of the edge; rounding is 0."""
-    path = shapely.LineString(wire_line(contour).points)
+    path = shapely.MultiLineString([way / 1000 for way in _programmed_um(contour)])
     left_um = shapely.distance(path, shapely.points(profile.points_mm)) * 1e3 - contour.offset_um
     return np.where(left_um > REACH_TOLERANCE_MM * 1e3, left_um, 0.0)
 
@@ -198,8 +214,11 @@ def worst_place(
             x, y = profile.points_mm[place].tolist()
             out_of_reach = not reachable and left_um[place] > abs(largest) / 2
             why = "out of reach" if out_of_reach else _what_lies_at(contour, profile, int(place))
-            known = split is not None and bool(np.isfinite(split[:, place]).all())
-            made_by = SHARES[int(np.abs(split[:, place]).argmax())] if split is not None and known else None
+            made_by = None
+            if split is not None and np.isfinite(split[:, place]).all():
+                parts = dict(zip(SHARES, split[:, place].tolist(), strict=True))
+                parts["path"] -= left_um[place] if reachable else 0.0
+                made_by = max(SHARES, key=lambda name: abs(parts[name]))
             worst = WorstPlace(x, y, largest, why, made_by)
     return worst
 

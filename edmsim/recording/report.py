@@ -212,7 +212,7 @@ class ErrorPlace(Figures):
 
 
 _WORDS = {
-    "start mark": "the start mark", "out of reach": "an inner corner out of the round wire's reach",
+    "start mark": "the start mark", "out of reach": "a place out of the round wire's reach",
     "inner corner": "an inner corner", "outer corner": "an outer corner", "edge": "between corners",
 }
 _MADE_BY = {

@@ -180,7 +180,9 @@ def fit(factors: list[Factor], values: Array) -> Shares:
     inverse = np.linalg.pinv(design)
     coefficients = inverse @ cells.means
     left = cells.means - design @ coefficients
-    left_out = left / (1.0 - np.einsum("ij,ji->i", design, inverse))  # error of each cell without it in the fit
+    free = 1.0 - np.einsum("ij,ji->i", design, inverse)
+    others = free > 1e-9  # not a cell that alone determines a coefficient: nothing is known of its error
+    left_out = left[others] / free[others]  # error of each cell without it in the fit
     by_noise = float(left @ left) / max(len(design) - design.shape[1], 1) * (inverse**2).sum(axis=1)
     within = 0.0 if math.isnan(cells.chance) else cells.chance * (1 - float(np.mean(1 / cells.counts)))
     rest = float(np.mean(left_out**2)) + within  # of one run, not of the mean of a cell's

@@ -59,10 +59,17 @@ def test_a_log_of_a_cut_has_its_columns_and_its_settings(cut_small, tmp_path):
     assert read_log(tmp_path / "log.csv").settings is None
 
 
-def test_settings_that_are_none_of_a_cut_are_refused_in_one_line(tmp_path):
-    table = pa.table(rows(5)).replace_schema_metadata({"edmsim": '{"colour": "red"}'})
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ('{"colour": "red"}', "metadata cannot be read: a cut has no option 'colour'"),
+        ('{"passes": 2}', "it is the log of a cut in 2 passes: .* give the log of a cut in one pass"),
+    ],
+)
+def test_settings_that_are_none_of_a_cut_in_one_pass_are_refused_in_one_line(tmp_path, settings, said):
+    table = pa.table(rows(5)).replace_schema_metadata({"edmsim": settings})
     pa.parquet.write_table(table, tmp_path / "log.parquet")
-    with pytest.raises(InputError, match="metadata cannot be read: a cut has no option 'colour'") as refused:
+    with pytest.raises(InputError, match=said) as refused:
         read_log(tmp_path / "log.parquet")
     assert str(tmp_path) in str(refused.value)
     assert "\n" not in str(refused.value)

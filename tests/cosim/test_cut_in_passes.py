@@ -14,11 +14,13 @@ from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.evaluation.technology_search import straight_path
+from edmsim.job.inspection import inspect
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import metal_at
 from edmsim.metrology.passes import loose_pieces
 from edmsim.metrology.roughness import face_roughness_um, roughness_um
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
+from edmsim.recording.windows import WindowTable
 
 
 def setups(height_mm=25.4):
@@ -71,6 +73,17 @@ def test_a_trim_takes_from_one_side_what_the_rough_pass_left():
     assert trim.sums.crater_um3 < 0.5 * rough.sums.crater_um3
     assert rough.sums.pulses + trim.sums.pulses < simulation.sums.pulses  # the lead-in is neither's
     assert trim.begin_s >= rough.end_s
+
+
+@pytest.mark.slow
+def test_no_offset_is_advised_before_the_last_pass_is_cut():
+    simulation, states = cut_with_a_snapshot_in_each_pass()
+    assert inspect(simulation, WindowTable()).part.offset.to_use_mm is not None
+    stopped = started()
+    stopped.restore(*states[-1])
+    assert len(stopped.passes.records) == 2
+    offset = inspect(stopped, WindowTable()).part.offset
+    assert (offset.mean_error_um, offset.to_use_mm) == (None, None)
 
 
 @pytest.mark.slow

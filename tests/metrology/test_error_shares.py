@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from edmsim.geometry import Polyline
 from edmsim.metrology.profile import ProfileError, element_errors
 from edmsim.metrology.shares import SHARES, error_shares, mean_error_um, share_stats, unreachable_um, worst_place
+from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 
 OFFSET_UM = 155.0
@@ -65,6 +66,28 @@ def test_an_inner_corner_the_wire_cannot_reach_belongs_to_the_path():
     shares = error_shares(corner, inner, [dense] * 3)
     assert shares[0, 0] == pytest.approx(OFFSET_UM * (2**0.5 - 1), abs=1e-6)
     assert shares[1:4, 0] == pytest.approx(np.zeros(3), abs=0.1)
+
+
+def test_what_trims_leave_is_the_share_of_their_path_and_its_ends_are_out_of_reach():
+    """A trim of an open edge ends before the round front of the rough pass."""
+    edge_mm, rough_um, ends_um = SQUARE_MM[:2], 240.0, (2200, 5800)
+    passes = tuple(
+        CutPass(number, "profile", np.array([(a, 2000 - um), (b, 2000 - um)]), 0, um, number == 2)
+        for number, um, (a, b) in ((1, rough_um, (2000, 6000)), (2, OFFSET_UM, ends_um))
+    )
+    path_um = np.array([(2000, 2000 - OFFSET_UM), (6000, 2000 - OFFSET_UM)])
+    trimmed = WireContour(path_um.astype(np.int64), 0, edge_mm, False, "left", offset_um=OFFSET_UM, passes=passes)
+    points = np.array([(2.0, 2.0), (4.0, 2.0)])
+    corner_um = math.hypot(ends_um[0] - 2000, OFFSET_UM) - OFFSET_UM
+    found = ProfileError(points, np.array([0.0, 2.0]), np.array([[80.0, 3.0]]), np.zeros(2, bool))
+    assert unreachable_um(found, trimmed) == pytest.approx([corner_um, 0.0])
+    for last, path in ((1, [rough_um - OFFSET_UM] * 2), (None, [corner_um, 0.0])):
+        dense = np.linspace(*passes[(last or 2) - 1].points_um, 5000)
+        shares = error_shares(found, trimmed, [dense] * 3, last)
+        assert shares[0] == pytest.approx(path)
+        assert shares[1:4] == pytest.approx(np.zeros((3, 2)), abs=1e-6)
+        stopped = error_shares(found, trimmed, [dense[:1000]] * 3, last)  # before it came to the second place
+        assert np.isnan(stopped).all(axis=0).tolist() == [False, True]
 
 
 def _inside():
@@ -142,6 +165,18 @@ def test_the_largest_error_says_what_lies_there(place_mm, why):
     shares[3] = -30.0
     worst = worst_place([contour()], [found], [np.zeros(len(found.s_mm))], [shares], reachable=True)
     assert (worst.error_um, worst.why, worst.made_by) == (-30.0, why, "wire")
+
+
+def test_what_is_out_of_reach_does_not_make_the_error_within_reach():
+    bare = profile()
+    left = unreachable_um(bare, contour())
+    gap_um = 0.2 * left
+    shares = np.array([left, 0.0 * left, 0.0 * left, 0.0 * left, gap_um])
+    against, within = (
+        worst_place([contour()], [profile(left + gap_um)], [left], [shares], reachable=reachable)
+        for reachable in (False, True)
+    )
+    assert (against.made_by, within.made_by) == ("path", "gap")
 
 
 def test_the_mean_error_is_that_of_the_walls_between_corners():

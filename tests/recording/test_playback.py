@@ -17,6 +17,7 @@ from rerun.chunk import RrdReader
 
 from edmsim.errors import InputError
 from edmsim.recording.film import Film, render
+from edmsim.recording.report import PassFigures
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import take_screenshots
@@ -267,3 +268,12 @@ def test_screenshots_need_no_screen(recording, tmp_path, monkeypatch):
     assert (np.abs(end - begin).max(axis=2) > 60).mean() > 0.001
     left = subprocess.run(["pgrep", "-P", str(os.getpid())], capture_output=True, text=True, check=False)
     assert "rerun" not in left.stdout
+
+
+@pytest.mark.slow
+def test_curves_of_passes_are_read_on_the_time_of_the_machine(record, cut, play, tmp_path):
+    """Each is in the recording once more, on the timeline of its pass."""
+    trim = PassFigures(1, 2, "profile", True, 1.0, 5.0, *[0.0] * 10, [0.0], *[0.0] * 4)
+    again = Playback(record(tmp_path / "cut.rrd", report=dataclasses.replace(cut.report, passes=[trim])))
+    for found, expected in zip(again.series("/feed/feed_um_s"), play.series("/feed/feed_um_s"), strict=True):
+        assert found.tolist() == expected.tolist()

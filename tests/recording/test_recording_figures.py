@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from edmsim.recording.figures.profile import binned, draw_map, profile_figure
 from edmsim.recording.figures.style import NotebookFigure, write_figure
-from edmsim.recording.scene import Scene
+from edmsim.recording.scene import Scene, Terrace
 from edmsim.recording.windows import WindowTable
 
 
@@ -81,14 +81,21 @@ def test_a_stopped_cut_says_why_and_where(cut):
 
 
 @pytest.mark.slow
-def test_a_long_reason_has_two_lines_within_the_figure(cut):
+def test_a_long_reason_and_the_longest_legend_lie_within_the_figure(cut):
     reason = "; ".join(["the wire broke at 612 K", *4 * ["its sensor did not see that, and the machine went on"]])
     report = dataclasses.replace(cut.report, outcome="time-limit", reason=reason)
-    figure = profile_figure(cut.scene, cut.windows, report, "long")
+    far = [np.full(len(edge.points_mm), 99.0) for edge in cut.scene.maps]
+    maps = tuple(dataclasses.replace(edge, unreachable_um=um) for edge, um in zip(cut.scene.maps, far, strict=True))
+    steps = tuple(Terrace(cut.scene.cut_edges_mm[0], height_mm) for height_mm in (16.0, 20.0))
+    scene = dataclasses.replace(cut.scene, maps=maps, terraces=steps, stop_mm=(30.155, 23.0))
+    figure = profile_figure(scene, cut.windows, report, "long")
     figure.canvas.draw()
     (text,) = (text for text in figure.texts if text.get_text().startswith("stopped: "))
     assert text.get_text().count("\n") == 1
-    assert text.get_window_extent().x1 < figure.bbox.x1
+    names = figure.axes[0].get_legend()
+    assert len(names.get_texts()) > 6
+    assert max(of.get_window_extent().x1 for of in (text, names)) < figure.bbox.x1
+    assert names.get_window_extent().y1 < text.get_window_extent().y0 + 2.0
 
 
 @pytest.mark.slow

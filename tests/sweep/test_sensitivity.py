@@ -186,3 +186,13 @@ def test_a_sample_with_a_grid_and_seeds():
 def test_what_tells_nothing_is_unknown(figure):
     result = found(np.arange(2.0 * len(figure)).reshape(-1, 2), np.array(figure))
     assert np.isnan([*first(result), *total(result), result.interactions, result.unexplained]).all()
+
+
+@pytest.mark.parametrize("points", [6, 8, 12])
+def test_one_run_with_another_setting_says_nothing_of_chance(points):
+    """The fit goes through it, so that its error without it is unknown; the other runs know what chance does."""
+    other, figure = np.zeros(points), 1e-3 * np.random.default_rng(0).random(points)
+    other[-1], figure[-1] = 1.0, 100.0
+    result = found(np.column_stack([other, np.linspace(0.0, 1.0, points)]), figure)
+    assert first(result) == pytest.approx([1.0, 0.0], abs=1e-6)
+    assert result.unexplained == pytest.approx(0.0, abs=1e-6)

@@ -145,6 +145,7 @@ _LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in
 _LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner that are tried, in heights of its font
 
 NAMED_LEVELS = 4  # levels of a stepped workpiece up to which the legend names each
+MOST_IN_A_ROW = 6  # names of the legend that fit beside each other
 LABELLED_CORNERS = 12  # corners whose error is written beside them: the worst ones
 
 
@@ -163,10 +164,11 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
     _mark_corners(axes, scene)
     _mark_places(axes, scene)
     _scale_bars(axes, factor if len(scene.known_errors()) else None)
+    names = len(axes.get_legend_handles_labels()[0])
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=5 if scene.walls_mm else 7,  # two rows where there are the edges of both faces
+        ncols=5 if names > MOST_IN_A_ROW else MOST_IN_A_ROW,
         frameon=False,
         fontsize=8.5,
         handlelength=1.6,
@@ -369,7 +371,7 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) 
     inches = (PROFILE_DOTS[0] / PROFILE_DPI, PROFILE_DOTS[1] / PROFILE_DPI)
     figure = NotebookFigure(figsize=inches, dpi=PROFILE_DPI, facecolor="white")
     outer = figure.add_gridspec(
-        2, 1, height_ratios=[1.32, 1.0], hspace=0.13, left=0.085, right=0.915, top=0.908, bottom=0.05
+        2, 1, height_ratios=[1.32, 1.0], hspace=0.13, left=0.085, right=0.915, top=0.89, bottom=0.05
     )
     _heading(figure, report, title)
     draw_map(figure.add_subplot(outer[0]), scene)

@@ -123,6 +123,8 @@ class Playback:
         self.recording = Path(recording)
         parts: dict[tuple[str, str], list[Rows]] = {}
         for chunk in read_chunks(self.recording):
+            if chunk.timeline_names and TIME not in chunk.timeline_names:
+                continue  # a curve once more, on the timeline of its pass
             batch = chunk.to_record_batch()
             times, path = np.zeros(batch.num_rows), np.zeros(batch.num_rows)
             if TIME in batch.schema.names:
