@@ -216,9 +216,8 @@ class Simulation:
     def _take_setup(self, leg: Leg) -> Machine:
         """Let the setting of a leg's pass be in force; the plant changes where it is another one."""
         if leg.cut_pass is not None:
-            setup = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
-            if leg.leads_in and self._approach is not None:
-                setup = self._approach
+            own = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
+            setup = self._approach if leg.leads_in and self._approach is not None else own
             if setup.machine is not self._setup.machine:
                 self.plant.change_setup(setup.machine)
             self._setup = setup
@@ -233,14 +232,14 @@ class Simulation:
             observer.leg(points, at.start_um)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
-        behind = way_behind(self.legs, at.leg)
-        every = np.concatenate([behind.points_um, points])
+        behind, along_behind, leads_behind = way_behind(self.legs, at.leg)
+        every = np.concatenate([behind, points])
         planner = (
-            make_planner(self._planner_name, every, unit=self._unit, step_um=step_um, start=len(behind.points_um))
+            make_planner(self._planner_name, every, unit=self._unit, step_um=step_um, start=len(behind))
             if leads is None
             else make_leaning_planner(
-                self._planner_name, every, np.concatenate([behind.lead_um, leads]),
-                np.concatenate([behind.along_um, along]), self._unit, step_um,
+                self._planner_name, every, np.concatenate([leads_behind, leads]),
+                np.concatenate([along_behind, along]), self._unit, step_um,
             )
         )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
@@ -273,9 +272,7 @@ class Simulation:
         lead_um = self.legs[leg].lead_um
         return (0.0, 0.0) if lead_um is None else (float(lead_um[0, 0]), float(lead_um[0, 1]))
 
-    def _motors_um(
-        self, x_um: float, y_um: float, path_um: float, lead_um: tuple[float, float] = (0.0, 0.0)
-    ) -> tuple[float, ...]:
+    def _motors_um(self, x_um: float, y_um: float, path_um: float, lead_um: tuple[float, float]) -> tuple[float, ...]:
         """Return where the motors are, those of u and v as well, at a place that is reached without steps."""
         self._offset.clear()
         if self._compensation is None:
