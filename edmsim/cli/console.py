@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
 OUT = Console()
 ERR = Console(stderr=True)
-
 RESUME = "run the same command to resume"
-
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
 Environment = Annotated[
     str,
@@ -26,7 +24,6 @@ Environment = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-
 _PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "…": "~", "±": "+-", "°": " deg"})
 
 

@@ -28,7 +28,7 @@ class PlannerMotion(Snapshots):
 
     def __init__(
         self, planner: Planner, drives: DrivesSteps | None, start_um: float, rest_until_ns: int, command: FeedCommand,
-        max_feed_um_s: float, offset: PathOffset, compensation: StepCompensation | None,
+        max_feed_um_s: float, offset: PathOffset, compensation: StepCompensation | None = None,
     ) -> None:
         self.planner = planner
         self.start_um = start_um

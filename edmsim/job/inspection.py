@@ -36,7 +36,6 @@ from edmsim.recording.scene import ErrorMap, PassFace, Scene, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
 _WINDOW_REACH_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
-
 _HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the path
 
 

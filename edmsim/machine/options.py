@@ -22,7 +22,6 @@ from edmsim.numeric import Number
 
 Kind = Literal["machines", "wires", "materials", "generators", "technologies"]
 _Fact = TypeVar("_Fact")
-
 UNITS = {"mm": "mm", "us": "us", "V": "V", "A": "A", "ohm": "ohm", "m_s": "m/s", "Pa": "Pa", "s": "s"}
 """Units that names end in, and how they are written; where nothing else is meant, the ending may be left out."""
 

@@ -18,7 +18,6 @@ from edmsim.machine.parts import Part
 from edmsim.numeric import Number
 
 _BEYOND = 1.6  # how many times lower or higher than any of its heights a technology is used (ours)
-
 _Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 _Any = Annotated[Number, Field(allow_inf_nan=False)]
 

@@ -25,7 +25,6 @@ from edmsim.program.offset import REACH_TOLERANCE_MM
 from edmsim.program.path import WireContour
 
 _JUMP_UM = 300.0  # places of a way further apart than this are not joined (ours: a window is some um of way)
-
 SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in the order of `error_shares`
 
 

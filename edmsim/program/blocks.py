@@ -35,7 +35,6 @@ UNITS: dict[float, float] = {70: 20, 71: 21}  # codes of some controls for inch 
 _USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 90.1, 91.1, 92, *UNITS})
 KNOWN_G = _USED_G | {n for g, n in IDLE_CODES if g == "G"}
 KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "M"}
-
 _CODE = re.compile(r"0*\d{1,4}(\.\d)?")
 _MOST_NAMED = 12
 _NEEDED = frozenset({*"GNXYIJRPL", *(f"G{code:g}" for code in _USED_G - {4}), "M98", "M99"})
@@ -418,9 +417,7 @@ def _value(letter: str, number: str) -> float:
 
 INCH_MM = 25.4
 TABLE_MM = 65.0  # coordinates without a decimal point that span more than this many mm are whole um (row T-61)
-
 LEAST_WHOLE_UM = 500  # they must then span at least this many um (ours: nothing smaller is cut with a wire)
-
 _INCH: float = 20
 
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 # For the latter, which drops what it does not expect, irregular texts are made regular.
 
 _Tag = tuple[int, bytes, int]  # group code, value, and the line of the code
-
 _PARTS = frozenset({"VERTEX", "INSERT"})  # kinds that decide what is cut without being cut themselves
 _STRUCTURE = frozenset({"SECTION", "ENDSEC", "BLOCK", "ENDBLK", "SEQEND", "EOF"})
 _MARKERS = {"LWPOLYLINE": b"AcDbPolyline", "SPLINE": b"AcDbSpline"}
@@ -169,7 +168,6 @@ _UTF16 = re.compile(rb"\xff\xfe|\xfe\xff|(\s\0)*\d\0|(\0\s)*\0\d")
 _UNIT = "$INSUNITS"
 _EXPORT = "export it as DXF again"
 _COMPARE = "compare the picture of its path with it"
-
 Found = TypeVar("Found")
 
 
@@ -282,9 +280,7 @@ def _heard() -> Iterator[list[str]]:
 
 
 _DEEPEST = 16  # blocks within blocks (ours: deeper ones hold themselves)
-
 _MOST_NAMED = 20
-
 _EQUAL = 1e-9
 """Angles that differ by less, in degrees or radians, are equal; so are radii and 0 (ours: what arithmetic leaves)."""
 _TURN_RAD = 1e-8  # by which a turn of an ellipse may miss itself (ours: two numbers of eight decimals)
@@ -405,7 +401,6 @@ UNIT_MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 0.001, 
 """Millimetres per drawing unit by the header's $INSUNITS (DXF reference, code 70)."""
 
 UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "mil": 9, "um": 13}  # names, with their codes in the header
-
 LEAST_EXTENT_MM = 0.5  # a drawing that spans less has another unit (ours: nothing smaller is cut with a wire)
 
 

@@ -26,7 +26,6 @@ from edmsim.program.taper import GuideHeights, Lean, Ruled, Way, guides_for
 AfterTab = Literal["stop", "cut"]
 """``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""
 Piece = Literal["profile", "tab"]
-
 TAB_MM = 1.5  # usual length of a tab: shops leave 1 to 2 mm
 OVERLAP_MM = 0.1  # how far a pass goes on over cut metal, at the ends of a tab and of a closed contour (ours)
 MOST_PASSES = 9  # more passes than any technology has (ours)

@@ -162,13 +162,9 @@ def load_program(
 
 
 LEAD_IN_MM = 1.0  # usual length in mm of a lead-in of ours, from the hole's centre to the wire path
-
 START_HOLE_RADIUS_MM = 0.25  # usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)
-
 STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (ours)
-
 HOLE_CLEARANCE_MM = 0.05  # least distance in mm between a hole of our choice and any edge (ours)
-
 _TOLERANCE_MM = 0.001
 _SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)

@@ -24,7 +24,6 @@ from edmsim.program.arcs import CHORD_TOLERANCE_UM, ROUND_MM
 from edmsim.program.outline import Corners, Outline, Side, Taper
 
 Stop = tuple[int, float]  # at which point of a way the wire waits, and how many seconds
-
 MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
 SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
 _MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)

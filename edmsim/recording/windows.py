@@ -144,7 +144,6 @@ CUT_KEY = b"edmsim_cut"
 """Under which the metadata of ``windows.parquet`` say which cut they are of: `edmsim.recording.report.cut_id`."""
 
 NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)  # names of all columns, in order
-
 ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 """What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
 
@@ -298,7 +297,6 @@ def lag_along_um(table: pa.Table) -> Floats:
     return np.asarray(np.einsum("ij,ij->i", columns(table, "lag_x_um", "lag_y_um"), travel_direction(table)))
 
 
-
 # Stores of bounded size for a cut of any length: frames of wire and gas, and windows pulse by pulse.
 #
 # The more is shown, the fewer frames are kept. Close-ups are a thinned run of windows over the whole cut, and all
@@ -416,7 +414,6 @@ PULSES = 96  # the last pulses of a window, which are what is kept of it
 REGULAR = 600  # most close-ups of the run over the whole cut
 AROUND = 20  # windows kept before and after an event: half a second on either side at a period of 100 us
 BLOCKS = 40  # most events of a kind around which all is kept
-
 NOTHING, RETRACT, TURN = 0, 1, 2
 """Events that are worth all detail: the wire begins to run back; it passes a corner or begins a contour."""
 

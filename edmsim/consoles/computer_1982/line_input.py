@@ -18,12 +18,10 @@ BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12
 """The four correction characters BS, DEL, CAN (Ctrl-X) and Ctrl-R; the text counts them only (row T-A10)."""
 
 RETURN, LINE_FEED = 0x0D, 0x0A  # the two characters that end a line (row T-A10)
-
 BELL, TAB, SPACE, END = 0x07, 0x09, 0x20, 0x00
 """A refused character rings the bell; a tab is stored as a space; 00H ends the buffer (row T-55)."""
 
 SEPARATORS = b" ,;="  # what SKIP passes over (ours: the text says spaces and separators)
-
 _RUB_OUT = b"\b \b"
 _NEW_LINE = b"\r\n"
 

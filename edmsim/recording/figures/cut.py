@@ -259,7 +259,6 @@ def kerf_figure(report: Report) -> Figure:
     return figure
 
 
-
 # Figures of the pulses: statistics over time, the plane of short and open, the distribution of ignition delays.
 
 BINS = 250  # most points a series is drawn with: two a pixel at one column's width
@@ -403,7 +402,6 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
     style.legend(axes)
 
 
-
 # The figure of the wire's vibration: modes over tension, and what a simulated cut shows of them.
 
 TENSIONS = 5  # tensions the modes are computed at; between them they are interpolated
@@ -527,7 +525,6 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
     axes.xaxis.set_minor_formatter("")  # a short span would label them, beyond the column
     axes.grid(axis="y", visible=False)
     style.legend(axes, above=True, title=f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses")
-
 
 
 # Figures of passes: the wall after each over the height, what each took, and the face of the part.

@@ -139,11 +139,9 @@ PANELS = {
 
 
 Box = tuple[float, float, float, float]
-
 _LABEL_FONT_PT = 8.5
 _LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in heights of its font
 _LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner that are tried, in heights of its font
-
 NAMED_LEVELS = 4  # levels of a stepped workpiece up to which the legend names each
 LABELLED_CORNERS = 12  # corners whose error is written beside them: the worst ones
 

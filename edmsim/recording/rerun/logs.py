@@ -462,13 +462,11 @@ def wire_strips(scene: Scene, shapes: NDArray[np.void], factor: float) -> NDArra
     return strips
 
 
-
 # The gap in the recording: the wall round the wire in um, discharges in their places, voltage and current, gas.
 #
 # The model knows a share of gas per slice and no bubbles: those drawn, one for a slice, only show it.
 
 Closeups = NDArray[np.void]  # rows of `edmsim.recording.windows.row_type`
-
 AGES = 6  # a discharge is still to be seen in this many close-ups, ever fainter
 SCOPE_PULSES = 12  # pulses on the oscilloscope
 SCOPE_WIDTH, VOLTAGE_HEIGHT, CURRENT_HEIGHT, SCOPE_SPACE = 420.0, 50.0, 32.0, 10.0

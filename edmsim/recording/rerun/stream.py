@@ -19,7 +19,6 @@ from edmsim.recording.figures import palette
 
 TIME = "machine_time"  # timeline of machine time, a duration
 PATH = "path_um"  # timeline of the place along the wire path, in whole um
-
 CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.VERMILION, "arc": palette.PURPLE}
 """Classes of pulses in the recording, whose ground is dark."""
 
