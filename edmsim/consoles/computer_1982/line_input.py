@@ -115,7 +115,10 @@ class Line:
         if character in (RETURN, LINE_FEED):
             return self._end()
         if character in (BACKSPACE, DELETE, CANCEL):
-            self._rub_out(len(self._typed) if character == CANCEL else 1)
+            self._too_long = False
+            for _ in range(len(self._typed) if character == CANCEL else min(1, len(self._typed))):
+                self._typed.pop()
+                self._out(_RUB_OUT)
         elif character == RETYPE:
             self._out(_NEW_LINE + self._typed)
         elif character != END:  # 00H is the leader of a paper tape
@@ -130,12 +133,6 @@ class Line:
             return
         self._too_long |= printable
         self._out(bytes([BELL]))
-
-    def _rub_out(self, count: int) -> None:
-        self._too_long = False
-        for _ in range(min(count, len(self._typed))):
-            self._typed.pop()
-            self._out(_RUB_OUT)
 
     def _end(self) -> bool:
         text, too_long = normal(self.typed), self._too_long
