@@ -359,7 +359,9 @@ class Drawn:
                     common = {name: ellipse.dxf.get(name) for name in ("layer", "invisible")}
                     block.add_arc(ellipse.dxf.center, 0.0, 0.0, 0.0, dxfattribs=common)
                     block.delete_entity(ellipse)
-                elif _is_turn(ellipse.dxf.start_param, ellipse.dxf.end_param):
+                    continue
+                start, end = ellipse.dxf.start_param, ellipse.dxf.end_param
+                if start != 0 and abs(math.remainder(end - start, math.tau)) <= _TURN_RAD:
                     ellipse.dxf.start_param, ellipse.dxf.end_param = 0.0, math.tau
 
     def _refuse_unknown_layers(self) -> None:
@@ -371,11 +373,6 @@ class Drawn:
             listed = ", ".join(sorted(there)[:_MOST_NAMED]) + (", ..." if len(there) > _MOST_NAMED else "")
             missing = ", ".join(self._layers[name] for name in sorted(unknown))
             raise InputError(f"the drawing has no layer {missing}; there are: {listed}")
-
-
-def _is_turn(start: float, end: float) -> bool:
-    """Say whether parameters in rad lead all round an ellipse from elsewhere than 0."""
-    return start != 0 and abs(math.remainder(end - start, math.tau)) <= _TURN_RAD
 
 
 def _taken_out(block: Any) -> list[Any]:
