@@ -82,23 +82,14 @@ def parts_by_condition(run: Run) -> list[Run]:
 
 def _part(run: Run, begin: int, end: int, first: int, until: int) -> Run:
     """Return some moves of a run as a run; stops count that come when its edge has begun and before the next one."""
-    vertices, moves = vertices_of(run), run.moves
-    before = moves[begin - 1] if begin else None
-    is_last = end == len(moves)
+    last = end if end == len(run.moves) else end - 1
     return replace(
-        run,
-        start=vertices[begin],
-        upper_start=run.upper_start if before is None else (before.upper or before.points)[-1],
-        on_contour=run.on_contour if begin == 0 else first == begin,
-        moves=moves[begin:end],
-        dwells=tuple(
-            (done - begin, seconds) for done, seconds in run.dwells
-            if begin <= done < end or (is_last and done == end)
-        ),
-        stops=tuple(min(done, end) - begin for done in run.stops if first < done <= until),
-        continues=begin > 0,
+        run, start=vertices_of(run)[begin], upper_start=_upper_start(run, begin),
+        on_contour=run.on_contour if begin == 0 else first == begin, moves=run.moves[begin:end],
+        dwells=tuple((done - begin, seconds) for done, seconds in run.dwells if begin <= done <= last),
+        stops=tuple(min(done, end) - begin for done in run.stops if first < done <= until), continues=begin > 0,
         one_of_several=True,
-    )
+    )  # fmt: skip
 
 
 def _without_zero_offsets(run: Run) -> Run:
@@ -227,9 +218,7 @@ def _split(run: Run, k: int, chord: int, at: complex) -> tuple[CutMove, CutMove]
 def _upper_start(run: Run, k: int) -> complex:
     """Return where the second plane's point is when a move begins; below it if the move before has none."""
     before = run.moves[k - 1] if k else None
-    if before is None:
-        return run.upper_start
-    return before.upper[-1] if before.upper else before.points[-1]
+    return run.upper_start if before is None else (before.upper or before.points)[-1]
 
 
 def _passes(
