@@ -29,6 +29,7 @@ SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding
 _MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
 GOUGE_MM = 0.01  # a wire nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)
 _NOTHING_MM = 1e-9
+_STRAIGHT_MM = 1e-4  # within which the points of a piece lie on a line (ours)
 _HEIGHTS = 5  # of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)
 
 
@@ -389,7 +390,7 @@ def _pieces(outline: Outline) -> list[_Piece]:
         circle = _circle(piece.points) if b - a > 2 else None
         if circle is not None:
             piece = piece._replace(centre=circle[0], radius_mm=circle[1], swept=circle[2])
-        elif b - a > 1 and _is_straight(piece.points):
+        elif b - a > 1 and is_straight(piece.points, _STRAIGHT_MM):
             piece = piece._replace(points=piece.points[[0, -1]])
         found.append(piece)
     return found
@@ -403,7 +404,8 @@ def _circle(points: Floats) -> tuple[Floats, float, float] | None:
     centre = solved[:2] / 2
     radius = math.sqrt(max(float(solved[2] + centre @ centre), 0.0))
     off = points - (centre + middle)
-    if not 0 < radius < 1e5 or np.abs(np.hypot(*off.T) - radius).max() > ROUND_MM or _is_straight(points):
+    is_round = 0 < radius < 1e5 and np.abs(np.hypot(*off.T) - radius).max() <= ROUND_MM
+    if not is_round or is_straight(points, _STRAIGHT_MM):
         return None
     angles = np.unwrap(np.arctan2(off[:, 1], off[:, 0]))
     steps = np.diff(angles)
@@ -412,10 +414,11 @@ def _circle(points: Floats) -> tuple[Floats, float, float] | None:
     return centre + middle, radius, float(angles[-1] - angles[0])
 
 
-def _is_straight(points: Floats) -> bool:
+def is_straight(points: Floats, within_mm: float) -> bool:
+    """Say whether points (n, 2) lie on the line from the first to the last."""
     along = points - points[0]
     x, y = along[-1]
-    return bool(np.abs(along @ (-y, x)).max() < 1e-4 * math.hypot(x, y))
+    return bool(np.abs(along @ (-y, x)).max() < within_mm * math.hypot(x, y))
 
 
 class _Joint(NamedTuple):
