@@ -241,9 +241,7 @@ def terminal(
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Inject a fault: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; repeatable."
-        ),
+        typer.Option(help="Inject a fault: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; repeatable."),
     ] = None,
     monitor: Annotated[bool, typer.Option("--monitor", help="Begin in the monitor; G 0400 starts MAIN.")] = False,
     tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default: the current one.")] = None,

@@ -532,10 +532,7 @@ class _Run:
             self._held_s = self._simulation.plant.time_ns * 1e-9
         except (OSError, TypeError, ValueError) as error:  # a law may put into its snapshot what JSON cannot hold
             why = getattr(error, "strerror", None) or error
-            warnings.warn(
-                f"{self._folder}: no checkpoint could be written: {why}; the cut goes on",
-                stacklevel=2,
-            )
+            warnings.warn(f"{self._folder}: no checkpoint could be written: {why}; the cut goes on", stacklevel=2)
         return (self._folder / checkpoint.NAME).exists()
 
 

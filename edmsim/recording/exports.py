@@ -50,8 +50,13 @@ def cut_faces(scene: Scene) -> list[Face]:
     heights = (np.arange(count) + 0.5) / count * scene.height_mm
     trees = []
     for lines in scene.cut_edges_mm:
-        dense = [_dense(line) for line in lines if is_whole(line, scene)]
-        points = np.concatenate([np.zeros((0, 2)), *dense])
+        dense = [np.zeros((0, 2))]
+        for line in lines:
+            if is_whole(line, scene):  # its points 2 um apart
+                passed = arc_lengths(line)
+                at = np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1)
+                dense.append(interpolated(at, passed, line))
+        points = np.concatenate(dense)
         trees.append((points, cKDTree(points) if len(points) else None))
     found = []
     for number, edge in enumerate(scene.maps):
@@ -79,12 +84,6 @@ def cut_faces(scene: Scene) -> list[Face]:
 def is_whole(line: Floats, scene: Scene) -> bool:
     """Whether a closed edge is more than a speck."""
     return abs(signed_area(line)) >= scene.speck_mm2
-
-
-def _dense(line: Floats) -> Floats:
-    """Return points along a line, 2 um apart."""
-    passed = arc_lengths(line)
-    return interpolated(np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1), passed, line)
 
 
 def _stations(walls: tuple[Floats, ...]) -> Floats:

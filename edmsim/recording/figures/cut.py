@@ -146,14 +146,6 @@ def _chosen_corner(scene: Scene, corner: int | None) -> CornerError:
     return scene.corners[corner]
 
 
-def _paths_um(windows: pa.Table, place_mm: Floats, reach_mm: float) -> tuple[Floats, Floats]:
-    """Guides and wire near a place, relative to it in um: rows (n, 2) in order of time, NaN between visits."""
-    guides = columns(windows, "x_um", "y_um") - 1000 * place_mm
-    wire = guides - columns(windows, "lag_x_um", "lag_y_um")
-    away = np.abs(guides).max(axis=1) > 1000 * reach_mm
-    return np.where(away[:, None], np.nan, guides), np.where(away[:, None], np.nan, wire)
-
-
 def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) -> None:
     reach = 1000 * CORNER_REACH_MM
     style.dress(axes, "X from the corner, µm", "Y from the corner, µm")
@@ -174,7 +166,10 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
             *(1000 * (edge.nominal_mm - place_mm)).T, color=palette.INK, linewidth=0.8, linestyle=(0, (5, 3)),
             zorder=4, label="nominal edge" if number == 0 else None,
         )  # fmt: skip
-    guides, wire = _paths_um(windows, place_mm, 2 * CORNER_REACH_MM)
+    guides = columns(windows, "x_um", "y_um") - 1000 * place_mm
+    wire = guides - columns(windows, "lag_x_um", "lag_y_um")
+    away = np.abs(guides).max(axis=1) > 2 * reach  # the lines break between two visits
+    guides[away], wire[away] = np.nan, np.nan
     axes.plot(*guides.T, color=palette.ORANGE, linewidth=0.9, zorder=5, label="guides")
     axes.plot(*wire.T, color=palette.BLUE, linewidth=0.6, zorder=6, label="wire")
     nearest = np.nanargmin(np.hypot(*guides.T)) if np.isfinite(guides).any() else None

@@ -73,16 +73,14 @@ def prism(area: BaseGeometry, low_mm: float, high_mm: float) -> Mesh:
     points, index = np.unique(flat, axis=0, return_inverse=True)
     faces = index.reshape(-1, 3)
     caps = [
-        _placed(np.column_stack([points, np.full(len(points), z)]), (0.0, 0.0, up), faces)
+        Mesh(
+            np.column_stack([points, np.full(len(points), z)]).astype(np.float32),
+            np.broadcast_to(np.array((0.0, 0.0, up), np.float32), (len(points), 3)), faces.astype(np.uint32),
+        )
         for z, up in ((low_mm, -1.0), (high_mm, 1.0))
     ]
     rings = shapely.get_rings(shapely.get_parts(shapely.orient_polygons(area)))
     return joined([*caps, *(_walls(shapely.get_coordinates(ring), low_mm, high_mm) for ring in rings)])
-
-
-def _placed(positions: Floats, normal: Sequence[float], triangles: NDArray[np.int64]) -> Mesh:
-    normals = np.broadcast_to(np.array(normal, np.float32), positions.shape)
-    return Mesh(positions.astype(np.float32), normals, triangles.astype(np.uint32))
 
 
 def _walls(ring: Floats, low_mm: float, high_mm: float) -> Mesh:
@@ -423,9 +421,7 @@ def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.v
     when = indexes(shapes["t_s"], shapes["path_um"])
     recording.send_columns("world/cross", when, rr.Transform3D.columns(translation=-at * (1.0, 0.0, 0.0)))
     recording.send_columns("world/table", when, rr.Transform3D.columns(translation=-at))
-    look = rr.LineStrips3D.from_fields(
-        colors=[palette.rgb(palette.ORANGE)], radii=[scene.wire_diameter_um / 2000.0]
-    )
+    look = rr.LineStrips3D.from_fields(colors=[palette.rgb(palette.ORANGE)], radii=[scene.wire_diameter_um / 2000.0])
     wire = rr.LineStrips3D.columns(strips=wire_strips(scene, shapes, factor))
     log_changing(recording, "world/wire", look, when, wire)
     _log_deflection(recording, scene, shapes, factor)
