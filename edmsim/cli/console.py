@@ -22,6 +22,7 @@ Environment = Annotated[
     str,
     typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
 ]
+DriveAxis = Annotated[str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 _PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "…": "~", "±": "+-", "°": " deg"})
@@ -29,17 +30,17 @@ _PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "…": "~",
 
 def take_any_terminal() -> None:
     """Print on terminals of any encoding: what they lack, a figure's unit or a file's name, is spelt plainly."""
-    codecs.register_error("edmsim-plain", _spelt_plainly)
+
+    def spelt_plainly(error: UnicodeError) -> tuple[str, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        text = error.object[error.start : error.end].translate(_PLAIN)
+        return text.encode("ascii", "backslashreplace").decode(), error.end
+
+    codecs.register_error("edmsim-plain", spelt_plainly)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="edmsim-plain")
-
-
-def _spelt_plainly(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    text = error.object[error.start : error.end].translate(_PLAIN)
-    return text.encode("ascii", "backslashreplace").decode(), error.end
 
 
 def say(text: str) -> None:

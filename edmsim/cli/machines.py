@@ -5,11 +5,12 @@ import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, OUT, Json, Quiet, print_line, say
+from edmsim.cli.console import ERR, OUT, DriveAxis, Json, Quiet, print_line, say
 from edmsim.cli.options import SET_UP, Among, Unset, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, InputError
 from edmsim.files import check_suffix, make_writable, replacing
@@ -226,14 +227,8 @@ def _write_fmu(settings: "CutSettings", file: Path, gap_um: float) -> None:
     say(f"written: {file}; its step is {step_s:.9g} s")
 
 
-def _counting() -> list[str]:
-    from edmsim.controllers.planner.registry import counting
-
-    return counting()
-
-
 @takes("machine", "material", "wire", "height_mm", "tension", "planner", "resolution", "seed",
-       planner=Among(_counting))  # fmt: skip
+       planner=Among(lambda: resolve_name("edmsim.controllers.planner.registry:counting")()))  # fmt: skip
 def terminal(
     host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
     speed: Annotated[
@@ -269,9 +264,7 @@ def terminal(
 
 def servo(
     drive: Annotated[str, typer.Argument(help="Drive: uhu or servo-module.", show_default=False)],
-    axis: Annotated[
-        str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")
-    ] = "bench",
+    axis: DriveAxis = "bench",
     tuned: Annotated[bool, typer.Option("--tuned", help="Start with parameters tuned for the axis.")] = False,
     pty: Annotated[bool, typer.Option("--pty", help="Open a serial port for a terminal program.")] = False,
     speed: Annotated[

@@ -229,11 +229,7 @@ class _Cut(Protocol[_Options]):
 
 
 def _takes(options: Callable[_Options, CutOptions]) -> Callable[[Callable[..., CutResult]], _Cut[_Options]]:
-    def shown(cut: Callable[..., CutResult]) -> _Cut[_Options]:
-        show(cut, CutOptions)
-        return cut
-
-    return shown
+    return lambda cut: show(cut, CutOptions)
 
 
 @_takes(CutOptions)
@@ -362,10 +358,15 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
     controller = make_controller(settings.controller)
     if found.setups:
         machine, controller = found.setups[0]
+    steps = settings.workpiece.steps(path, machine.wire_diameter_um)
+    step_um = machine.base.table.step_um.value
+    drives = {
+        name: axis.from_text(settings.drive, axis.Screw(step_um, screw["um_per_rad"]))
+        for name, screw in zip("xy", screws(machine).values(), strict=True)
+    }
+    compensation = None if file is None else load_tables(read_tables(file), file)
     return Prepared(
-        settings, machine, controller, path, settings.workpiece.steps(path, machine.wire_diameter_um),
-        _drives(settings.drive, machine),
-        None if file is None else load_tables(read_tables(file), file), found.setups, found.approach,
+        settings, machine, controller, path, steps, drives, compensation, found.setups, found.approach
     )
 
 
@@ -378,17 +379,10 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
         ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
         resolution=settings.resolution, max_time_s=settings.max_time_s, steps=ready.steps,
         mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
-        stuck_wire_sensor=settings.stuck_wire_sensor,
-        axis_faults=[parse_fault(text) for text in settings.axis_faults], setups=ready.setups,
-        approach=ready.approach,
+        stuck_wire_sensor=settings.stuck_wire_sensor, setups=ready.setups, approach=ready.approach,
+        axis_faults=[parse_fault(text) for text in settings.axis_faults],
     )
     return settings, simulation, recorders
-
-
-def _drives(text: str, machine: Machine) -> dict[str, Drive]:
-    """Return the drives of x and y, which go by the machine's step where they can."""
-    step_um, found = machine.base.table.step_um.value, screws(machine)
-    return {name: axis.from_text(text, axis.Screw(step_um, found[k]["um_per_rad"])) for k, name in enumerate("xy")}
 
 
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:
