@@ -174,13 +174,8 @@ class Scene:
 
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Return the box (x_min, y_min, x_max, y_max) of nominal edges, start holes and stop place."""
-        points = np.concatenate(
-            [
-                *(m.nominal_mm for m in self.maps),
-                self.starts_mm.reshape(-1, 2),
-                np.reshape(self.stop_mm or (), (-1, 2)),
-            ]
-        )
+        stop_mm = np.reshape(self.stop_mm or (), (-1, 2))
+        points = np.concatenate([*(m.nominal_mm for m in self.maps), self.starts_mm.reshape(-1, 2), stop_mm])
         if len(points) == 0:
             return self.stock_mm
         (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)

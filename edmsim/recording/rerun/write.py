@@ -77,14 +77,6 @@ class Sizes(NamedTuple):
     end_s: float  # machine time at the end
 
 
-def sizes_of(scene: Scene, deflection_factor: float, end_s: float) -> Sizes:
-    """Return what the views need to know of a cut."""
-    return Sizes(
-        scene.size_mm(), scene.height_mm, scene.wire_diameter_um, *scene.extent_mm(), deflection_factor,
-        scene.error_factor(), end_s,
-    )  # fmt: skip
-
-
 PROCESS: tuple[Plot, ...] = (
     Plot("pulses", "pulses, %", tuple(Series(name, name, colour) for name, colour in CLASS_COLOURS.items())),
     Plot("feed", "feed, µm/s", (Series("feed_um_s", "feed", palette.SKY),)),
@@ -398,7 +390,10 @@ def write_recording(
         APPLICATION, recording_id=recording_id(report), send_properties=False,
         batcher_config=rr.ChunkBatcherConfig.NEVER(),
     )  # fmt: skip
-    sizes = sizes_of(scene, factor, float(shapes["t_s"][-1]) if len(shapes) else 0.0)
+    sizes = Sizes(
+        scene.size_mm(), scene.height_mm, scene.wire_diameter_um, *scene.extent_mm(), factor, scene.error_factor(),
+        end_s=float(shapes["t_s"][-1]) if len(shapes) else 0.0,
+    )
     with saved(recording, file, blueprint(sizes, steps.plots if steps else ())):
         recording.send_recording_name(title)
         made = {"format": FORMAT, "version": report.edmsim_version, "sizes": list(sizes)}
