@@ -597,18 +597,16 @@ def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floa
     flowing = np.where(is_open, 0.0, np.where(is_short, closeups["short_A"][:, None], closeups["current_A"][:, None]))
     ignition, end, nought = start + delay, start + delay + on, np.zeros_like(start)
     stop = np.maximum(stop, end)
-    if not closeups["opposite_V"].any():
-        time = np.stack([start, start, ignition, ignition, end, end, stop], axis=-1)
-        voltage = np.stack([nought, up, up, burning, burning, nought, nought], axis=-1)
-        current = np.stack([nought, nought, nought, flowing, flowing, nought, nought], axis=-1)
-        return time, voltage, current
-    lasts = np.take_along_axis(_opposite_us(closeups), last, axis=1)
-    back, has_opposite = np.minimum(end + lasts, stop), lasts > 0.0
-    opposite_V, opposite_A = (np.where(has_opposite, closeups[f"opposite_{unit}"][:, None], 0.0) for unit in "VA")
-    time = np.stack([start, start, ignition, ignition, end, end, back, back, stop], axis=-1)
-    voltage = np.stack([nought, up, up, burning, burning, opposite_V, opposite_V, nought, nought], axis=-1)
-    current = np.stack([nought, nought, nought, flowing, flowing, opposite_A, opposite_A, nought, nought], axis=-1)
-    return time, voltage, current
+    time = [start, start, ignition, ignition, end, end]
+    voltage, current = [nought, up, up, burning, burning], [nought, nought, nought, flowing, flowing]
+    if closeups["opposite_V"].any():
+        lasts = np.take_along_axis(_opposite_us(closeups), last, axis=1)
+        opposite_V, opposite_A = (np.where(lasts > 0.0, closeups[f"opposite_{unit}"][:, None], 0.0) for unit in "VA")
+        time += [np.minimum(end + lasts, stop)] * 2
+        voltage += [opposite_V, opposite_V]
+        current += [opposite_A, opposite_A]
+    at_end = [nought, nought]
+    return np.stack([*time, stop], -1), np.stack(voltage + at_end, -1), np.stack(current + at_end, -1)
 
 
 def _opposite_us(closeups: NDArray[np.void]) -> Floats:
