@@ -9,6 +9,7 @@ passes, and each of them into approach, edge, overlap and lead-out.
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -394,8 +395,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         points[-1] = points[0]
     refuse_self_crossing(array_of(points), lines)
     side, offset, edge = moves[begin].side, moves[begin].offset, array_of(points)
-    leading = _longest([run.start, *(move.points[-1] for move in moves)], moves, 0, begin)
-    cutting = _longest(vertices, moves, begin, end)
+    leading, cutting = _longest(vertices, moves, 0, begin), _longest(vertices, moves, begin, end)
     assert cutting is not None
     passed = np.cumsum([0, *(len(move.points) for move in moves[:end])])
     ramp_end = sum(len(move.points) for move in moves[: first + 1]) if begin > first else len(approach) - 1
@@ -423,13 +423,11 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
 
 def _longest(vertices: Sequence[complex], moves: Sequence[CutMove], begin: int, end: int) -> InForce | None:
     """Return what is in force on the longest part of some moves; None if there are none."""
-    lengths: dict[InForce, float] = {}
+    lengths, by_condition = defaultdict[InForce, float](float), defaultdict[str | None, float](float)
     for k in range(begin, end):
-        length_mm = length_of(vertices[k], moves[k : k + 1])
-        lengths[moves[k].state] = lengths.get(moves[k].state, 0.0) + length_mm
-    by_condition: dict[str | None, float] = {}
+        lengths[moves[k].state] += length_of(vertices[k], moves[k : k + 1])
     for state, length_mm in lengths.items():
-        by_condition[state.condition] = by_condition.get(state.condition, 0.0) + length_mm
+        by_condition[state.condition] += length_mm
     if not by_condition:
         return None
     condition = max(by_condition, key=lambda name: by_condition[name])
