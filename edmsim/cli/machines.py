@@ -120,9 +120,7 @@ def gap(
     speed: Annotated[
         float | None, typer.Option(help="With --serial: machine seconds per second; default: 1.")
     ] = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Samples per second, 10000 to 100000; default: 50000.")
-    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Samples per second, 10000 to 100000; default: 50000.")] = None,
     low_pass: Annotated[
         float | None,
         typer.Option(help="Cut-off frequency of a low-pass filter before the converter in Hz; default: no filter."),
@@ -131,9 +129,7 @@ def gap(
     current_noise: Annotated[
         float | None, typer.Option(help="Noise of the current samples, rms in A; default: 0.")
     ] = None,
-    log_rate: Annotated[
-        float | None, typer.Option(help="Rows of --log per second, 2 to 100; default: 10.")
-    ] = None,
+    log_rate: Annotated[float | None, typer.Option(help="Rows of --log per second, 2 to 100; default: 10.")] = None,
     **options: Any,
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""

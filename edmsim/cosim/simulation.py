@@ -80,16 +80,14 @@ class CutAxes(Snapshots):
         if plant.in_place:
             self._since_ns = None
             return None
-        if self._since_ns is None:
-            self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
-            return None
-        waited_s = (plant.time_ns - self._since_ns) * 1e-9
-        if waited_s < rapid_constants()["settled_s"]:
-            return None
-        step_um = plant.machine.base.table.step_um.value
-        late_s = time_left_s(np.array(self._before_um), plant.away_um, waited_s, step_um)
-        if late_s > rapid_constants()["longest_s"]:
-            return plant.reason_of_delay(late_s)
+        if self._since_ns is not None:
+            waited_s = (plant.time_ns - self._since_ns) * 1e-9
+            if waited_s < rapid_constants()["settled_s"]:
+                return None
+            step_um = plant.machine.base.table.step_um.value
+            late_s = time_left_s(np.array(self._before_um), plant.away_um, waited_s, step_um)
+            if late_s > rapid_constants()["longest_s"]:
+                return plant.reason_of_delay(late_s)
         self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
         return None
 
