@@ -66,11 +66,6 @@ def interruptible(then: str | Callable[[], str] = RESUME, keep: bool = False) ->
         raise typer.Exit(128 + next(iter(interrupt.args), signal.SIGINT)) from None  # as shells have it
 
 
-def named(text: str) -> list[str]:
-    """Return the names of a list with commas, none if it is empty."""
-    return [name.strip() for name in text.split(",") if name.strip()]
-
-
 def default_folder(program: Path) -> Path:
     """Return the folder for the outputs of a program that was given none."""
     return Path("out") / program.stem
