@@ -16,7 +16,6 @@ import numpy as np
 
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
-from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_tables
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
@@ -31,11 +30,10 @@ from edmsim.files import folder_of, locked
 from edmsim.job import checkpoint
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, Running
-from edmsim.machine import technology as technologies
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.options import show
 from edmsim.machine.setting import guide_bends
-from edmsim.machine.technology import PassSetting, PassTable, Technology
+from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.window import PlantError
@@ -159,7 +157,7 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
     decided: dict[str, Any] = {
         "machine": technology.machine, "wire": technology.wire, "planner": technology.planner,
         "controller": rough.controller(),
-        **{name: getattr(rough, own) for name, own in technologies.OF_PASS.items()},
+        **{name: getattr(rough, own) for name, own in OF_PASS.items()},
     }  # fmt: skip
     for name, value in decided.items():
         chosen, usual = getattr(settings, name), CutSettings.model_fields[name].default
@@ -173,7 +171,7 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
 
 def _technology(settings: CutSettings) -> Technology:
     if settings.technology is not None:
-        found = technologies.read_technology(settings.technology)
+        found = read_technology(settings.technology)
         if found.material != settings.material:
             raise InputError(f"the technology '{found.title}' is for {found.material}, not for {settings.material}")
         return found
@@ -182,7 +180,7 @@ def _technology(settings: CutSettings) -> Technology:
         None if getattr(settings, name) == usual[name].default else getattr(settings, name)
         for name in ("machine", "wire")
     )
-    return technologies.technology_for(settings.material, machine, wire)
+    return technology_for(settings.material, machine, wire)
 
 
 def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTable:
@@ -207,7 +205,7 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
 
 def setup_of(settings: CutSettings, one: PassSetting) -> PassSetup:
     """Return the set-up of a pass: that of a cut's settings, but for what the pass has of its own."""
-    own = {name: getattr(one, of_pass) for name, of_pass in technologies.OF_PASS.items()}
+    own = {name: getattr(one, of_pass) for name, of_pass in OF_PASS.items()}
     return PassSetup(settings.model_copy(update=own).load_machine(), from_text(one.controller()))
 
 
@@ -344,7 +342,7 @@ class Prepared(NamedTuple):
     controller: FeedController
     path: CutPath
     steps: tuple[LowerRegion, ...]
-    drives: dict[str, Drive]
+    drives: dict[str, axis.Drive]
     compensation: Elcam | None
     setups: tuple[PassSetup, ...] = ()
     approach: PassSetup | None = None

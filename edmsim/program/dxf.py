@@ -293,7 +293,7 @@ class Drawn:
         self._document = document
         self._without = "" if without is None else without.strip().lower()
         self._layers = {name.strip().lower(): name.strip() for name in layers}
-        self.left_out: dict[str, int] = {}
+        self.left_out = Counter[str]()  # what is not cut, by kind
         self._count = 0
         self._refuse_unknown_layers()
         self._take_turns()
@@ -303,10 +303,6 @@ class Drawn:
         """Go through them, in the order of the file."""
         for entity in self._document.modelspace():
             yield from self._parts(entity, _property(entity, "layer", "0"), 0)
-
-    def leave_out(self, kind: str) -> None:
-        """Count what is not cut."""
-        self.left_out[kind] = self.left_out.get(kind, 0) + 1
 
     def _parts(self, entity: Any, layer: str, depth: int) -> Iterator[Any]:
         """Return an entity, or those of its block; what lies on layer 0 in a block is on the layer of the block."""
@@ -322,7 +318,7 @@ class Drawn:
         layers = self._document.layers
         frozen = layers.has_entry(layer) and layers.get(layer).is_frozen()
         if frozen or _property(entity, "invisible", 0):
-            self.leave_out("INSERT on a layer that is off")
+            self.left_out["INSERT on a layer that is off"] += 1
             return
         copies = entity.multi_insert() if entity.mcount > 1 else [entity]
         for copy in copies:
@@ -339,9 +335,9 @@ class Drawn:
         if name == self._without:
             return False
         if off or name == "defpoints" or _property(entity, "invisible", 0):
-            self.leave_out(f"{kind} on a layer that is off")
+            self.left_out[f"{kind} on a layer that is off"] += 1
         elif self._layers and name not in self._layers:
-            self.leave_out(f"{kind} on a layer not asked for")
+            self.left_out[f"{kind} on a layer not asked for"] += 1
         else:
             return True
         return False
@@ -467,7 +463,7 @@ def _chains(drawn: Drawn, unit_mm: float) -> Iterator[tuple[entities.Chain, str]
                 yield chain, kind
                 continue
             kind += " of no length"
-        drawn.leave_out(kind)
+        drawn.left_out[kind] += 1
 
 
 def _read(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
