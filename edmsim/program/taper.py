@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import Floats, arc_lengths
+from edmsim.geometry import Floats, arc_lengths, left_of
 from edmsim.program.arcs import CHORD_TOLERANCE_UM, ROUND_MM
 from edmsim.program.outline import Corners, Outline, Side, Taper
 
@@ -167,11 +167,9 @@ def _tangents(outline: Outline) -> Floats:
 
 def left_normals(points: Floats) -> Floats:
     """Return the unit vectors (n - 1, 2) to the left of the chords of a line; nought for one of no length."""
-    steps = np.diff(points, axis=0)
-    length = np.hypot(*steps.T)
-    across = np.stack([-steps[:, 1], steps[:, 0]], axis=1)
-    there = length[:, None] > _NOTHING_MM
-    return np.asarray(np.divide(across, length[:, None], out=np.zeros_like(across), where=there))
+    across = left_of(np.diff(points, axis=0))
+    length = np.hypot(*across.T)[:, None]
+    return np.asarray(np.divide(across, length, out=np.zeros_like(across), where=length > _NOTHING_MM))
 
 
 def _chords_at(i: int, count: int, closed: bool) -> tuple[int, int]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
-from edmsim.geometry import Floats, arc_lengths, interpolated
+from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
 from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
 from edmsim.recording.scene import Scene, grid_triangles
@@ -108,10 +108,7 @@ def _continued(row: Floats, walls: tuple[Floats, ...], shares: Floats, between: 
 
 
 def _signed_um(wall: Floats, nominal: Floats, part_side: str) -> Floats:
-    along = np.gradient(nominal, axis=0)
-    left = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    outward = left if part_side == "right" else -left
-    off = wall - nominal
+    outward, off = left_of(np.gradient(nominal, axis=0)) * (1.0 if part_side == "right" else -1.0), wall - nominal
     return np.asarray(1e3 * np.hypot(*off.T) * np.sign((off * outward).sum(axis=1)))
 
 

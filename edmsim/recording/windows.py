@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
-from edmsim.geometry import CORNER_DEG, Floats
+from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.plant.gap.generator import pulse_lengths_us
 from edmsim.plant.kernel.state import ARC, OPEN, PULSE, SHORT, SPARK
 from edmsim.snapshots import ArraySnapshots
@@ -431,13 +431,9 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
 
 
 def turns_um(points_um: NDArray[np.int64]) -> list[float]:
-    """Return the lengths along a polyline (n, 2) at which it turns by more than `CORNER_DEG`, its begin included."""
-    legs = np.diff(points_um.astype(np.float64), axis=0)
-    legs = legs[(legs != 0.0).any(axis=1)]
-    along = np.cumsum(np.hypot(*legs.T))
-    heading = np.arctan2(legs[:, 1], legs[:, 0])
-    turn = np.abs((np.diff(heading) + np.pi) % (2 * np.pi) - np.pi)
-    return [0.0, *along[:-1][turn > np.radians(CORNER_DEG)].tolist()]
+    """Return the lengths along a polyline (n, 2) at which it turns by `CORNER_DEG` or more, its begin included."""
+    line = Polyline(points_um.astype(np.float64), closed=False)
+    return [0.0, *line.s[line.corners(CORNER_DEG)].tolist()]
 
 
 class Blocks(ArraySnapshots):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapely.geometry import MultiLineString
 from shapely.geometry.base import BaseGeometry
 
-from edmsim.geometry import Floats, arc_lengths, interpolated
+from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.plant.kernel.state import ARC, SPARK
@@ -86,8 +86,7 @@ def prism(area: BaseGeometry, low_mm: float, high_mm: float) -> Mesh:
 def _walls(ring: Floats, low_mm: float, high_mm: float) -> Mesh:
     """Return the upright walls over a closed line (n + 1, 2), a rectangle per side."""
     start, end = ring[:-1], ring[1:]
-    along = end - start
-    outward = np.column_stack([along[:, 1], -along[:, 0]])
+    outward = -left_of(end - start)
     outward /= np.maximum(np.hypot(*outward.T)[:, None], 1e-12)
     n = len(start)
     positions = np.empty((n, 4, 3), np.float32)
