@@ -31,6 +31,7 @@ from edmsim.machine.overrides import checked_constants, parse_constant, with_ove
 from edmsim.machine.setting import MOST_TIME_S, check_height
 from edmsim.numeric import Number, WholeNumber
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes, parse_height
+from edmsim.program.passes import OVERLAP_MM, TAB_MM
 
 if TYPE_CHECKING:
     from edmsim.controllers import FeedController
@@ -133,10 +134,10 @@ class CutSettings(SetUpOptions, MachineOption):
     technology: TextOrPath | None = None
     """Technology of the passes, a name or your own TOML file; by default that of the material. It sets machine,
     wire, generator, pulses, controller and planner."""
-    tab_mm: Number = 1.5
+    tab_mm: Number = TAB_MM
     """Length of the edge in mm, at the end of a closed contour in passes, that is cut last and holds the piece; 0 for
     none."""
-    overlap_mm: Number = 0.1
+    overlap_mm: Number = OVERLAP_MM
     """Distance in mm by which passes continue over what is already cut."""
     after_tab: Annotated[str, Names(registered("edmsim.program.passes:AfterTab"))] = "stop"
     """Before the tab is cut: stop, to hold the piece; or cut, and the slug falls."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
+from edmsim.metrology.profile import PROFILE_STEP_MM
 from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
 from edmsim.recording.scene import Scene, grid_triangles
@@ -18,7 +19,6 @@ from edmsim.recording.scene import Scene, grid_triangles
 # The cut face of the part as a mesh for other programs: STL or glTF, its points found slice by slice.
 
 
-FACE_STEP_MM = 0.02  # distance of the points along the edge (ours: that of the profile error)
 FARTHEST_MM = 0.15  # further from the edge as drawn there is no wall of it (ours: half a kerf)
 
 
@@ -89,7 +89,8 @@ def is_whole(line: Floats, scene: Scene) -> bool:
 def _stations(walls: tuple[Floats, ...]) -> Floats:
     """Return places along two lines with as many points, as numbers of points and parts of them."""
     steps = np.max([np.hypot(*np.diff(line, axis=0).T) for line in walls], axis=0)
-    places = [k + np.arange(n) / n for k, n in enumerate(np.maximum(np.ceil(steps / FACE_STEP_MM), 1).astype(int))]
+    counts = np.maximum(np.ceil(steps / PROFILE_STEP_MM), 1).astype(int)
+    places = [k + np.arange(n) / n for k, n in enumerate(counts)]
     return np.concatenate([*places, [len(steps)]])
 
 

@@ -546,15 +546,11 @@ class Closeups(ArraySnapshots, Observer):
         at = self._windows % len(self._last)
         row = self._bytes[at]
         self._run.offer(row)
-        before = self._before(at) if event != NOTHING else self._bytes[:0]
+        older = self._bytes[at + 1 :] if self._windows >= len(self._last) else self._bytes[:0]
+        before = self._bytes[:0] if event == NOTHING else np.concatenate([older, self._bytes[:at]])
         for kind, blocks in self._blocks.items():
             blocks.offer(self._windows, row, before, kind == event)
         self._windows += 1
-
-    def _before(self, at: int) -> Bytes:
-        """Return the rows before the one at a place of the ring, oldest first."""
-        older = self._bytes[at + 1 :] if self._windows >= len(self._last) else self._bytes[:0]
-        return np.concatenate([older, self._bytes[:at]])
 
     @property
     def stride(self) -> int:

@@ -414,8 +414,6 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
 
 def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], factor: float) -> None:
     """Log table, wire and the path cut so far; the wire's deflection is drawn `factor` times as large."""
-    if len(shapes) == 0:
-        return
     at = np.column_stack([shapes["guides_um"] / 1000.0, np.zeros(len(shapes))])
     when = indexes(shapes["t_s"], shapes["path_um"])
     recording.send_columns("world/cross", when, rr.Transform3D.columns(translation=-at * (1.0, 0.0, 0.0)))
@@ -486,8 +484,6 @@ def discharges(closeups: Closeups, radius_um: float) -> tuple[NDArray[np.bool_],
 
 def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
     """Log discharges and contacts where they were on the workpiece, in mm; the last `AGES` close-ups of them."""
-    if len(closeups) == 0:
-        return
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
     n_slices = closeups["deflection_um"].shape[1]
     z_mm = scene.height_mm * (closeups["pulses"]["slice"] + 0.5) / n_slices
@@ -520,9 +516,6 @@ def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeu
 
 def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
     """Log the middle slice's wall round the wire in um; the origin is the guides' axis."""
-    _log_gap_marks(recording, scene)
-    if len(closeups) == 0:
-        return
     when = indexes(closeups["t_s"], closeups["path_um"])
     wire = turned(closeups["wire_um"] - closeups["guides_um"])
     look = rr.Points2D.from_fields(colors=[_WIRE], radii=[scene.wire_diameter_um / 2], draw_order=10.0)
@@ -539,7 +532,7 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
     recording.send_columns("top/part", when, rr.Transform3D.columns(translation=away))
 
 
-def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
+def log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log what stands still in the top view: a cross, circles of 50 um, and on the part its drawn edge."""
     angle = np.linspace(0.0, 2 * np.pi, 73)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -593,8 +586,6 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
 
 def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
     """Log gap voltage and current of the last pulses, coloured by class, and the oscilloscope's scales."""
-    if len(closeups) == 0:
-        return
     time, voltage, current = traces(closeups, SCOPE_PULSES)
     span_us = float(time.max())
     spans = tuple((float(values.min()), float(values.max())) for values in (voltage, current))
@@ -662,8 +653,6 @@ def travel_at(windows: pa.Table, t_s: Floats) -> Floats:
 def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void]) -> None:
     """Log the share of the front that gas covers, a curve per slice."""
     n, slices = shapes["coverage"].shape
-    if n == 0:
-        return
     high = np.linspace(0.0, 1.0, slices)[:, None]
     colours = palette.rgb(palette.PURPLE) * (1 - high) + np.array(palette.rgb(palette.GREEN)) * high
     names = [f"{scene.height_mm * (s + 0.5) / slices:.1f} mm" for s in range(slices)]
@@ -677,9 +666,7 @@ def log_bubbles(
 ) -> None:
     """Log a bubble for every slice on the front of the drawn wire, in mm."""
     # in a slice covered wholly it is as wide as the slice is high; the area of others is that share of its
-    n, slices = shapes["coverage"].shape
-    if n == 0:
-        return
+    slices = shapes["coverage"].shape[1]
     centre = wire_strips(scene, shapes, factor)[:, 1:-1]
     centre[..., :2] += travel[:, None] * (scene.wire_diameter_um / 2000.0)
     shown = shapes["coverage"] >= SMALLEST
@@ -696,8 +683,6 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
     """Log a bubble for every slice, at the last discharge that burned there, in um in the top view."""
     # as wide as the share of the wire's front half that gas covers in its slice, from the wire to the metal at
     # mid height
-    if len(closeups) == 0:
-        return
     radius, covered, pulses = scene.wire_diameter_um / 2, closeups["coverage"], closeups["pulses"]
     burned = discharges(closeups, radius)[0] & np.isin(pulses["kind"], (SPARK, ARC))
     here = burned[..., None] & (pulses["slice"][..., None] == np.arange(covered.shape[1]))
