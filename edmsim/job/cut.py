@@ -415,17 +415,14 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
         if simulation.cause is StopCause.FINISHED and tells is not None and (why := tells()):
             notices.append(f"the drive of {name} says: {why}")
     for table in [] if simulation.elcam is None else simulation.elcam.tables.values():
-        names = NAMES[table.axis], PLACES[table.master]
+        driven, along = NAMES[table.axis], PLACES[table.master]
         if table.held:
-            notices.append(
-                "the cut went beyond the compensation table of {} along {}: there it holds its end value".format(
-                    *names
-                )
-            )
+            held = "there it holds its end value"
+            notices.append(f"the cut went beyond the compensation table of {driven} along {along}: {held}")
         if table.leads:
             notices.append(
-                "the upper guide's axis {} followed its cam along {}: the profile error compares the wall with the "
-                "upright one of the program".format(*names)
+                f"the upper guide's axis {driven} followed its cam along {along}: the profile error compares the "
+                "wall with the upright one of the program"
             )
     if simulation.missed_windows:
         notices.append(

@@ -152,10 +152,8 @@ def _in_order(kind: str, entity: list[_Tag]) -> list[_Tag]:
     for x_code in sorted(POINT_CODES.intersection(codes)):
         x, y, z = ([i for i, code in enumerate(codes) if code == x_code + step] for step in (0, 10, 20))
         if len(x) == len(y):
-            heights = z if len(z) == len(x) else [None] * len(x)
-            for point in zip(x, y, heights, strict=True):
-                rest = [i for i in point[1:] if i is not None]
-                behind[point[0]] = [entity[i] for i in rest]
+            for at, *rest in zip(x, y, *([z] if len(z) == len(x) else []), strict=True):
+                behind[at] = [entity[i] for i in rest]
                 moved.update(rest)
         elif kind in entities.CUT | _PARTS:
             raise InputError(f"{kind} has X and Y without each other (group codes {x_code} and {x_code + 10}): "
