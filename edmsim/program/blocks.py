@@ -376,20 +376,19 @@ def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
     at = 0
     while at < len(above):
         word = _WORD.match(above, at)
-        letter, number = (word[1], word[2]) if word is not None else ("", "")
-        if word is None or (letter not in _ABOVE and code_of(letter, number) not in (1, 2, 3)):
-            unknown = above[at : word.end() if word is not None else at + _LONGEST_QUOTE]
-            reader.unknown.append((unknown, block.line))
-            if word is None:
-                break
-        elif letter in _ABOVE:
-            if letter in values:
-                raise InputError(f"the word {letter} occurs twice behind the colon: write it once")
+        if word is None:
+            reader.unknown.append((above[at : at + _LONGEST_QUOTE], block.line))
+            break
+        at, letter, number = word.end(), word[1], word[2]
+        if letter in values:
+            raise InputError(f"the word {letter} occurs twice behind the colon: write it once")
+        if letter in _ABOVE:
             values[letter] = _value(letter, number)
             block.measure(letter, number)
+        elif (code_here := code_of(letter, number)) in (1, 2, 3):
+            code = code_here
         else:
-            code = code_of(letter, number)
-        at = word.end()
+            reader.unknown.append((word[0], block.line))
     return UpperWords(code, values)
 
 

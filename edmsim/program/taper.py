@@ -100,10 +100,8 @@ def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -
     return tuple(found)
 
 
-def _of_two_lines(outline: Outline, low: float, high: float) -> Ruled:
-    assert outline.taper is not None
-    assert outline.taper.upper_mm is not None
-    upper, lower = np.asarray(outline.taper.upper_mm, np.float64), outline.points_mm
+def _of_two_lines(outline: Outline, upper_mm: Floats, low: float, high: float) -> Ruled:
+    upper, lower = np.asarray(upper_mm, np.float64), outline.points_mm
     if upper.shape != lower.shape:
         raise InputError(f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give "
                          "both equal numbers, in the same order")
@@ -508,13 +506,12 @@ def _inside(piece: _Piece, left_mm: float, begin: Floats, end: Floats, chords: i
     return np.asarray(line)
 
 
-def _joints(outline: Outline, pieces: list[_Piece], left: Floats) -> list[_Joint]:
+def _joints(pieces: list[_Piece], left: Floats, conical: bool) -> list[_Joint]:
     """Return what the corner before every piece becomes; `left` (lines, pieces) has all lines beside them."""
-    assert outline.taper is not None
     found = []
     for k, piece in enumerate(pieces):
         turn, d = _turn(pieces[k - 1].ends[1], piece.ends[0]), left[:, k]
-        rounds = outline.taper.corners == "conical" and abs(turn) >= math.radians(SHARP_DEG)
+        rounds = conical and abs(turn) >= math.radians(SHARP_DEG)
         rounds &= bool((d == left[:, k - 1]).all() and d.any() and (turn * d <= 0).all())
         found.append(_Joint(turn, _chords_of_arc(turn, float(np.abs(d).max())) if rounds else 0))
     return found
@@ -527,7 +524,7 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
     side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
     lean, off = (high - low) * tangents, _wire_sign(side) * offset_mm * np.hypot(1.0, tangents)
     left = np.stack([0.0 * lean, lean, off, lean + off])
-    joints = _joints(outline, pieces, left)
+    joints = _joints(pieces, left, outline.taper is not None and outline.taper.corners == "conical")
     chords = [
         len(piece.points) - 1 if piece.centre is None
         else max(len(piece.points) - 1, _chords_of_arc(piece.swept, max(map(piece.radius_at, left[:, k].tolist()))))
@@ -566,7 +563,8 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
     if taper.upper_mm is None and taper.corners in ("sharp", "conical"):
         wall, wire = _of_pieces(outline, low, high, offset_mm)
     else:
-        drawn = _of_two_lines(outline, low, high) if taper.upper_mm is not None else _of_angle(outline, low, high)
+        upper_mm = taper.upper_mm
+        drawn = _of_angle(outline, low, high) if upper_mm is None else _of_two_lines(outline, upper_mm, low, high)
         side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
         wall, wire = drawn, offset_surface(drawn, side, offset_mm)
         if outline.wire_side is None:
