@@ -566,26 +566,20 @@ def passes_figure(report: Report) -> Figure:
 
 def face_figure(scene: Scene) -> Figure:
     """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
-    faces = [edge for edge in scene.maps if edge.face_um is not None and np.isfinite(edge.face_um).any()]
+    faces = [(edge, um) for edge in scene.maps if (um := edge.face_um) is not None and np.isfinite(um).any()]
     if not faces:
         return style.nothing_to_show(style.column_figure(2.0), "no face: no edge of the part was measured")
     shown = faces[:4]
     figure = style.column_figure(0.95 + 1.05 * len(shown), top_in=0.55)
-    known = np.concatenate(
-        [np.abs(edge.face_um[np.isfinite(edge.face_um)]) for edge in shown if edge.face_um is not None]
-    )
+    known = np.concatenate([np.abs(error_um[np.isfinite(error_um)]) for _, error_um in shown])
     limit = max(float(np.percentile(known, 97)), 0.1)
     panels = np.atleast_1d(figure.subplots(len(shown), 1, gridspec_kw={"hspace": 0.35}))
-    for axes, edge in zip(panels, shown, strict=True):
-        assert edge.face_um is not None
+    for axes, (edge, error_um) in zip(panels, shown, strict=True):
         way = arc_lengths(edge.points_mm)
-        heights = np.linspace(0.0, scene.height_mm, len(edge.face_um) + 1)
-        ends = (
-            np.concatenate([way, way[-1:] + max(way[-1] - way[-2], 1e-3)]) if len(way) > 1 else np.array([0.0, 1.0])
-        )
+        ends = np.append(way, way[-1] + max(way[-1] - way[-2], 1e-3)) if len(way) > 1 else np.array([0.0, 1.0])
         axes.pcolormesh(
-            ends, heights, edge.face_um, cmap=style.ERROR_COLOURS, norm=Normalize(-limit, limit), rasterized=True,
-            shading="flat",
+            ends, np.linspace(0.0, scene.height_mm, len(error_um) + 1), error_um, cmap=style.ERROR_COLOURS,
+            norm=Normalize(-limit, limit), rasterized=True, shading="flat",
         )
         style.dress(axes, "", "height, mm")
         axes.grid(visible=False)
