@@ -155,7 +155,6 @@ class Simulation:
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         self.total_um = sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in self.legs)
-        self._leans = any(leg.lead_um is not None for leg in self.legs)
         self.passes = PassLog(path, self.legs)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
@@ -262,7 +261,7 @@ class Simulation:
         for leg in self.legs:
             if leg.lead_um is not None:
                 check_lead(self._planner_name, leg.points_um, leg.lead_um)
-        if self._leans and self.elcam is not None and any(table.leads for table in self.elcam.tables.values()):
+        if self.path.leans and self.elcam is not None and any(table.leads for table in self.elcam.tables.values()):
             raise InputError("the program's taper moves the upper guide, and so does a cam: leave one of them out")
 
     def _lead_of(self, leg: int) -> tuple[float, float]:
@@ -274,7 +273,7 @@ class Simulation:
         """Return where the motors are, those of u and v as well, at a place that is reached without steps."""
         self._offset.clear()
         if self._compensation is None:
-            return (x_um, y_um, *lead_um) if self._leans else (x_um, y_um)
+            return (x_um, y_um, *lead_um) if self.path.leans else (x_um, y_um)
         at = self._compensation.begin((x_um, y_um), path_um, lead_um)
         (u, v), (more_u, more_v) = lead_um, self._compensation.upper_um
         return *at, u + more_u, v + more_v
@@ -467,7 +466,7 @@ class Simulation:
         """Thread a new wire at the place of the break, and continue with this pass's setting."""
         if self.cause is not StopCause.WIRE_BREAK:
             raise InputError("no wire broke: there is nothing to thread")
-        place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self._leans else self.plant.commanded_um
+        place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self.path.leans else self.plant.commanded_um
         self.plant.rethread(place_um, round(self.machine.base.table.threading_s.value * 1e9))
         leg = self.legs[self.leg]
         if leg.cut_pass is not None:
@@ -487,7 +486,7 @@ class Simulation:
                 self._say(f"between two contours {why}")
                 return StopCause.DRIVE_TRIP
         self._at = ProgramPlace(
-            at.leg + 1, self.commanded_um, self.path_um, False, self._lead_um if self._leans else (0.0, 0.0),
+            at.leg + 1, self.commanded_um, self.path_um, False, self._lead_um if self.path.leans else (0.0, 0.0),
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
