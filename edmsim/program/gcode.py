@@ -400,25 +400,16 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
     passed = np.cumsum([0, *(len(move.points) for move in moves[:end])])
     ramp_end = sum(len(move.points) for move in moves[: first + 1]) if begin > first else len(approach) - 1
     return Outline(
-        points_mm=edge,
-        line_numbers=tuple(lines),
-        closed=closed,
-        wire_side=side,
-        part_side=_part_side(edge, closed, side, approach[:-1]),
-        approach_mm=array_of(approach[:-1]),
-        approach_lines=tuple(approach_lines),
-        compensated_from=len(approach) - 1 if side is None else ramp_end,
+        points_mm=edge, line_numbers=tuple(lines), closed=closed, wire_side=side,
+        part_side=_part_side(edge, closed, side, approach[:-1]), approach_mm=array_of(approach[:-1]),
+        approach_lines=tuple(approach_lines), compensated_from=len(approach) - 1 if side is None else ramp_end,
         dwells=tuple((int(passed[min(done, end)]), seconds) for done, seconds in run.dwells),
         needs_lead_in=len(approach) == 1 and (closed or side is not None) and not run.continues,
         elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
-        offset_mm=offset and offset.mm,
-        condition=cutting.condition,
-        approach_condition=None if leading is None else leading.condition,
-        adaptive=cutting.adaptive,
-        continues=run.continues,
-        stops_after=any(done >= end for done in run.stops),
-        taper=_taper(run, begin, end, closed),
-    )
+        offset_mm=offset and offset.mm, condition=cutting.condition, adaptive=cutting.adaptive,
+        approach_condition=None if leading is None else leading.condition, continues=run.continues,
+        stops_after=any(done >= end for done in run.stops), taper=_taper(run, begin, end, closed),
+    )  # fmt: skip
 
 
 def _longest(vertices: Sequence[complex], moves: Sequence[CutMove], begin: int, end: int) -> InForce | None:

@@ -325,17 +325,9 @@ class _Lead:
 
 @refuses_wrong_types
 def plan_path(
-    file: str | Path | Program,
-    offset: float | str = "auto",
-    *,
-    auto_offset_mm: float,
-    table_um: int | None = None,
-    grid_um: int = 1,
-    lead_in_mm: float = LEAD_IN_MM,
-    start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
-    taper_deg: float = 0.0,
-    corners: Corners = "conical",
-    guides: Sequence[GuideHeights | None] = (),
+    file: str | Path | Program, offset: float | str = "auto", *, auto_offset_mm: float, table_um: int | None = None,
+    grid_um: int = 1, lead_in_mm: float = LEAD_IN_MM, start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
+    taper_deg: float = 0.0, corners: Corners = "conical", guides: Sequence[GuideHeights | None] = (),
     passes: PassPlan | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
