@@ -70,7 +70,7 @@ def _ruled(outline: Outline, upper: Outline) -> Outline:
     starts = np.array([piece[0] for piece in lower_pieces])
     firsts = np.array([piece[0] for piece in upper_pieces])
     by = min(range(len(firsts)), key=lambda k: float(np.hypot(*(np.roll(firsts, -k, axis=0) - starts).T).sum()))
-    lines = ([], [])  # type: tuple[list[Floats], list[Floats]]
+    lines: tuple[list[Floats], list[Floats]] = ([], [])
     elements: list[int] = []
     for number, piece in enumerate(lower_pieces):
         other = upper_pieces[(number + by) % len(upper_pieces)]
