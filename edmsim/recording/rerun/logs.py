@@ -4,7 +4,7 @@ The world is the machine: wire and guides stand still, the table with the workpi
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -21,21 +21,58 @@ from shapely.geometry.base import BaseGeometry
 from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
-from edmsim.plant.kernel.state import ARC, SPARK
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun.stream import (
-    at_height,
-    class_rgb,
-    faded,
-    indexes,
-    log_changing,
-    log_lines,
-    log_points,
-    on_screen,
-    turned,
-)
+from edmsim.recording.rerun.stream import CLASS_COLOURS, indexes, log_changing
 from edmsim.recording.scene import PassFace, Scene, grid_triangles
 from edmsim.recording.windows import Frames, column, jump_rows, stretches, traces, travel_direction
+
+
+def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:
+    """Return the colours (..., 3) of pulses' classes."""
+    table = np.zeros((4, 3), np.uint8)
+    for code, name in ((OPEN, "open"), (SPARK, "spark"), (ARC, "arc"), (SHORT, "short")):
+        table[code] = palette.rgb(CLASS_COLOURS[name])
+    return np.asarray(table[kind], np.uint8)
+
+
+def faded(colours: NDArray[np.uint8], left: Floats) -> NDArray[np.uint8]:
+    """Return colours (n, 3) sunk into the ground to a share `left` (n,) of 0 to 1."""
+    ground = np.array(palette.rgb(palette.INK), float)
+    return np.asarray(np.round(ground + (colours - ground) * left[:, None]), np.uint8)
+
+
+def turned(points: Floats) -> Floats:
+    """Return points (..., 2) as a view of two dimensions needs them: rerun counts y downwards there."""
+    return np.asarray(points * np.array([1.0, -1.0]), np.float64)
+
+
+def on_screen(points: float) -> list[float]:
+    """Return a radius in points of the screen, which rerun tells from a length by its sign."""
+    return [-points]
+
+
+def at_height(lines: Iterable[Floats], z_mm: float) -> list[Floats]:
+    """Return lines (n, 2) as lines (n, 3) at a height."""
+    return [np.column_stack([line, np.full(len(line), z_mm)]) for line in lines]
+
+
+def log_lines(recording: rr.RecordingStream, entity: str, strips: list[Floats], colour: str) -> None:
+    """Log lines in space that stay."""
+    if strips:
+        lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(0.8))
+        recording.log(entity, lines, static=True)
+
+
+def log_points(
+    recording: rr.RecordingStream, entity: str, places: list[tuple[float, float, float]], labels: list[str],
+    colour: str,
+) -> None:
+    """Log labelled points that stay."""
+    if places:
+        points = rr.Points3D(places, labels=labels, colors=[palette.rgb(colour)], radii=on_screen(4.0))
+        recording.log(entity, points, static=True)
+
 
 KERF_FRAMES = 300  # most steps in which the kerf grows
 KERF_STEP_UM = 50.0  # it grows by no less than this at a time: less would not be seen
