@@ -225,8 +225,11 @@ class WindowTable(ArraySnapshots, Observer):
             )
             for c in columns
         ]
-        by_name = {c.name: values for c, values in zip(columns, data, strict=True)}
-        return pa.Table.from_pydict(by_name, schema=pa.schema(fields))
+        arrays = [
+            pa.array(column.astype(np.int16) if c.is_count else column)
+            for c, column in zip(columns, data, strict=True)
+        ]
+        return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
 def write_windows(table: pa.Table, file: str | Path) -> None:
