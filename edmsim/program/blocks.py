@@ -33,8 +33,10 @@ IDLE_CODES = frozenset(
 the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
 UNITS: dict[float, float] = {70: 20, 71: 21}  # codes of some controls for inch and mm, and what they are elsewhere
 _USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 90.1, 91.1, 92, *UNITS})
-_USED_M = frozenset({0, 1, 2, 30, 98, 99})
-_KNOWN = {"G": _USED_G, "M": _USED_M}  # besides those without effect
+KNOWN = {
+    "G": _USED_G | {n for letter, n in IDLE_CODES if letter == "G"},
+    "M": frozenset({0, 1, 2, 30, 98, 99}) | {n for letter, n in IDLE_CODES if letter == "M"},
+}  # codes that are read, by letter
 _CODE = re.compile(r"0*\d{1,4}(\.\d)?")
 _MOST_NAMED = 12
 _NEEDED = frozenset({*"GNXYIJRPL", *(f"G{code:g}" for code in _USED_G - {4}), "M98", "M99"})
@@ -101,7 +103,7 @@ def code_of(letter: str, number: str, dialect: Dialect = ISO) -> float | None:
     if not _CODE.fullmatch(number):
         return None
     code = float(number) if number.rstrip("0").partition(".")[2] else int(float(number))
-    known = code in _KNOWN.get(letter, ()) or (letter, code) in IDLE_CODES or dialect.action_of((letter, code))
+    known = code in KNOWN.get(letter, ()) or dialect.action_of((letter, code)) is not None
     return code if known else None
 
 
