@@ -16,33 +16,31 @@ if TYPE_CHECKING:
 
 OUT = Console()
 ERR = Console(stderr=True)
-
 RESUME = "run the same command to resume"
-
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
 Environment = Annotated[
     str,
     typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
 ]
+DriveAxis = Annotated[str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-
 _PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "…": "~", "±": "+-", "°": " deg"})
 
 
 def take_any_terminal() -> None:
     """Print on terminals of any encoding: what they lack, a figure's unit or a file's name, is spelt plainly."""
-    codecs.register_error("edmsim-plain", _spelt_plainly)
+
+    def spelt_plainly(error: UnicodeError) -> tuple[str, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        text = error.object[error.start : error.end].translate(_PLAIN)
+        return text.encode("ascii", "backslashreplace").decode(), error.end
+
+    codecs.register_error("edmsim-plain", spelt_plainly)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="edmsim-plain")
-
-
-def _spelt_plainly(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    text = error.object[error.start : error.end].translate(_PLAIN)
-    return text.encode("ascii", "backslashreplace").decode(), error.end
 
 
 def say(text: str) -> None:
@@ -66,11 +64,6 @@ def interruptible(then: str | Callable[[], str] = RESUME, keep: bool = False) ->
     except KeyboardInterrupt as interrupt:
         say(f"interrupted; {then if isinstance(then, str) else then()}")
         raise typer.Exit(128 + next(iter(interrupt.args), signal.SIGINT)) from None  # as shells have it
-
-
-def named(text: str) -> list[str]:
-    """Return the names of a list with commas, none if it is empty."""
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def default_folder(program: Path) -> Path:

@@ -132,9 +132,7 @@ def evaluate(
         typer.Option(metavar="NAME", help="Evaluate a policy in its own environment, with counts and voltage: a "
                                           "file, or a name under models/policies. Repeatable."),
     ] = None,
-    write_card: Annotated[
-        bool, typer.Option("--write-card", help="Write the scores to the policy file.")
-    ] = False,
+    write_card: Annotated[bool, typer.Option("--write-card", help="Write the scores to the policy file.")] = False,
     json: Json = False,
     **options: Any,
 ) -> None:

@@ -5,11 +5,12 @@ import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, OUT, Json, Quiet, print_line, say
+from edmsim.cli.console import ERR, OUT, DriveAxis, Json, Quiet, print_line, say
 from edmsim.cli.options import SET_UP, Among, Unset, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, InputError
 from edmsim.files import check_suffix, make_writable, replacing
@@ -120,9 +121,7 @@ def gap(
     speed: Annotated[
         float | None, typer.Option(help="With --serial: machine seconds per second; default: 1.")
     ] = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Samples per second, 10000 to 100000; default: 50000.")
-    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Samples per second, 10000 to 100000; default: 50000.")] = None,
     low_pass: Annotated[
         float | None,
         typer.Option(help="Cut-off frequency of a low-pass filter before the converter in Hz; default: no filter."),
@@ -131,9 +130,7 @@ def gap(
     current_noise: Annotated[
         float | None, typer.Option(help="Noise of the current samples, rms in A; default: 0.")
     ] = None,
-    log_rate: Annotated[
-        float | None, typer.Option(help="Rows of --log per second, 2 to 100; default: 10.")
-    ] = None,
+    log_rate: Annotated[float | None, typer.Option(help="Rows of --log per second, 2 to 100; default: 10.")] = None,
     **options: Any,
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""
@@ -227,14 +224,8 @@ def _write_fmu(settings: "CutSettings", file: Path, gap_um: float) -> None:
     say(f"written: {file}; its step is {step_s:.9g} s")
 
 
-def _counting() -> list[str]:
-    from edmsim.controllers.planner.registry import counting
-
-    return counting()
-
-
 @takes("machine", "material", "wire", "height_mm", "tension", "planner", "resolution", "seed",
-       planner=Among(_counting))  # fmt: skip
+       planner=Among(lambda: resolve_name("edmsim.controllers.planner.registry:counting")()))  # fmt: skip
 def terminal(
     host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
     speed: Annotated[
@@ -242,9 +233,7 @@ def terminal(
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Inject a fault: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; repeatable."
-        ),
+        typer.Option(help="Inject a fault: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; repeatable."),
     ] = None,
     monitor: Annotated[bool, typer.Option("--monitor", help="Begin in the monitor; G 0400 starts MAIN.")] = False,
     tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default: the current one.")] = None,
@@ -272,9 +261,7 @@ def terminal(
 
 def servo(
     drive: Annotated[str, typer.Argument(help="Drive: uhu or servo-module.", show_default=False)],
-    axis: Annotated[
-        str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")
-    ] = "bench",
+    axis: DriveAxis = "bench",
     tuned: Annotated[bool, typer.Option("--tuned", help="Start with parameters tuned for the axis.")] = False,
     pty: Annotated[bool, typer.Option("--pty", help="Open a serial port for a terminal program.")] = False,
     speed: Annotated[

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 _Command = TypeVar("_Command", bound=Callable[..., None])
 _TAKEN = "_options_taken"
-
 SET_UP = "set-up"  # in the place of names: all options of a set-up but the machine
 
 

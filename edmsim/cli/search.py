@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import OUT, Environment, Quiet, interruptible, print_line, say
+from edmsim.cli.console import OUT, DriveAxis, Environment, Quiet, interruptible, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import STOPPED, InputError
 from edmsim.files import check_suffix, make_writable, replacing
@@ -265,9 +265,7 @@ def technology(
 
 def drive(
     name: Annotated[str, typer.Argument(metavar="DRIVE", help="Drive: uhu or servo-module.", show_default=False)],
-    axis: Annotated[
-        str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")
-    ] = "bench",
+    axis: DriveAxis = "bench",
     out: Annotated[Path | None, typer.Option(help="Picture before and after tuning: .png, .svg or .pdf.")] = None,
 ) -> None:
     """Tune a servo drive to its axis, and print the lines to type."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import OUT, Json, interruptible, named, print_line, say
+from edmsim.cli.console import OUT, Json, interruptible, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import FAILED, InputError
 from edmsim.files import check_suffix, make_writable
@@ -45,6 +45,7 @@ def calibrate(
     from edmsim import calibration
     from edmsim.calibration import comparison, output
     from edmsim.calibration import fit as fitting
+    from edmsim.numeric import listed
     from edmsim.runs import RunTable
 
     check_suffix(out, "the fitted machine", ".toml")
@@ -52,7 +53,7 @@ def calibrate(
     table = calibration.read_log(log)
     seed = options.pop("seed")
     settings, notices = calibration.settings_for(table, **options)
-    chosen = calibration.DEFAULT_CONSTANTS if fit is None else named(fit)
+    chosen = calibration.DEFAULT_CONSTANTS if fit is None else listed(fit)
     runs = out.with_suffix(".runs.jsonl")
     set_up = fitting.machine_of(settings)
     for notice in (*notices, *fitting.held(settings, set_up, chosen)):

@@ -479,7 +479,6 @@ class Tuning:
 
     lines: tuple[str, ...]  # what to type: values, the restart and the saving
     values: dict[str, int]  # letters and values
-    oscillation: Oscillation
     # the drive as delivered, though with an error limit out of reach, and tuned
     before: AxisResponse
     after: AxisResponse
@@ -497,7 +496,7 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
     values["E"] = max(2 * STEP_COUNTS, math.ceil(_TRIP * float(np.abs(after.move.error).max())))
     values = {letter: values[letter] for letter in (*kind.gains, "V", "E", *kind.fixed) if letter in values}
     lines = tuple(f"{letter}{value}" for letter, value in values.items())
-    return Tuning((*lines, "R", *kind.saving), values, oscillation, before, after)
+    return Tuning((*lines, "R", *kind.saving), values, before, after)
 
 
 def measured(operator: Operator, values: dict[str, int]) -> AxisResponse:

@@ -142,22 +142,16 @@ def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, 
     (b'-64\r', False, False)
     """
     sent, leaves = b"", False
-    for pressed in filter(None, _CURSOR.split(keys)):
-        typed, analysing, leaves = _sent_for_one(pressed, streams, analysing)
-        sent += typed
+    for pressed in filter(None, _CURSOR.split(keys)):  # a cursor key, or what was typed between two
+        leaves = pressed == LEAVE
+        if pressed in _MOVES:
+            sent += (b"G%d\r" if streams else b"%+d\r") % _MOVES[pressed]
+        elif pressed == b" " and streams:
+            sent += b"Z\r" if analysing else b"A\r"
+            analysing = not analysing
+        elif not leaves:
+            sent += pressed.replace(b"\n", b"\r")
     return sent, analysing, leaves
-
-
-def _sent_for_one(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
-    """Do the same for one cursor key, or for what was typed between two."""
-    if keys == LEAVE:
-        return b"", analysing, True
-    if keys in _MOVES:
-        counts = _MOVES[keys]
-        return (b"G%d\r" if streams else b"%+d\r") % counts, analysing, False
-    if keys == b" " and streams:
-        return b"Z\r" if analysing else b"A\r", not analysing, False
-    return keys.replace(b"\n", b"\r"), analysing, False
 
 
 _CHUNK = 4096

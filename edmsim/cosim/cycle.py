@@ -6,7 +6,7 @@ interrupts; they share what is around it: `WindowObservation.of`, `edmsim.cosim.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from edmsim.controllers.axis.elcam.file import StepCompensation
 from edmsim.controllers.planner.registry import PathOffset, Planner
@@ -17,24 +17,7 @@ from edmsim.plant.plant import Plant
 from edmsim.snapshots import Snapshots
 
 # What moves the wire along its path: motor steps for a window, from a planner or evenly spaced along an axis.
-
-
-class Motion(Protocol):
-    """Makes motor steps, window by window."""
-
-    @property
-    def feed_um_s(self) -> float:
-        """Feed in force at the end of the window that was kept last."""
-
-    @property
-    def path_um(self) -> float:
-        """Length of path behind the wire, over all legs."""
-
-    def plan(self, start_ns: int, end_ns: int, certain: bool) -> Sequence[tuple[int, int, int]]:
-        """Return the steps (time in ns, axis, direction) of a window; if not `certain` it may end before `end_ns`."""
-
-    def keep(self, start_ns: int, end_ns: int) -> None:
-        """Take note of when the window ended: steps planned for later are undone."""
+# A window is planned as long as it can be, and then kept up to where it has ended.
 
 
 class PlannerMotion(Snapshots):
@@ -70,7 +53,7 @@ class PlannerMotion(Snapshots):
         return self.start_um + self.planner.path_um
 
     def plan(self, start_ns: int, end_ns: int, certain: bool) -> list[Step]:
-        """Return the planner's steps; where the end is not certain, nothing has been driven yet."""
+        """Return the planner's steps; if not `certain` the window may end before, and nothing has been driven yet."""
         self._speeds = self._speeds_from(start_ns)
         lateral = self._offset.steps(start_ns, self.planner.path_um, self.command.offset_um)
         if certain:
@@ -146,7 +129,7 @@ class Cycle:
     """Plant, motion and controller in step: observers see every window; what `decide` says counts from the next."""
 
     def __init__(
-        self, plant: Plant, motion: Motion, decide: Callable[[WindowObservation], None],
+        self, plant: Plant, motion: PlannerMotion | EvenSteps, decide: Callable[[WindowObservation], None],
         observers: Sequence[Observer] = (),
     ) -> None:
         self.motion = motion

@@ -1,16 +1,19 @@
 """The interface through which recorders observe every window of a cut."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.gap.generator import OppositePulses
-from edmsim.plant.kernel.state import Timing
-from edmsim.plant.resolution import Resolution
+
+if TYPE_CHECKING:
+    from edmsim.plant.plant import Plant
+
+PlantView: TypeAlias = "Plant"
+"""The plant as observers have it: they read what it says of the window just over, and change nothing."""
 
 
 class Turn(NamedTuple):
@@ -21,45 +24,6 @@ class Turn(NamedTuple):
     feed_um_s: float  # feed in force at the window's end
     path_um: float  # length of path behind the wire by the position counters, over all legs
     opposite: OppositePulses | None = None  # equalising pulses of the window, if the generator gives any
-
-
-class PlantView(Protocol):
-    """What an observer may read of a plant; the values are those of the window just over."""
-
-    @property
-    def machine(self) -> Machine:
-        """Set-up, with the generator's setting of that window."""
-
-    @property
-    def resolution(self) -> Resolution:
-        """Slices and rays of the model."""
-
-    @property
-    def timing(self) -> Timing:
-        """The generator's setting as the pulse loop has it."""
-
-    @property
-    def commanded_um(self) -> tuple[float, float]:
-        """Position the motor steps add up to."""
-
-    @property
-    def following_error_um(self) -> tuple[float, float]:
-        """How far x and y are behind it."""
-
-    def deflections_um(self) -> NDArray[np.float64]:
-        """Deflection of the wire, (slices, 2)."""
-
-    def coverage(self) -> NDArray[np.float64]:
-        """Share of the wire's front that gas covers, (slices,)."""
-
-    def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
-        """Where a slice's wire was when its rays were last traced, and every ray's gap then."""
-
-    def watch_pulses(self) -> None:
-        """From the next window on, keep every pulse for `last_pulses`."""
-
-    def last_pulses(self) -> NDArray[np.void]:
-        """Return the pulses of the window, if they are watched."""
 
 
 class Observer(Protocol):

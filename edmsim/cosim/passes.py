@@ -78,7 +78,9 @@ def legs_of(contour: WireContour) -> list[Leg]:
     for number, (part, threads) in enumerate(zip(parts, contour.threads, strict=True)):
         one = part if isinstance(part, CutPass) else None
         lead = one.approach_moves if one is not None and number == 0 else 0
-        along, waits = part.way.along_um, _waits_s(part.dwells)
+        along, waits = part.way.along_um, dict.fromkeys((i for i, _ in part.dwells), 0.0)
+        for i, seconds in part.dwells:
+            waits[i] += seconds
         ends = sorted({lead, len(part.points_um) - 1, *waits} - {0})
         for a, b in zip([0, *ends[:-1]], ends, strict=True):
             legs.append(
@@ -92,16 +94,11 @@ def legs_of(contour: WireContour) -> list[Leg]:
     return legs
 
 
-class WayBehind(NamedTuple):
-    """What the wire of a trim has cut before a leg; a retract runs back onto it over the leg's first point."""
+def way_behind(legs: Sequence[Leg], number: int) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any]]:
+    """Return what the wire of a trim has cut before a leg, since it was threaded: points, lengths of path, leads.
 
-    points_um: NDArray[Any]  # (n, 2)
-    along_um: NDArray[np.float64]  # (n,): length of path from the leg's first point, below 0
-    lead_um: NDArray[Any]  # (n, 2), see `Leg`; (0, 2) if the wire is vertical
-
-
-def way_behind(legs: Sequence[Leg], number: int) -> WayBehind:
-    """Return the way to a leg since the wire was threaded, if it is of a trim; else no points."""
+    A retract runs back onto it over the leg's first point, from which lengths count, below 0.
+    """
     # A rough pass ends with a bent wire. At rest for the trim it is straight, and so pressed to the metal ahead of
     # the rough pass. Open machines run back along what they have cut, whatever the program's lines are: LinuxCNC's
     # adaptive feed, Spark's buffer of places.
@@ -115,17 +112,9 @@ def way_behind(legs: Sequence[Leg], number: int) -> WayBehind:
     for one in reversed(before):
         along.insert(1, one.along_um - one.along_um[-1] - to_go)
         to_go += float(one.along_um[-1] - one.along_um[0])
-    none = np.empty((0, 2))
-    return WayBehind(
-        np.concatenate([none, *(one.points_um for one in before)]),
-        np.concatenate(along),
-        np.concatenate([none, *(one.lead_um for one in before if one.lead_um is not None)]),
-    )
-
-
-def _waits_s(dwells: Sequence[tuple[int, float]]) -> dict[int, float]:
-    """Return how long the wire waits at every point where it does, in order."""
-    return {i: sum(seconds for j, seconds in dwells if j == i) for i in sorted({i for i, _ in dwells})}
+    points = [np.empty((0, 2)), *(one.points_um for one in before)]
+    leads = [np.empty((0, 2)), *(one.lead_um for one in before if one.lead_um is not None)]
+    return np.concatenate(points), np.concatenate(along), np.concatenate(leads)
 
 
 FACE_EVERY = 5  # places of a profile error per place of a pass' face: 0.1 mm (ours: pictures show no more)
@@ -259,7 +248,9 @@ class PassLog(Snapshots):
 
     def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:
         x, y = one.way.at_mid_height()[-1].tolist()
-        what = "slug" if not _is_part(piece, contour) else "part"
+        inside = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
+        is_part = inside and piece.contains(shapely.Point(contour.nominal_mm.mean(axis=0) * 1e3))
+        what = "part" if is_part else "slug"
         far_mm = lever_mm(piece, (x, y))
         if not one.falls or contour.lean is not None:
             why = ", as the fall of a piece with tapered walls is not in the model" if one.falls else ""
@@ -273,7 +264,7 @@ class PassLog(Snapshots):
                 f"the {what} would tip onto the wire: nothing holds it when the cut ends {far_mm:.2f} mm from its "
                 "centre; hold it with after_tab stop, or place the tab nearer to its centre"
             )
-        if what == "part":
+        if is_part:
             self.notices.append(
                 "the part comes loose before its last pass and is taken to lie still: after_tab stop "
                 "lets the machine stop for it to be held"
@@ -285,9 +276,3 @@ class PassLog(Snapshots):
             f"the workpiece, {piece.area * 1e-6:.2f} mm² of it"
             + (f", {taken_mm3:.2f} mm³ of them near the wire's path" if taken_mm3 else "")
         )
-
-
-def _is_part(piece: shapely.Polygon, contour: WireContour) -> bool:
-    """Say whether a loose piece is the part, and not the slug, of a contour."""
-    inside = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
-    return inside and bool(piece.contains(shapely.Point(contour.nominal_mm.mean(axis=0) * 1e3)))

@@ -80,16 +80,14 @@ class CutAxes(Snapshots):
         if plant.in_place:
             self._since_ns = None
             return None
-        if self._since_ns is None:
-            self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
-            return None
-        waited_s = (plant.time_ns - self._since_ns) * 1e-9
-        if waited_s < rapid_constants()["settled_s"]:
-            return None
-        step_um = plant.machine.base.table.step_um.value
-        late_s = time_left_s(np.array(self._before_um), plant.away_um, waited_s, step_um)
-        if late_s > rapid_constants()["longest_s"]:
-            return plant.reason_of_delay(late_s)
+        if self._since_ns is not None:
+            waited_s = (plant.time_ns - self._since_ns) * 1e-9
+            if waited_s < rapid_constants()["settled_s"]:
+                return None
+            step_um = plant.machine.base.table.step_um.value
+            late_s = time_left_s(np.array(self._before_um), plant.away_um, waited_s, step_um)
+            if late_s > rapid_constants()["longest_s"]:
+                return plant.reason_of_delay(late_s)
         self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
         return None
 
@@ -157,7 +155,6 @@ class Simulation:
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         self.total_um = sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in self.legs)
-        self._leans = any(leg.lead_um is not None for leg in self.legs)
         self.passes = PassLog(path, self.legs)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
@@ -216,9 +213,8 @@ class Simulation:
     def _take_setup(self, leg: Leg) -> Machine:
         """Let the setting of a leg's pass be in force; the plant changes where it is another one."""
         if leg.cut_pass is not None:
-            setup = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
-            if leg.leads_in and self._approach is not None:
-                setup = self._approach
+            own = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
+            setup = self._approach if leg.leads_in and self._approach is not None else own
             if setup.machine is not self._setup.machine:
                 self.plant.change_setup(setup.machine)
             self._setup = setup
@@ -233,14 +229,14 @@ class Simulation:
             observer.leg(points, at.start_um)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
-        behind = way_behind(self.legs, at.leg)
-        every = np.concatenate([behind.points_um, points])
+        behind, along_behind, leads_behind = way_behind(self.legs, at.leg)
+        every = np.concatenate([behind, points])
         planner = (
-            make_planner(self._planner_name, every, unit=self._unit, step_um=step_um, start=len(behind.points_um))
+            make_planner(self._planner_name, every, unit=self._unit, step_um=step_um, start=len(behind))
             if leads is None
             else make_leaning_planner(
-                self._planner_name, every, np.concatenate([behind.lead_um, leads]),
-                np.concatenate([behind.along_um, along]), self._unit, step_um,
+                self._planner_name, every, np.concatenate([leads_behind, leads]),
+                np.concatenate([along_behind, along]), self._unit, step_um,
             )
         )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
@@ -265,7 +261,7 @@ class Simulation:
         for leg in self.legs:
             if leg.lead_um is not None:
                 check_lead(self._planner_name, leg.points_um, leg.lead_um)
-        if self._leans and self.elcam is not None and any(table.leads for table in self.elcam.tables.values()):
+        if self.path.leans and self.elcam is not None and any(table.leads for table in self.elcam.tables.values()):
             raise InputError("the program's taper moves the upper guide, and so does a cam: leave one of them out")
 
     def _lead_of(self, leg: int) -> tuple[float, float]:
@@ -273,13 +269,11 @@ class Simulation:
         lead_um = self.legs[leg].lead_um
         return (0.0, 0.0) if lead_um is None else (float(lead_um[0, 0]), float(lead_um[0, 1]))
 
-    def _motors_um(
-        self, x_um: float, y_um: float, path_um: float, lead_um: tuple[float, float] = (0.0, 0.0)
-    ) -> tuple[float, ...]:
+    def _motors_um(self, x_um: float, y_um: float, path_um: float, lead_um: tuple[float, float]) -> tuple[float, ...]:
         """Return where the motors are, those of u and v as well, at a place that is reached without steps."""
         self._offset.clear()
         if self._compensation is None:
-            return (x_um, y_um, *lead_um) if self._leans else (x_um, y_um)
+            return (x_um, y_um, *lead_um) if self.path.leans else (x_um, y_um)
         at = self._compensation.begin((x_um, y_um), path_um, lead_um)
         (u, v), (more_u, more_v) = lead_um, self._compensation.upper_um
         return *at, u + more_u, v + more_v
@@ -472,7 +466,7 @@ class Simulation:
         """Thread a new wire at the place of the break, and continue with this pass's setting."""
         if self.cause is not StopCause.WIRE_BREAK:
             raise InputError("no wire broke: there is nothing to thread")
-        place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self._leans else self.plant.commanded_um
+        place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self.path.leans else self.plant.commanded_um
         self.plant.rethread(place_um, round(self.machine.base.table.threading_s.value * 1e9))
         leg = self.legs[self.leg]
         if leg.cut_pass is not None:
@@ -492,7 +486,7 @@ class Simulation:
                 self._say(f"between two contours {why}")
                 return StopCause.DRIVE_TRIP
         self._at = ProgramPlace(
-            at.leg + 1, self.commanded_um, self.path_um, False, self._lead_um if self._leans else (0.0, 0.0),
+            at.leg + 1, self.commanded_um, self.path_um, False, self._lead_um if self.path.leans else (0.0, 0.0),
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()

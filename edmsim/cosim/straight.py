@@ -171,12 +171,7 @@ def begin(
 
 
 def cut_straight(
-    machine: Machine,
-    feed: float | FeedController,
-    seed: int,
-    *,
-    settle_s: float,
-    seconds: float,
+    machine: Machine, feed: float | FeedController, seed: int, *, settle_s: float, seconds: float,
     resolution: str | Resolution = "fast",
 ) -> Cut:
     """Cut along +x from a begun slot; if the wire broke before it settled, the result is of the time until then."""

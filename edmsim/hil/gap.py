@@ -43,11 +43,6 @@ class Setpoints(ArraySnapshots):
         self._velocity_um_s = [0.0, 0.0]
         self._until_ns = 0
 
-    @property
-    def places_um(self) -> tuple[float, float]:
-        """Where the setpoints are now."""
-        return self._now_um[0], self._now_um[1]
-
     def go_to(self, place_um: tuple[float, float]) -> None:
         """Go to a place, each axis at its greatest speed."""
         self._target_um = [self._within(place) for place in place_um]

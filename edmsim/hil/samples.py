@@ -231,7 +231,18 @@ class SampleFile(FrameFile):
         super().__init__(file)
 
     def _open(self) -> None:
-        self._writer = self._wav() if self._kind == ".wav" else self._parquet()
+        if self._kind == ".wav":
+            self._sound = self._partial.open("wb")
+            self._writer: Any = wave.open(self._sound, "wb")  # noqa: SIM115, closed by __exit__
+            self._writer.setnchannels(2)
+            self._writer.setsampwidth(2)
+            self._writer.setframerate(int(self._sensing.rate_Hz))
+            return
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        schema = pa.schema([("t_s", pa.float64()), ("voltage_V", pa.float32()), ("current_A", pa.float32())])
+        self._writer = pq.ParquetWriter(self._partial, schema, compression="zstd")
 
     def _close(self) -> None:
         self._write()
@@ -247,25 +258,10 @@ class SampleFile(FrameFile):
     @property
     def notice(self) -> str:
         """Notice about the file for the user; may be empty."""
+        if not self._clipped:
+            return ""
         most = f"{_COUNTS * COUNT_V:g} V or {_COUNTS * COUNT_A:g} A"
-        return (
-            f"{self._clipped} samples are beyond {most}, which is the most a WAV file holds" if self._clipped else ""
-        )
-
-    def _wav(self) -> Any:
-        self._sound = self._partial.open("wb")
-        writer = wave.open(self._sound, "wb")  # noqa: SIM115, closed by __exit__
-        writer.setnchannels(2)
-        writer.setsampwidth(2)
-        writer.setframerate(int(self._sensing.rate_Hz))
-        return writer
-
-    def _parquet(self) -> Any:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        schema = pa.schema([("t_s", pa.float64()), ("voltage_V", pa.float32()), ("current_A", pa.float32())])
-        return pq.ParquetWriter(self._partial, schema, compression="zstd")
+        return f"{self._clipped} samples are beyond {most}, which is the most a WAV file holds"
 
     def _write(self) -> None:
         if not self._rows:

@@ -79,11 +79,6 @@ class Lines:
         self._too_long = False
         self._heard_s = 0.0
 
-    @property
-    def has_room(self) -> bool:
-        """Whether more should be read."""
-        return len(self.ready) < _WAITING_LINES
-
     def put(self, data: bytes, now_s: float) -> None:
         """Take in bytes; CR, LF or both end a line, and empty lines are dropped."""
         self._heard_s = now_s
@@ -117,10 +112,6 @@ class Port:
         self.lines = Lines()
         self._answer = answer
         self._unsent = b""
-
-    def listen(self, now_s: float) -> None:
-        """Read what has come."""
-        self.lines.put(self.terminal.read(0.0), now_s)
 
     def answer(self) -> None:
         """Answer some of the lines that wait, as long as the answers before have found room."""
@@ -183,14 +174,14 @@ class Session:
                 return
 
     def _hear(self, now: float, timeout_s: float) -> None:
-        ports = [port for port in (self.board, self.motion) if port.lines.has_room]
+        ports = [port for port in (self.board, self.motion) if len(port.lines.ready) < _WAITING_LINES]
         answering = [self.board, self.motion] if self.rig.board.listens else [self.motion]
         waits = any(port.lines.ready and not port.flush() for port in answering)
         terminals = [port.terminal.fileno() for port in ports]
         came = select.select(terminals, [], [], 0.0 if waits else timeout_s)[0]
         for port, terminal in zip(ports, terminals, strict=True):
             if terminal in came:
-                port.listen(time.monotonic())
+                port.lines.put(port.terminal.read(0.0), time.monotonic())
             else:
                 port.lines.end_half_line(now)
 

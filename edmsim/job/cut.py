@@ -16,7 +16,6 @@ import numpy as np
 
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
-from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_tables
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
@@ -31,11 +30,10 @@ from edmsim.files import folder_of, locked
 from edmsim.job import checkpoint
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, Running
-from edmsim.machine import technology as technologies
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.options import show
 from edmsim.machine.setting import guide_bends
-from edmsim.machine.technology import PassSetting, PassTable, Technology
+from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.window import PlantError
@@ -159,7 +157,7 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
     decided: dict[str, Any] = {
         "machine": technology.machine, "wire": technology.wire, "planner": technology.planner,
         "controller": rough.controller(),
-        **{name: getattr(rough, own) for name, own in technologies.OF_PASS.items()},
+        **{name: getattr(rough, own) for name, own in OF_PASS.items()},
     }  # fmt: skip
     for name, value in decided.items():
         chosen, usual = getattr(settings, name), CutSettings.model_fields[name].default
@@ -173,7 +171,7 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
 
 def _technology(settings: CutSettings) -> Technology:
     if settings.technology is not None:
-        found = technologies.read_technology(settings.technology)
+        found = read_technology(settings.technology)
         if found.material != settings.material:
             raise InputError(f"the technology '{found.title}' is for {found.material}, not for {settings.material}")
         return found
@@ -182,7 +180,7 @@ def _technology(settings: CutSettings) -> Technology:
         None if getattr(settings, name) == usual[name].default else getattr(settings, name)
         for name in ("machine", "wire")
     )
-    return technologies.technology_for(settings.material, machine, wire)
+    return technology_for(settings.material, machine, wire)
 
 
 def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTable:
@@ -207,7 +205,7 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
 
 def setup_of(settings: CutSettings, one: PassSetting) -> PassSetup:
     """Return the set-up of a pass: that of a cut's settings, but for what the pass has of its own."""
-    own = {name: getattr(one, of_pass) for name, of_pass in technologies.OF_PASS.items()}
+    own = {name: getattr(one, of_pass) for name, of_pass in OF_PASS.items()}
     return PassSetup(settings.model_copy(update=own).load_machine(), from_text(one.controller()))
 
 
@@ -229,11 +227,7 @@ class _Cut(Protocol[_Options]):
 
 
 def _takes(options: Callable[_Options, CutOptions]) -> Callable[[Callable[..., CutResult]], _Cut[_Options]]:
-    def shown(cut: Callable[..., CutResult]) -> _Cut[_Options]:
-        show(cut, CutOptions)
-        return cut
-
-    return shown
+    return lambda cut: show(cut, CutOptions)
 
 
 @_takes(CutOptions)
@@ -348,7 +342,7 @@ class Prepared(NamedTuple):
     controller: FeedController
     path: CutPath
     steps: tuple[LowerRegion, ...]
-    drives: dict[str, Drive]
+    drives: dict[str, axis.Drive]
     compensation: Elcam | None
     setups: tuple[PassSetup, ...] = ()
     approach: PassSetup | None = None
@@ -362,10 +356,15 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
     controller = make_controller(settings.controller)
     if found.setups:
         machine, controller = found.setups[0]
+    steps = settings.workpiece.steps(path, machine.wire_diameter_um)
+    step_um = machine.base.table.step_um.value
+    drives = {
+        name: axis.from_text(settings.drive, axis.Screw(step_um, screw["um_per_rad"]))
+        for name, screw in zip("xy", screws(machine).values(), strict=True)
+    }
+    compensation = None if file is None else load_tables(read_tables(file), file)
     return Prepared(
-        settings, machine, controller, path, settings.workpiece.steps(path, machine.wire_diameter_um),
-        _drives(settings.drive, machine),
-        None if file is None else load_tables(read_tables(file), file), found.setups, found.approach,
+        settings, machine, controller, path, steps, drives, compensation, found.setups, found.approach
     )
 
 
@@ -378,17 +377,10 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
         ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
         resolution=settings.resolution, max_time_s=settings.max_time_s, steps=ready.steps,
         mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
-        stuck_wire_sensor=settings.stuck_wire_sensor,
-        axis_faults=[parse_fault(text) for text in settings.axis_faults], setups=ready.setups,
-        approach=ready.approach,
+        stuck_wire_sensor=settings.stuck_wire_sensor, setups=ready.setups, approach=ready.approach,
+        axis_faults=[parse_fault(text) for text in settings.axis_faults],
     )
     return settings, simulation, recorders
-
-
-def _drives(text: str, machine: Machine) -> dict[str, Drive]:
-    """Return the drives of x and y, which go by the machine's step where they can."""
-    step_um, found = machine.base.table.step_um.value, screws(machine)
-    return {name: axis.from_text(text, axis.Screw(step_um, found[k]["um_per_rad"])) for k, name in enumerate("xy")}
 
 
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:
@@ -423,17 +415,14 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
         if simulation.cause is StopCause.FINISHED and tells is not None and (why := tells()):
             notices.append(f"the drive of {name} says: {why}")
     for table in [] if simulation.elcam is None else simulation.elcam.tables.values():
-        names = NAMES[table.axis], PLACES[table.master]
+        driven, along = NAMES[table.axis], PLACES[table.master]
         if table.held:
-            notices.append(
-                "the cut went beyond the compensation table of {} along {}: there it holds its end value".format(
-                    *names
-                )
-            )
+            held = "there it holds its end value"
+            notices.append(f"the cut went beyond the compensation table of {driven} along {along}: {held}")
         if table.leads:
             notices.append(
-                "the upper guide's axis {} followed its cam along {}: the profile error compares the wall with the "
-                "upright one of the program".format(*names)
+                f"the upper guide's axis {driven} followed its cam along {along}: the profile error compares the "
+                "wall with the upright one of the program"
             )
     if simulation.missed_windows:
         notices.append(
@@ -532,10 +521,7 @@ class _Run:
             self._held_s = self._simulation.plant.time_ns * 1e-9
         except (OSError, TypeError, ValueError) as error:  # a law may put into its snapshot what JSON cannot hold
             why = getattr(error, "strerror", None) or error
-            warnings.warn(
-                f"{self._folder}: no checkpoint could be written: {why}; the cut goes on",
-                stacklevel=2,
-            )
+            warnings.warn(f"{self._folder}: no checkpoint could be written: {why}; the cut goes on", stacklevel=2)
         return (self._folder / checkpoint.NAME).exists()
 
 

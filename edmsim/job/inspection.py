@@ -14,21 +14,12 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
+from edmsim.metrology import shares as causes
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
 from edmsim.metrology.passes import unknown_wall
 from edmsim.metrology.profile import ElementError, ProfileError, corners, element_errors, error_stats, profile_error
 from edmsim.metrology.roughness import electrolysed_um, face_roughness_um, heat_affected_um, roughness_um
-from edmsim.metrology.shares import (
-    WorstPlace,
-    error_shares,
-    mean_error_um,
-    motor_offsets_um,
-    share_stats,
-    table_error,
-    unreachable_um,
-    worst_place,
-)
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour
@@ -37,7 +28,6 @@ from edmsim.recording.scene import ErrorMap, PassFace, Scene, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
 _WINDOW_REACH_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
-
 _HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the path
 
 
@@ -109,10 +99,10 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     field, machine = simulation.plant.field, simulation.machine
     profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
-    table = _table(simulation, profiles)
+    table = _table(simulation, contours, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
-    left_um = [unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
+    left_um = [causes.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
     found = [c for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
     x, y = simulation.commanded_um
     scene = Scene(
@@ -185,7 +175,7 @@ def _profile_errors(
     shares = [edge.shares_um for edge in scene.maps]
 
     def worst(reachable: bool) -> report.ErrorPlace:
-        return _place(worst_place(contours, profiles, left_um, shares, reachable=reachable), origin_mm)
+        return _place(causes.worst_place(contours, profiles, left_um, shares, reachable=reachable), origin_mm)
 
     left = _spread([error.ravel() for error in reached])
     return report.ProfileErrors(
@@ -194,7 +184,7 @@ def _profile_errors(
     )  # fmt: skip
 
 
-def _place(worst: WorstPlace | None, origin_mm: tuple[float, float]) -> report.ErrorPlace:
+def _place(worst: causes.WorstPlace | None, origin_mm: tuple[float, float]) -> report.ErrorPlace:
     if worst is None:
         return report.ErrorPlace()
     x_mm, y_mm = worst.x_mm - origin_mm[0], worst.y_mm - origin_mm[1]
@@ -219,7 +209,7 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
         )
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
-        off = motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
+        off = causes.motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
         commanded, guides = commanded - off.program, guides - off.table
     threaded = sum(leg.threads for leg in simulation.legs[1 : simulation.leg + 1])
     longest = np.argsort(np.diff(time_s), kind="stable")[::-1][:threaded]
@@ -293,7 +283,7 @@ def _shares(
     records, contours = simulation.passes.records, simulation.path.contours
     last_cut = [max((r.number for r in records if r.contour == k), default=None) for k in range(1, len(contours) + 1)]
     return [
-        error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
+        causes.error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
         for profile, contour, ways, last in zip(profiles, contours, ways_um, last_cut, strict=True)
     ]
 
@@ -314,16 +304,18 @@ def holes_mm(stock: Stock) -> NDArray[np.float64]:
     return np.array(stock.holes_um, np.float64).reshape(-1, 3) * 1e-3
 
 
-def _table(simulation: Simulation, profiles: list[ProfileError]) -> report.TableShare | None:
+def _table(
+    simulation: Simulation, contours: tuple[WireContour, ...], profiles: list[ProfileError]
+) -> report.TableShare | None:
     """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
     machine, elcam = simulation.machine, simulation.elcam
-    contours = [contour.at_mid_height() for contour in simulation.path.contours]
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
     if not compensated and not machine.base.geometry.has_errors:
         return None
     lengths = [float(np.hypot(*np.diff(k.points_um, axis=0).T).sum()) for k in contours]
     starts = np.cumsum([0.0, *lengths[:-1]]).tolist()
-    found = [table_error(machine, k, p, elcam, at) for k, p, at in zip(contours, profiles, starts, strict=True)]
+    places = zip(contours, profiles, starts, strict=True)
+    found = [causes.table_error(machine, k, p, elcam, start_um) for k, p, start_um in places]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
     return report.TableShare(
@@ -357,7 +349,7 @@ def _part(
         of_one for number, of_one in enumerate(zip(contours, profiles, left_um, strict=True), 1)
         if _is_finished(number, of_one[0], simulation.passes.records)
     ]
-    mean_um = mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
+    mean_um = causes.mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
     elements = (
         found
         for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
@@ -419,7 +411,7 @@ def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
     split = [(edge.shares_um, edge.error_um) for edge in scene.maps if edge.shares_um is not None]
     if not split:
         return None
-    return share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
+    return causes.share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
 
 
 def _section(widths: list[KerfWidth], height_mm: float) -> list[report.KerfSlice]:

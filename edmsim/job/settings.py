@@ -10,18 +10,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
+import pydantic
 import shapely
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    ModelWrapValidatorHandler,
-    ValidationError,
-    ValidationInfo,
-    field_serializer,
-    field_validator,
-    model_validator,
-)
 from shapely.geometry import mapping
 
 from edmsim.errors import InputError
@@ -41,6 +31,7 @@ from edmsim.machine.overrides import checked_constants, parse_constant, with_ove
 from edmsim.machine.setting import MOST_TIME_S, check_height
 from edmsim.numeric import Number, WholeNumber
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes, parse_height
+from edmsim.program.passes import OVERLAP_MM, TAB_MM
 
 if TYPE_CHECKING:
     from edmsim.controllers import FeedController
@@ -57,7 +48,7 @@ def _words(value: object) -> object:
     return [word.strip() for word in value.split(",") if word.strip()] if isinstance(value, str) else value
 
 
-Words = Annotated[Sequence[str], BeforeValidator(_words), AfterValidator(tuple)]
+Words = Annotated[Sequence[str], pydantic.BeforeValidator(_words), pydantic.AfterValidator(tuple)]
 _FILE = Flag(metavar="PATH")
 
 
@@ -137,16 +128,16 @@ class CutSettings(SetUpOptions, MachineOption):
     the control compensates them. By default none."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default that of the drawing."""
-    passes: Annotated[WholeNumber, Field(ge=1)] | None = None
+    passes: Annotated[WholeNumber, pydantic.Field(ge=1)] | None = None
     """Number of passes for every contour, rough and trims, with offsets and settings of a technology; by default
     one, or those of the program."""
     technology: TextOrPath | None = None
     """Technology of the passes, a name or your own TOML file; by default that of the material. It sets machine,
     wire, generator, pulses, controller and planner."""
-    tab_mm: Number = 1.5
+    tab_mm: Number = TAB_MM
     """Length of the edge in mm, at the end of a closed contour in passes, that is cut last and holds the piece; 0 for
     none."""
-    overlap_mm: Number = 0.1
+    overlap_mm: Number = OVERLAP_MM
     """Distance in mm by which passes continue over what is already cut."""
     after_tab: Annotated[str, Names(registered("edmsim.program.passes:AfterTab"))] = "stop"
     """Before the tab is cut: stop, to hold the piece; or cut, and the slug falls."""
@@ -157,47 +148,47 @@ class CutSettings(SetUpOptions, MachineOption):
         Names(registered("edmsim.plant.axes.faults:FAULTS"), "several at several times"),
     ] = ()
     """Fault of an axis under a drive with a loop, and its time in s: ``x:stuck@2.5``."""
-    seed: Annotated[WholeNumber, Field(ge=0)] = 0
+    seed: Annotated[WholeNumber, pydantic.Field(ge=0)] = 0
     """Seed of all random draws; the same seed gives the same result."""
     max_time_s: Number | None = None
     """Machine time in s after which to stop; by default no limit."""
 
-    @model_validator(mode="wrap")
+    @pydantic.model_validator(mode="wrap")
     @classmethod
-    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[CutSettings]) -> CutSettings:
+    def _refuse_in_one_line(cls, value: Any, handler: pydantic.ModelWrapValidatorHandler[CutSettings]) -> CutSettings:
         try:
             return handler(value)
-        except ValidationError as error:
+        except pydantic.ValidationError as error:
             raise refusal(error, CutSettings, "a cut") from None
 
-    @field_validator("height_mm")
+    @pydantic.field_validator("height_mm")
     @classmethod
     def _check_height(cls, height_mm: float) -> float:
         check_height(height_mm)
         return height_mm
 
-    @field_validator("heights", mode="plain")
+    @pydantic.field_validator("heights", mode="plain")
     @classmethod
     def _check_heights(cls, value: Sequence[Height | str] | None) -> tuple[Height, ...]:
         return checked_changes([parse_height(item) if isinstance(item, str) else item for item in _list(value)])
 
-    @field_validator("height_areas", mode="plain")
+    @pydantic.field_validator("height_areas", mode="plain")
     @classmethod
     def _check_areas(cls, value: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
         return checked_areas(_list(value))
 
-    @field_validator("constants", mode="plain")
+    @pydantic.field_validator("constants", mode="plain")
     @classmethod
     def _check_constants(cls, value: Any) -> tuple[tuple[str, float], ...]:
         if isinstance(value, Iterable) and not isinstance(value, Mapping | str):
             value = [parse_constant(item) if isinstance(item, str) else item for item in value]
         return tuple((name, float(number)) for name, number in checked_constants(value or {}))
 
-    @field_serializer("heights", "constants")
+    @pydantic.field_serializer("heights", "constants")
     def _pairs(self, pairs: Any) -> Any:
         return pairs
 
-    @field_serializer("height_areas")
+    @pydantic.field_serializer("height_areas")
     def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
         """Return areas as lists of corners; those with holes, which such a list cannot tell, as GeoJSON."""
         return [
@@ -205,36 +196,36 @@ class CutSettings(SetUpOptions, MachineOption):
             for area, height in areas
         ]
 
-    @field_validator("controller", mode="plain")
+    @pydantic.field_validator("controller", mode="plain")
     @classmethod
     def _check_controller(cls, value: object) -> str | FeedController:
         check = resolve_name("edmsim.controllers.user_controllers:check_is_controller")
         return value if isinstance(value, str) else cast("FeedController", check(value))
 
-    @field_serializer("controller")
+    @pydantic.field_serializer("controller")
     def _text(self, controller: str | FeedController) -> str:
         text: Callable[[object], str] = resolve_name("edmsim.controllers.user_controllers:text_of")
         return controller if isinstance(controller, str) else text(controller)
 
-    @field_validator("planner", "mechanics", "resolution", "dialect", "taper_corners", "after_tab")
+    @pydantic.field_validator("planner", "mechanics", "resolution", "dialect", "taper_corners", "after_tab")
     @classmethod
-    def _check_name(cls, value: str, info: ValidationInfo) -> Any:
+    def _check_name(cls, value: str, info: pydantic.ValidationInfo) -> Any:
         return checked_name(cls, str(info.field_name), value)
 
-    @field_validator("drive")
+    @pydantic.field_validator("drive")
     @classmethod
     def _check_drive(cls, text: str) -> str:
         resolve_name("edmsim.controllers.axis:from_text")(text)
         return text
 
-    @field_validator("axis_faults")
+    @pydantic.field_validator("axis_faults")
     @classmethod
     def _check_axis_faults(cls, texts: tuple[str, ...]) -> tuple[str, ...]:
         for text in texts:
             resolve_name("edmsim.plant.axes.faults:parse_fault")(text)
         return texts
 
-    @field_validator("guide_errors_mm", mode="before")
+    @pydantic.field_validator("guide_errors_mm", mode="before")
     @classmethod
     def _parse_guide_errors(cls, value: object) -> object:
         if not isinstance(value, str):
@@ -245,7 +236,7 @@ class CutSettings(SetUpOptions, MachineOption):
             raise InputError(f"the guides' errors are {value!r}: give two numbers in mm, as 0.1:-0.05") from None
         return lower, upper
 
-    @field_validator("guide_errors_mm")
+    @pydantic.field_validator("guide_errors_mm")
     @classmethod
     def _check_guide_errors(cls, errors_mm: tuple[float, float] | None) -> tuple[float, float] | None:
         if errors_mm is not None and not all(abs(error) <= MOST_GUIDE_ERROR_MM for error in errors_mm):
@@ -254,7 +245,7 @@ class CutSettings(SetUpOptions, MachineOption):
             raise InputError(f"the guides' errors of {lower:g} and {upper:g} mm are not within {most} mm")
         return errors_mm
 
-    @field_validator("max_time_s")
+    @pydantic.field_validator("max_time_s")
     @classmethod
     def _check_max_time(cls, max_time_s: float | None) -> float | None:
         if max_time_s is not None and not 0 < max_time_s <= MOST_TIME_S:
@@ -266,7 +257,7 @@ class CutSettings(SetUpOptions, MachineOption):
         """Read settings back from their JSON; raises `InputError` if it is invalid."""
         try:
             return cls.model_validate_json(text)
-        except ValidationError as error:
+        except pydantic.ValidationError as error:
             raise refusal(error, CutSettings, "a cut") from None
 
     @classmethod
@@ -324,7 +315,7 @@ class Running(Options):
         """Take these options out of all of a cut; raises `InputError` for a value that cannot be used."""
         try:
             return cls.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
-        except ValidationError as error:
+        except pydantic.ValidationError as error:
             raise refusal(error, Running, "a cut") from None
 
 

@@ -121,11 +121,7 @@ class _Load(Protocol[_Options]):
 
 
 def _loads(options: Callable[_Options, SetUpOptions]) -> Callable[[Callable[..., Machine]], _Load[_Options]]:
-    def shown(load: Callable[..., Machine]) -> _Load[_Options]:
-        show(load, SetUpOptions)
-        return load
-
-    return shown
+    return lambda load: show(load, SetUpOptions)
 
 
 class Machine(SetUp):

@@ -22,7 +22,6 @@ from edmsim.numeric import Number
 
 Kind = Literal["machines", "wires", "materials", "generators", "technologies"]
 _Fact = TypeVar("_Fact")
-
 UNITS = {"mm": "mm", "us": "us", "V": "V", "A": "A", "ohm": "ohm", "m_s": "m/s", "Pa": "Pa", "s": "s"}
 """Units that names end in, and how they are written; where nothing else is meant, the ending may be left out."""
 
@@ -218,18 +217,20 @@ def refusal(error: ValidationError, options: type[BaseModel], of: str) -> InputE
         return InputError(f"these are no options of {of}: {reason}")
     if len(first["loc"]) > 1 and isinstance(first["loc"][1], str):  # of several types that it may have
         name = str(first["loc"][0])
-        reason = f"give {kind_of(options.model_fields[name])}"
+        reason = f"give {kind_of(options.model_fields[name].annotation)}"
     return InputError(f"option {name} cannot be {first['input']!r}: {reason}")
 
 
-def show(function: Callable[..., Any], options: type[BaseModel]) -> None:
-    """Let a function with ``**options`` show them: names, types and defaults in its signature, meanings in its help.
+def show(function: Callable[..., Any], options: type[BaseModel]) -> Any:
+    """Return a function with ``**options`` that shows them: in its signature and, with their meanings, in its help.
 
     The docstring's line ``{options}`` is where the meanings go.
     """
     fields = options.model_fields
     shown = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=kind_of(field))
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=kind_of(field.annotation)
+        )
         for name, field in fields.items()
     ]
     signature = inspect.signature(function)
@@ -240,23 +241,20 @@ def show(function: Callable[..., Any], options: type[BaseModel]) -> None:
         entries = []
         for name, field in fields.items():
             default = "optional" if field.default in (None, ()) else f"default {field.default!r}"
-            entries.append(f"{name} : {kind_of(field)}, {default}\n{indent[1]}    {meaning(name, field)}")
+            entries.append(f"{name} : {kind_of(field.annotation)}, {default}\n{indent[1]}    {meaning(name, field)}")
         function.__doc__ = function.__doc__.replace("{options}", f"\n{indent[1]}".join(entries))
+    return function
 
 
-def kind_of(field: FieldInfo) -> str:
-    """Return an option's type as signatures show it."""
-    return _written(field.annotation)
-
-
-def _written(kind: Any) -> str:
-    if get_origin(kind) is Annotated:
-        return _written(get_args(kind)[0])
-    if get_origin(kind) in (UnionType, Union):
-        return " | ".join(map(_written, get_args(kind)))
-    if isinstance(kind, list):
-        return f"[{', '.join(map(_written, kind))}]"
-    if get_args(kind):
-        inner = ", ".join("..." if part is Ellipsis else _written(part) for part in get_args(kind))
-        return f"{_written(get_origin(kind))}[{inner}]"
-    return "None" if kind is NoneType else str(getattr(kind, "__name__", kind))
+def kind_of(annotation: Any) -> str:
+    """Return a type as signatures show it."""
+    if get_origin(annotation) is Annotated:
+        return kind_of(get_args(annotation)[0])
+    if get_origin(annotation) in (UnionType, Union):
+        return " | ".join(map(kind_of, get_args(annotation)))
+    if isinstance(annotation, list):
+        return f"[{', '.join(map(kind_of, annotation))}]"
+    if get_args(annotation):
+        inner = ", ".join("..." if part is Ellipsis else kind_of(part) for part in get_args(annotation))
+        return f"{kind_of(get_origin(annotation))}[{inner}]"
+    return "None" if annotation is NoneType else str(getattr(annotation, "__name__", annotation))

@@ -1,6 +1,6 @@
 """Overrides of constants by name: the option ``constants`` of a cut."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, get_args
 
 from pydantic import TypeAdapter, ValidationError
@@ -23,25 +23,19 @@ def _fields() -> dict[str, FieldInfo]:
     return {
         f"{section}.{key}": field
         for section, part in parts.items() if isinstance(part, type) and issubclass(part, Part)
-        for key, field in part.model_fields.items() if _kind(field) is not None
+        for key, field in part.model_fields.items() if _kind(field.annotation) is not None
     }  # fmt: skip
 
 
-def _kind(field: FieldInfo) -> type[Constant] | None:
-    """Return the kind of constant that a field holds; None if it is another field."""
-    kinds = (kind for kind in _parts_of(field.annotation) if isinstance(kind, type) and issubclass(kind, Constant))
-    return next(kinds, None)
-
-
-def _parts_of(annotation: Any) -> Iterator[Any]:
-    """Hand out an annotation and what it is made of: a constant may be left out, and has bounds."""
-    yield annotation
-    for part in get_args(annotation):
-        yield from _parts_of(part)
+def _kind(annotation: Any) -> type[Constant] | None:
+    """Return the kind of constant in an annotation, where one may be left out, and has bounds; None for others."""
+    if isinstance(annotation, type) and issubclass(annotation, Constant):
+        return annotation
+    return next((kind for part in get_args(annotation) if (kind := _kind(part)) is not None), None)
 
 
 _FIELDS = _fields()
-KINDS = {name: kind for name, field in _FIELDS.items() if (kind := _kind(field)) is not None}
+KINDS = {name: kind for name, field in _FIELDS.items() if (kind := _kind(field.annotation)) is not None}
 
 
 def checked_constants(constants: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:

@@ -15,7 +15,6 @@ from edmsim.machine.parts import Constant, Part, SetUp
 from edmsim.machine.setting import check
 
 _SetUp = TypeVar("_SetUp", bound=SetUp)
-
 LOG_FROM_RATIO = 3.0  # a positive range with ends this far apart says an order, and is drawn log-uniformly (ours)
 MOST_DRAWS = 100  # set-ups drawn before giving up (ours: where 5 % can run, 99 of 100 calls succeed)
 

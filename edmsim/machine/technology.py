@@ -5,7 +5,7 @@ however many follow, and offsets are counted from the last pass, the one that me
 """
 
 import math
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -18,7 +18,6 @@ from edmsim.machine.parts import Part
 from edmsim.numeric import Number
 
 _BEYOND = 1.6  # how many times lower or higher than any of its heights a technology is used (ours)
-
 _Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 _Any = Annotated[Number, Field(allow_inf_nan=False)]
 
@@ -150,12 +149,9 @@ class Technology(Part):
                              f"passes for {height_mm:g} mm, not {passes}: choose one of these, or find others with "
                              "edmsim tune technology")
         settings = at.passes[:passes]
-        offset_um = settings[-1].last_offset_um
-        offsets = [offset_um]
-        for one in settings[-2::-1]:
-            offset_um += one.step_um
-            offsets.append(offset_um)
-        offsets_mm = tuple(round(um) / 1e3 for um in offsets[::-1])
+        steps_um = [one.step_um for one in settings[-2::-1]]
+        offsets_um = accumulate(steps_um, initial=settings[-1].last_offset_um)
+        offsets_mm = tuple(round(um) / 1e3 for um in offsets_um)[::-1]
         return PassTable(offsets_mm, settings, at.approach_share, at.resolution, notices)
 
     def _at(self, height_mm: float) -> tuple[AtHeight, tuple[str, ...]]:

@@ -22,13 +22,6 @@ _HALF = FULL // 2
 _RIGHT, _UP = np.array([1, 0]), np.array([0, 1])
 
 
-def check_slices(field: KerfField, slices: Sequence[int]) -> None:
-    """Raise `InputError` unless every number in `slices` is a slice of `field`."""
-    for number in slices:
-        if not 0 <= number < field.n_slices:
-            raise InputError(f"there is no slice {number}: the field has slices 0 to {field.n_slices - 1}")
-
-
 def cut_edges(field: KerfField, slice_index: int) -> MultiLineString:
     """Return the edges of what was cut from one slice, 0 at the bottom, as closed lines in mm."""
     segments = next(edge_segments(field, [slice_index]))
@@ -64,8 +57,12 @@ def without_specks(area: MultiPolygon, least_mm2: float) -> MultiPolygon:
 def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[np.float64]]:
     """Yield, for each of `slices`, the edges as loose segments: array (m, 2, 2) of ``[end, (x, y)]`` in mm."""
     # what was cut lies to the left of every segment; ends that meet are equal to the last bit
-    check_slices(field, slices)
-    squares = _traced_tiles(field)
+    for number in slices:
+        if not 0 <= number < field.n_slices:
+            raise InputError(f"there is no slice {number}: the field has slices 0 to {field.n_slices - 1}")
+    # tiles to trace: the allocated ones and those below and left, whose last squares reach into them
+    allocated = np.argwhere(field.index >= 0)
+    squares = np.unique(np.concatenate([allocated - by for by in (0, _RIGHT, _UP, _RIGHT + _UP)]), axis=0)
     stock = _stock_parts(field)
     for number in slices:
         removed = _with_neighbours(field, stock[:, number], squares, number)
@@ -109,13 +106,6 @@ def _place(field: KerfField, tile: NDArray[np.int64]) -> NDArray[np.int32]:
     place = np.full(len(tile), -1, np.int32)
     place[inside] = field.index[tile[inside, 0], tile[inside, 1]]
     return place
-
-
-def _traced_tiles(field: KerfField) -> NDArray[np.int64]:
-    """Tiles to trace: the allocated ones and those below and left, whose last squares reach into them."""
-    allocated = np.argwhere(field.index >= 0)
-    with_halo = np.concatenate([allocated - shift for shift in (0, _RIGHT, _UP, _RIGHT + _UP)])
-    return np.asarray(np.unique(with_halo, axis=0), np.int64)
 
 
 def _stock_parts(field: KerfField) -> NDArray[np.uint16]:

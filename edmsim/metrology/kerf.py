@@ -41,13 +41,12 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
     """
     if not wire_diameter_um > 0:
         raise InputError(f"a wire diameter of {wire_diameter_um} um cannot be: it must be above 0")
+    line = profile.wire_line(contour.at_mid_height())
+    s_mm = np.arange(KERF_STEP_MM / 2, line.length, KERF_STEP_MM)
     if contour.lean is None:
-        line = profile.wire_line(contour)
-        return _widths(field, contour, line, np.arange(KERF_STEP_MM / 2, line.length, KERF_STEP_MM), wire_diameter_um)
-    shares = np.arange(KERF_STEP_MM / 2, profile.wire_line(contour.at_mid_height()).length, KERF_STEP_MM)
-    shares /= profile.wire_line(contour.at_mid_height()).length
+        return _widths(field, contour, line, s_mm, wire_diameter_um)
     heights = profile.slice_heights_mm(field, contour.lean.height_mm).tolist()
-    return _of_slices(field, [contour.at_height(z) for z in heights], shares, wire_diameter_um)
+    return _of_slices(field, [contour.at_height(z) for z in heights], s_mm / line.length, wire_diameter_um)
 
 
 def _of_slices(field: KerfField, sections: list[WireContour], shares: Floats, wire_diameter_um: float) -> KerfWidth:

@@ -15,7 +15,7 @@ from edmsim.metrology.edges import edge_segments, metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.arcs import ROUND_MM
 from edmsim.program.path import WireContour
-from edmsim.program.taper import Ruled
+from edmsim.program.taper import Ruled, is_straight
 
 BLANK_EDGE_MM = 0.15  # nearer than this to the blank's own side or start hole, that edge could be taken for the cut's
 EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is one of the chords of an arc (ours)
@@ -157,21 +157,20 @@ class _WireTrack:
         """Point of the track nearest to each of `places`."""
         return np.asarray(self.points[self.tree.query(places)[1]])
 
-    def on_part_side(self, places: Floats) -> NDArray[np.bool_]:
-        """Whether each of `places` is on the part's side."""
-        i = self.tree.query(places)[1]
-        return np.asarray(((places - self.points[i]) * self.towards_part[i]).sum(axis=1) > 0)
-
     def distance_to_wall(self, segments: Floats, points: Floats) -> Floats:
         """Distance in mm from each point to the nearest segment on the part's side; NaN if over 1 mm."""
         from scipy.spatial import cKDTree
 
         middle = segments.mean(axis=1)
-        wall = self.on_part_side(middle)
-        if wall.sum() < NEAR_SEGMENTS:
+        i = self.tree.query(middle)[1]
+        on_part_side = ((middle - self.points[i]) * self.towards_part[i]).sum(axis=1) > 0
+        if on_part_side.sum() < NEAR_SEGMENTS:
             return np.full(len(points), np.nan)
-        tried = segments[wall][cKDTree(middle[wall]).query(points, NEAR_SEGMENTS)[1]]
-        distance = _distance_to_segments(points[:, None], tried[:, :, 0], tried[:, :, 1]).min(axis=1)
+        nearest = cKDTree(middle[on_part_side]).query(points, NEAR_SEGMENTS)[1]
+        start, stop = segments[on_part_side][nearest].transpose(2, 0, 1, 3)
+        along, way = stop - start, points[:, None] - start
+        share = np.clip((way * along).sum(axis=-1) / (along**2).sum(axis=-1), 0.0, 1.0)
+        distance = np.linalg.norm(way - share[..., None] * along, axis=-1).min(axis=1)
         return np.where(distance <= FARTHEST_WALL_MM, distance, np.nan)
 
 
@@ -190,13 +189,6 @@ def _without_grains(segments: Floats) -> Floats:
     # a strip of width w has an area of w times half its outline
     grain = twice_area < np.bincount(outline, np.hypot(x1 - x0, y1 - y0)) * GRAIN_UM / 1000
     return np.asarray(segments[~grain[outline]], np.float64)
-
-
-def _distance_to_segments(points: Floats, start: Floats, stop: Floats) -> Floats:
-    """Distances (...) of points to segments, all of shape (..., 2)."""
-    along, way = stop - start, points - start
-    share = np.clip((way * along).sum(axis=-1) / (along**2).sum(axis=-1), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(way - share[..., None] * along, axis=-1), np.float64)
 
 
 def finite_mean(values: Floats, axis: int) -> Floats:
@@ -292,13 +284,7 @@ def _shape(points: Floats) -> tuple[str, float | None]:
     a, b, c = picked @ (1, 1j)
     cross = ((b - a).conjugate() * (c - a)).imag
     if abs(cross) < ROUND_MM * abs(c - a):
-        return ("line", None) if _is_straight(points) else ("curve", None)
+        return ("line" if is_straight(points, ROUND_MM) else "curve"), None
     centre = a + (abs(b - a) ** 2 * (c - a) - abs(c - a) ** 2 * (b - a)) / (2j * cross)
     radii = np.abs(points @ (1, 1j) - centre)
     return ("arc", float(radii.mean())) if np.ptp(radii) < 2 * ROUND_MM else ("curve", None)
-
-
-def _is_straight(points: Floats) -> bool:
-    along = points - points[0]
-    x, y = along[-1]
-    return bool(np.abs(along @ (-y, x)).max() < ROUND_MM * np.hypot(x, y))

@@ -72,9 +72,7 @@ def ra_over_depth(seed: int = 0) -> float:
     return total / (craters - skipped)
 
 
-def _lay(
-    height: NDArray[np.float64], radius: float, draw: np.random.Generator, volume: float | None = None
-) -> None:
+def _lay(height: NDArray[np.float64], radius: float, draw: np.random.Generator, volume: float | None = None) -> None:
     """Lay a crater of a radius (and volume), in cells, on the highest spot of a face that goes on at its edges."""
     reach = np.arange(-int(radius) - 1, int(radius) + 2)
     row, column = np.unravel_index(int(height.argmax()), height.shape)

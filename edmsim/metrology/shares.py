@@ -26,7 +26,6 @@ from edmsim.program.path import WireContour
 
 _PASSED_UM = 20.0  # a pass has been at a place if it was no further off than its programmed way and this (ours)
 _JUMP_UM = 300.0  # places of a way further apart than this are not joined (ours: a window is some um of way)
-
 SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in the order of `error_shares`
 
 

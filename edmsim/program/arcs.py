@@ -15,9 +15,7 @@ from edmsim.program.limits import FARTHEST_MM
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
 SAME_PLACE_MM = 1e-6  # places closer than this many mm differ by numerical noise only
-
 RADIUS_TOLERANCE_MM = 0.005  # least allowed difference of an arc's two radii (ours: rounding of some um)
-
 COARSEST_MM = 0.0254
 """Numbers written more coarsely than this, 0.001 inch, are taken as exact (ours: no program for a wire rounds so)."""
 

@@ -33,9 +33,10 @@ IDLE_CODES = frozenset(
 the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
 UNITS: dict[float, float] = {70: 20, 71: 21}  # codes of some controls for inch and mm, and what they are elsewhere
 _USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 90.1, 91.1, 92, *UNITS})
-KNOWN_G = _USED_G | {n for g, n in IDLE_CODES if g == "G"}
-KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "M"}
-
+KNOWN = {
+    "G": _USED_G | {n for letter, n in IDLE_CODES if letter == "G"},
+    "M": frozenset({0, 1, 2, 30, 98, 99}) | {n for letter, n in IDLE_CODES if letter == "M"},
+}  # codes that are read, by letter
 _CODE = re.compile(r"0*\d{1,4}(\.\d)?")
 _MOST_NAMED = 12
 _NEEDED = frozenset({*"GNXYIJRPL", *(f"G{code:g}" for code in _USED_G - {4}), "M98", "M99"})
@@ -97,15 +98,12 @@ class UnknownWordsError(InputError):
         super().__init__(reason + hint, line=found[0][1])
 
 
-_KNOWN = {"G": KNOWN_G, "M": KNOWN_M}
-
-
 def code_of(letter: str, number: str, dialect: Dialect = ISO) -> float | None:
     """Return the number of a code, as 41 of G41 or 90.1; None if no such code is known."""
     if not _CODE.fullmatch(number):
         return None
     code = float(number) if number.rstrip("0").partition(".")[2] else int(float(number))
-    known = code in _KNOWN.get(letter, ()) or dialect.action_of((letter, code)) is not None
+    known = code in KNOWN.get(letter, ()) or dialect.action_of((letter, code)) is not None
     return code if known else None
 
 
@@ -380,20 +378,19 @@ def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
     at = 0
     while at < len(above):
         word = _WORD.match(above, at)
-        letter, number = (word[1], word[2]) if word is not None else ("", "")
-        if word is None or (letter not in _ABOVE and code_of(letter, number) not in (1, 2, 3)):
-            unknown = above[at : word.end() if word is not None else at + _LONGEST_QUOTE]
-            reader.unknown.append((unknown, block.line))
-            if word is None:
-                break
-        elif letter in _ABOVE:
-            if letter in values:
-                raise InputError(f"the word {letter} occurs twice behind the colon: write it once")
+        if word is None:
+            reader.unknown.append((above[at : at + _LONGEST_QUOTE], block.line))
+            break
+        at, letter, number = word.end(), word[1], word[2]
+        if letter in values:
+            raise InputError(f"the word {letter} occurs twice behind the colon: write it once")
+        if letter in _ABOVE:
             values[letter] = _value(letter, number)
             block.measure(letter, number)
+        elif (code_here := code_of(letter, number)) in (1, 2, 3):
+            code = code_here
         else:
-            code = code_of(letter, number)
-        at = word.end()
+            reader.unknown.append((word[0], block.line))
     return UpperWords(code, values)
 
 
@@ -418,9 +415,7 @@ def _value(letter: str, number: str) -> float:
 
 INCH_MM = 25.4
 TABLE_MM = 65.0  # coordinates without a decimal point that span more than this many mm are whole um (row T-61)
-
 LEAST_WHOLE_UM = 500  # they must then span at least this many um (ours: nothing smaller is cut with a wire)
-
 _INCH: float = 20
 
 

@@ -98,7 +98,6 @@ FANUC = Dialect(
 # FreeCAD's post processor for wire EDM: any line end, comments behind any sign, coordinates in any scale.
 
 FREECAD = Dialect("freecad", "FreeCAD's wire post", comment=r"FreeCAD|begin preamble")
-
 _COORDINATE = re.compile(r"[XYIJ][-+]?[\d.]", re.IGNORECASE)
 _LINE_END = re.compile(r"(?<![^\d.\s()])[^\d.\s()]++$")
 _MARKS = r"[^\w\s%/();#\[]"
@@ -198,7 +197,6 @@ DIALECTS = {
 }  # fmt: skip
 """By name, in the order in which they are looked for in a program."""
 AUTO = "auto"
-
 _COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
 
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 # For the latter, which drops what it does not expect, irregular texts are made regular.
 
 _Tag = tuple[int, bytes, int]  # group code, value, and the line of the code
-
 _PARTS = frozenset({"VERTEX", "INSERT"})  # kinds that decide what is cut without being cut themselves
 _STRUCTURE = frozenset({"SECTION", "ENDSEC", "BLOCK", "ENDBLK", "SEQEND", "EOF"})
 _MARKERS = {"LWPOLYLINE": b"AcDbPolyline", "SPLINE": b"AcDbSpline"}
@@ -153,10 +152,8 @@ def _in_order(kind: str, entity: list[_Tag]) -> list[_Tag]:
     for x_code in sorted(POINT_CODES.intersection(codes)):
         x, y, z = ([i for i, code in enumerate(codes) if code == x_code + step] for step in (0, 10, 20))
         if len(x) == len(y):
-            heights = z if len(z) == len(x) else [None] * len(x)
-            for point in zip(x, y, heights, strict=True):
-                rest = [i for i in point[1:] if i is not None]
-                behind[point[0]] = [entity[i] for i in rest]
+            for at, *rest in zip(x, y, *([z] if len(z) == len(x) else []), strict=True):
+                behind[at] = [entity[i] for i in rest]
                 moved.update(rest)
         elif kind in entities.CUT | _PARTS:
             raise InputError(f"{kind} has X and Y without each other (group codes {x_code} and {x_code + 10}): "
@@ -169,7 +166,6 @@ _UTF16 = re.compile(rb"\xff\xfe|\xfe\xff|(\s\0)*\d\0|(\0\s)*\0\d")
 _UNIT = "$INSUNITS"
 _EXPORT = "export it as DXF again"
 _COMPARE = "compare the picture of its path with it"
-
 Found = TypeVar("Found")
 
 
@@ -282,9 +278,7 @@ def _heard() -> Iterator[list[str]]:
 
 
 _DEEPEST = 16  # blocks within blocks (ours: deeper ones hold themselves)
-
 _MOST_NAMED = 20
-
 _EQUAL = 1e-9
 """Angles that differ by less, in degrees or radians, are equal; so are radii and 0 (ours: what arithmetic leaves)."""
 _TURN_RAD = 1e-8  # by which a turn of an ellipse may miss itself (ours: two numbers of eight decimals)
@@ -297,7 +291,7 @@ class Drawn:
         self._document = document
         self._without = "" if without is None else without.strip().lower()
         self._layers = {name.strip().lower(): name.strip() for name in layers}
-        self.left_out: dict[str, int] = {}
+        self.left_out = Counter[str]()  # what is not cut, by kind
         self._count = 0
         self._refuse_unknown_layers()
         self._take_turns()
@@ -307,10 +301,6 @@ class Drawn:
         """Go through them, in the order of the file."""
         for entity in self._document.modelspace():
             yield from self._parts(entity, _property(entity, "layer", "0"), 0)
-
-    def leave_out(self, kind: str) -> None:
-        """Count what is not cut."""
-        self.left_out[kind] = self.left_out.get(kind, 0) + 1
 
     def _parts(self, entity: Any, layer: str, depth: int) -> Iterator[Any]:
         """Return an entity, or those of its block; what lies on layer 0 in a block is on the layer of the block."""
@@ -326,7 +316,7 @@ class Drawn:
         layers = self._document.layers
         frozen = layers.has_entry(layer) and layers.get(layer).is_frozen()
         if frozen or _property(entity, "invisible", 0):
-            self.leave_out("INSERT on a layer that is off")
+            self.left_out["INSERT on a layer that is off"] += 1
             return
         copies = entity.multi_insert() if entity.mcount > 1 else [entity]
         for copy in copies:
@@ -343,9 +333,9 @@ class Drawn:
         if name == self._without:
             return False
         if off or name == "defpoints" or _property(entity, "invisible", 0):
-            self.leave_out(f"{kind} on a layer that is off")
+            self.left_out[f"{kind} on a layer that is off"] += 1
         elif self._layers and name not in self._layers:
-            self.leave_out(f"{kind} on a layer not asked for")
+            self.left_out[f"{kind} on a layer not asked for"] += 1
         else:
             return True
         return False
@@ -363,7 +353,9 @@ class Drawn:
                     common = {name: ellipse.dxf.get(name) for name in ("layer", "invisible")}
                     block.add_arc(ellipse.dxf.center, 0.0, 0.0, 0.0, dxfattribs=common)
                     block.delete_entity(ellipse)
-                elif _is_turn(ellipse.dxf.start_param, ellipse.dxf.end_param):
+                    continue
+                start, end = ellipse.dxf.start_param, ellipse.dxf.end_param
+                if start != 0 and abs(math.remainder(end - start, math.tau)) <= _TURN_RAD:
                     ellipse.dxf.start_param, ellipse.dxf.end_param = 0.0, math.tau
 
     def _refuse_unknown_layers(self) -> None:
@@ -375,11 +367,6 @@ class Drawn:
             listed = ", ".join(sorted(there)[:_MOST_NAMED]) + (", ..." if len(there) > _MOST_NAMED else "")
             missing = ", ".join(self._layers[name] for name in sorted(unknown))
             raise InputError(f"the drawing has no layer {missing}; there are: {listed}")
-
-
-def _is_turn(start: float, end: float) -> bool:
-    """Say whether parameters in rad lead all round an ellipse from elsewhere than 0."""
-    return start != 0 and abs(math.remainder(end - start, math.tau)) <= _TURN_RAD
 
 
 def _taken_out(block: Any) -> list[Any]:
@@ -405,7 +392,6 @@ UNIT_MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 0.001, 
 """Millimetres per drawing unit by the header's $INSUNITS (DXF reference, code 70)."""
 
 UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "mil": 9, "um": 13}  # names, with their codes in the header
-
 LEAST_EXTENT_MM = 0.5  # a drawing that spans less has another unit (ours: nothing smaller is cut with a wire)
 
 
@@ -475,7 +461,7 @@ def _chains(drawn: Drawn, unit_mm: float) -> Iterator[tuple[entities.Chain, str]
                 yield chain, kind
                 continue
             kind += " of no length"
-        drawn.leave_out(kind)
+        drawn.left_out[kind] += 1
 
 
 def _read(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:

@@ -105,7 +105,6 @@ def is_short(points: Floats) -> bool:
 
 _NEIGHBOURS = 8
 _WIDEST_MM = 3 * JOIN_TOLERANCE_MM  # two ends with something short between them, and the tolerance at either end
-
 _End = tuple[int, int]  # an end of a chain: which chain, and 0 or -1
 
 
@@ -329,7 +328,6 @@ def _chords(curve: Any, breaks: Floats, tolerance: float) -> Floats:
 
 
 _FRAME = 16  # flag of a vertex that controls a spline and is not on it (DXF reference, VERTEX, code 70)
-
 _MESHES = {"AcDbPolygonMesh": "polygon mesh", "AcDbPolyFaceMesh": "polyface mesh"}
 
 
@@ -401,7 +399,6 @@ def _flat(entity: Any, points: Floats, height: float, unit_mm: float) -> Floats:
 
 
 SHAPES = "lines, arcs, circles, polylines, splines or ellipses"  # what can be cut, in the words of a message
-
 POLYLINES = frozenset({"LWPOLYLINE", "POLYLINE"})  # kinds of several lines and arcs
 
 _OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {

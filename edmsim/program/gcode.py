@@ -9,6 +9,7 @@ passes, and each of them into approach, edge, overlap and lead-out.
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -82,23 +83,14 @@ def parts_by_condition(run: Run) -> list[Run]:
 
 def _part(run: Run, begin: int, end: int, first: int, until: int) -> Run:
     """Return some moves of a run as a run; stops count that come when its edge has begun and before the next one."""
-    vertices, moves = vertices_of(run), run.moves
-    before = moves[begin - 1] if begin else None
-    is_last = end == len(moves)
+    last = end if end == len(run.moves) else end - 1
     return replace(
-        run,
-        start=vertices[begin],
-        upper_start=run.upper_start if before is None else (before.upper or before.points)[-1],
-        on_contour=run.on_contour if begin == 0 else first == begin,
-        moves=moves[begin:end],
-        dwells=tuple(
-            (done - begin, seconds) for done, seconds in run.dwells
-            if begin <= done < end or (is_last and done == end)
-        ),
-        stops=tuple(min(done, end) - begin for done in run.stops if first < done <= until),
-        continues=begin > 0,
+        run, start=vertices_of(run)[begin], upper_start=_upper_start(run, begin),
+        on_contour=run.on_contour if begin == 0 else first == begin, moves=run.moves[begin:end],
+        dwells=tuple((done - begin, seconds) for done, seconds in run.dwells if begin <= done <= last),
+        stops=tuple(min(done, end) - begin for done in run.stops if first < done <= until), continues=begin > 0,
         one_of_several=True,
-    )
+    )  # fmt: skip
 
 
 def _without_zero_offsets(run: Run) -> Run:
@@ -227,9 +219,7 @@ def _split(run: Run, k: int, chord: int, at: complex) -> tuple[CutMove, CutMove]
 def _upper_start(run: Run, k: int) -> complex:
     """Return where the second plane's point is when a move begins; below it if the move before has none."""
     before = run.moves[k - 1] if k else None
-    if before is None:
-        return run.upper_start
-    return before.upper[-1] if before.upper else before.points[-1]
+    return run.upper_start if before is None else (before.upper or before.points)[-1]
 
 
 def _passes(
@@ -405,42 +395,30 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         points[-1] = points[0]
     refuse_self_crossing(array_of(points), lines)
     side, offset, edge = moves[begin].side, moves[begin].offset, array_of(points)
-    leading = _longest([run.start, *(move.points[-1] for move in moves)], moves, 0, begin)
-    cutting = _longest(vertices, moves, begin, end)
+    leading, cutting = _longest(vertices, moves, 0, begin), _longest(vertices, moves, begin, end)
     assert cutting is not None
     passed = np.cumsum([0, *(len(move.points) for move in moves[:end])])
     ramp_end = sum(len(move.points) for move in moves[: first + 1]) if begin > first else len(approach) - 1
     return Outline(
-        points_mm=edge,
-        line_numbers=tuple(lines),
-        closed=closed,
-        wire_side=side,
-        part_side=_part_side(edge, closed, side, approach[:-1]),
-        approach_mm=array_of(approach[:-1]),
-        approach_lines=tuple(approach_lines),
-        compensated_from=len(approach) - 1 if side is None else ramp_end,
+        points_mm=edge, line_numbers=tuple(lines), closed=closed, wire_side=side,
+        part_side=_part_side(edge, closed, side, approach[:-1]), approach_mm=array_of(approach[:-1]),
+        approach_lines=tuple(approach_lines), compensated_from=len(approach) - 1 if side is None else ramp_end,
         dwells=tuple((int(passed[min(done, end)]), seconds) for done, seconds in run.dwells),
         needs_lead_in=len(approach) == 1 and (closed or side is not None) and not run.continues,
         elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
-        offset_mm=offset and offset.mm,
-        condition=cutting.condition,
-        approach_condition=None if leading is None else leading.condition,
-        adaptive=cutting.adaptive,
-        continues=run.continues,
-        stops_after=any(done >= end for done in run.stops),
-        taper=_taper(run, begin, end, closed),
-    )
+        offset_mm=offset and offset.mm, condition=cutting.condition, adaptive=cutting.adaptive,
+        approach_condition=None if leading is None else leading.condition, continues=run.continues,
+        stops_after=any(done >= end for done in run.stops), taper=_taper(run, begin, end, closed),
+    )  # fmt: skip
 
 
 def _longest(vertices: Sequence[complex], moves: Sequence[CutMove], begin: int, end: int) -> InForce | None:
     """Return what is in force on the longest part of some moves; None if there are none."""
-    lengths: dict[InForce, float] = {}
+    lengths, by_condition = defaultdict[InForce, float](float), defaultdict[str | None, float](float)
     for k in range(begin, end):
-        length_mm = length_of(vertices[k], moves[k : k + 1])
-        lengths[moves[k].state] = lengths.get(moves[k].state, 0.0) + length_mm
-    by_condition: dict[str | None, float] = {}
+        lengths[moves[k].state] += length_of(vertices[k], moves[k : k + 1])
     for state, length_mm in lengths.items():
-        by_condition[state.condition] = by_condition.get(state.condition, 0.0) + length_mm
+        by_condition[state.condition] += length_mm
     if not by_condition:
         return None
     condition = max(by_condition, key=lambda name: by_condition[name])

@@ -77,13 +77,10 @@ class CuttingMotion:
         arc = self.arc
         if arc is None or arc.by_radius:
             return arc is not None, False
-        relative, absolute = (
-            centre is not None and stated is not other and self._agree(centre, rounding)
-            for centre, stated, other in (
-                (arc.relative, arc.absolute_stated, True), (arc.absolute, arc.absolute_stated, False),
-            )
-        )  # fmt: skip
-        return relative, absolute
+        relative = arc.absolute_stated is not True and self._agree(arc.relative, rounding)
+        if arc.absolute is None or arc.absolute_stated is False:
+            return relative, False
+        return relative, self._agree(arc.absolute, rounding)
 
     def _agree(self, centre: complex, rounding: Rounding) -> bool:
         first, last = arcs.radii(self.start, self.end, centre)
@@ -108,11 +105,6 @@ class Reading:
             return True
         return self.centre is not None or motion.arc is None or abs(motion.end - motion.start) > arcs.SAME_PLACE_MM
 
-    @property
-    def points(self) -> tuple[complex, ...]:
-        """Points after the start, arcs as chords."""
-        return tuple(self._lower(1))
-
     def _lower(self, chords: int) -> list[complex]:
         motion = self.motion
         if motion.arc is None or self.centre is None:
@@ -122,9 +114,9 @@ class Reading:
     @property
     def planes(self) -> tuple[tuple[complex, ...], tuple[complex, ...]]:
         """Points after the start in both planes, as many in the second as in the first, or none if it has no move."""
-        upper, points = self.motion.upper, self.points
+        upper, points = self.motion.upper, self._lower(1)
         if upper is None:
-            return points, ()
+            return tuple(points), ()
         above = upper.points(len(points), self.centre, bool(self.full))
         return tuple(self._lower(len(above))), tuple(above)
 
@@ -139,15 +131,14 @@ class Reading:
 def prefer_absolute(motions: Sequence[CuttingMotion], rounding: Rounding) -> bool | None:
     """Decide what I J mean where both readings fit: what most of the arcs mean that fit one reading only."""
     # arcs whose ends meet say nothing of it, as any centre fits them; None if no arc fits one reading only
-    curved = [motion for motion in motions if motion.arc is not None and not motion.ends_meet(rounding)]
-    all_fits = [motion.fits(rounding) for motion in curved]
-    for motion, fits in zip(curved, all_fits, strict=True):
-        if not any(fits):
-            raise InputError(_misfit(motion), line=motion.line)
-    votes = [
-        fits[1] - fits[0] for motion, fits in zip(curved, all_fits, strict=True)
-        if motion.arc and motion.arc.absolute is not None and motion.arc.absolute_stated is None
-    ]  # fmt: skip
+    votes = [0]
+    for motion in motions:
+        if motion.arc is not None and not motion.ends_meet(rounding):
+            relative, absolute = motion.fits(rounding)
+            if not (relative or absolute):
+                raise InputError(_misfit(motion), line=motion.line)
+            if motion.arc.absolute is not None and motion.arc.absolute_stated is None:
+                votes.append(absolute - relative)
     return sum(votes) > 0 if any(votes) else None
 
 

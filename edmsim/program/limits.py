@@ -56,4 +56,3 @@ def check_contours(contours: int) -> None:
     if contours > MOST_CONTOURS:
         raise InputError(f"{contours} contours are too many: at most {MOST_CONTOURS} can be cut")
 
-

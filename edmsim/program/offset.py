@@ -24,11 +24,8 @@ from edmsim.program.outline import Outline, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
 QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
-
 SIMPLIFY_MM = 0.00025  # points are dropped where the path moves by less (ours: below the whole um to follow)
-
 REACH_TOLERANCE_MM = 0.002  # an edge counts as cut where the path comes so close to the offset from it (ours)
-
 _ON_RING_MM = 1e-6
 _MOST_MITRE = 1e3
 """Length of a tip over the offset up to which it is made before it is cut off (ours: no corner is sharper)."""

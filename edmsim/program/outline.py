@@ -12,9 +12,7 @@ from edmsim.errors import InputError
 from edmsim.program.tables import Offset
 
 JOIN_TOLERANCE_MM = 0.005  # ends closer than this are one point (ours: rounding of programs, well below the gap)
-
 Side = Literal["left", "right"]
-
 Corners = Literal["sharp", "conical", "cylindrical", "rounded"]
 """What a corner or an arc of the program plane becomes at another height."""
 

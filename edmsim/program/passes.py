@@ -26,7 +26,6 @@ from edmsim.program.taper import GuideHeights, Lean, Ruled, Way, guides_for
 AfterTab = Literal["stop", "cut"]
 """``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""
 Piece = Literal["profile", "tab"]
-
 TAB_MM = 1.5  # usual length of a tab: shops leave 1 to 2 mm
 OVERLAP_MM = 0.1  # how far a pass goes on over cut metal, at the ends of a tab and of a closed contour (ours)
 MOST_PASSES = 9  # more passes than any technology has (ours)
@@ -219,16 +218,12 @@ LINK_MM = 1e-3  # a way from one pass to the next may come so much nearer to the
 
 def _linked(legs: Sequence[_Leg]) -> list[Stretch]:
     """Return the ways one after the other; where the straight way to the next would cut into the part, along it."""
-    ways: list[Stretch] = []
-    for before, leg in pairwise([None, *legs]):
-        assert leg is not None
-        way = leg.way.backwards() if leg.back else leg.way
-        if before is not None:
-            straight = shapely.LineString([ways[-1].points[-1], way.points[0]])
-            nearest = min(before.line.leg.offset_mm, leg.line.leg.offset_mm)
-            if leg.line.edge.distance(straight) < nearest - LINK_MM:
-                way = way.behind(_link(before, leg))
-        ways.append(way)
+    ways = [leg.way.backwards() if leg.back else leg.way for leg in legs]
+    for k, (before, leg) in enumerate(pairwise(legs), 1):
+        straight = shapely.LineString([ways[k - 1].points[-1], ways[k].points[0]])
+        nearest = min(before.line.leg.offset_mm, leg.line.leg.offset_mm)
+        if leg.line.edge.distance(straight) < nearest - LINK_MM:
+            ways[k] = ways[k].behind(_link(before, leg))
     return ways
 
 

@@ -70,7 +70,7 @@ def _ruled(outline: Outline, upper: Outline) -> Outline:
     starts = np.array([piece[0] for piece in lower_pieces])
     firsts = np.array([piece[0] for piece in upper_pieces])
     by = min(range(len(firsts)), key=lambda k: float(np.hypot(*(np.roll(firsts, -k, axis=0) - starts).T).sum()))
-    lines = ([], [])  # type: tuple[list[Floats], list[Floats]]
+    lines: tuple[list[Floats], list[Floats]] = ([], [])
     elements: list[int] = []
     for number, piece in enumerate(lower_pieces):
         other = upper_pieces[(number + by) % len(upper_pieces)]
@@ -162,13 +162,9 @@ def load_program(
 
 
 LEAD_IN_MM = 1.0  # usual length in mm of a lead-in of ours, from the hole's centre to the wire path
-
 START_HOLE_RADIUS_MM = 0.25  # usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)
-
 STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (ours)
-
 HOLE_CLEARANCE_MM = 0.05  # least distance in mm between a hole of our choice and any edge (ours)
-
 _TOLERANCE_MM = 0.001
 _SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
@@ -329,17 +325,9 @@ class _Lead:
 
 @refuses_wrong_types
 def plan_path(
-    file: str | Path | Program,
-    offset: float | str = "auto",
-    *,
-    auto_offset_mm: float,
-    table_um: int | None = None,
-    grid_um: int = 1,
-    lead_in_mm: float = LEAD_IN_MM,
-    start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
-    taper_deg: float = 0.0,
-    corners: Corners = "conical",
-    guides: Sequence[GuideHeights | None] = (),
+    file: str | Path | Program, offset: float | str = "auto", *, auto_offset_mm: float, table_um: int | None = None,
+    grid_um: int = 1, lead_in_mm: float = LEAD_IN_MM, start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
+    taper_deg: float = 0.0, corners: Corners = "conical", guides: Sequence[GuideHeights | None] = (),
     passes: PassPlan | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.

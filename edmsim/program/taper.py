@@ -19,17 +19,17 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import Floats, arc_lengths
+from edmsim.geometry import Floats, arc_lengths, left_of
 from edmsim.program.arcs import CHORD_TOLERANCE_UM, ROUND_MM
 from edmsim.program.outline import Corners, Outline, Side, Taper
 
 Stop = tuple[int, float]  # at which point of a way the wire waits, and how many seconds
-
 MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
 SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
 _MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
 GOUGE_MM = 0.01  # a wire nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)
 _NOTHING_MM = 1e-9
+_STRAIGHT_MM = 1e-4  # within which the points of a piece lie on a line (ours)
 _HEIGHTS = 5  # of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)
 
 
@@ -100,10 +100,8 @@ def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -
     return tuple(found)
 
 
-def _of_two_lines(outline: Outline, low: float, high: float) -> Ruled:
-    assert outline.taper is not None
-    assert outline.taper.upper_mm is not None
-    upper, lower = np.asarray(outline.taper.upper_mm, np.float64), outline.points_mm
+def _of_two_lines(outline: Outline, upper_mm: Floats, low: float, high: float) -> Ruled:
+    upper, lower = np.asarray(upper_mm, np.float64), outline.points_mm
     if upper.shape != lower.shape:
         raise InputError(f"the contour below has {len(lower) - 1} elements and the one above {len(upper) - 1}: give "
                          "both equal numbers, in the same order")
@@ -167,11 +165,9 @@ def _tangents(outline: Outline) -> Floats:
 
 def left_normals(points: Floats) -> Floats:
     """Return the unit vectors (n - 1, 2) to the left of the chords of a line; nought for one of no length."""
-    steps = np.diff(points, axis=0)
-    length = np.hypot(*steps.T)
-    across = np.stack([-steps[:, 1], steps[:, 0]], axis=1)
-    there = length[:, None] > _NOTHING_MM
-    return np.asarray(np.divide(across, length[:, None], out=np.zeros_like(across), where=there))
+    across = left_of(np.diff(points, axis=0))
+    length = np.hypot(*across.T)[:, None]
+    return np.asarray(np.divide(across, length, out=np.zeros_like(across), where=length > _NOTHING_MM))
 
 
 def _chords_at(i: int, count: int, closed: bool) -> tuple[int, int]:
@@ -390,7 +386,7 @@ def _pieces(outline: Outline) -> list[_Piece]:
         circle = _circle(piece.points) if b - a > 2 else None
         if circle is not None:
             piece = piece._replace(centre=circle[0], radius_mm=circle[1], swept=circle[2])
-        elif b - a > 1 and _is_straight(piece.points):
+        elif b - a > 1 and is_straight(piece.points, _STRAIGHT_MM):
             piece = piece._replace(points=piece.points[[0, -1]])
         found.append(piece)
     return found
@@ -404,7 +400,8 @@ def _circle(points: Floats) -> tuple[Floats, float, float] | None:
     centre = solved[:2] / 2
     radius = math.sqrt(max(float(solved[2] + centre @ centre), 0.0))
     off = points - (centre + middle)
-    if not 0 < radius < 1e5 or np.abs(np.hypot(*off.T) - radius).max() > ROUND_MM or _is_straight(points):
+    is_round = 0 < radius < 1e5 and np.abs(np.hypot(*off.T) - radius).max() <= ROUND_MM
+    if not is_round or is_straight(points, _STRAIGHT_MM):
         return None
     angles = np.unwrap(np.arctan2(off[:, 1], off[:, 0]))
     steps = np.diff(angles)
@@ -413,10 +410,11 @@ def _circle(points: Floats) -> tuple[Floats, float, float] | None:
     return centre + middle, radius, float(angles[-1] - angles[0])
 
 
-def _is_straight(points: Floats) -> bool:
+def is_straight(points: Floats, within_mm: float) -> bool:
+    """Say whether points (n, 2) lie on the line from the first to the last."""
     along = points - points[0]
     x, y = along[-1]
-    return bool(np.abs(along @ (-y, x)).max() < 1e-4 * math.hypot(x, y))
+    return bool(np.abs(along @ (-y, x)).max() < within_mm * math.hypot(x, y))
 
 
 class _Joint(NamedTuple):
@@ -508,13 +506,12 @@ def _inside(piece: _Piece, left_mm: float, begin: Floats, end: Floats, chords: i
     return np.asarray(line)
 
 
-def _joints(outline: Outline, pieces: list[_Piece], left: Floats) -> list[_Joint]:
+def _joints(pieces: list[_Piece], left: Floats, conical: bool) -> list[_Joint]:
     """Return what the corner before every piece becomes; `left` (lines, pieces) has all lines beside them."""
-    assert outline.taper is not None
     found = []
     for k, piece in enumerate(pieces):
         turn, d = _turn(pieces[k - 1].ends[1], piece.ends[0]), left[:, k]
-        rounds = outline.taper.corners == "conical" and abs(turn) >= math.radians(SHARP_DEG)
+        rounds = conical and abs(turn) >= math.radians(SHARP_DEG)
         rounds &= bool((d == left[:, k - 1]).all() and d.any() and (turn * d <= 0).all())
         found.append(_Joint(turn, _chords_of_arc(turn, float(np.abs(d).max())) if rounds else 0))
     return found
@@ -527,7 +524,7 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
     side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
     lean, off = (high - low) * tangents, _wire_sign(side) * offset_mm * np.hypot(1.0, tangents)
     left = np.stack([0.0 * lean, lean, off, lean + off])
-    joints = _joints(outline, pieces, left)
+    joints = _joints(pieces, left, outline.taper is not None and outline.taper.corners == "conical")
     chords = [
         len(piece.points) - 1 if piece.centre is None
         else max(len(piece.points) - 1, _chords_of_arc(piece.swept, max(map(piece.radius_at, left[:, k].tolist()))))
@@ -566,7 +563,8 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
     if taper.upper_mm is None and taper.corners in ("sharp", "conical"):
         wall, wire = _of_pieces(outline, low, high, offset_mm)
     else:
-        drawn = _of_two_lines(outline, low, high) if taper.upper_mm is not None else _of_angle(outline, low, high)
+        upper_mm = taper.upper_mm
+        drawn = _of_angle(outline, low, high) if upper_mm is None else _of_two_lines(outline, upper_mm, low, high)
         side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
         wall, wire = drawn, offset_surface(drawn, side, offset_mm)
         if outline.wire_side is None:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
-from edmsim.geometry import Floats, arc_lengths, interpolated
+from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
+from edmsim.metrology.profile import PROFILE_STEP_MM
 from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
 from edmsim.recording.scene import Scene, grid_triangles
@@ -18,7 +19,6 @@ from edmsim.recording.scene import Scene, grid_triangles
 # The cut face of the part as a mesh for other programs: STL or glTF, its points found slice by slice.
 
 
-FACE_STEP_MM = 0.02  # distance of the points along the edge (ours: that of the profile error)
 FARTHEST_MM = 0.15  # further from the edge as drawn there is no wall of it (ours: half a kerf)
 
 
@@ -50,8 +50,13 @@ def cut_faces(scene: Scene) -> list[Face]:
     heights = (np.arange(count) + 0.5) / count * scene.height_mm
     trees = []
     for lines in scene.cut_edges_mm:
-        dense = [_dense(line) for line in lines if is_whole(line, scene)]
-        points = np.concatenate([np.zeros((0, 2)), *dense])
+        dense = [np.zeros((0, 2))]
+        for line in lines:
+            if is_whole(line, scene):  # its points 2 um apart
+                passed = arc_lengths(line)
+                at = np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1)
+                dense.append(interpolated(at, passed, line))
+        points = np.concatenate(dense)
         trees.append((points, cKDTree(points) if len(points) else None))
     found = []
     for number, edge in enumerate(scene.maps):
@@ -81,16 +86,11 @@ def is_whole(line: Floats, scene: Scene) -> bool:
     return abs(signed_area(line)) >= scene.speck_mm2
 
 
-def _dense(line: Floats) -> Floats:
-    """Return points along a line, 2 um apart."""
-    passed = arc_lengths(line)
-    return interpolated(np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1), passed, line)
-
-
 def _stations(walls: tuple[Floats, ...]) -> Floats:
     """Return places along two lines with as many points, as numbers of points and parts of them."""
     steps = np.max([np.hypot(*np.diff(line, axis=0).T) for line in walls], axis=0)
-    places = [k + np.arange(n) / n for k, n in enumerate(np.maximum(np.ceil(steps / FACE_STEP_MM), 1).astype(int))]
+    counts = np.maximum(np.ceil(steps / PROFILE_STEP_MM), 1).astype(int)
+    places = [k + np.arange(n) / n for k, n in enumerate(counts)]
     return np.concatenate([*places, [len(steps)]])
 
 
@@ -109,10 +109,7 @@ def _continued(row: Floats, walls: tuple[Floats, ...], shares: Floats, between: 
 
 
 def _signed_um(wall: Floats, nominal: Floats, part_side: str) -> Floats:
-    along = np.gradient(nominal, axis=0)
-    left = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    outward = left if part_side == "right" else -left
-    off = wall - nominal
+    outward, off = left_of(np.gradient(nominal, axis=0)) * (1.0 if part_side == "right" else -1.0), wall - nominal
     return np.asarray(1e3 * np.hypot(*off.T) * np.sign((off * outward).sum(axis=1)))
 
 

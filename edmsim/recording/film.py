@@ -201,8 +201,8 @@ class Film:
 
     def _plot(self, axes: Axes, curves: tuple[tuple[str, str, str], ...]) -> Any:
         axes.tick_params(colors=TEXT, labelsize=7, length=2)
-        axes.yaxis.set_major_locator(_few_ticks())
-        axes.xaxis.set_major_locator(_few_ticks())
+        axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=4))
         for begin, end in self._pauses_s:
             axes.axvspan(begin, end, facecolor="none", edgecolor="#3a444f", hatch="////", linewidth=0)
         shown = [np.zeros(1)]
@@ -232,10 +232,6 @@ def rgb01(colours: NDArray[Any]) -> Floats:
     """Return recorded colours, 0xRRGGBBAA, as (n, 4) shares of 0 to 1."""
     bits = np.asarray(colours, np.uint32)
     return np.stack([(bits >> shift) & 0xFF for shift in (24, 16, 8, 0)], axis=-1) / 255.0
-
-
-def _few_ticks() -> Any:
-    return MaxNLocator(nbins=4)
 
 
 MP4, GIF = ".mp4", ".gif"

@@ -131,7 +131,7 @@ def write_html(
 
 def page(report: Report, title: str, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
     """Return the page; its pictures are in it as PNG, the first as wide as the page, each enlarged by a click."""
-    notices = [*report.notices, *left_out]
+    notices = "".join(f"<li>{escape(notice)}</li>" for notice in (*report.notices, *left_out))
     first = _enlarged("profile", PROFILE_CAPTION, _address(profile), *PROFILE_DOTS)
     others = "".join(_picture(picture) for picture in drawn)
     # figures keep their white ground in the dark: they are the same ones as in a paper
@@ -145,7 +145,7 @@ def page(report: Report, title: str, profile: bytes, drawn: Iterable[Picture], l
         _tiles(report),
         _section("The cut", first + _HINT),
         _section("Result", _pairs(summary(report))),
-        _section("Notices", _notices(notices)) if notices else "",
+        _section("Notices", f'<ul class="notices">{notices}</ul>') if notices else "",
         _section("Figures", f'<div class="figures">{others}</div>') if others else "",
         _section("Corners", _corners(report)) if report.corners else "",
         _section("Lines and arcs", elements_table(report.elements)) if report.elements else "",
@@ -161,7 +161,8 @@ def card(report: Report, title: str, figure: Figure) -> str:
         for name, text in summary(report)
     )
     notices = "".join(f"<p>note: {escape(notice)}</p>" for notice in report.notices)
-    image = f'<img src="{_png(figure, CARD_DPI)}" alt="{escape(title)} from above, and the process over time">'
+    address = _address(figure_png(figure, CARD_DPI))
+    image = f'<img src="{address}" alt="{escape(title)} from above, and the process over time">'
     heading = f"<p><b>{escape(title)}: {escape(outcome_text(report))}</b></p>"
     return f"<div>{heading}<table>{rows}</table>{notices}{image}</div>"
 
@@ -186,16 +187,13 @@ def _pairs(rows: Iterable[tuple[str, str]]) -> str:
     return f'<table class="pairs">{"".join(cells)}</table>'
 
 
-def _notices(notices: Iterable[str]) -> str:
-    return f'<ul class="notices">{"".join(f"<li>{escape(notice)}</li>" for notice in notices)}</ul>'
-
-
 _HINT = '<p class="hint">Click a figure to enlarge it, and click it again to close it.</p>'
 
 
 def _picture(picture: Picture) -> str:
     width, height = (round(inches * COLUMN_DPI) for inches in picture.figure.get_size_inches())
-    return _enlarged(picture.name, picture.caption, _png(picture.figure, COLUMN_DPI), width, height)
+    address = _address(figure_png(picture.figure, COLUMN_DPI))
+    return _enlarged(picture.name, picture.caption, address, width, height)
 
 
 def _enlarged(name: str, words: str, address: str, width: int, height: int) -> str:
@@ -206,12 +204,8 @@ def _enlarged(name: str, words: str, address: str, width: int, height: int) -> s
     return f'<figure id="{name}">{enlarged}<figcaption>{caption}</figcaption></figure>'
 
 
-def _png(figure: Figure, dpi: float) -> str:
-    """Return a figure as the address of an image that holds it."""
-    return _address(figure_png(figure, dpi))
-
-
 def _address(png: bytes) -> str:
+    """Return the address of an image that holds a picture."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, dataclass_transform, get_args, get_type_hints
 
 import numpy as np
 
@@ -55,8 +55,12 @@ HOTTEST = FigureKind("K", "highest temperature of the wire", 0, "wire_temperatur
 _Number = float | None
 
 
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
 class Figures(Mapping[str, Any]):
     """A record, read by attribute, or by name as JSON has it: what is not known is None, never NaN."""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, eq=False)(cls)
 
     def __post_init__(self) -> None:
         for name, kind in _kinds(type(self)).items():
@@ -126,7 +130,6 @@ def _plain(value: Any, kind: type[Figures] | None = None) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-@dataclass(frozen=True, eq=False)
 class Feed(Figures):
     """Feed of the cut, and how much of it was held back by the greatest one of machine and planner."""
 
@@ -136,7 +139,6 @@ class Feed(Figures):
     share_at_limit: Annotated[_Number, FigureKind("%", "share of the cut at that feed", 0)] = None
 
 
-@dataclass(frozen=True, eq=False)
 class PulseShare(Figures):
     """Pulses of each class, of all that the generator gave."""
 
@@ -146,7 +148,6 @@ class PulseShare(Figures):
     open: Annotated[_Number, OPENS] = None
 
 
-@dataclass(frozen=True, eq=False)
 class Kerf(Figures):
     """Width of the kerf over all places and heights."""
 
@@ -155,7 +156,6 @@ class Kerf(Figures):
     max: Annotated[_Number, FigureKind("µm", "greatest width of the kerf")] = None
 
 
-@dataclass(frozen=True, eq=False)
 class Wall(Figures):
     """A wall of the kerf in one slice: mean, 5 % and 95 % of its distances from the wire's path."""
 
@@ -164,7 +164,6 @@ class Wall(Figures):
     p95_um: _Number = None
 
 
-@dataclass(frozen=True, eq=False)
 class KerfSlice(Figures):
     """The kerf at one height over the lower face: places measured, the wall on the part's side and the one across."""
 
@@ -174,7 +173,6 @@ class KerfSlice(Figures):
     rest: Wall
 
 
-@dataclass(frozen=True, eq=False)
 class Spread(Figures):
     """Of the magnitudes of errors."""
 
@@ -193,7 +191,6 @@ class Spread(Figures):
         return f"{self.worst_and_rms}, {self.text('p95')} for 95 %"
 
 
-@dataclass(frozen=True, eq=False)
 class ErrorPlace(Figures):
     """Where an error is largest in the program, and why: see `edmsim.metrology.shares.WorstPlace`."""
 
@@ -221,14 +218,12 @@ _MADE_BY = {
 }
 
 
-@dataclass(frozen=True, eq=False)
 class ReachableError(Spread):
     """The profile error without what the round wire leaves in inner corners."""
 
     at: ErrorPlace = field(default_factory=ErrorPlace)
 
 
-@dataclass(frozen=True, eq=False)
 class ProfileErrors(ReachableError):
     """The profile error, what of it a wire could reach, and what made it; shares are None if it was not split."""
 
@@ -239,7 +234,6 @@ class ProfileErrors(ReachableError):
     shares: dict[str, Any] | None = None
 
 
-@dataclass(frozen=True, eq=False)
 class Offset(Figures):
     """The offset applied, None where contours have different ones, the mean error, and what to use instead."""
 
@@ -263,7 +257,6 @@ class Offset(Figures):
 _RIGHT_UM = 0.5  # a mean error below half the path's resolution cannot be programmed away
 
 
-@dataclass(frozen=True, eq=False)
 class Element(Figures):
     """A line or arc of the edge as drawn, in the program's coordinates; see `edmsim.metrology.profile`."""
 
@@ -283,7 +276,6 @@ class Element(Figures):
     program_end_y_mm: float
 
 
-@dataclass(frozen=True, eq=False)
 class TableShare(Figures):
     """What the errors of the table's screws and ways do to the part."""
 
@@ -293,7 +285,6 @@ class TableShare(Figures):
     compensated: bool
 
 
-@dataclass(frozen=True, eq=False)
 class Corner(Figures):
     """A corner of the nominal edge in the program and on the table; an unmeasured error is None."""
 
@@ -305,7 +296,6 @@ class Corner(Figures):
     error_um: Annotated[_Number, FigureKind("µm", "error of the corner, above 0: metal left")]
 
 
-@dataclass(frozen=True, eq=False)
 class HeightError(Figures):
     """The profile error at one height, mid-slice over the lower face."""
 
@@ -314,7 +304,6 @@ class HeightError(Figures):
     rms_um: _Number
 
 
-@dataclass(frozen=True, eq=False)
 class PassFigures(Figures):
     """What a pass did, and the wall and face it left."""
 
@@ -344,7 +333,6 @@ class PassFigures(Figures):
     open_share: float
 
 
-@dataclass(frozen=True, eq=False)
 class WireFigures(Figures):
     """The wire over the cut."""
 
@@ -355,7 +343,6 @@ class WireFigures(Figures):
     temperature_K_max: Annotated[_Number, HOTTEST] = None
 
 
-@dataclass(frozen=True, eq=False)
 class Following(Figures):
     """Following error of the axes, both together."""
 
@@ -363,7 +350,6 @@ class Following(Figures):
     rms: Annotated[_Number, FigureKind("µm", "following error of the axes, root mean square")] = None
 
 
-@dataclass(frozen=True, eq=False)
 class Coverage(Figures):
     """Gas on the wire's front."""
 
@@ -371,7 +357,6 @@ class Coverage(Figures):
     max: Annotated[_Number, FigureKind("%", "greatest such share")] = None
 
 
-@dataclass(frozen=True, eq=False)
 class Surface(Figures):
     """The cut face: roughness, the layer that heat has changed, and what the water has dissolved."""
 
@@ -380,7 +365,6 @@ class Surface(Figures):
     electrolysed_um: Annotated[_Number, FigureKind("µm", "electrolysed layer", 2)] = None
 
 
-@dataclass(frozen=True, eq=False)
 class Equalising(Figures):
     """What equalising pulses leave of the mean voltage, and what they take."""
 
@@ -389,7 +373,6 @@ class Equalising(Figures):
     energy_J: Annotated[_Number, FigureKind("J", "energy of the equalising pulses", 2)]
 
 
-@dataclass(frozen=True, eq=False)
 class Origin(Figures):
     """Where the program's zero lies on the table, in mm."""
 
@@ -397,7 +380,6 @@ class Origin(Figures):
     y: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
 class Report(Figures):
     """The report of a cut, as ``report.json`` holds it.
 

@@ -17,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.files import make_writable, read_arrays, replacing
-from edmsim.geometry import CORNER_DEG
+from edmsim.geometry import CORNER_DEG, left_of
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.plant.workpiece.height_steps import middle_slice
@@ -50,10 +50,7 @@ class ErrorMap:
         """Return unit vectors (n, 2) away from the part at `points_mm`, smooth across corners."""
         if len(self.points_mm) < 2:
             return np.zeros_like(self.points_mm)
-        tangent = np.gradient(self.points_mm, axis=0)
-        normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
-        if self.part_side == "right":
-            normal = -normal
+        normal = left_of(np.gradient(self.points_mm, axis=0)) * (1.0 if self.part_side == "right" else -1.0)
         length = np.hypot(normal[:, 0], normal[:, 1])[:, None]
         return np.asarray(np.divide(normal, length, out=np.zeros_like(normal), where=length > 0))
 
@@ -174,13 +171,8 @@ class Scene:
 
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Return the box (x_min, y_min, x_max, y_max) of nominal edges, start holes and stop place."""
-        points = np.concatenate(
-            [
-                *(m.nominal_mm for m in self.maps),
-                self.starts_mm.reshape(-1, 2),
-                np.reshape(self.stop_mm or (), (-1, 2)),
-            ]
-        )
+        stop_mm = np.reshape(self.stop_mm or (), (-1, 2))
+        points = np.concatenate([*(m.nominal_mm for m in self.maps), self.starts_mm.reshape(-1, 2), stop_mm])
         if len(points) == 0:
             return self.stock_mm
         (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)

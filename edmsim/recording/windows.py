@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
-from edmsim.geometry import CORNER_DEG, Floats
+from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.plant.gap.generator import pulse_lengths_us
 from edmsim.plant.kernel.state import ARC, OPEN, PULSE, SHORT, SPARK
 from edmsim.snapshots import ArraySnapshots
@@ -144,7 +144,6 @@ CUT_KEY = b"edmsim_cut"
 """Under which the metadata of ``windows.parquet`` say which cut they are of: `edmsim.recording.report.cut_id`."""
 
 NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)  # names of all columns, in order
-
 ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 """What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
 
@@ -298,7 +297,6 @@ def lag_along_um(table: pa.Table) -> Floats:
     return np.asarray(np.einsum("ij,ij->i", columns(table, "lag_x_um", "lag_y_um"), travel_direction(table)))
 
 
-
 # Stores of bounded size for a cut of any length: frames of wire and gas, and windows pulse by pulse.
 #
 # The more is shown, the fewer frames are kept. Close-ups are a thinned run of windows over the whole cut, and all
@@ -416,7 +414,6 @@ PULSES = 96  # the last pulses of a window, which are what is kept of it
 REGULAR = 600  # most close-ups of the run over the whole cut
 AROUND = 20  # windows kept before and after an event: half a second on either side at a period of 100 us
 BLOCKS = 40  # most events of a kind around which all is kept
-
 NOTHING, RETRACT, TURN = 0, 1, 2
 """Events that are worth all detail: the wire begins to run back; it passes a corner or begins a contour."""
 
@@ -434,13 +431,9 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
 
 
 def turns_um(points_um: NDArray[np.int64]) -> list[float]:
-    """Return the lengths along a polyline (n, 2) at which it turns by more than `CORNER_DEG`, its begin included."""
-    legs = np.diff(points_um.astype(np.float64), axis=0)
-    legs = legs[(legs != 0.0).any(axis=1)]
-    along = np.cumsum(np.hypot(*legs.T))
-    heading = np.arctan2(legs[:, 1], legs[:, 0])
-    turn = np.abs((np.diff(heading) + np.pi) % (2 * np.pi) - np.pi)
-    return [0.0, *along[:-1][turn > np.radians(CORNER_DEG)].tolist()]
+    """Return the lengths along a polyline (n, 2) at which it turns by `CORNER_DEG` or more, its begin included."""
+    line = Polyline(points_um.astype(np.float64), closed=False)
+    return [0.0, *line.s[line.corners(CORNER_DEG)].tolist()]
 
 
 class Blocks(ArraySnapshots):
@@ -553,15 +546,11 @@ class Closeups(ArraySnapshots, Observer):
         at = self._windows % len(self._last)
         row = self._bytes[at]
         self._run.offer(row)
-        before = self._before(at) if event != NOTHING else self._bytes[:0]
+        older = self._bytes[at + 1 :] if self._windows >= len(self._last) else self._bytes[:0]
+        before = self._bytes[:0] if event == NOTHING else np.concatenate([older, self._bytes[:at]])
         for kind, blocks in self._blocks.items():
             blocks.offer(self._windows, row, before, kind == event)
         self._windows += 1
-
-    def _before(self, at: int) -> Bytes:
-        """Return the rows before the one at a place of the ring, oldest first."""
-        older = self._bytes[at + 1 :] if self._windows >= len(self._last) else self._bytes[:0]
-        return np.concatenate([older, self._bytes[:at]])
 
     @property
     def stride(self) -> int:
@@ -600,18 +589,16 @@ def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floa
     flowing = np.where(is_open, 0.0, np.where(is_short, closeups["short_A"][:, None], closeups["current_A"][:, None]))
     ignition, end, nought = start + delay, start + delay + on, np.zeros_like(start)
     stop = np.maximum(stop, end)
-    if not closeups["opposite_V"].any():
-        time = np.stack([start, start, ignition, ignition, end, end, stop], axis=-1)
-        voltage = np.stack([nought, up, up, burning, burning, nought, nought], axis=-1)
-        current = np.stack([nought, nought, nought, flowing, flowing, nought, nought], axis=-1)
-        return time, voltage, current
-    lasts = np.take_along_axis(_opposite_us(closeups), last, axis=1)
-    back, has_opposite = np.minimum(end + lasts, stop), lasts > 0.0
-    opposite_V, opposite_A = (np.where(has_opposite, closeups[f"opposite_{unit}"][:, None], 0.0) for unit in "VA")
-    time = np.stack([start, start, ignition, ignition, end, end, back, back, stop], axis=-1)
-    voltage = np.stack([nought, up, up, burning, burning, opposite_V, opposite_V, nought, nought], axis=-1)
-    current = np.stack([nought, nought, nought, flowing, flowing, opposite_A, opposite_A, nought, nought], axis=-1)
-    return time, voltage, current
+    time = [start, start, ignition, ignition, end, end]
+    voltage, current = [nought, up, up, burning, burning], [nought, nought, nought, flowing, flowing]
+    if closeups["opposite_V"].any():
+        lasts = np.take_along_axis(_opposite_us(closeups), last, axis=1)
+        opposite_V, opposite_A = (np.where(lasts > 0.0, closeups[f"opposite_{unit}"][:, None], 0.0) for unit in "VA")
+        time += [np.minimum(end + lasts, stop)] * 2
+        voltage += [opposite_V, opposite_V]
+        current += [opposite_A, opposite_A]
+    at_end = [nought, nought]
+    return np.stack([*time, stop], -1), np.stack(voltage + at_end, -1), np.stack(current + at_end, -1)
 
 
 def _opposite_us(closeups: NDArray[np.void]) -> Floats:

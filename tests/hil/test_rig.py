@@ -381,7 +381,7 @@ def test_any_line_to_the_axes_is_answered_and_sends_none_beyond_its_travel(rig, 
     for _, axis, direction in rig.gap.setpoints.plan(now, now + 1_000_000):
         assert axis in (0, 1)
         assert direction in (-1, 1)
-    assert all(0 <= place <= travel_um for place in rig.gap.setpoints.places_um)
+    assert all(0 <= place <= travel_um for place in rig.gap.setpoints.snapshot()["now_um"])
 
 
 def test_a_setting_that_is_refused_changes_nothing():

@@ -120,7 +120,7 @@ def test_the_words_of_programs():
     table = page("guide/programs").split("## Drawings")[0]
     rows = "\n".join(line for line in table.splitlines() if line.startswith("| "))
     named = set(re.findall(r"[GM]\d+(?:\.\d)?", rows))
-    assert named == {f"G{n}" for n in blocks.KNOWN_G} | {f"M{n}" for n in blocks.KNOWN_M}
+    assert named == {f"{letter}{n}" for letter, codes in blocks.KNOWN.items() for n in codes}
 
 
 def test_the_lengths_of_programs():

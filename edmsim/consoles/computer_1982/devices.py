@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import select
 import signal
@@ -81,22 +82,18 @@ class Pipe:
         if self.at_end:
             time.sleep(timeout_s or 0.0)
             return b""
-        until = None if timeout_s is None else time.monotonic() + timeout_s
+        until = math.inf if timeout_s is None else time.monotonic() + timeout_s
         while not self._interrupts.pending:
-            left = _POLL_S if until is None else min(_POLL_S, max(until - time.monotonic(), 0.0))
+            left = min(_POLL_S, max(until - time.monotonic(), 0.0))
             if select.select([self._source], [], [], left)[0]:
-                return self._receive()
-            if until is not None and time.monotonic() >= until:
+                data = b""
+                with suppress(OSError):  # a pseudo-terminal whose other side is gone
+                    data = os.read(self._source, _CHUNK)
+                self.at_end = not data
+                return data
+            if time.monotonic() >= until:
                 break
         return b""
-
-    def _receive(self) -> bytes:
-        try:
-            data = os.read(self._source, _CHUNK)
-        except OSError:  # a pseudo-terminal whose other side is gone
-            data = b""
-        self.at_end = not data
-        return data
 
     def write(self, data: bytes) -> None:
         """Print; the display adds the CR before every LF."""

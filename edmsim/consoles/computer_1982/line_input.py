@@ -18,12 +18,10 @@ BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12
 """The four correction characters BS, DEL, CAN (Ctrl-X) and Ctrl-R; the text counts them only (row T-A10)."""
 
 RETURN, LINE_FEED = 0x0D, 0x0A  # the two characters that end a line (row T-A10)
-
 BELL, TAB, SPACE, END = 0x07, 0x09, 0x20, 0x00
 """A refused character rings the bell; a tab is stored as a space; 00H ends the buffer (row T-55)."""
 
 SEPARATORS = b" ,;="  # what SKIP passes over (ours: the text says spaces and separators)
-
 _RUB_OUT = b"\b \b"
 _NEW_LINE = b"\r\n"
 
@@ -117,7 +115,10 @@ class Line:
         if character in (RETURN, LINE_FEED):
             return self._end()
         if character in (BACKSPACE, DELETE, CANCEL):
-            self._rub_out(len(self._typed) if character == CANCEL else 1)
+            self._too_long = False
+            for _ in range(len(self._typed) if character == CANCEL else min(1, len(self._typed))):
+                self._typed.pop()
+                self._out(_RUB_OUT)
         elif character == RETYPE:
             self._out(_NEW_LINE + self._typed)
         elif character != END:  # 00H is the leader of a paper tape
@@ -132,12 +133,6 @@ class Line:
             return
         self._too_long |= printable
         self._out(bytes([BELL]))
-
-    def _rub_out(self, count: int) -> None:
-        self._too_long = False
-        for _ in range(min(count, len(self._typed))):
-            self._typed.pop()
-            self._out(_RUB_OUT)
 
     def _end(self) -> bool:
         text, too_long = normal(self.typed), self._too_long

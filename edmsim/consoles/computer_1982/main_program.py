@@ -10,7 +10,7 @@ from typing import Protocol
 
 from edmsim.consoles.computer_1982 import words
 from edmsim.consoles.computer_1982.line_input import InputBuffer, skip
-from edmsim.consoles.computer_1982.operation import Operation
+from edmsim.consoles.computer_1982.operation import Operation, read_keys
 from edmsim.consoles.computer_1982.words import Move, ProgramStore, Setting
 from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.chips.dac import time_text
@@ -74,7 +74,7 @@ class MainProgram:
             "START": _alone(self._start), "X": self._jog, "Y": self._jog, "WAIT": self._wait,
             "GEN": lambda buffer: machine.generator(_switched("GEN", "ON", "OFF", buffer)),
             "TENSION": lambda buffer: machine.tension(_switched("TENSION", "LOW", "FULL", buffer)),
-            "KEY": lambda buffer: machine.press(buffer.rest.decode("ascii")),
+            "KEY": lambda buffer: machine.press(read_keys(buffer.rest.decode("ascii"))),
             "MAIN": _alone(self._main), "LOAD": _alone(self._load), "LIST": _alone(self._list),
             "RUN": _alone(self._run), "STOP": _alone(machine.stop), "GO": _alone(machine.go_on),
             "EM": _alone(machine.emergency), "INIT": _alone(machine.init), "WIRE": _alone(machine.thread_wire),

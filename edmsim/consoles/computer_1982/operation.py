@@ -199,7 +199,7 @@ class Operation:
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
         self._panel = FrontPanel(rig.computer, self)
-        self._presses = KeyPresses(rig.board)
+        self.presses = KeyPresses(rig.board)
         self.at_panel = False  # whether what a person types goes to the keys of the front panel
 
     @property
@@ -241,24 +241,15 @@ class Operation:
         """Let a window pass, with keys scanned, obeyed, and digits written; return why keys did nothing."""
         self.rig.advance()
         refused = []
-        for _ in self._presses.scan_until(self.rig.time_ns):
+        for _ in self.presses.scan_until(self.rig.time_ns):
             self.rig.computer.serve()
             refused += self._panel.serve()
         self._panel.show()
         return refused
 
-    @property
-    def pressing(self) -> bool:
-        """Whether keys are still to be pressed."""
-        return self._presses.busy
-
-    def press(self, names: str) -> None:
-        """Press keys of the front panel by their names."""
-        self._presses.press(read_keys(names), self.rig.time_ns)
-
-    def press_typed(self, data: bytes) -> None:
-        """Press the keys of the front panel that a person's keyboard stands for."""
-        self._presses.press(typed_keys(data), self.rig.time_ns)
+    def press(self, codes: Iterable[int]) -> None:
+        """Press keys of the front panel, from now on."""
+        self.presses.press(codes, self.rig.time_ns)
 
     def digits(self) -> list[int]:
         """Write the display, and return what its 32 digits show."""

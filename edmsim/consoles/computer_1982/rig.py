@@ -60,7 +60,11 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
         if isinstance(entry, Setting):
             dues.append((lengths[-1], entry))
             continue
-        for corner in _corners_of(corners[-1], entry):
+        following = [entry.end_um]
+        if entry.centre_um is not None:
+            arc = arc_points(corners[-1], entry.centre_um, entry.end_um, entry.clockwise)
+            following = [(int(x), int(y)) for x, y in arc[1:]]
+        for corner in following:
             way = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
             lengths.append(lengths[-1] + unit_um * way)
             corners.append(corner)
@@ -70,26 +74,12 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
     return Route(corners, lengths[1:], dues, moves)
 
 
-def _corners_of(start: Point, move: Move) -> list[Point]:
-    if move.centre_um is None:
-        return [move.end_um]
-    return [(int(x), int(y)) for x, y in arc_points(start, move.centre_um, move.end_um, move.clockwise)][1:]
-
-
 def moved(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
     """Return a place after some steps."""
     place = [*place_um]
     for step in steps:
         place[step.axis] += STEP_UM * step.direction
     return place[0], place[1]
-
-
-def check_counts(planner: str) -> str:
-    """Refuse an unknown planner, or one without position counters, before anything moves."""
-    if not kind_of(planner).counts:
-        others = ", ".join(counting())
-        raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {others}")
-    return planner
 
 
 END_SWITCHES = (X_END, Y_END)
@@ -147,7 +137,10 @@ class Rig:
         self.board.on_step = self._carry
         self.unit = unit_for(machine.base.table.travel_mm.value * 1e3)
         self.unit_um = unit_um(self.unit)
-        self._planner_name = check_counts(planner)
+        if not kind_of(planner).counts:
+            others = f"choose {', '.join(counting())}"
+            raise InputError(f"the terminal's computer cannot count along with the planner {planner}: {others}")
+        self._planner_name = planner
         self._literal = kind_of(planner).number == LITERAL
         self.computer = Computer(self.board, unit=self.unit, wrap=self._literal)
         self.way, self.cause = STAND_BY, ""  # of the last emergency
@@ -312,7 +305,9 @@ class Rig:
     def advance(self) -> None:
         """Run one window."""
         self._obey_lines()
-        self._follow_tension()
+        tensioned = self._tensions[self.board.low_tension]
+        if self.plant.machine.tension != tensioned.tension:  # the wire's shape and all else stay
+            self.plant = self.plant.with_machine(tensioned)
         start_ns = self.time_ns
         end_ns = start_ns + self.plant.window_ns
         steps = self.ends.passed(self.place_um, self._make_steps(start_ns, end_ns))
@@ -321,12 +316,6 @@ class Rig:
         if self._planner is not None and self._planner.done:
             self._planner = None
             self.stand("READY")
-
-    def _follow_tension(self) -> None:
-        """Give the wire the tension that the spare line asks for; its shape and all else stay."""
-        tensioned = self._tensions[self.board.low_tension]
-        if self.plant.machine.tension != tensioned.tension:
-            self.plant = self.plant.with_machine(tensioned)
 
     def _obey_lines(self) -> None:
         """Set the generator to what ports 4020H to 4022H hold; a length of 0 switches it off."""

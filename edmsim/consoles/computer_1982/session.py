@@ -21,7 +21,7 @@ from edmsim.consoles.computer_1982 import line_input
 from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, Pipe, is_terminal
 from edmsim.consoles.computer_1982.main_program import MainProgram
 from edmsim.consoles.computer_1982.monitor import STARTS, Monitor
-from edmsim.consoles.computer_1982.operation import FIELDS, LEGEND, TOGGLE, Operation
+from edmsim.consoles.computer_1982.operation import FIELDS, LEGEND, TOGGLE, Operation, typed_keys
 from edmsim.consoles.computer_1982.rig import END_SWITCHES, Rig
 from edmsim.consoles.computer_1982.words import Status
 from edmsim.controllers.mcu.board import WIRE_BREAK, DropOut, Faults, SerialNoise
@@ -29,7 +29,6 @@ from edmsim.controllers.mcu.chips import bus
 from edmsim.controllers.mcu.chips.display import BANK
 from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware.memory_map import CIADR, HOST_IN, TERMINAL_IN
 from edmsim.errors import InputError, one_of
 from edmsim.machine.setting import WINDOW_PULSES
 
@@ -126,17 +125,23 @@ class SerialLines:
     def __init__(self, computer: Computer) -> None:
         self._computer = computer
 
-    def heard(self, data: bytes) -> bytes:
-        """Return what the program fetches of the bytes an operator sent; sparks may disturb them."""
-        return self._fetch(data, from_host=False)
+    def heard(self, data: bytes, from_host: bool = False) -> bytes:
+        """Return what the program fetches of the bytes an operator sent, or the host; sparks may disturb them."""
+        fetched = bytearray()
+        for byte in data:
+            self._computer.board.receive(byte, from_host)
+            character = self._computer.streams.ci()
+            if character is not None:
+                fetched.append(character)
+        return bytes(fetched)
 
     def heard_from_host(self, data: bytes) -> bytes:
         """Return what the program fetches of the bytes the host sent: the input stream is redirected meanwhile."""
-        self._computer.bus.store(CIADR, HOST_IN)
+        self._computer.bus.store(at.CIADR, at.HOST_IN)
         try:
-            return self._fetch(data, from_host=True)
+            return self.heard(data, from_host=True)
         finally:
-            self._computer.bus.store(CIADR, TERMINAL_IN)
+            self._computer.bus.store(at.CIADR, at.TERMINAL_IN)
 
     def spoken(self, data: bytes) -> bytes:
         """Return what arrives at the operator's screen of the bytes the program sends."""
@@ -147,15 +152,6 @@ class SerialLines:
         board.sent.clear()
         noise = board.faults.noise
         return sent if noise is None else bytes(noise(byte, board.mean_current_A) for byte in sent)
-
-    def _fetch(self, data: bytes, from_host: bool) -> bytes:
-        fetched = bytearray()
-        for byte in data:
-            self._computer.board.receive(byte, from_host)
-            character = self._computer.streams.ci()
-            if character is not None:
-                fetched.append(character)
-        return bytes(fetched)
 
 
 def read_host(file: Path, lines: SerialLines) -> list[bytes]:
@@ -219,9 +215,10 @@ class Session:
         self._line = line_input.Line(self._buffer, self._transmit)
         self._main = MainProgram(self._operation, self, self._say, rig.board.bus)
         self._monitor = Monitor(
-            rig.computer, tapes or Path(), self._sent_by_host, self._go, self._transmit, self._say
+            rig.computer, tapes or Path(), lambda: self._lines.heard_from_host(bytes_of(self._connected_host())),
+            self._go, self._transmit, self._say,
         )
-        self._begins_in_monitor = self._in_monitor = monitor
+        self._in_monitor = monitor
         self._main_waits = False
         self._character = line_input.LINE_FEED
         self._passes_line = False
@@ -229,7 +226,7 @@ class Session:
 
     def run(self) -> int:
         """Serve the operator until he leaves; return the exit status."""
-        if self._begins_in_monitor:
+        if self._in_monitor:
             self._press_reset()
         else:
             self._say(self._operation.greeting)
@@ -265,7 +262,10 @@ class Session:
     def _run_live(self, speed: float) -> None:
         began_s, began_ns = time.monotonic(), self._rig.time_ns
         while not self._leaving:
-            self._hear_interrupts()
+            if self._interrupts.take():
+                self._pending.clear()
+                self._forget_line()
+                self._stop_everything()
             while self._pending and not self._waiting and not self._leaving:
                 self._take(self._pending.pop(0))
             if not self._waiting:
@@ -343,16 +343,10 @@ class Session:
             if number:
                 self._operation.at_panel = not self._operation.at_panel
             if self._operation.at_panel and ETX not in part:
-                self._operation.press_typed(part)
+                self._operation.press(typed_keys(part))
             else:
                 rest += part
         return rest
-
-    def _hear_interrupts(self) -> None:
-        if self._interrupts.take():
-            self._pending.clear()
-            self._forget_line()
-            self._stop_everything()
 
     def _stop_everything(self) -> None:
         self._operation.emergency()
@@ -402,18 +396,14 @@ class Session:
         if over or (self._waits_for_rest and not self._rig.moving):
             self._end_wait()
         if self._program_until_ns is not None:
-            self._show_program()
+            if sent := bytes(self._rig.board.sent):  # by a program; the line it began is left when it ends
+                self._transmit(b"")
+                self._prompted = not sent.endswith(b"\n")
             if not self._rig.computer.code.running:
                 self._program_until_ns = None
                 self._clear_line()
             elif self._rig.time_ns >= self._program_until_ns and not self._person:
                 self._end_wait()
-
-    def _show_program(self) -> None:
-        """Print what a program has sent; the line it began is left when it ends."""
-        if sent := bytes(self._rig.board.sent):
-            self._transmit(b"")
-            self._prompted = not sent.endswith(b"\n")
 
     def _tell(self) -> None:
         """Print what the machine has to say; an emergency ends every wait."""
@@ -436,7 +426,7 @@ class Session:
         if code.running and self._program_until_ns is None:
             self._program_until_ns = self._rig.time_ns + PROGRAM_NS
         waits = self._waits_for_rest or self._wait_until_ns is not None or self._program_until_ns is not None
-        return waits or self._operation.pressing
+        return waits or self._operation.presses.busy
 
     def _end_wait(self) -> None:
         """Take lines again; a program that runs is broken off."""
@@ -498,10 +488,6 @@ class Session:
         if self._rig.moving:
             raise InputError("the machine moves; a program is loaded while it stands still")
         return read_host(host, self._lines)
-
-    def _sent_by_host(self) -> bytes:
-        """The host's bytes for the monitor."""
-        return self._lines.heard_from_host(bytes_of(self._connected_host()))
 
     def _connected_host(self) -> Path:
         if self._host is None:
@@ -569,7 +555,7 @@ def run(
     with interrupts.caught():
         if not is_terminal():
             return begin(Pipe(interrupts), interrupts, speed=speed).run()
-        keyboard = _screen(interrupts, view)
+        keyboard = View(interrupts) if view and os.environ.get("TERM", "dumb") != "dumb" else Keyboard(interrupts)
         session = begin(keyboard, interrupts, speed=speed or REAL_TIME, person=True)
         with keyboard.in_character_mode():
             return session.run()
@@ -585,9 +571,3 @@ def choose_faults(names: Sequence[str], seed: int) -> Faults:
         drop_out=DropOut(seed) if DROP_OUT in names else None,
         stuck=frozenset().union(*(STUCK[name] for name in names if name in STUCK)),
     )
-
-
-def _screen(interrupts: Interrupts, view: bool) -> Keyboard:
-    if not view or os.environ.get("TERM", "dumb") == "dumb":
-        return Keyboard(interrupts)
-    return View(interrupts)

@@ -364,7 +364,7 @@ ALIASES = {"CCW": "CW", "Y": "X", "?": "HELP"}  # words explained together with 
 
 
 END, STRAIGHT, CLOCKWISE, COUNTER_CLOCKWISE, SETTING = 0x00, 0x01, 0x02, 0x03, 0x10
-_WORDS = {STRAIGHT: 2, CLOCKWISE: 4, COUNTER_CLOCKWISE: 4}
+_WORDS = {STRAIGHT: 2, CLOCKWISE: 4, COUNTER_CLOCKWISE: 4, SETTING: 3}
 
 
 class ProgramStore:
@@ -388,18 +388,16 @@ class ProgramStore:
         while kind := self._memory.read(address):
             if len(entries) == self._most:
                 raise InputError(f"the program at {self._first:04X}H has no end: 00H was overwritten")
-            if kind in _WORDS:
-                words = [self._memory.word(address + 1 + 2 * k) for k in range(_WORDS[kind])]
+            of_kind = SETTING if kind & ~0x07 == SETTING else kind
+            if of_kind not in _WORDS:
+                raise InputError(f"the program's byte at {address:04X}H is {kind:02X}H, which begins no entry")
+            words = [self._memory.word(address + 1 + 2 * k) for k in range(_WORDS[of_kind])]
+            if of_kind == SETTING:
+                entries.append(Setting(*(word if kind >> k & 1 else None for k, word in enumerate(words))))
+            else:
                 centre = (words[2], words[3]) if len(words) == 4 else None
                 entries.append(Move((words[0], words[1]), centre, kind == CLOCKWISE))
-                address += 1 + 2 * len(words)
-            elif kind & ~0x07 == SETTING:
-                words = [self._memory.word(address + 1 + 2 * k) for k in range(3)]
-                known = (word if kind >> k & 1 else None for k, word in enumerate(words))
-                entries.append(Setting(*known))
-                address += 1 + 2 * len(words)
-            else:
-                raise InputError(f"the program's byte at {address:04X}H is {kind:02X}H, which begins no entry")
+            address += 1 + 2 * len(words)
         return entries
 
 

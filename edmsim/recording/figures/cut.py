@@ -146,14 +146,6 @@ def _chosen_corner(scene: Scene, corner: int | None) -> CornerError:
     return scene.corners[corner]
 
 
-def _paths_um(windows: pa.Table, place_mm: Floats, reach_mm: float) -> tuple[Floats, Floats]:
-    """Guides and wire near a place, relative to it in um: rows (n, 2) in order of time, NaN between visits."""
-    guides = columns(windows, "x_um", "y_um") - 1000 * place_mm
-    wire = guides - columns(windows, "lag_x_um", "lag_y_um")
-    away = np.abs(guides).max(axis=1) > 1000 * reach_mm
-    return np.where(away[:, None], np.nan, guides), np.where(away[:, None], np.nan, wire)
-
-
 def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) -> None:
     reach = 1000 * CORNER_REACH_MM
     style.dress(axes, "X from the corner, µm", "Y from the corner, µm")
@@ -174,7 +166,10 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
             *(1000 * (edge.nominal_mm - place_mm)).T, color=palette.INK, linewidth=0.8, linestyle=(0, (5, 3)),
             zorder=4, label="nominal edge" if number == 0 else None,
         )  # fmt: skip
-    guides, wire = _paths_um(windows, place_mm, 2 * CORNER_REACH_MM)
+    guides = columns(windows, "x_um", "y_um") - 1000 * place_mm
+    wire = guides - columns(windows, "lag_x_um", "lag_y_um")
+    away = np.abs(guides).max(axis=1) > 2 * reach  # the lines break between two visits
+    guides[away], wire[away] = np.nan, np.nan
     axes.plot(*guides.T, color=palette.ORANGE, linewidth=0.9, zorder=5, label="guides")
     axes.plot(*wire.T, color=palette.BLUE, linewidth=0.6, zorder=6, label="wire")
     nearest = np.nanargmin(np.hypot(*guides.T)) if np.isfinite(guides).any() else None
@@ -257,7 +252,6 @@ def kerf_figure(report: Report) -> Figure:
         "line: mean along the cut, band: nine tenths", fontsize=style.LABEL_PT, color=palette.INK, loc="left",
     )  # fmt: skip
     return figure
-
 
 
 # Figures of the pulses: statistics over time, the plane of short and open, the distribution of ignition delays.
@@ -403,7 +397,6 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
     style.legend(axes)
 
 
-
 # The figure of the wire's vibration: modes over tension, and what a simulated cut shows of them.
 
 TENSIONS = 5  # tensions the modes are computed at; between them they are interpolated
@@ -529,7 +522,6 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
     style.legend(axes, above=True, title=f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses")
 
 
-
 # Figures of passes: the wall after each over the height, what each took, and the face of the part.
 
 PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)  # colours of the passes, from rough on
@@ -574,26 +566,20 @@ def passes_figure(report: Report) -> Figure:
 
 def face_figure(scene: Scene) -> Figure:
     """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
-    faces = [edge for edge in scene.maps if edge.face_um is not None and np.isfinite(edge.face_um).any()]
+    faces = [(edge, um) for edge in scene.maps if (um := edge.face_um) is not None and np.isfinite(um).any()]
     if not faces:
         return style.nothing_to_show(style.column_figure(2.0), "no face: no edge of the part was measured")
     shown = faces[:4]
     figure = style.column_figure(0.95 + 1.05 * len(shown), top_in=0.55)
-    known = np.concatenate(
-        [np.abs(edge.face_um[np.isfinite(edge.face_um)]) for edge in shown if edge.face_um is not None]
-    )
+    known = np.concatenate([np.abs(error_um[np.isfinite(error_um)]) for _, error_um in shown])
     limit = max(float(np.percentile(known, 97)), 0.1)
     panels = np.atleast_1d(figure.subplots(len(shown), 1, gridspec_kw={"hspace": 0.35}))
-    for axes, edge in zip(panels, shown, strict=True):
-        assert edge.face_um is not None
+    for axes, (edge, error_um) in zip(panels, shown, strict=True):
         way = arc_lengths(edge.points_mm)
-        heights = np.linspace(0.0, scene.height_mm, len(edge.face_um) + 1)
-        ends = (
-            np.concatenate([way, way[-1:] + max(way[-1] - way[-2], 1e-3)]) if len(way) > 1 else np.array([0.0, 1.0])
-        )
+        ends = np.append(way, way[-1] + max(way[-1] - way[-2], 1e-3)) if len(way) > 1 else np.array([0.0, 1.0])
         axes.pcolormesh(
-            ends, heights, edge.face_um, cmap=style.ERROR_COLOURS, norm=Normalize(-limit, limit), rasterized=True,
-            shading="flat",
+            ends, np.linspace(0.0, scene.height_mm, len(error_um) + 1), error_um, cmap=style.ERROR_COLOURS,
+            norm=Normalize(-limit, limit), rasterized=True, shading="flat",
         )
         style.dress(axes, "", "height, mm")
         axes.grid(visible=False)

@@ -18,7 +18,6 @@ SKY = "#56b4e9"
 YELLOW = "#f0e442"
 # Ours: gas is pale, so that its bubbles differ from sparks
 GAS = "#cfe8f4"
-
 SHARE_COLOURS = {"spark": BLUE, "arc": PURPLE, "short": VERMILION, "open": "#c9d1d9"}
 """Classes of pulses, in the order they are stacked."""
 

@@ -85,11 +85,8 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
         axes.tick_params(labelbottom=axes is panels[-1])
         if axes is not panels[0]:
             axes.sharex(panels[0])
-    panels[-1].set_xlabel(
-        f"machine time, {unit}   (line: mean, band: least to largest of the windows in a bin)",
-        color=palette.MUTED,
-        fontsize=9,
-    )
+    meaning = "(line: mean, band: least to largest of the windows in a bin)"
+    panels[-1].set_xlabel(f"machine time, {unit}   {meaning}", color=palette.MUTED, fontsize=9)
 
 
 def time_unit(longest_s: float) -> tuple[str, float]:
@@ -139,11 +136,9 @@ PANELS = {
 
 
 Box = tuple[float, float, float, float]
-
 _LABEL_FONT_PT = 8.5
 _LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in heights of its font
 _LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner that are tried, in heights of its font
-
 NAMED_LEVELS = 4  # levels of a stepped workpiece up to which the legend names each
 MOST_IN_A_ROW = 6  # names of the legend that fit beside each other
 LABELLED_CORNERS = 12  # corners whose error is written beside them: the worst ones
@@ -160,22 +155,18 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
     if lines is not None:
         axes.plot([], [], color=lines.cmap(0.85), linewidth=1.7, label=f"profile error drawn × {factor:g}")
         _colour_bar(axes, lines)
-    _draw_out_of_reach(axes, scene)
+    # no error is drawn where the round wire leaves metal even on its exact path
+    if runs := [run for edge in scene.maps for run in edge.out_of_reach_mm()]:
+        label = "out of the wire's reach"
+        _draw_lines(axes, runs, color=palette.PURPLE, linewidth=2.2, capstyle="round", zorder=5, label=label)
     _mark_corners(axes, scene)
     _mark_places(axes, scene)
     _scale_bars(axes, factor if len(scene.known_errors()) else None)
     names = len(axes.get_legend_handles_labels()[0])
     axes.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=8.5, handlelength=1.6, columnspacing=1.2,
+        borderpad=0.0, borderaxespad=0.3, labelcolor=palette.INK,
         ncols=5 if names > MOST_IN_A_ROW else MOST_IN_A_ROW,
-        frameon=False,
-        fontsize=8.5,
-        handlelength=1.6,
-        columnspacing=1.2,
-        borderpad=0.0,
-        borderaxespad=0.3,
-        labelcolor=palette.INK,
     )
 
 
@@ -255,14 +246,6 @@ def draw_errors(
             axes, pieces, array=mean, linewidth=widths[1], capstyle="round", zorder=zorder + 1, **style
         )
     return lines
-
-
-def _draw_out_of_reach(axes: Axes, scene: Scene) -> None:
-    """Mark where the round wire leaves metal even on its exact path: no error is drawn there."""
-    runs = [run for edge in scene.maps for run in edge.out_of_reach_mm()]
-    if runs:
-        label = "out of the wire's reach"
-        _draw_lines(axes, runs, color=palette.PURPLE, linewidth=2.2, capstyle="round", zorder=5, label=label)
 
 
 def _colour_bar(axes: Axes, lines: LineCollection) -> None:

@@ -4,7 +4,7 @@ The world is the machine: wire and guides stand still, the table with the workpi
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -18,24 +18,61 @@ from numpy.typing import NDArray
 from shapely.geometry import MultiLineString
 from shapely.geometry.base import BaseGeometry
 
-from edmsim.geometry import Floats, arc_lengths, interpolated
+from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
-from edmsim.plant.kernel.state import ARC, SPARK
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun.stream import (
-    at_height,
-    class_rgb,
-    faded,
-    indexes,
-    log_changing,
-    log_lines,
-    log_points,
-    on_screen,
-    turned,
-)
+from edmsim.recording.rerun.stream import CLASS_COLOURS, indexes, log_changing
 from edmsim.recording.scene import PassFace, Scene, grid_triangles
 from edmsim.recording.windows import Frames, column, jump_rows, stretches, traces, travel_direction
+
+
+def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:
+    """Return the colours (..., 3) of pulses' classes."""
+    table = np.zeros((4, 3), np.uint8)
+    for code, name in ((OPEN, "open"), (SPARK, "spark"), (ARC, "arc"), (SHORT, "short")):
+        table[code] = palette.rgb(CLASS_COLOURS[name])
+    return np.asarray(table[kind], np.uint8)
+
+
+def faded(colours: NDArray[np.uint8], left: Floats) -> NDArray[np.uint8]:
+    """Return colours (n, 3) sunk into the ground to a share `left` (n,) of 0 to 1."""
+    ground = np.array(palette.rgb(palette.INK), float)
+    return np.asarray(np.round(ground + (colours - ground) * left[:, None]), np.uint8)
+
+
+def turned(points: Floats) -> Floats:
+    """Return points (..., 2) as a view of two dimensions needs them: rerun counts y downwards there."""
+    return np.asarray(points * np.array([1.0, -1.0]), np.float64)
+
+
+def on_screen(points: float) -> list[float]:
+    """Return a radius in points of the screen, which rerun tells from a length by its sign."""
+    return [-points]
+
+
+def at_height(lines: Iterable[Floats], z_mm: float) -> list[Floats]:
+    """Return lines (n, 2) as lines (n, 3) at a height."""
+    return [np.column_stack([line, np.full(len(line), z_mm)]) for line in lines]
+
+
+def log_lines(recording: rr.RecordingStream, entity: str, strips: list[Floats], colour: str) -> None:
+    """Log lines in space that stay."""
+    if strips:
+        lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(0.8))
+        recording.log(entity, lines, static=True)
+
+
+def log_points(
+    recording: rr.RecordingStream, entity: str, places: list[tuple[float, float, float]], labels: list[str],
+    colour: str,
+) -> None:
+    """Log labelled points that stay."""
+    if places:
+        points = rr.Points3D(places, labels=labels, colors=[palette.rgb(colour)], radii=on_screen(4.0))
+        recording.log(entity, points, static=True)
+
 
 KERF_FRAMES = 300  # most steps in which the kerf grows
 KERF_STEP_UM = 50.0  # it grows by no less than this at a time: less would not be seen
@@ -73,23 +110,20 @@ def prism(area: BaseGeometry, low_mm: float, high_mm: float) -> Mesh:
     points, index = np.unique(flat, axis=0, return_inverse=True)
     faces = index.reshape(-1, 3)
     caps = [
-        _placed(np.column_stack([points, np.full(len(points), z)]), (0.0, 0.0, up), faces)
+        Mesh(
+            np.column_stack([points, np.full(len(points), z)]).astype(np.float32),
+            np.broadcast_to(np.array((0.0, 0.0, up), np.float32), (len(points), 3)), faces.astype(np.uint32),
+        )
         for z, up in ((low_mm, -1.0), (high_mm, 1.0))
     ]
     rings = shapely.get_rings(shapely.get_parts(shapely.orient_polygons(area)))
     return joined([*caps, *(_walls(shapely.get_coordinates(ring), low_mm, high_mm) for ring in rings)])
 
 
-def _placed(positions: Floats, normal: Sequence[float], triangles: NDArray[np.int64]) -> Mesh:
-    normals = np.broadcast_to(np.array(normal, np.float32), positions.shape)
-    return Mesh(positions.astype(np.float32), normals, triangles.astype(np.uint32))
-
-
 def _walls(ring: Floats, low_mm: float, high_mm: float) -> Mesh:
     """Return the upright walls over a closed line (n + 1, 2), a rectangle per side."""
     start, end = ring[:-1], ring[1:]
-    along = end - start
-    outward = np.column_stack([along[:, 1], -along[:, 0]])
+    outward = -left_of(end - start)
     outward /= np.maximum(np.hypot(*outward.T)[:, None], 1e-12)
     n = len(start)
     positions = np.empty((n, 4, 3), np.float32)
@@ -417,15 +451,11 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
 
 def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], factor: float) -> None:
     """Log table, wire and the path cut so far; the wire's deflection is drawn `factor` times as large."""
-    if len(shapes) == 0:
-        return
     at = np.column_stack([shapes["guides_um"] / 1000.0, np.zeros(len(shapes))])
     when = indexes(shapes["t_s"], shapes["path_um"])
     recording.send_columns("world/cross", when, rr.Transform3D.columns(translation=-at * (1.0, 0.0, 0.0)))
     recording.send_columns("world/table", when, rr.Transform3D.columns(translation=-at))
-    look = rr.LineStrips3D.from_fields(
-        colors=[palette.rgb(palette.ORANGE)], radii=[scene.wire_diameter_um / 2000.0]
-    )
+    look = rr.LineStrips3D.from_fields(colors=[palette.rgb(palette.ORANGE)], radii=[scene.wire_diameter_um / 2000.0])
     wire = rr.LineStrips3D.columns(strips=wire_strips(scene, shapes, factor))
     log_changing(recording, "world/wire", look, when, wire)
     _log_deflection(recording, scene, shapes, factor)
@@ -462,13 +492,11 @@ def wire_strips(scene: Scene, shapes: NDArray[np.void], factor: float) -> NDArra
     return strips
 
 
-
 # The gap in the recording: the wall round the wire in um, discharges in their places, voltage and current, gas.
 #
 # The model knows a share of gas per slice and no bubbles: those drawn, one for a slice, only show it.
 
 Closeups = NDArray[np.void]  # rows of `edmsim.recording.windows.row_type`
-
 AGES = 6  # a discharge is still to be seen in this many close-ups, ever fainter
 SCOPE_PULSES = 12  # pulses on the oscilloscope
 SCOPE_WIDTH, VOLTAGE_HEIGHT, CURRENT_HEIGHT, SCOPE_SPACE = 420.0, 50.0, 32.0, 10.0
@@ -493,8 +521,6 @@ def discharges(closeups: Closeups, radius_um: float) -> tuple[NDArray[np.bool_],
 
 def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
     """Log discharges and contacts where they were on the workpiece, in mm; the last `AGES` close-ups of them."""
-    if len(closeups) == 0:
-        return
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
     n_slices = closeups["deflection_um"].shape[1]
     z_mm = scene.height_mm * (closeups["pulses"]["slice"] + 0.5) / n_slices
@@ -527,9 +553,6 @@ def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeu
 
 def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
     """Log the middle slice's wall round the wire in um; the origin is the guides' axis."""
-    _log_gap_marks(recording, scene)
-    if len(closeups) == 0:
-        return
     when = indexes(closeups["t_s"], closeups["path_um"])
     wire = turned(closeups["wire_um"] - closeups["guides_um"])
     look = rr.Points2D.from_fields(colors=[_WIRE], radii=[scene.wire_diameter_um / 2], draw_order=10.0)
@@ -546,7 +569,7 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
     recording.send_columns("top/part", when, rr.Transform3D.columns(translation=away))
 
 
-def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
+def log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log what stands still in the top view: a cross, circles of 50 um, and on the part its drawn edge."""
     angle = np.linspace(0.0, 2 * np.pi, 73)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -600,8 +623,6 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
 
 def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
     """Log gap voltage and current of the last pulses, coloured by class, and the oscilloscope's scales."""
-    if len(closeups) == 0:
-        return
     time, voltage, current = traces(closeups, SCOPE_PULSES)
     span_us = float(time.max())
     spans = tuple((float(values.min()), float(values.max())) for values in (voltage, current))
@@ -669,8 +690,6 @@ def travel_at(windows: pa.Table, t_s: Floats) -> Floats:
 def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void]) -> None:
     """Log the share of the front that gas covers, a curve per slice."""
     n, slices = shapes["coverage"].shape
-    if n == 0:
-        return
     high = np.linspace(0.0, 1.0, slices)[:, None]
     colours = palette.rgb(palette.PURPLE) * (1 - high) + np.array(palette.rgb(palette.GREEN)) * high
     names = [f"{scene.height_mm * (s + 0.5) / slices:.1f} mm" for s in range(slices)]
@@ -684,9 +703,7 @@ def log_bubbles(
 ) -> None:
     """Log a bubble for every slice on the front of the drawn wire, in mm."""
     # in a slice covered wholly it is as wide as the slice is high; the area of others is that share of its
-    n, slices = shapes["coverage"].shape
-    if n == 0:
-        return
+    slices = shapes["coverage"].shape[1]
     centre = wire_strips(scene, shapes, factor)[:, 1:-1]
     centre[..., :2] += travel[:, None] * (scene.wire_diameter_um / 2000.0)
     shown = shapes["coverage"] >= SMALLEST
@@ -703,8 +720,6 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
     """Log a bubble for every slice, at the last discharge that burned there, in um in the top view."""
     # as wide as the share of the wire's front half that gas covers in its slice, from the wire to the metal at
     # mid height
-    if len(closeups) == 0:
-        return
     radius, covered, pulses = scene.wire_diameter_um / 2, closeups["coverage"], closeups["pulses"]
     burned = discharges(closeups, radius)[0] & np.isin(pulses["kind"], (SPARK, ARC))
     here = burned[..., None] & (pulses["slice"][..., None] == np.arange(covered.shape[1]))

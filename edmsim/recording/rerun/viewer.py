@@ -89,9 +89,10 @@ def _blueprint(sizes: list[write.Sizes], names: list[str], curves: tuple[tuple[s
 RERUN = (sys.executable, "-c", "import sys; from rerun_cli.__main__ import main; sys.exit(main())")
 """Starts rerun's command line with this interpreter; ``-m rerun_cli`` would lose the exit status."""
 HERE = "127.0.0.1"  # what viewers serve is for this machine only
+PORT, WEB_PORT = 9876, 9090  # rerun's own; a free one where one is taken
 
 
-def view(directory: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> int:
+def view(directory: str | Path, web_port: int = WEB_PORT, grpc_port: int = PORT) -> int:
     """Show the recording in a cut's folder until you close the viewer or press Ctrl-C.
 
     Parameters
@@ -115,7 +116,7 @@ def view(directory: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> 
     return _show(find_recording(directory), web_port, grpc_port)
 
 
-def compare(a: str | Path, b: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> int:
+def compare(a: str | Path, b: str | Path, web_port: int = WEB_PORT, grpc_port: int = PORT) -> int:
     """Show two cuts side by side; folders, ports, result and errors as for `view`."""
     first, second = find_recording(a), find_recording(b)
     with tempfile.TemporaryDirectory(prefix="edmsim-") as folder:
@@ -175,7 +176,6 @@ def web_address(web_port: int, grpc_port: int) -> str:
     return f"http://{HERE}:{web_port}?url={source}"
 
 
-_PORT, _WEB_PORT = 9876, 9090  # rerun's own, as `edmsim view` has them; a free one where one is taken
 _TO_BEGIN_S = 30.0  # for a viewer to start (ours): ten times what one took here
 _MEMORY = "500MB"
 """What a viewer keeps before it forgets the oldest (ours): hours of a drive's curves, a hundred episodes."""
@@ -199,7 +199,7 @@ class LiveViewer:
     """A viewer in a process of its own, which takes what is drawn from this machine only."""
 
     def __init__(self, what: str, instead: str) -> None:
-        port, web_port = free_port(_PORT), free_port(_WEB_PORT)
+        port, web_port = free_port(PORT), free_port(WEB_PORT)
         self.source = f"rerun+http://{HERE}:{port}/proxy"
         self._window = has_screen(os.environ, sys.platform)
         web = [] if self._window else ["--serve-web", "--web-viewer-port", str(web_port)]

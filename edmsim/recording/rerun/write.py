@@ -77,14 +77,6 @@ class Sizes(NamedTuple):
     end_s: float  # machine time at the end
 
 
-def sizes_of(scene: Scene, deflection_factor: float, end_s: float) -> Sizes:
-    """Return what the views need to know of a cut."""
-    return Sizes(
-        scene.size_mm(), scene.height_mm, scene.wire_diameter_um, *scene.extent_mm(), deflection_factor,
-        scene.error_factor(), end_s,
-    )  # fmt: skip
-
-
 PROCESS: tuple[Plot, ...] = (
     Plot("pulses", "pulses, %", tuple(Series(name, name, colour) for name, colour in CLASS_COLOURS.items())),
     Plot("feed", "feed, µm/s", (Series("feed_um_s", "feed", palette.SKY),)),
@@ -398,19 +390,25 @@ def write_recording(
         APPLICATION, recording_id=recording_id(report), send_properties=False,
         batcher_config=rr.ChunkBatcherConfig.NEVER(),
     )  # fmt: skip
-    sizes = sizes_of(scene, factor, float(shapes["t_s"][-1]) if len(shapes) else 0.0)
+    sizes = Sizes(
+        scene.size_mm(), scene.height_mm, scene.wire_diameter_um, *scene.extent_mm(), factor, scene.error_factor(),
+        end_s=float(shapes["t_s"][-1]) if len(shapes) else 0.0,
+    )
     with saved(recording, file, blueprint(sizes, steps.plots if steps else ())):
         recording.send_recording_name(title)
         made = {"format": FORMAT, "version": report.edmsim_version, "sizes": list(sizes)}
         recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
-        tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
-        logs.log_discharges(recording, scene, closeup_rows)
-        above = _at_mid_height(scene, closeup_rows)
-        logs.log_gap(recording, scene, above)
-        logs.log_scope(recording, closeup_rows)
-        logs.log_coverage(recording, scene, shapes)
-        logs.log_bubbles(recording, scene, shapes, logs.travel_at(windows, shapes["t_s"]), factor)
-        logs.log_top_bubbles(recording, scene, above)
+        tolerance_mm = _log_machine(recording, scene, windows, machine, factor)
+        if len(shapes):
+            logs.log_motion(recording, scene, shapes, factor)
+            logs.log_coverage(recording, scene, shapes)
+            logs.log_bubbles(recording, scene, shapes, logs.travel_at(windows, shapes["t_s"]), factor)
+        if len(closeup_rows):
+            above = _at_mid_height(scene, closeup_rows)
+            logs.log_discharges(recording, scene, closeup_rows)
+            logs.log_gap(recording, scene, above)
+            logs.log_scope(recording, closeup_rows)
+            logs.log_top_bubbles(recording, scene, above)
         shown = events(windows, scene, report)
         rows = np.array([event.row for event in shown], np.int64)
         group = _log_series(recording, windows, rows, report.passes)
@@ -432,10 +430,9 @@ def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]
 
 
 def _log_machine(
-    recording: rr.RecordingStream, scene: Scene, windows: pa.Table, machine: Machine, shapes: NDArray[np.void],
-    factor: float,
+    recording: rr.RecordingStream, scene: Scene, windows: pa.Table, machine: Machine, factor: float
 ) -> float:
-    """Log machine, workpiece and wire; return within how many mm the growing kerf is drawn."""
+    """Log machine, workpiece and what stands still; return within how many mm the growing kerf is drawn."""
     t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
     model = build_model(wire_setup(machine), machine.base.model)
     logs.log_bodies(recording, logs.bodies_of(model, scene.guides_z_mm[0]))
@@ -445,7 +442,7 @@ def _log_machine(
     logs.log_errors(recording, scene)
     logs.log_faces(recording, scene)
     logs.log_marks(recording, scene, factor)
-    logs.log_motion(recording, scene, shapes, factor)
+    logs.log_gap_marks(recording, scene)
     return growth.tolerance_mm
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.consoles.computer_1982.operation import FIELDS, KEYS, TYPED, typed_keys
+from edmsim.consoles.computer_1982.operation import FIELDS, KEYS, TYPED, read_keys, typed_keys
 from edmsim.consoles.computer_1982.rig import UNKNOWN_CAUSE, Rig, lay_out
 from edmsim.consoles.computer_1982.words import Move, Setting
 from edmsim.controllers.mcu.board import Faults, Optocouplers, SerialNoise
@@ -103,8 +103,8 @@ def test_a_held_key_counts_once_and_a_brief_touch_does_not(rig):  # T-28
     from edmsim.consoles.computer_1982.operation import Operation
 
     operation = Operation(rig)
-    operation.press("7 7")
-    while operation.pressing:
+    operation.press(read_keys("7 7"))
+    while operation.presses.busy:
         operation.advance()
     assert sum(accepted for _, accepted in scans) == 2
     assert shown(rig, "entry") == "   77"
