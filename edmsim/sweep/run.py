@@ -64,11 +64,6 @@ def perform(run: SweepRun) -> Outcome:
     }, files)  # fmt: skip
 
 
-def lost(run: SweepRun, why: str) -> Outcome:
-    """Return the outcome of a run that took its process with it."""
-    return Outcome({**blank(run), "error": why}, {})
-
-
 def blank(run: SweepRun) -> dict[str, Any]:
     """Return the row of a run without results."""
     settings = dict(run.settings)
@@ -295,7 +290,7 @@ def sweep(
         tell = watch or (lambda _: None)
         tell(now)
         for run, answer in (engine or Processes()).done(perform, missing()):
-            outcome = lost(run, answer.why) if isinstance(answer, LostJob) else answer
+            outcome = Outcome({**blank(run), "error": answer.why}, {}) if isinstance(answer, LostJob) else answer
             store.add(run, outcome)
             count(outcome.row["error"] is not None, 1)
             tell(now)

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
+import rich.console
 from numpy.typing import NDArray
 
 from edmsim.errors import refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.compare import Figure, mean
+from edmsim.screen import ScreenTable
 from edmsim.sweep.run import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, sensitivity
 
 if TYPE_CHECKING:
-    import pyarrow as pa
     from matplotlib.figure import Figure as Drawing
-    from rich.console import RenderableType
-
 
 KEYS = {
     "cutting_rate_mm2_min": "rate mm2/min", "ra_um": "Ra um", "error_rms_um": "error um rms", "short_share": "shorts",
@@ -152,16 +152,12 @@ def _mean(values: NDArray[np.float64]) -> Figure:
 MOST_LINES = 40  # groups and settings listed on a terminal (ours); all are in the dataset
 
 
-def render(table: pa.Table) -> RenderableType:
+def render(table: pa.Table) -> rich.console.Group:
     """Return the summary of a sweep for the terminal."""
-    from rich.console import Group
-
-    return Group(_means(table), *([_sensitivities(table)] if varied(table) else []), *_errors(table))
+    return rich.console.Group(_means(table), *([_sensitivities(table)] if varied(table) else []), *_errors(table))
 
 
-def _means(table: pa.Table) -> RenderableType:
-    from edmsim.screen import ScreenTable
-
+def _means(table: pa.Table) -> ScreenTable:
     found = groups(table)
     names = measured(table)
     failed = sum(group.failed for group in found)
@@ -184,9 +180,7 @@ def _means(table: pa.Table) -> RenderableType:
     return shown
 
 
-def _sensitivities(table: pa.Table) -> RenderableType:
-    from edmsim.screen import ScreenTable
-
+def _sensitivities(table: pa.Table) -> ScreenTable:
     found = sensitivities(table)
     settings = next(iter(found.values())).effects if found else {}
     shown = ScreenTable(
@@ -217,7 +211,7 @@ def _percent(share: float) -> str:
     return "" if math.isnan(share) else f"{100 * share:.0f} %"
 
 
-def _errors(table: pa.Table) -> list[RenderableType]:
+def _errors(table: pa.Table) -> list[str]:
     """Return the errors, the most frequent first."""
     counts = Counter(table["error"].drop_null().to_pylist())
     return [f"{count} failed: {error}" for error, count in counts.most_common(MOST_LINES)]

@@ -35,21 +35,11 @@ from edmsim.learning.hyperparameters import load
 from edmsim.numeric import real, whole_from
 from edmsim.runs import Engine, LostJob, Processes, RunTable, check_same, digests_of, identity
 from edmsim.sweep.run import said
+from edmsim.sweep.specification import Bound
 from edmsim.user_code import named, run
 
 if TYPE_CHECKING:
     from edmsim.learning.train import Trained
-
-
-Scale = Literal["linear", "log"]
-
-
-class Bound(NamedTuple):
-    """Where a value is searched."""
-
-    low: float
-    high: float
-    scale: Scale = "linear"
 
 
 TRAINING: dict[str, dict[str, Bound]] = {
@@ -473,20 +463,11 @@ def bounds_of(controller: str) -> dict[str, Bound]:
         if name not in known:
             has = ", ".join(known)
             raise InputError(f"BOUNDS of {own_class.name} name {name!r}; its parameters are {has}", own_class.file)
-        found[name] = _bound(name, ends, own_class.file)
+        if (bound := Bound.of(ends)) is None:
+            what = f'{name} is searched from a number to a greater one, with "log" from above 0, not {ends!r}'
+            raise InputError(f"{what}: {_RULE}", own_class.file)
+        found[name] = bound
     return found
-
-
-def _bound(name: str, ends: Any, file: str) -> Bound:
-    low, high, scale = (*ends, "linear")[:3] if isinstance(ends, tuple | list) and len(ends) in (2, 3) else (0, 0, "")
-    numbers = real(low), real(high)
-    if None not in numbers and scale in ("linear", "log"):
-        bound = Bound(float(low), float(high), scale)
-        if math.isfinite(bound.high - bound.low) and bound.low < bound.high and (scale == "linear" or bound.low > 0):
-            return bound
-    raise InputError(
-        f"{name} is searched from a number to a greater one, with \"log\" from above 0, not {ends!r}: {_RULE}", file
-    )
 
 
 def _value_in_use(law: object, name: str) -> float:
