@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -11,11 +10,11 @@ from typing import ClassVar, Literal
 import numpy as np
 import shapely
 
-from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, shows_arguments
+from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, record_of_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
-from edmsim.envs.scenario import Scenario, even_height
+from edmsim.envs.scenario import Drawn, Scenario, even_height
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats
@@ -29,15 +28,9 @@ from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath, plan_path
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class GapFeed(Family):
-    """A straight cut from a begun slot.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """A straight cut from a begun slot."""
 
     # ours: longer than the standard episode, so that time ends it and the return grows with the cutting rate
     length_mm: float = argument(3.0, "mm", "length of the cut")
@@ -46,9 +39,7 @@ class GapFeed(Family):
         super().__post_init__()
         within("length_mm", self.length_mm, self.least_mm, self.reach_mm)
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Lay a straight path into the slot's end; nothing is drawn for it."""
         stock = started_slot(machine, self.start_um(machine))
         return Scenario(machine, stock, (self.path_um(machine),), even_height(machine), seed, drawn)
@@ -88,15 +79,9 @@ MOST_BANDS = 2000
 _MARGIN_UM = 2e3  # how far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class HeightStep(GapFeed):
-    """A straight cut through bands of drawn lengths and heights.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """A straight cut through bands of drawn lengths and heights."""
 
     # ours: a few seconds of cutting each
     band_mm: Range = argument((0.1, 0.3), "mm", "(low, high) of a band's length")
@@ -108,9 +93,7 @@ class HeightStep(GapFeed):
             within("band_mm", length, max(LEAST_MM, self.length_mm / MOST_BANDS), self.reach_mm)
         within("low_share", self.low_share, LEAST_SHARE, 1.0)
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Draw where the height jumps, and to what: uniformly, band by band."""
         total, band_mm = self.length_mm * 1e3, ends_of("band_mm", self.band_mm)
         starts, heights, at = [0.0], [machine.height_mm], float(rng.uniform(*band_mm)) * 1e3
@@ -167,15 +150,9 @@ KNOWN = (
 )  # fmt: skip
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class MaxRate(HeightStep):
-    """A straight cut through bands of drawn lengths and heights, on the production machine.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """A straight cut through bands of drawn lengths and heights, on the production machine."""
 
     length_mm: float = 8.0
     band_mm: Range = (0.15, 0.5)
@@ -266,7 +243,7 @@ class MaxRateEnv(EdmEnv):
     task = MaxRate
 
 
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class ThinWire(GapFeed):
     """A straight cut with a thin wire that a servo feeds; an action sets the servo's target and the pause.
 
@@ -315,15 +292,9 @@ class ThinWireEnv(EdmEnv):
     task = ThinWire
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Contour(Family):
-    """The contours of a part program; dwells (G4) are left out.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """The contours of a part program; dwells (G4) are left out."""
 
     program: str | Path | None = argument(None, "", "G-code or DXF file; None: a punch of 0.6 x 0.4 mm")
     height_mm: Range | None = (4.0, 20.0)
@@ -349,9 +320,7 @@ class Contour(Family):
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
         return Stock((x0, y0, x1, y1), holes), path
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Take the program's contours, one leg each; nothing is drawn for them."""
         stock, path = self._cut
         legs = tuple(c.points_um.astype(np.float64) for c in path.contours)
@@ -379,15 +348,9 @@ SHARPEST_DEG = 160.0
 """Sharpest turn that may be asked for (ours: beyond it the second leg runs back in the first one's kerf)."""
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Corner(Family):
-    """Two legs with a sharp turn between.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """Two legs with a sharp turn between."""
 
     leg_mm: float = argument(0.3, "mm", "length of each leg")
     turn_deg: Range = argument(
@@ -424,9 +387,7 @@ class Corner(Family):
         """Return a rough cut of stainless steel: no magnetic force takes back a part of the wire's lag."""
         return Machine.load("production", material="stainless-steel", generator="production")
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Draw the turn: uniformly, to either side with the same probability."""
         turn = float(rng.uniform(*ends_of("turn_deg", self.turn_deg))) * (1 if rng.random() < 0.5 else -1)
         leg, (x, y) = self.leg_mm * 1e3, machine.base.table.centre_um
@@ -481,15 +442,9 @@ LEAST_RATIO = 4.0
 ROOM_UM = 1.0  # least gap that the highest ridge must leave at first (ours)
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Trim(GapFeed):
-    """A pass along a wavy wall.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """A pass along a wavy wall."""
 
     length_mm: float = argument(1.0, "mm", "length of the pass")
     wave_um: Range = argument((4.0, 10.0), "um", "(low, high) of the waves' height, ridge to bottom")
@@ -526,9 +481,7 @@ class Trim(GapFeed):
         """Return the laboratory machine with short pulses."""
         return Machine.load(t_on_us=10.0, t_period_us=60.0)
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Draw allowance and waves, and where they begin: uniformly."""
         names = "allowance_um", "wave_um", "wave_mm"
         drawn |= {name: float(rng.uniform(*ends_of(name, getattr(self, name)))) for name in names}

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.passes import Sums
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, shows_arguments
+from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, record_of_arguments
 from edmsim.envs.observation import Entry
 from edmsim.envs.part_cut import Choice, PartCut, Step
 from edmsim.envs.reward import WeightsOfTerms
-from edmsim.envs.scenario import names_of
+from edmsim.envs.scenario import Drawn, names_of
 from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
 from edmsim.geometry import Floats
@@ -78,14 +78,11 @@ class PartWeights(WeightsOfTerms):
     limit: float = 50.0  # cost of an unfinished part: its last wire broke, or a limit ended it
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Part(EnvArguments):
     """Machine, draws and reward of a part; the fields are the environment's arguments.
 
-    Parameters
-    ----------
-    {arguments}
+    {parameters}
 
     Raises
     ------
@@ -182,7 +179,7 @@ class Part(EnvArguments):
         """Return every entry of an observation, in order."""
         return list(ENTRIES)
 
-    def draw(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> CutSettings:
+    def draw(self, rng: np.random.Generator, drawn: Drawn) -> CutSettings:
         """Draw a machine and the plant's seed; returns the settings of its cut.
 
         Parameters
@@ -279,7 +276,7 @@ class Parts:
             )
         family = self.family
         for _ in range(MOST_DRAWS):
-            drawn: dict[str, float | str] = {}
+            drawn: Drawn = {}
             cut = self._drawn(rng, drawn)
             gauge = np.random.default_rng(int(rng.integers(2**62)))
             one = PartEpisode(family, cut, gauge, float(drawn["tension_share"]))
@@ -290,7 +287,7 @@ class Parts:
         self.episodes[index] = one
         return {"drawn": drawn, "plant_seed": cut.seed, "total_um": cut.total_um}
 
-    def _drawn(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> PartCut:
+    def _drawn(self, rng: np.random.Generator, drawn: Drawn) -> PartCut:
         """Draw a machine that takes the settings of the technology."""
         refused: InputError | None = None
         for _ in range(MOST_DRAWS):

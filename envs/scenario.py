@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from edmsim.program.path import WireContour
 
 
+Drawn = dict[str, float | str]
+"""What was drawn of an episode, by name, for `info`."""
+
+
 class Drift(NamedTuple):
     """Changes of a machine within an episode, linear with machine time and not observed."""
 
@@ -46,7 +50,7 @@ class Scenario(NamedTuple):
     # (m,): path lengths in um at which the height changes, the first 0, and the heights from there on in mm
     heights: tuple[Floats, Floats]
     plant_seed: int
-    drawn: dict[str, float | str]  # the drawn values by name, for `info`
+    drawn: Drawn
     # the edges of the part program, one for every leg; empty without a program
     contours: "tuple[WireContour, ...]" = ()
     wall: "WallLine | None" = None  # the wall to be finished by the only leg, along +x
@@ -90,7 +94,7 @@ def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) 
 
 def draw_machine(
     rng: np.random.Generator, bases: Sequence[Machine], ranges: Mapping[str, Range | None], names: Sequence[str],
-    drawn: dict[str, float | str],
+    drawn: Drawn,
 ) -> Machine:
     """Draw a machine of one of `bases`, with choices within ranges (None: the machine's own); `drawn` tells them."""
     machine = bases[int(rng.integers(len(bases)))]

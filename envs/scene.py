@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 def path_scene(sub_envs: "SubEnvs", index: int) -> Scene:
     """Return a cut quickly, for a picture at every step: the wire's path, and the edges at mid height."""
-    scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]
-    assert scenario is not None
+    scenario, plant = sub_envs.scenario(index), sub_envs.fleet.plants[index]
     machine, none = scenario.machine, np.zeros((0, 2))
     x0, y0, x1, y1 = (v * 1e-3 for v in scenario.stock.rectangle_um)
     edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
@@ -38,8 +37,7 @@ def path_scene(sub_envs: "SubEnvs", index: int) -> Scene:
 def scene_of(sub_envs: "SubEnvs", index: int) -> Scene:
     """Return a cut, measured: every slice's edges, and where a program is cut its drawing with the errors."""
     scene = path_scene(sub_envs, index)
-    scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]
-    assert scenario is not None
+    scenario, plant = sub_envs.scenario(index), sub_envs.fleet.plants[index]
     field, (x_um, y_um) = plant.field, plant.commanded_um
     measured = [(contour, profile_error(field, contour)) for contour in scenario.contours]
     finished = sub_envs.rows[index]["cause"] == StopCause.FINISHED

@@ -1,16 +1,15 @@
 """MaxRateShift and ThinWireShift: a shift on one machine, long enough to learn its limits and use them."""
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments
+from edmsim.envs.arguments import Range, argument, ends_of, record_of_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.families import HeightStep, MaxRate, ThinWire
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
-from edmsim.envs.scenario import Drift, Scenario
+from edmsim.envs.scenario import Drawn, Drift, Scenario
 from edmsim.envs.task import ROOM_MM
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
@@ -28,15 +27,9 @@ AREA = Weights(short=0.0, open=0.0, wire_break=0.0)
 """A lost wire costs only its threading time, because the shift ends by the clock."""
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Shift(HeightStep):
-    """Workpieces in a row on one machine whose water changes.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """Workpieces in a row on one machine whose water changes."""
 
     test_s: float = argument(60.0, "s", "duration of the test cut, with a reward of 0")
     # ours: within the range of the machine's file, as the resin of the deioniser is used up
@@ -72,9 +65,7 @@ class Shift(HeightStep):
         """Return the wire's first position: the table's low end of x."""
         return ROOM_MM * 1e3 + SLOT_UM, machine.base.table.centre_um[1]
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Draw the workpieces and the drift of the machine's water."""
         scenario = super().draw_cut(rng, machine, seed, drawn)
         at_begin = machine.base.dielectric.conductivity_uS_cm.value
@@ -91,7 +82,7 @@ def on_a_large_table(machine: Machine) -> Machine:
     return with_constants(machine, {"table.travel_mm": travel})
 
 
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class MaxRateShift(MaxRate, Shift):
     """A shift on the production machine.
 
@@ -113,7 +104,7 @@ class MaxRateShift(MaxRate, Shift):
         return on_a_large_table(MaxRate.own_machine())
 
 
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class ThinWireShift(ThinWire, Shift):
     """A shift with a thin wire.
 

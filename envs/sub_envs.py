@@ -97,6 +97,12 @@ class SubEnvs:
         self.rows[index]["drifts_ns"] = NEVER_NS if scenario.drift is None else 0
         self._begin_leg(index, 0)
 
+    def scenario(self, index: int) -> Scenario:
+        """Return the present episode of a sub-environment that has begun one."""
+        scenario = self.scenarios[index]
+        assert scenario is not None
+        return scenario
+
     def _take_constants(self, index: int, machine: Machine) -> None:
         row, generator, table = self.rows[index], machine.generator, machine.base.table
         row["open_V"] = open_V(machine)
@@ -120,8 +126,6 @@ class SubEnvs:
         row["longest_ns"] = plant.longest_window_ns
 
     def _begin_leg(self, index: int, leg: int) -> None:
-        scenario = self.scenarios[index]
-        assert scenario is not None
         self.leg[index] = leg
         row, kind = self.rows[index], self._planner
         for name in ("path_um", "reached_um", "cut_um", "beside"):
@@ -129,7 +133,7 @@ class SubEnvs:
         row["settling_ns"] = path_follower.SETTLING_NS
         step_um = float(row["step_um"])
         unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
-        points_um = scenario.legs_um[leg]
+        points_um = self.scenario(index).legs_um[leg]
         course, corner_um, corner_deg = _laid(
             kind.number, kind.speed_unit_nm_s, unit, step_um, points_um.tobytes(), points_um.shape
         )
@@ -215,8 +219,7 @@ class SubEnvs:
 
     def _drift(self, index: int) -> None:
         """Let a sub-environment's machine become what it is by now, and say when it will be another."""
-        scenario, elapsed_ns = self.scenarios[index], int(self.rows[index]["elapsed_ns"])
-        assert scenario is not None
+        scenario, elapsed_ns = self.scenario(index), int(self.rows[index]["elapsed_ns"])
         assert scenario.drift is not None
         self.fleet.plants[index].drift(scenario.drift.machine(scenario.machine, elapsed_ns * 1e-9))
         self.rows[index]["drifts_ns"] = elapsed_ns + round(scenario.drift.every_s * 1e9)
@@ -231,15 +234,15 @@ class SubEnvs:
 
     def _measure_wall(self, index: int) -> None:
         """Let the sub-environment's error be that of the wall just finished; none counts before there is one."""
-        row, scenario = self.rows[index], self.scenarios[index]
-        assert scenario is not None
-        assert scenario.wall is not None
-        behind_um = scenario.wall.x_um + float(row["reached_um"]) - FINISHED_UM
-        self.near[index] = behind_um - STRETCH_UM >= scenario.wall.x_um
+        row, wall = self.rows[index], self.scenario(index).wall
+        assert wall is not None
+        behind_um = wall.x_um + float(row["reached_um"]) - FINISHED_UM
+        self.near[index] = behind_um - STRETCH_UM >= wall.x_um
         row["error_um"] = 0.0
         if self.near[index]:
-            field = self.fleet.plants[index].field
-            row["error_um"] = wall_error_um(field, scenario.wall.y_um, behind_um - STRETCH_UM, behind_um)
+            row["error_um"] = wall_error_um(
+                self.fleet.plants[index].field, wall.y_um, behind_um - STRETCH_UM, behind_um
+            )
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
@@ -264,14 +267,13 @@ class SubEnvs:
 
     def _end_leg(self, index: int) -> None:
         """Go on with the path's next piece, if there is one."""
-        scenario, plant, row = self.scenarios[index], self.fleet.plants[index], self.rows[index]
-        assert scenario is not None
+        legs_um, plant, row = self.scenario(index).legs_um, self.fleet.plants[index], self.rows[index]
         following = self.leg[index] + 1
-        if following == len(scenario.legs_um):
+        if following == len(legs_um):
             return
         row["cause"] = path_follower.RUNNING
         row["before_um"] += row["path_um"]
-        x, y = (float(v) for v in scenario.legs_um[following][0])
+        x, y = (float(v) for v in legs_um[following][0])
         table = plant.machine.base.table
         way = math.dist((x, y), plant.commanded_um)
         plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
@@ -280,10 +282,9 @@ class SubEnvs:
 
     def _reset_setting(self, index: int) -> None:
         """Set the generator as it was set up: so every leg begins, and every wire."""
-        scenario, plant = self.scenarios[index], self.fleet.plants[index]
-        assert scenario is not None
-        if plant.machine is not scenario.machine:
-            plant.set_generator(scenario.machine.t_on_us, scenario.machine.t_period_us)
+        machine, plant = self.scenario(index).machine, self.fleet.plants[index]
+        if plant.machine is not machine:
+            plant.set_generator(machine.t_on_us, machine.t_period_us)
             self._take_setting(index)
 
     def __getstate__(self) -> dict[str, Any]:

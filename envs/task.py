@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
@@ -13,18 +13,10 @@ from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs import knobs as generator
 from edmsim.envs import servo
-from edmsim.envs.arguments import (
-    Range,
-    argument,
-    check_kinds,
-    ends_of,
-    machine_of,
-    record_of,
-    shows_arguments,
-)
+from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, machine_of, record_of, record_of_arguments
 from edmsim.envs.observation import EXACT, Entry, Sensors, entries
 from edmsim.envs.reward import TERMS, Weights
-from edmsim.envs.scenario import Scenario, draw_machine, names_of
+from edmsim.envs.scenario import Drawn, Scenario, draw_machine, names_of
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
@@ -112,8 +104,7 @@ class EnvArguments(ABC):
         return self.of(**{**now, **arguments})
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Family(EnvArguments):
     """Episodes of one kind; its fields are the arguments of an environment.
 
@@ -122,9 +113,7 @@ class Family(EnvArguments):
     history of the wires. With `counts_threading` the time of threading counts towards the episode's end; with
     `finishes_wall` errors are those of `Scenario.wall`, not of the wire. The defaults of an id are its benchmark.
 
-    Parameters
-    ----------
-    {arguments}
+    {parameters}
 
     Raises
     ------
@@ -359,7 +348,7 @@ class Family(EnvArguments):
         machine : Machine, optional
             Cut with this one; nothing of the machine is drawn then.
         """
-        drawn: dict[str, float | str] = {}
+        drawn: Drawn = {}
         if machine is None:
             machine = draw_machine(rng, self._bases, self.drawn_settings, self.drawn_constants, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
@@ -382,9 +371,7 @@ class Family(EnvArguments):
         return scenario
 
     @abstractmethod
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Lay out stock and path for a machine.
 
         Parameters
