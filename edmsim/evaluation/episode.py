@@ -10,30 +10,26 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 
-from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
+from edmsim.controllers import FeedController, from_text
+from edmsim.controllers.protocols import FeedCommand
 from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.part_task import Part
+from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.envs.reward import REFERENCE_S
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.lines import lines_of
-from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, SHORTS, TIME, FigureKind
 from edmsim.runs import Engine, engine_for
-
-if TYPE_CHECKING:
-    from edmsim.envs.recorder import EpisodeRecorder
-
 
 HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
@@ -163,27 +159,17 @@ class Episode:
         self, task: Task, controller: FeedController, seed: int, name: str, record: Path | None = None
     ) -> None:
         self.task = task
-        self.controller = controller
         self.outcome: str | None = None
-        # asked once, as it takes a tenth of a window
-        self._seer = controller if isinstance(controller, SeesTruth) else None
         self._seed, self._name = seed, name
         self._short = self._open = self._pulses = 0
         self._time_s = self._cut_um = self._area_mm2 = self._return = self._hottest_K = 0.0
         self._near_um = self._error2_um3 = 0.0
-        self._lost = 0
         self._cost, self._controller_stopped = 0.0, False
         task.reset(seed)
         self._record = record
         self._recorder = None if record is None else task.recorder()
-        self._leg = 0
-        self._command = self._begin_leg()
-
-    def _begin_leg(self) -> FeedCommand:
-        """Tell the controller the leg the wire is on, and let it begin there."""
-        self._leg, start_um = self.task.leg
-        tell(self.controller, self.task.scenario.machine, self.task.scenario.legs_um[self._leg], start_um)
-        return check_command(self._name, self.controller.reset(self.task.max_feed_um_s))
+        self._law = task.attach_controller(controller)
+        self._command = self._law.begin()
 
     def run(self) -> Result:
         """Cut to the end."""
@@ -201,6 +187,7 @@ class Episode:
             result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
             self.outcome = self._follow(command, result)
             yield result
+        self._law.stop()
 
     def _write(self, recorder: EpisodeRecorder) -> None:
         """Write the recording of the cut, which is over."""
@@ -219,11 +206,9 @@ class Episode:
             action = [command.feed_um_s, *setting, command.offset_um]
             terms = self.task.reward_terms
             self._recorder.step(action, terms, result.cost, result.error_um, result.area_mm2)
-        if result.truth.pulses == WINDOW_PULSES:
-            self._command = self._decide(result)
         if result.over:
             return WORDS[result.cause].episode
-        alarm = self._command.alarm is not None
+        alarm = self._law.latest.alarm is not None
         cause = StopCause(judge(False, False, False, False, alarm, result.late, False))
         if cause is StopCause.PERSISTENT_SHORT:
             self._controller_stopped = True
@@ -232,24 +217,8 @@ class Episode:
             return STOPPED
         if cause is not StopCause.RUNNING:
             return WORDS[cause].episode
-        if self._leg != self.task.leg[0]:
-            self._command = self._begin_leg()
-        if self._lost != self.task.wires_lost:
-            self._command = self._begin_wire()
+        self._command = self._law.command()
         return None
-
-    def _begin_wire(self) -> FeedCommand:
-        """Continue with a new wire, threaded where the last one broke."""
-        self._lost, controller = self.task.wires_lost, self.controller
-        if isinstance(controller, SeesBreaks):
-            return check_command(self._name, controller.wire_lost())
-        return check_command(self._name, controller.reset(self.task.max_feed_um_s))
-
-    def _decide(self, result: StepResult) -> FeedCommand:
-        """Show the controller a whole window, also the last one, as a cut does."""
-        if self._seer is not None:
-            self._seer.see(result.truth)
-        return check_command(self._name, self.controller.update(result.observation))
 
     def _add(self, result: StepResult) -> None:
         truth = result.truth
