@@ -14,9 +14,8 @@ from edmsim.envs.environment import AttachedController
 from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import make_family
 from edmsim.envs.reward import StepRewards
-from edmsim.envs.scenario import Scenario
 from edmsim.envs.sub_envs import SubEnvs
-from edmsim.envs.task import Family
+from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow

@@ -14,8 +14,7 @@ from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, record_of_
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
-from edmsim.envs.scenario import Drawn, Scenario, even_height
-from edmsim.envs.task import Family
+from edmsim.envs.task import Drawn, Family, Scenario, even_height
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats
 from edmsim.machine.machine import Machine

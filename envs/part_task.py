@@ -18,8 +18,7 @@ from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, record_
 from edmsim.envs.observation import Entry
 from edmsim.envs.part_cut import Choice, PartCut, Step
 from edmsim.envs.reward import WeightsOfTerms
-from edmsim.envs.scenario import Drawn, names_of
-from edmsim.envs.task import EnvArguments
+from edmsim.envs.task import Drawn, EnvArguments, names_of
 from edmsim.errors import InputError
 from edmsim.geometry import Floats
 from edmsim.job.settings import CutSettings

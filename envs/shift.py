@@ -9,8 +9,7 @@ from edmsim.envs.environment import EdmEnv
 from edmsim.envs.families import HeightStep, MaxRate, ThinWire
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
-from edmsim.envs.scenario import Drawn, Drift, Scenario
-from edmsim.envs.task import ROOM_MM
+from edmsim.envs.task import ROOM_MM, Drawn, Drift, Scenario
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
 from edmsim.numeric import above_zero, within

@@ -18,8 +18,7 @@ from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs import path_follower
 from edmsim.envs.knobs import to_detents
-from edmsim.envs.scenario import Scenario
-from edmsim.envs.task import Family
+from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.machine.machine import Machine
