@@ -264,9 +264,7 @@ class Parts:
 
     # --- beginning ---
 
-    def begin(
-        self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool
-    ) -> dict[str, Any]:
+    def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool) -> dict[str, Any]:
         """Begin an episode; of one pass only, the passes before it are cut now. Returns the info of the reset."""
         if machine is not None:
             raise InputError(

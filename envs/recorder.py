@@ -110,9 +110,7 @@ class EpisodeRecorder:
         late = cause is StopCause.RUNNING and bool(self._sub_envs.out_of_time[self._index])
         return WORDS[StopCause.TIME_LIMIT if late else cause].report
 
-    def _report(
-        self, settings: Mapping[str, Any], outcome: str, scene: Scene, values: NDArray[np.float64]
-    ) -> Report:
+    def _report(self, settings: Mapping[str, Any], outcome: str, scene: Scene, values: NDArray[np.float64]) -> Report:
         """Return of a cut's report what its recording tells."""
         row, scenario = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index)
         cutting_s, known = float(row["elapsed_ns"]) * 1e-9, scene.known_errors()

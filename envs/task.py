@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -24,11 +24,9 @@ from edmsim.machine.setting import MOST_TIME_S, flushing_Pa, standoffs_mm
 from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
+from edmsim.plant.workpiece.blanks import WallLine
 from edmsim.plant.workpiece.kerf_field import Stock
-
-if TYPE_CHECKING:
-    from edmsim.plant.workpiece.blanks import WallLine
-    from edmsim.program.path import WireContour
+from edmsim.program.path import WireContour
 
 MOST_FEED_UM_S = 100_000.0
 """Greatest feed that may be asked for: that of the files of machines."""
@@ -78,8 +76,8 @@ class Scenario(NamedTuple):
     plant_seed: int
     drawn: Drawn
     # the edges of the part program, one for every leg; empty without a program
-    contours: "tuple[WireContour, ...]" = ()
-    wall: "WallLine | None" = None  # the wall to be finished by the only leg, along +x
+    contours: tuple[WireContour, ...] = ()
+    wall: WallLine | None = None  # the wall to be finished by the only leg, along +x
     drift: Drift | None = None  # changes of the machine during the episode
 
 

@@ -46,11 +46,7 @@ MUJOCO_WINDOWS = 20
 THREAD_S = 1.0
 MEMORY_S = 60.0
 """Machine time over which memory must not grow."""
-_COLD = (
-    "import edmsim\n"
-    "plant = edmsim.Plant(edmsim.Machine.load(), seed=0)\n"
-    "plant.advance()\n"
-)
+_COLD = "import edmsim\nplant = edmsim.Plant(edmsim.Machine.load(), seed=0)\nplant.advance()\n"
 
 
 def spent_s(run: Callable[[], object], times: int = 1, clock: Callable[[], float] = time.process_time) -> float:

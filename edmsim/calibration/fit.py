@@ -13,15 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
-from edmsim.calibration.log import (
-    FEED_SPREAD,
-    LEAST_FEED_UM_S,
-    STRETCH_WINDOWS,
-    TURN_DEG,
-    Log,
-    Stretch,
-    stretches,
-)
+from edmsim.calibration.log import FEED_SPREAD, LEAST_FEED_UM_S, STRETCH_WINDOWS, TURN_DEG, Log, Stretch, stretches
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.evaluation.stable_rate import JAMMED_SHARE

@@ -1,13 +1,11 @@
 """Compare controllers on identical machines: their cuts, and their figures with intervals."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +60,7 @@ class Comparison:
     figures: dict[str, dict[str, Figure]]  # figures of each controller, by the names in `FIGURES`
 
     @classmethod
-    def of(cls, env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]) -> Comparison:
+    def of(cls, env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]) -> Self:
         """Return the comparison of cuts, which include those of score 0 and 1."""
         lines = lines_of(env_id)
         oracle, blind = results[lines.reference], results[lines.blind]

@@ -4,8 +4,6 @@ An episode's seed determines everything random in it, hence every controller mee
 `HELD_BACK` on are for comparisons; searches of gains use those below.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -34,9 +32,7 @@ from edmsim.runs import Engine, engine_for
 HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
 meets one of these by chance only."""
-EPISODES = {
-    "Contour": 4, "Corner": 48, "MaxRate": 40, "ThinWire": 12, "Trim": 24, "Part": 8, "ThinWireShift": 6,
-}
+EPISODES = {"Contour": 4, "Corner": 48, "MaxRate": 40, "ThinWire": 12, "Trim": 24, "Part": 8, "ThinWireShift": 6}
 """Held-back seeds that an environment's benchmark has, where they are not `USUAL_EPISODES`."""
 USUAL_EPISODES = 12  # ours: a comparison takes minutes, and its intervals are a few percent of a score wide
 FINISHED, BROKEN, JAMMED = (

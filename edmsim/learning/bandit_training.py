@@ -106,9 +106,7 @@ class Prior(NamedTuple):
     breaks_s: float
 
 
-def card_of(
-    env_id: str, settings: BanditSettings, prior: Prior, command: str, seed: int, steps: int
-) -> BanditCard:
+def card_of(env_id: str, settings: BanditSettings, prior: Prior, command: str, seed: int, steps: int) -> BanditCard:
     """Return a policy with these settings and this prior, and by which command and segments it was trained."""
     choices = {name: getattr(settings, name) for name in Choices.model_fields}
     versions = {name: version(name) for name in ("edmsim", "numpy")}

@@ -99,9 +99,7 @@ def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
     settings["constants"] = {**dict(settings.get("constants", ())), **drawn}
     result = edmsim.cut(run.task, **settings, seed=run.seed)
     report = {name: value for name, value in result.report.items() if name not in CLOCKS}
-    row = {
-        "outcome": result.report.outcome, **drawn, **values_of(result.report), "report": json.dumps(report),
-    }
+    row = {"outcome": result.report.outcome, **drawn, **values_of(result.report), "report": json.dumps(report)}
     return row, _recorded(run, result) if run.recordings else {}
 
 

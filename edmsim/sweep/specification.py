@@ -1,14 +1,12 @@
 """The specification of a sweep: programs or environments, settings, grid, Sobol sample, seeds, machines; its runs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationError, model_validator
@@ -89,7 +87,7 @@ class Bound(NamedTuple):
     scale: Literal["linear", "log"] = "linear"
 
     @classmethod
-    def of(cls, value: Any) -> Bound | None:
+    def of(cls, value: Any) -> Self | None:
         """Return the bound of two numbers, the lower first, and perhaps a scale; None for anything else."""
         if not isinstance(value, tuple | list) or len(value) not in (2, 3):
             return None
@@ -123,7 +121,7 @@ class SobolSample(BaseModel, extra="forbid", frozen=True):
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _check(self) -> SobolSample:
+    def _check(self) -> Self:
         if self.samples & (self.samples - 1):
             below = 2 ** (self.samples.bit_length() - 1)
             raise InputError(f"a Sobol sample has a power of 2 of points: {below} or {2 * below}, not {self.samples}")
@@ -164,7 +162,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[Specification]) -> Specification:
+    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         try:
             return handler(value)
         except ValidationError as error:
@@ -201,7 +199,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         return full
 
     @model_validator(mode="after")
-    def _check(self) -> Specification:
+    def _check(self) -> Self:
         if bool(self.program) == bool(self.environment):
             raise InputError("a sweep is of programs or of environments: give either program or environment")
         lists: dict[str, list[Any]] = {

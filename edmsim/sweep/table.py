@@ -3,8 +3,6 @@
 Each result goes at once into a table of runs, which moves part by part into a Parquet dataset.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import urllib.parse
@@ -12,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple, Self, get_args
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -159,7 +157,7 @@ class Store:
         self._journal.keep([row for name, row in self._journal.rows.items() if name not in self.failed])
         self.failed |= {name: row.get("error") is not None for name, row in self._journal.rows.items()}
 
-    def __enter__(self) -> Store:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,18 +1,17 @@
 """The rows of a validation for the terminal, in Markdown and as JSON, with the reasons of failures."""
 
-from __future__ import annotations
-
 import json
 import math
 import posixpath
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from edmsim.screen import ScreenTable
 from edmsim.validation.rows import Row
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
 
 REASONS = {
     ("passes", "feeds-of-fine-passes"):
@@ -83,10 +82,8 @@ def summary(rows: Sequence[Row]) -> str:
     return f"{counts}; {calibrations} of calibration and {context} of context do not count"
 
 
-def render(rows: Sequence[Row]) -> RenderableType:
+def render(rows: Sequence[Row]) -> ScreenTable:
     """Return the rows as a table for the terminal."""
-    from edmsim.screen import ScreenTable
-
     table = ScreenTable("", "fact", "published", "model", title="edmsim validate", caption=summary(rows))
     topic = ""
     for row in rows:
@@ -105,12 +102,8 @@ def failed(rows: Sequence[Row]) -> list[Row]:
     return [row for row in judged(rows) if not row.passed]
 
 
-def render_failed(rows: Sequence[Row]) -> RenderableType:
+def render_failed(rows: Sequence[Row]) -> Group:
     """Return the rows that count and fail for the terminal, each with the reason; fits any width."""
-    from rich.console import Group
-    from rich.padding import Padding
-    from rich.text import Text
-
     shown: list[RenderableType] = []
     topic = ""
     for row in failed(rows):
