@@ -233,10 +233,6 @@ class MaxRateEnv(EdmEnv):
     observed, as an operator knows them. The share of heat that enters the wire, convection, critical heat flux in
     still water and in a stream, film boiling and removal are drawn within 15 % of the files' values, our assumption
     of what a shop knows of its machine.
-
-    Versions
-    --------
-    v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.
     """
 
     task = MaxRate
@@ -522,10 +518,6 @@ class TrimEnv(EdmEnv):
     edge. The metal to remove, from the target to the middle of the waves, the height of the waves from ridge to
     bottom, and their length are drawn uniformly from ``allowance_um``, ``wave_um`` and ``wave_mm``. The waves are
     arcs with ridges between them, like the edge of a row of wide holes.
-
-    Versions
-    --------
-    v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.
     """
 
     task = Trim

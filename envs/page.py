@@ -23,6 +23,7 @@ from edmsim.envs.arguments import arguments_of
 from edmsim.envs.batch import action_space_of, observation_space_of
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
+from edmsim.envs.registry import env_id_of
 from edmsim.envs.sub_envs import STRETCH_UM
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
@@ -58,11 +59,17 @@ ENDS = {
     StopCause.OUT_OF_RANGE: "the wire leaves the range of the model",
 }
 """What terminates an episode."""
-VERSIONS = """\
+VERSIONS = (
+    "v0: the first.",
+    """\
+v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.""",
+    """\
 v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
 wire earns nothing; dials are observed and not drawn.
 v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
-withdrawn."""  # of environments without versions of their own
+withdrawn.""",
+)
+"""What the versions up to 0, 1 or 2 have changed, of environments that say nothing else of theirs."""
 
 
 def page(env: _Class) -> _Class:
@@ -106,7 +113,7 @@ def written(family: Family, particular: str) -> str:
         "Starting state": start(family, own.pop("Starting state")),
         "End of the episode": ends(family),
         "Arguments": arguments(family),
-        "Versions": own.pop("Versions", VERSIONS),
+        "Versions": own.pop("Versions", "") or VERSIONS[int(env_id_of(type(family).__name__).rpartition("v")[2])],
     }
     assert not own, f"a page has no sections {', '.join(own)}"
     return joined(summary, sections)

@@ -153,10 +153,6 @@ class MaxRateShiftEnv(EdmEnv):
     greatest. Machine, tension and pressures are drawn as in `MaxRateEnv`. The final conductivity and the final share
     of the pressures are drawn uniformly from ``conductivity_uS_cm`` and ``flushing_left``. Both change linearly with
     time, in steps of a minute.
-
-    Versions
-    --------
-    v0: the first.
     """
 
     task = MaxRateShift
@@ -185,10 +181,6 @@ class ThinWireShiftEnv(EdmEnv):
     greatest height; lengths are drawn uniformly from ``band_mm``, further heights from ``low_share`` to 1 times the
     greatest. The final conductivity and the final share of the pressures are drawn uniformly from
     ``conductivity_uS_cm`` and ``flushing_left``. Both change linearly with time, in steps of a minute.
-
-    Versions
-    --------
-    v0: the first.
     """
 
     task = ThinWireShift

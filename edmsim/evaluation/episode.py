@@ -68,7 +68,7 @@ class Result(NamedTuple):
     # it
     edge_error_um: Annotated[float, FigureKind("µm", "edge error rms", column="error_rms_um")]
     hottest_K: Annotated[float, HOTTEST]  # highest wire temperature
-    ra_um: Annotated[float, RA] = math.nan  # roughness of the face; NaN except for finished parts (`cut_part`)
+    ra_um: Annotated[float, RA] = math.nan  # roughness of the face; NaN except for finished parts
 
     @property
     def broke(self) -> bool:
@@ -109,20 +109,21 @@ def cut(
     **options
         Arguments that override the environment's own.
     """
-    if is_part(env_id):
-        return cut_part(env_id, seed, controller, resolution, **options)
     if resolution is not None:
         options["resolution"] = resolution
-    task = Task(env_id, **options)
+    task = None if is_part(env_id) else Task(env_id, **options)
+
+    def made(law: str, name: str, where: Path | None = None) -> Result:
+        if task is None:
+            return _cut_part(env_id, seed, law, name, options)
+        return Episode(task, from_text(law), seed, name, where).run()
+
     where = None if record is None else recording_folder(record, env_id, seed, controller)
     if controller != ORACLE:
-        return Episode(task, from_text(controller), seed, controller, where).run()
-    rehearsed = lines_of(env_id).rehearsed
-    tried = {name: Episode(task, from_text(name), seed, ORACLE).run() for name in rehearsed}
+        return made(controller, controller, where)
+    tried = {name: made(name, ORACLE) for name in lines_of(env_id).rehearsed}
     best = max(tried, key=lambda name: tried[name].total_return)
-    return tried[best] if where is None else (
-        Episode(task, from_text(best), seed, ORACLE, where).run()  # the same cut again
-    )
+    return tried[best] if where is None else made(best, ORACLE, where)  # the same cut again
 
 
 def recording_folder(record: str | Path, env_id: str, seed: int, controller: str) -> Path:
@@ -269,20 +270,11 @@ def check_laws(laws: Sequence[str]) -> None:
         if name != ORACLE:
             pass_laws.from_text(name)
     if not laws:
-        raise InputError(f"no law is named; choose from {', '.join(pass_laws.names())}")
+        raise InputError(f"no law is named; choose from {', '.join(pass_laws.LAWS)}")
 
 
-def cut_part(env_id: str, seed: int, law: str, resolution: str | None = None, **options: Any) -> Result:
-    """Cut a part; the reference rehearses it with several constants, and the cut that earns most counts."""
-    if resolution is not None:
-        options["resolution"] = resolution
-    if law != ORACLE:
-        return _cut(env_id, seed, law, law, options)
-    tried = [_cut(env_id, seed, name, ORACLE, options) for name in lines_of(env_id).rehearsed]
-    return max(tried, key=lambda result: result.total_return)
-
-
-def _cut(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:
+def _cut_part(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:
+    """Cut a part with a law or a policy, under a name."""
     env, decides = gym.make(env_id, **options), pass_laws.from_text(law)
     observation, info = env.reset(seed=seed)
     decides.begin()
