@@ -16,8 +16,7 @@ from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.envs import path_follower
-from edmsim.envs.knobs import to_detents
+from edmsim.envs import knobs, path_follower
 from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
@@ -159,7 +158,7 @@ class SubEnvs:
 
     def set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
-        setting = to_detents(t_on_us, t_period_us, self.families[index].detents_us)
+        setting = knobs.to_detents(t_on_us, t_period_us, self.families[index].detents_us)
         self.refused[index] = ""
         if setting == tuple(self.rows[index]["setting_us"]):
             return

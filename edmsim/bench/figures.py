@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -124,18 +125,13 @@ def thread_scaling() -> tuple[float, float]:
     plants = [Plant(Machine.load(), seed=seed) for seed in range(2)]
     advance = [straight_cut(plant, SETTLE_WINDOWS) for plant in plants]
     law = gap_law(plants[0].machine, plants[0].resolution, timing(plants[0].machine).open_V)
-    compute = [_summing(plants[0].rays(), law) for _ in range(2)]
+    rays = plants[0].rays()
+    compute = [partial(_sum_rays, rays, law, np.zeros((len(rays.first), 4)), WINDOW_PULSES) for _ in range(2)]
     gains = []
     for works in (advance, compute):
         alone = max(_together(works[:1]) for _ in range(2))
         gains.append(max(_together(works) for _ in range(2)) / alone)
     return gains[0], gains[1]
-
-
-def _summing(rays: Rays, law: GapLaw) -> Callable[[], object]:
-    """Work of a thread that sums rays, into an array of its own."""
-    sums = np.zeros((len(rays.first), 4))
-    return lambda: _sum_rays(rays, law, sums, WINDOW_PULSES)
 
 
 def memory_growth_MB() -> float:

@@ -256,14 +256,8 @@ class _Search:
 
     def machine(self, shares: Floats) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
-        return with_values(self._start, self.values(shares))
-
-    def values(self, shares: Floats) -> dict[str, float]:
-        """Return the constants' values at these shares of their ranges."""
-        return {
-            name: value_at(bounds, float(share))
-            for name, bounds, share in zip(self.names, self.ranges, shares, strict=True)
-        }
+        named = zip(self.names, self.ranges, shares, strict=True)
+        return with_values(self._start, {name: value_at(bounds, float(share)) for name, bounds, share in named})
 
     def run(self) -> None:
         """Search, and take information and misfit where it ended."""

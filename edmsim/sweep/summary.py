@@ -85,15 +85,10 @@ def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
     Constants of drawn machines count as settings if the sweep drew more machines than there are constants.
     Otherwise their effects cannot be separated, and the machine counts as one setting.
     """
-    settings = {name: table[name].to_pylist() for name in _distinguishing(table)}
-    return {name: sensitivity(settings, _values(table, name), [MACHINE]) for name in measured(table)}
-
-
-def _distinguishing(table: pa.Table) -> list[str]:
-    """Return the settings that differ, of drawn machines either their constants or their numbers."""
     constants, machines = _drawn(table), len(table[MACHINE].unique())
     left_out = constants if machines <= len(constants) + 1 else [MACHINE]
-    return [name for name in varied(table) if name not in left_out]
+    settings = {name: table[name].to_pylist() for name in varied(table) if name not in left_out}
+    return {name: sensitivity(settings, _values(table, name), [MACHINE]) for name in measured(table)}
 
 
 def pareto_front(points: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -9,9 +9,7 @@ from scipy.optimize import brentq
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import heat_law, height_share
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.discharge import feed_current
-from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.kernel import declare, discharge, state
 from edmsim.plant.resolution import resolution
 from edmsim.plant.wire import HeatLaw, add_currents, area_m2, heat_step, heat_transfer_W_m2K
 from edmsim.validation.rows import Check, Row
@@ -26,17 +24,17 @@ STEP_US = 100.0
 SETTLE_S = 0.5  # over twenty time constants of the thickest wire
 
 
-def _wire(machine: Machine, law: HeatLaw) -> Arrays:
+def _wire(machine: Machine, law: HeatLaw) -> state.Arrays:
     """Return slices of a wire at the water's temperature, in water that stands."""
     res = resolution("default")
-    a = allocate(Arrays, sizes_of(res.slices, res.rays, res.modes))
+    a = declare.allocate(state.Arrays, declare.sizes_of(res.slices, res.rays, res.modes))
     a.temperature_K[:] = law.water_K
     a.convection_W_m2K[:] = machine.base.cooling.convection_W_m2K.value
     a.critical_W_m2[:] = machine.base.cooling.critical_W_m2.value
     return a
 
 
-def _currents(a: Arrays) -> Floats:
+def _currents(a: state.Arrays) -> Floats:
     """Return the integrals of the squared current in the slices' wire, in A2 us."""
     found = np.empty(len(a.temperature_K))
     add_currents(a, found)
@@ -78,7 +76,7 @@ def joule_share(height_mm: float) -> float:
     a = _wire(machine, heat_law(machine, res))
     a.height_share[:res.slices] = height_share(machine, res)
     for s in range(res.slices):
-        feed_current(a, s, 1 / res.slices)
+        discharge.feed_current(a, s, 1 / res.slices)
     return float(_currents(a).mean())
 
 
