@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -305,11 +304,8 @@ class Contour(Family):
     @cached_property
     def _cut(self) -> tuple[Stock, CutPath]:
         offset_mm, table_um = self.base.auto_offset_mm, round(self.base.base.table.travel_mm.value * 1e3)
-        if self.program is None:
-            with resources.as_file(resources.files(__package__) / "small_punch.ngc") as file:
-                path = plan_path(file, auto_offset_mm=offset_mm, table_um=table_um)
-        else:
-            path = plan_path(self.program, auto_offset_mm=offset_mm, table_um=table_um)
+        file = Path(__file__).with_name("small_punch.ngc") if self.program is None else self.program
+        path = plan_path(file, auto_offset_mm=offset_mm, table_um=table_um)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)

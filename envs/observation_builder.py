@@ -40,15 +40,13 @@ class ObservationBuilder(Snapshots):
         self._broke_at[i] = 0.0
         self._take_arguments(i)
         self.take_scale(i, row)
-        self.thread(i, row)
+        self._threaded_ns[i] = row["elapsed_ns"]
 
     def _take_arguments(self, which: int | slice) -> None:
         """Divide by what the arguments are at the episode's begin."""
-        for name, value in (
-            ("max_feed_um_s", self.family.max_feed_um_s), ("wires", self.family.wires),
-            ("episode_s", self.family.episode_s or np.inf),
-        ):  # fmt: skip
-            self._scales[name][which] = value
+        for name in ("max_feed_um_s", "wires"):
+            self._scales[name][which] = getattr(self.family, name)
+        self._scales["episode_s"][which] = self.family.episode_s or np.inf
 
     def take_scale(self, i: int, row: np.void) -> None:
         """Divide by what belongs to the generator's setting from now on."""
@@ -57,15 +55,11 @@ class ObservationBuilder(Snapshots):
             scale[name] = row[name]
         scale["noise_share"], scale["step"] = self.sensors.noise_share, self.sensors.step
 
-    def thread(self, i: int, row: np.void) -> None:
-        """Begin with a fresh wire."""
-        self._threaded_ns[i] = row["elapsed_ns"]
-
     def lose_wire(self, i: int, row: np.void, setting_us: tuple[float, float]) -> None:
         """Note the setting at which a wire broke, and begin with the next one."""
         on_us, period_us = setting_us
         self._broke_at[i] = max(self._broke_at[i], period_us / on_us)
-        self.thread(i, row)
+        self._threaded_ns[i] = row["elapsed_ns"]
 
     def begin_step(self) -> None:
         """Begin a step, of which nothing has been seen yet."""

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -152,10 +151,7 @@ class Part(EnvArguments):
     @cached_property
     def read(self) -> Program:
         """The program."""
-        if self.program is not None:
-            return load_program(self.program)
-        with resources.as_file(resources.files(__package__) / "small_part.ngc") as file:
-            return load_program(file)
+        return load_program(Path(__file__).with_name("small_part.ngc") if self.program is None else self.program)
 
     @cached_property
     def base(self) -> Machine:
@@ -282,7 +278,7 @@ class Parts:
         else:
             raise InputError(f"none of {MOST_DRAWS} machines came to pass {family.only_pass}: draw fewer constants")
         self.episodes[index] = one
-        return {"drawn": drawn, "plant_seed": cut.seed, "total_um": cut.total_um}
+        return {"drawn": drawn, "plant_seed": cut.settings.seed, "total_um": cut.total_um}
 
     def _drawn(self, rng: np.random.Generator, drawn: Drawn) -> PartCut:
         """Draw a machine that takes the settings of the technology."""
@@ -402,7 +398,7 @@ class Parts:
             ]  # fmt: skip
         return [
             *measured, *one.action.tolist(), cut.number / cut.passes, cut.rest_share, cut.wires_lost / family.wires,
-            cut.cutting_s / family.episode_s, cut.height_mm / 50.0, one.tension_share,
+            cut.cutting_s / family.episode_s, cut.settings.workpiece.greatest_mm / 50.0, one.tension_share,
         ]  # fmt: skip
 
     def infos(self) -> dict[str, Any]:

@@ -164,12 +164,9 @@ class ThinWireShiftEnv(EdmEnv):
 
     Description
     -----------
-    This is `ThinWireEnv` for the time of a shift, with discharges located as in `MaxRateEnv`. Workpieces of 2 to 8 mm
-    are cut in a row, each with its own height. The first minute is a test cut on scrap with a reward of 0: there you
-    can break a wire to find the limit, and the observation has entries about lost wires. A lost wire costs the 60 s
-    of threading the next one, 5 % of the shift, and no other penalty: the shift ends by the clock. During the shift
-    the water's conductivity changes, and nozzles and filter wear: the pressure at the workpiece falls below the
-    gauge's.
+    This is `ThinWireEnv` for the time of a shift, with discharges located as in `MaxRateEnv`. Workpieces, test cut
+    and the changes of water and pressure are those of `MaxRateShiftEnv`. A lost wire costs the 60 s of threading the
+    next one, 5 % of the shift, and no other penalty: the shift ends by the clock.
 
     Observation space
     -----------------
@@ -177,10 +174,7 @@ class ThinWireShiftEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire is at the low end of a table of 400 mm, in a slot, 25 um from the metal. The first workpiece has the
-    greatest height; lengths are drawn uniformly from ``band_mm``, further heights from ``low_share`` to 1 times the
-    greatest. The final conductivity and the final share of the pressures are drawn uniformly from
-    ``conductivity_uS_cm`` and ``flushing_left``. Both change linearly with time, in steps of a minute.
+    As in `MaxRateShiftEnv`, with the machine of `ThinWireEnv`.
     """
 
     task = ThinWireShift

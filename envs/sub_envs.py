@@ -42,7 +42,11 @@ class SubEnvs:
         self.families = [family] * count  # of the present one of each
         self.count = count
         centre_um = family.base.base.table.centre_um
-        self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
+        plants = [
+            Plant(family.base, 0, position_um=centre_um, resolution=family.resolution, mechanics=family.mechanics)
+            for _ in range(count)
+        ]
+        self.fleet = Fleet(plants, threads)
         self.rows: NDArray[np.void] = np.zeros(count, path_follower.SUB_ENV)
         # (n,): what makes motor steps of every sub-environment's feed
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
@@ -68,9 +72,6 @@ class SubEnvs:
         self._lengths: Ints = np.zeros((count, 2), np.int64)
         self._height_from: Floats = np.full((count, 1), np.inf)
         self._heights: Floats = np.zeros((count, 1))
-
-    def _plant(self, machine: Machine, seed: int, **more: Any) -> Plant:
-        return Plant(machine, seed, resolution=self.family.resolution, mechanics=self.family.mechanics, **more)
 
     # --- beginning ---
 
