@@ -396,21 +396,9 @@ class SubEnvView:
     observation_space = property(lambda self: self._spaces[1], doc="The sub-environment's own.")
     reward_space = property(lambda self: self._spaces[2], doc="The sub-environment's own.")
     metadata = property(lambda self: EdmEnv.metadata, doc="As of a single environment.")
-
-    @property
-    def family(self) -> EnvArguments:
-        """The arguments in force."""
-        return self._env.family
-
-    @property
-    def render_mode(self) -> str | None:
-        """As of all sub-environments."""
-        return self._env.render_mode
-
-    @property
-    def unwrapped(self) -> SubEnvView:
-        """The sub-environment itself: there are no wrappers around it."""
-        return self
+    family = property(lambda self: self._env.family, doc="The arguments in force.")
+    render_mode = property(lambda self: self._env.render_mode, doc="As of all sub-environments.")
+    unwrapped = property(lambda self: self, doc="The sub-environment itself: there are no wrappers around it.")
 
     @property
     def spec(self) -> gym.envs.registration.EnvSpec | None:
@@ -425,7 +413,7 @@ class SubEnvView:
         """Set an attribute; refuse what all sub-environments share."""
         shared = getattr(type(self), name, None)
         fixed = isinstance(shared, property) and shared.fset is None
-        if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:  # type: ignore[arg-type]
+        if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:
             raise InputError(
                 f"{name} cannot be set: the sub-environments share it; give it when making them, or change an "
                 "argument of the next episodes by change(...), env_method('change', ...) in stable-baselines3"
@@ -514,15 +502,9 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
     }
 
     def __init__(
-        self,
-        task: str | type[EnvArguments],
-        num_envs: int = 1,
-        *,
-        max_episode_steps: int | None = None,
-        render_mode: str | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        threads: int | None = None,
-        **options: Any,
+        self, task: str | type[EnvArguments], num_envs: int = 1, *, max_episode_steps: int | None = None,
+        render_mode: str | None = None, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None, **options: Any,
     ) -> None:
         num_envs = whole_from("num_envs", num_envs, 1)
         if max_episode_steps is not None:

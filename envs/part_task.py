@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -57,8 +57,6 @@ ENTRIES = (
     Entry("tension", 0.0, 4.0, "tension of the wire", "the technology's"),
 )
 """Entries of an observation; the first eight, and the last action, are of the last step, 0 before there is one."""
-TERMS = ("time", "error", "roughness", "wire_break", "limit")
-"""Names of the reward's terms, in order: those of `PartWeights`."""
 MOST_OFFSET_UM = 50.0
 """Greatest change of an offset (ours: what a trim takes)."""
 MOST_OCTAVES = 2.0
@@ -74,6 +72,9 @@ class PartWeights(WeightsOfTerms):
     roughness: float = 5.0  # cost per um of Ra of its face
     wire_break: float = 1.0  # cost of a minute of threading
     limit: float = 50.0  # cost of an unfinished part: its last wire broke, or a limit ended it
+
+
+TERMS = tuple(f.name for f in fields(PartWeights))  # names of the reward's terms, in order: those of their weights
 
 
 @record_of_arguments

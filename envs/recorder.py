@@ -1,7 +1,5 @@
 """The recording of an episode: that of a cut, and the actions, rewards and costs of its steps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -15,6 +13,7 @@ from edmsim.cosim.observers import Turn
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.path_follower import RUNNING, SUB_ENV
 from edmsim.envs.reward import TERMS
+from edmsim.envs.sub_envs import SubEnvs
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
 from edmsim.plant.workpiece.height_steps import middle_slice
@@ -22,7 +21,6 @@ from edmsim.recording.report import ProfileErrors, Report
 from edmsim.recording.windows import PULSES, Closeups, Frames, WindowTable, row_of
 
 if TYPE_CHECKING:
-    from edmsim.envs.sub_envs import SubEnvs
     from edmsim.recording.rerun.write import Steps
     from edmsim.recording.scene import Scene
 
@@ -110,7 +108,7 @@ class EpisodeRecorder:
         late = cause is StopCause.RUNNING and bool(self._sub_envs.out_of_time[self._index])
         return WORDS[StopCause.TIME_LIMIT if late else cause].report
 
-    def _report(self, settings: Mapping[str, Any], outcome: str, scene: Scene, values: NDArray[np.float64]) -> Report:
+    def _report(self, settings: Mapping[str, Any], outcome: str, scene: "Scene", values: NDArray[Any]) -> Report:
         """Return of a cut's report what its recording tells."""
         row, scenario = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index)
         cutting_s, known = float(row["elapsed_ns"]) * 1e-9, scene.known_errors()
@@ -127,7 +125,7 @@ class EpisodeRecorder:
             settings={**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
         )  # fmt: skip
 
-    def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
+    def _steps_of(self, windows: NDArray[np.float64]) -> "Steps":
         """Lay out what the steps commanded, earned and cost."""
         from edmsim.recording.rerun.write import COST, RETURN, TOTAL, steps_of
 

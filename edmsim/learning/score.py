@@ -16,20 +16,20 @@ from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result, is_part
 from edmsim.learning import bandit_file, policy_file
 from edmsim.numeric import whole_from
+from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.runs import RunTable
 from edmsim.screen import ScreenTable
 from edmsim.user_code import policy_of
 
 RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic servo on the mean voltage."""
-RESOLUTIONS = ("fast", "default", "fine")
 
 
 def measured_with(env_id: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return rivals and resolutions of an environment; parts and shifts take long, and are cut as they are learnt."""
     if is_part(env_id):
         return ("technology", "corrected"), ("fast",)
-    return (("adaptive-hold",), ("fast",)) if issubclass(find(env_id)[0], Shift) else (RIVALS, RESOLUTIONS)
+    return (("adaptive-hold",), ("fast",)) if issubclass(find(env_id)[0], Shift) else (RIVALS, tuple(RESOLUTIONS))
 
 
 class Score(NamedTuple):

@@ -1,7 +1,5 @@
 """The summary of a sweep as text and picture: means with intervals, sensitivities, the Pareto front."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import dataclass
@@ -212,7 +210,7 @@ def _errors(table: pa.Table) -> list[str]:
     return [f"{count} failed: {error}" for error, count in counts.most_common(MOST_LINES)]
 
 
-def pareto_figure(table: pa.Table) -> Drawing:
+def pareto_figure(table: pa.Table) -> "Drawing":
     """Draw the groups of a sweep by rate, roughness and error, and mark the Pareto front."""
     from edmsim.recording.figures.palette import BLUE, LINE, VERMILION
     from edmsim.recording.figures.style import colour_bar, column_figure, dress, legend, nothing_to_show

@@ -9,8 +9,6 @@ drawn within the ranges of the gap's uncertain constants, with training seeds, n
 those that do well on the worst machines, and tests them once more on other machines.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import math
@@ -18,7 +16,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -167,7 +165,7 @@ def _training(trial: Trial) -> TrialResult:
     return TrialResult(value, None, files)
 
 
-def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[int]) -> float:
+def judge_policy(trained: "Trained", command: str, folder: Path, seeds: Sequence[int]) -> float:
     """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
     card, packed = trained.export(command)
     policy_file.write(card, packed, folder / "policy.json")
@@ -356,7 +354,7 @@ class Spread(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, worst: float, returns: Sequence[float]) -> Spread:
+    def of(cls, worst: float, returns: Sequence[float]) -> Self:
         """Return the spread of the returns of a trial."""
         low, high = np.quantile(returns, (0.1, 0.9)).tolist()
         return cls(worst, float(np.mean(returns)), low, high)
