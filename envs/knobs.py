@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuse_unknown
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import least_period_us
 
@@ -22,8 +22,7 @@ Detents = tuple[float, float]
 def check_knobs(names: Sequence[str]) -> None:
     """Refuse knobs there are not, and two that turn the same."""
     for name in names:
-        if name not in KNOBS:
-            raise InputError(f"there is no knob {name!r}; there are: {', '.join(KNOBS)}")
+        refuse_unknown("knob", name, KNOBS)
     if len(set(names)) != len(names) or {"period", "duty_factor"} <= set(names):
         raise InputError(f"knobs are {', '.join(names)}: name each once, and period or duty_factor, not both")
 

@@ -6,7 +6,7 @@ An episode's seed determines everything random in it, hence every controller mee
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -22,7 +22,7 @@ from edmsim.envs.part_task import Part
 from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.envs.reward import REFERENCE_S
-from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.errors import refuses_wrong_types
 from edmsim.evaluation.lines import lines_of
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.cut_folder import RECORDING
@@ -262,15 +262,6 @@ _OUTCOMES = {words.info: words.episode for words in WORDS.values()}
 def is_part(env_id: str) -> bool:
     """Say whether an environment is decided on pass by pass."""
     return issubclass(find(env_id)[0], Part)
-
-
-def check_laws(laws: Sequence[str]) -> None:
-    """Raise `InputError` where none is named, or one cannot be made."""
-    for name in laws:
-        if name != ORACLE:
-            pass_laws.from_text(name)
-    if not laws:
-        raise InputError(f"no law is named; choose from {', '.join(pass_laws.LAWS)}")
 
 
 def _cut_part(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:

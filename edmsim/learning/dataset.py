@@ -86,7 +86,7 @@ def record(
         raise InputError(f"{env_id} is decided on pass by pass: no feed controller acts in it")
     feeds: dict[str, Any] = {"action": "speed", "decision_s": None}
     family = make_family(env_id, **feeds)
-    check_controllers(controllers)
+    check_controllers(controllers, env_id)
     _check_names(controllers)
     for name in controllers:
         check_acts(family, name)
