@@ -118,10 +118,8 @@ def stable_point(seeds: Sequence[int]) -> list[Row]:
 def concentration(seeds: Sequence[int]) -> list[Row]:
     """Mori's rig: in how many runs the wire breaks."""
     runs = [mori_cut(mori_rig(), seed).broken for seed in seeds]
-    return [
-        Row.band("rupture", "share of runs that break, 1 mm wide piece, pause 4 us", MORI, low=1.0, high=1.0,
-                 published="15 of 15", simulated=sum(runs) / len(runs), note=NOTE)
-    ]
+    return [Row.band("rupture", "share of runs that break, 1 mm wide piece, pause 4 us", MORI, low=1.0, high=1.0,
+                     published="15 of 15", simulated=sum(runs) / len(runs), note=NOTE)]
 
 
 def mori_cut(machine: Machine, seed: int) -> Cut:
