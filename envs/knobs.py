@@ -27,18 +27,6 @@ def check_knobs(names: Sequence[str]) -> None:
         raise InputError(f"knobs are {', '.join(names)}: name each once, and period or duty_factor, not both")
 
 
-def turned_us(
-    names: Sequence[str], octaves: float, first_us: tuple[float, float], actions: Sequence[float]
-) -> tuple[float, float]:
-    """Return on-time and period that actions -1..1 on some knobs ask for, given the setting of the start."""
-    factor = {name: 2.0 ** (octaves * float(action)) for name, action in zip(names, actions, strict=True)}
-    on_us, period_us = first_us
-    on_us *= factor.get("on_time", 1.0)
-    if "duty_factor" in factor:
-        return on_us, period_us * factor.get("on_time", 1.0) * factor["duty_factor"]
-    return on_us, period_us * factor.get("period", 1.0)
-
-
 def to_detents(t_on_us: float, t_period_us: float, detents_us: Detents) -> tuple[float, float]:
     """Return the nearest setting that knobs with these steps have."""
     on_step, period_step = detents_us

@@ -20,7 +20,7 @@ class ObservationBuilder(Snapshots):
 
     def __init__(self, family: Family, count: int, sensors: observation.Sensors) -> None:
         self.family, self.sensors = family, sensors
-        width = len(observation.of_a_step(family.locates_discharges))
+        width = len(family.step_entries)
         self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
         self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
         # (n,) `SHOWN`: what the windows of the present step showed
@@ -76,12 +76,10 @@ class ObservationBuilder(Snapshots):
     def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
         parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
-        family = self.family
-        known = observation.known_entries(family.knows_corners, family.offset_um is not None, family.knows_wires)
-        if known:
+        if known := self.family.known_entries:
             age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
             what = observation.Known(
-                rows, corner_um, corner_deg, age_s, self._broke_at, family.offset_um, self._scales
+                rows, corner_um, corner_deg, age_s, self._broke_at, self.family.offset_um, self._scales
             )
             parts.append(observation.values_of(known, what, len(rows)))
         return np.concatenate(parts, axis=1)

@@ -198,7 +198,7 @@ def observations(family: Family, particular: str) -> str:
     """Return the section on observations."""
     listed = family.entries()
     at = {entry.name: k for k, entry in enumerate(listed)}
-    of_last = len(observation.of_a_step(family.locates_discharges))
+    of_last = len(family.step_entries)
     of_steps = of_last * family.history
 
     def span(entries: Sequence[observation.Entry]) -> str:

@@ -150,7 +150,9 @@ def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str
     own = family.of(**own_arguments)
     if hasattr(own, "knobs") and own.knobs != known.of().knobs:  # type: ignore[attr-defined]
         own_arguments["knobs"] = own.knobs
-    meaning = ("knows_corners", "knows_wires", "setting_us", "entries", "action_names")
+    meaning = (
+        "knows_corners", "knows_wires", "setting_us", "step_entries", "known_entries", "entries", "action_names",
+    )
     if any(getattr(family, name, None) != getattr(known, name, None) for name in meaning):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple, Self
@@ -12,9 +12,9 @@ import numpy as np
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs import knobs as generator
-from edmsim.envs import servo
+from edmsim.envs import observation, servo
 from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, machine_of, record_of, record_of_arguments
-from edmsim.envs.observation import EXACT, Entry, Sensors, entries
+from edmsim.envs.observation import EXACT, Entry, Sensors
 from edmsim.envs.reward import TERMS, Weights
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
@@ -114,22 +114,6 @@ def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) 
             'mechanics="mujoco" only, bore and flow of nozzles with a stand-off only, times of the table never'
         )
     return tuple(name for name in choose(machine, randomise) if name not in without)
-
-
-def draw_machine(
-    rng: np.random.Generator, bases: Sequence[Machine], ranges: Mapping[str, Range | None], names: Sequence[str],
-    drawn: Drawn,
-) -> Machine:
-    """Draw a machine of one of `bases`, with choices within ranges (None: the machine's own); `drawn` tells them."""
-    machine = bases[int(rng.integers(len(bases)))]
-    bounds = {name: ends_of(name, value) for name, value in ranges.items() if value is not None}
-    values = {name: float(rng.uniform(*ends)) for name, ends in bounds.items()}
-    if any(values[name] != getattr(machine, name) for name in values):
-        machine = machine.with_(**values)
-    if names:
-        machine = machine.sample(rng, names)
-        drawn |= values_of(machine, names)
-    return machine
 
 
 class EnvArguments(ABC):
@@ -367,11 +351,25 @@ class Family(EnvArguments):
         last = () if self.offset_um is None else ("offset",)
         return ("target" if self.action == "servo" else "feed", *self.knobs, *last)
 
+    @property
+    def step_entries(self) -> tuple[Entry, ...]:
+        """Entries of an observation that a step has."""
+        return observation.MEASURED + (observation.FIFTHS if self.locates_discharges else ())
+
+    @property
+    def known_entries(self) -> tuple[Entry, ...]:
+        """Entries behind the operator's dials."""
+        offset = () if self.offset_um is None else (observation.OFFSET,)
+        corners = observation.CORNERS if self.knows_corners else ()
+        return (*corners, *offset, *(observation.WIRES if self.knows_wires else ()))
+
     def entries(self) -> list[Entry]:
         """Return every entry of an observation, in order."""
-        return entries(
-            self.history, self.knows_corners, self.locates_discharges, self.offset_um is not None, self.knows_wires
-        )
+        steps = [
+            entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
+            for age in range(self.history) for entry in self.step_entries
+        ]  # fmt: skip
+        return [*steps, *observation.DIALS, *self.known_entries]
 
     @property
     def reach_mm(self) -> float:
@@ -415,8 +413,13 @@ class Family(EnvArguments):
         actions : (len(knobs),)
             Actions within -1..1.
         """
-        first = float(first_us[0]), float(first_us[1])
-        return generator.turned_us(self.knobs, self.setting_octaves, first, actions.tolist())
+        turned = zip(self.knobs, actions.tolist(), strict=True)
+        factor = {name: 2.0 ** (self.setting_octaves * float(action)) for name, action in turned}
+        on_us, period_us = float(first_us[0]), float(first_us[1])
+        on_us *= factor.get("on_time", 1.0)
+        if "duty_factor" in factor:
+            return on_us, period_us * factor.get("on_time", 1.0) * factor["duty_factor"]
+        return on_us, period_us * factor.get("period", 1.0)
 
     @cached_property
     def greatest_feed_um_s(self) -> float:
@@ -441,7 +444,7 @@ class Family(EnvArguments):
         """
         drawn: Drawn = {}
         if machine is None:
-            machine = draw_machine(rng, self._bases, self.drawn_settings, self.drawn_constants, drawn)
+            machine = self._draw_machine(rng, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
         seed = int(rng.integers(2**62))
         scenario = self._checked(self.draw_cut(rng, machine, seed, drawn))
@@ -449,6 +452,17 @@ class Family(EnvArguments):
         if not grid:
             return scenario
         return scenario._replace(legs_um=tuple(np.rint(leg / grid) * grid for leg in scenario.legs_um))
+
+    def _draw_machine(self, rng: np.random.Generator, drawn: Drawn) -> Machine:
+        machine = self._bases[int(rng.integers(len(self._bases)))]
+        bounds = {name: ends_of(name, value) for name, value in self.drawn_settings.items() if value is not None}
+        values = {name: float(rng.uniform(*ends)) for name, ends in bounds.items()}
+        if any(values[name] != getattr(machine, name) for name in values):
+            machine = machine.with_(**values)
+        if self.drawn_constants:
+            machine = machine.sample(rng, self.drawn_constants)
+            drawn |= values_of(machine, self.drawn_constants)
+        return machine
 
     def _checked(self, scenario: Any) -> Scenario:
         """Return what `draw_cut` returned, which may be a user's; refuse what is not a cut."""
