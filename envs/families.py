@@ -367,11 +367,8 @@ class Corner(Family):
     def __post_init__(self) -> None:
         super().__post_init__()
         within("leg_mm", self.leg_mm, self.least_mm, self.reach_mm / 2)
-        low, high = ends_of("turn_deg", self.turn_deg)
-        if not CORNER_DEG <= low <= high <= SHARPEST_DEG:
-            raise InputError(
-                f"turn_deg is {self.turn_deg!r}: give a range within {CORNER_DEG:g} to {SHARPEST_DEG:g} degrees"
-            )
+        for end in ends_of("turn_deg", self.turn_deg):
+            within("turn_deg", end, CORNER_DEG, SHARPEST_DEG)
 
     @staticmethod
     def own_machine() -> Machine:
