@@ -3,12 +3,12 @@
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from inspect import cleandoc, signature
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, TypeVar, dataclass_transform, get_args, get_origin, get_type_hints
 
 import numpy as np
 from gymnasium.error import InvalidAction
@@ -52,15 +52,17 @@ def arguments_of(kind: type) -> list[Argument]:
     return [Argument(f.name, f.default, **said[f.name]) for f in fields(kind)]
 
 
-def shows_arguments(kind: _Kind) -> _Kind:
-    """Put the arguments that a dataclass adds to its bases' into its docstring, in place of ``{arguments}``."""
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def record_of_arguments(kind: _Kind) -> _Kind:
+    """Make a frozen dataclass; its docstring lists what it adds to its bases, at ``{parameters}`` or the end."""
+    dataclass(frozen=True, kw_only=True)(kind)  # changes the class itself
     inherited = {f.name for base in kind.__bases__ if is_dataclass(base) for f in fields(base)}
-    lines = []
-    for name, _, unit, meaning in arguments_of(kind):
-        if name not in inherited:
-            lines += [name, f"    {meaning}{unit and f' ({unit})'}."]
-    if kind.__doc__ is not None:  # as it is with python -OO
-        kind.__doc__ = cleandoc(kind.__doc__).replace("{arguments}", "\n".join(lines))
+    own = [one for one in arguments_of(kind) if one.name not in inherited]
+    if kind.__doc__ is not None and own:  # it is None with python -OO
+        listed = [f"{name}\n    {meaning}{unit and f' ({unit})'}." for name, _, unit, meaning in own]
+        text = cleandoc(kind.__doc__)
+        text = text if "{parameters}" in text else f"{text}\n\n{{parameters}}"
+        kind.__doc__ = text.replace("{parameters}", "\n".join(["Parameters", "----------", *listed]))
     return kind
 
 

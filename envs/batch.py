@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import key_of
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import servo
-from edmsim.envs.knobs import least_setting_us
+from edmsim.envs import knobs, path_follower, servo
 from edmsim.envs.observation_builder import ObservationBuilder
-from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.reward import StepRewards
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import EnvArguments, Family
@@ -150,7 +148,7 @@ class Batch:
     @property
     def ended(self) -> NDArray[np.bool_]:
         """Which episodes (n,) have terminated."""
-        return np.asarray(self.sub_envs.rows["cause"] != RUNNING)
+        return np.asarray(self.sub_envs.rows["cause"] != path_follower.RUNNING)
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
@@ -218,7 +216,7 @@ class Batch:
         if family.decision_s is None:
             return left[:0]
         wait_ns, rows = round(family.decision_s * 1e9), self.sub_envs.rows
-        return np.asarray(left[(rows["step_ns"][left] < wait_ns) & (rows["cause"][left] == RUNNING)])
+        return np.asarray(left[(rows["step_ns"][left] < wait_ns) & (rows["cause"][left] == path_follower.RUNNING)])
 
     def _set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator; in place of a period that it refuses, the shortest that it accepts for the on-time."""
@@ -226,8 +224,8 @@ class Batch:
         sub_envs.set_generator(index, t_on_us, t_period_us)
         refused = sub_envs.refused[index]
         if refused:
-            machine = sub_envs.fleet.plants[index].machine
-            sub_envs.set_generator(index, *least_setting_us(machine, t_on_us, sub_envs.families[index].detents_us))
+            machine, detents_us = sub_envs.fleet.plants[index].machine, sub_envs.families[index].detents_us
+            sub_envs.set_generator(index, *knobs.least_setting_us(machine, t_on_us, detents_us))
             sub_envs.refused[index] = refused
         self.builder.take_scale(index, sub_envs.rows[index])
 

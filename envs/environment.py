@@ -26,6 +26,7 @@ from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command,
 from edmsim.controllers.user_controllers import check_is_controller, rehearsed
 from edmsim.envs.arguments import checked_actions, checked_options, plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
+from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.sub_envs import SubEnvs
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmsim.envs.part_task import Parts
-    from edmsim.envs.recorder import EpisodeRecorder
 
     Engine: TypeAlias = Batch | Parts  # both have the members that Gymnasium's environments need
 
@@ -105,8 +105,10 @@ class AttachedController:
 
     def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
         self._sub_envs, self._index, self._controller = sub_envs, index, check_is_controller(controller)
+        # asked once, as it takes a tenth of a window
+        self._seer = controller if isinstance(controller, SeesTruth) else None
         self._leg = self._lost = 0
-        self._command = FeedCommand(0.0)
+        self.latest = FeedCommand(0.0)  # what it answered to the last window, on the leg and with the wire of then
         sub_envs.watchers.append((index, self._see))
 
     def stop(self) -> None:
@@ -120,13 +122,12 @@ class AttachedController:
     def begin(self) -> FeedCommand:
         """Begin the leg that the sub-environment is on; returns the command for its first window."""
         sub_envs, index = self._sub_envs, self._index
-        scenario = sub_envs.scenarios[index]
-        assert scenario is not None
+        scenario = sub_envs.scenario(index)
         self._leg, self._lost = sub_envs.leg[index], int(sub_envs.rows[index]["wires_lost"])
         start_um = float(sub_envs.rows[index]["before_um"])
         tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
         self._take(self._controller.reset(self._family.greatest_feed_um_s))
-        return self._command
+        return self.latest
 
     def command(self) -> FeedCommand:
         """Return what it commands for the next window, after all that the sub-environment has had."""
@@ -139,14 +140,12 @@ class AttachedController:
                 self._take(controller.wire_lost())
             else:
                 self._take(controller.reset(self._family.greatest_feed_um_s))
-        return self._command
+        return self.latest
 
     def action(self) -> NDArray[np.float32]:
         """Return the action of the environment that commands what it wants: see `as_action`."""
-        sub_envs, row = self._sub_envs, self._sub_envs.rows[self._index]
-        scenario = sub_envs.scenarios[self._index]
-        assert scenario is not None
-        first_us = scenario.machine.t_on_us, scenario.machine.t_period_us
+        row, machine = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index).machine
+        first_us = machine.t_on_us, machine.t_period_us
         now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
         return as_action(self._family, self._controller, self.command(), first_us, now_us, feed_um_s)
 
@@ -156,12 +155,12 @@ class AttachedController:
         window = self._sub_envs.fleet.plants[self._index].window()
         if window.pulses != WINDOW_PULSES:
             return
-        if isinstance(self._controller, SeesTruth):
-            self._controller.see(window)
+        if self._seer is not None:
+            self._seer.see(window)
         self._take(self._controller.update(self._sub_envs.observation(self._index)))
 
     def _take(self, command: FeedCommand) -> None:
-        self._command = check_command(self._controller.name, command)
+        self.latest = check_command(self._controller.name, command)
 
 
 def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
@@ -347,8 +346,6 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         actions : sequence of str, optional
             Names of the entries of the recorded actions; those of the family by default.
         """
-        from edmsim.envs.recorder import EpisodeRecorder
-
         return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -399,21 +396,9 @@ class SubEnvView:
     observation_space = property(lambda self: self._spaces[1], doc="The sub-environment's own.")
     reward_space = property(lambda self: self._spaces[2], doc="The sub-environment's own.")
     metadata = property(lambda self: EdmEnv.metadata, doc="As of a single environment.")
-
-    @property
-    def family(self) -> EnvArguments:
-        """The arguments in force."""
-        return self._env.family
-
-    @property
-    def render_mode(self) -> str | None:
-        """As of all sub-environments."""
-        return self._env.render_mode
-
-    @property
-    def unwrapped(self) -> SubEnvView:
-        """The sub-environment itself: there are no wrappers around it."""
-        return self
+    family = property(lambda self: self._env.family, doc="The arguments in force.")
+    render_mode = property(lambda self: self._env.render_mode, doc="As of all sub-environments.")
+    unwrapped = property(lambda self: self, doc="The sub-environment itself: there are no wrappers around it.")
 
     @property
     def spec(self) -> gym.envs.registration.EnvSpec | None:
@@ -428,7 +413,7 @@ class SubEnvView:
         """Set an attribute; refuse what all sub-environments share."""
         shared = getattr(type(self), name, None)
         fixed = isinstance(shared, property) and shared.fset is None
-        if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:  # type: ignore[arg-type]
+        if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:
             raise InputError(
                 f"{name} cannot be set: the sub-environments share it; give it when making them, or change an "
                 "argument of the next episodes by change(...), env_method('change', ...) in stable-baselines3"
@@ -517,15 +502,9 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
     }
 
     def __init__(
-        self,
-        task: str | type[EnvArguments],
-        num_envs: int = 1,
-        *,
-        max_episode_steps: int | None = None,
-        render_mode: str | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        threads: int | None = None,
-        **options: Any,
+        self, task: str | type[EnvArguments], num_envs: int = 1, *, max_episode_steps: int | None = None,
+        render_mode: str | None = None, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None, **options: Any,
     ) -> None:
         num_envs = whole_from("num_envs", num_envs, 1)
         if max_episode_steps is not None:
@@ -664,8 +643,6 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
 
     def recorder(self, index: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that a sub-environment has just begun; see `EdmEnv.recorder`."""
-        from edmsim.envs.recorder import EpisodeRecorder
-
         names = self.family.action_names if actions is None else actions
         return EpisodeRecorder(sub_envs_of(self._batch), self._checked(index), names)
 

@@ -2,27 +2,25 @@
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
 
-from edmsim.controllers import WindowObservation
+from edmsim.controllers import FeedController, WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_options
+from edmsim.envs.environment import AttachedController
+from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import make_family
 from edmsim.envs.reward import StepRewards
-from edmsim.envs.scenario import Scenario
 from edmsim.envs.sub_envs import SubEnvs
-from edmsim.envs.task import Family
+from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.plant import Plant
-
-if TYPE_CHECKING:
-    from edmsim.envs.recorder import EpisodeRecorder
 
 _ONLY = np.zeros(1, np.int64)
 
@@ -161,10 +159,12 @@ class Task:
         """Terms of the last window's reward by name."""
         return {name: float(values[0]) for name, values in self._account.terms.items()}
 
-    def recorder(self) -> "EpisodeRecorder":
-        """Return a recorder of the episode that has just begun; actions are the commands."""
-        from edmsim.envs.recorder import EpisodeRecorder
+    def attach_controller(self, controller: FeedController) -> AttachedController:
+        """Attach a feed controller to the episodes: see `edmsim.envs.environment.AttachedController`."""
+        return AttachedController(self._sub_envs, 0, controller)
 
+    def recorder(self) -> EpisodeRecorder:
+        """Return a recorder of the episode that has just begun; actions are the commands."""
         return EpisodeRecorder(self._sub_envs, 0, ("feed_um_s", "t_on_us", "t_period_us", "offset_um"))
 
     def advance(

@@ -2,21 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import ClassVar, Literal
 
 import numpy as np
 import shapely
 
-from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, shows_arguments
+from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, record_of_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
-from edmsim.envs.scenario import Scenario, even_height
-from edmsim.envs.task import Family
+from edmsim.envs.task import Drawn, Family, Scenario, even_height
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats
 from edmsim.machine.machine import Machine
@@ -29,15 +26,9 @@ from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath, plan_path
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class GapFeed(Family):
-    """A straight cut from a begun slot.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """A straight cut from a begun slot."""
 
     # ours: longer than the standard episode, so that time ends it and the return grows with the cutting rate
     length_mm: float = argument(3.0, "mm", "length of the cut")
@@ -46,9 +37,7 @@ class GapFeed(Family):
         super().__post_init__()
         within("length_mm", self.length_mm, self.least_mm, self.reach_mm)
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Lay a straight path into the slot's end; nothing is drawn for it."""
         stock = started_slot(machine, self.start_um(machine))
         return Scenario(machine, stock, (self.path_um(machine),), even_height(machine), seed, drawn)
@@ -88,15 +77,9 @@ MOST_BANDS = 2000
 _MARGIN_UM = 2e3  # how far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class HeightStep(GapFeed):
-    """A straight cut through bands of drawn lengths and heights.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """A straight cut through bands of drawn lengths and heights."""
 
     # ours: a few seconds of cutting each
     band_mm: Range = argument((0.1, 0.3), "mm", "(low, high) of a band's length")
@@ -108,9 +91,7 @@ class HeightStep(GapFeed):
             within("band_mm", length, max(LEAST_MM, self.length_mm / MOST_BANDS), self.reach_mm)
         within("low_share", self.low_share, LEAST_SHARE, 1.0)
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Draw where the height jumps, and to what: uniformly, band by band."""
         total, band_mm = self.length_mm * 1e3, ends_of("band_mm", self.band_mm)
         starts, heights, at = [0.0], [machine.height_mm], float(rng.uniform(*band_mm)) * 1e3
@@ -167,15 +148,9 @@ KNOWN = (
 )  # fmt: skip
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class MaxRate(HeightStep):
-    """A straight cut through bands of drawn lengths and heights, on the production machine.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """A straight cut through bands of drawn lengths and heights, on the production machine."""
 
     length_mm: float = 8.0
     band_mm: Range = (0.15, 0.5)
@@ -257,16 +232,12 @@ class MaxRateEnv(EdmEnv):
     observed, as an operator knows them. The share of heat that enters the wire, convection, critical heat flux in
     still water and in a stream, film boiling and removal are drawn within 15 % of the files' values, our assumption
     of what a shop knows of its machine.
-
-    Versions
-    --------
-    v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.
     """
 
     task = MaxRate
 
 
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class ThinWire(GapFeed):
     """A straight cut with a thin wire that a servo feeds; an action sets the servo's target and the pause.
 
@@ -315,15 +286,9 @@ class ThinWireEnv(EdmEnv):
     task = ThinWire
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Contour(Family):
-    """The contours of a part program; dwells (G4) are left out.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """The contours of a part program; dwells (G4) are left out."""
 
     program: str | Path | None = argument(None, "", "G-code or DXF file; None: a punch of 0.6 x 0.4 mm")
     height_mm: Range | None = (4.0, 20.0)
@@ -339,19 +304,14 @@ class Contour(Family):
     @cached_property
     def _cut(self) -> tuple[Stock, CutPath]:
         offset_mm, table_um = self.base.auto_offset_mm, round(self.base.base.table.travel_mm.value * 1e3)
-        if self.program is None:
-            with resources.as_file(resources.files(__package__) / "small_punch.ngc") as file:
-                path = plan_path(file, auto_offset_mm=offset_mm, table_um=table_um)
-        else:
-            path = plan_path(self.program, auto_offset_mm=offset_mm, table_um=table_um)
+        file = Path(__file__).with_name("small_punch.ngc") if self.program is None else self.program
+        path = plan_path(file, auto_offset_mm=offset_mm, table_um=table_um)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
         return Stock((x0, y0, x1, y1), holes), path
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Take the program's contours, one leg each; nothing is drawn for them."""
         stock, path = self._cut
         legs = tuple(c.points_um.astype(np.float64) for c in path.contours)
@@ -379,15 +339,9 @@ SHARPEST_DEG = 160.0
 """Sharpest turn that may be asked for (ours: beyond it the second leg runs back in the first one's kerf)."""
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Corner(Family):
-    """Two legs with a sharp turn between.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """Two legs with a sharp turn between."""
 
     leg_mm: float = argument(0.3, "mm", "length of each leg")
     turn_deg: Range = argument(
@@ -413,20 +367,15 @@ class Corner(Family):
     def __post_init__(self) -> None:
         super().__post_init__()
         within("leg_mm", self.leg_mm, self.least_mm, self.reach_mm / 2)
-        low, high = ends_of("turn_deg", self.turn_deg)
-        if not CORNER_DEG <= low <= high <= SHARPEST_DEG:
-            raise InputError(
-                f"turn_deg is {self.turn_deg!r}: give a range within {CORNER_DEG:g} to {SHARPEST_DEG:g} degrees"
-            )
+        for end in ends_of("turn_deg", self.turn_deg):
+            within("turn_deg", end, CORNER_DEG, SHARPEST_DEG)
 
     @staticmethod
     def own_machine() -> Machine:
         """Return a rough cut of stainless steel: no magnetic force takes back a part of the wire's lag."""
         return Machine.load("production", material="stainless-steel", generator="production")
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Draw the turn: uniformly, to either side with the same probability."""
         turn = float(rng.uniform(*ends_of("turn_deg", self.turn_deg))) * (1 if rng.random() < 0.5 else -1)
         leg, (x, y) = self.leg_mm * 1e3, machine.base.table.centre_um
@@ -481,15 +430,9 @@ LEAST_RATIO = 4.0
 ROOM_UM = 1.0  # least gap that the highest ridge must leave at first (ours)
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Trim(GapFeed):
-    """A pass along a wavy wall.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """A pass along a wavy wall."""
 
     length_mm: float = argument(1.0, "mm", "length of the pass")
     wave_um: Range = argument((4.0, 10.0), "um", "(low, high) of the waves' height, ridge to bottom")
@@ -526,9 +469,7 @@ class Trim(GapFeed):
         """Return the laboratory machine with short pulses."""
         return Machine.load(t_on_us=10.0, t_period_us=60.0)
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Draw allowance and waves, and where they begin: uniformly."""
         names = "allowance_um", "wave_um", "wave_mm"
         drawn |= {name: float(rng.uniform(*ends_of(name, getattr(self, name)))) for name in names}
@@ -570,10 +511,6 @@ class TrimEnv(EdmEnv):
     edge. The metal to remove, from the target to the middle of the waves, the height of the waves from ridge to
     bottom, and their length are drawn uniformly from ``allowance_um``, ``wave_um`` and ``wave_mm``. The waves are
     arcs with ridges between them, like the edge of a row of wide holes.
-
-    Versions
-    --------
-    v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.
     """
 
     task = Trim

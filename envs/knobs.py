@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuse_unknown
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import least_period_us
 
@@ -22,22 +22,9 @@ Detents = tuple[float, float]
 def check_knobs(names: Sequence[str]) -> None:
     """Refuse knobs there are not, and two that turn the same."""
     for name in names:
-        if name not in KNOBS:
-            raise InputError(f"there is no knob {name!r}; there are: {', '.join(KNOBS)}")
+        refuse_unknown("knob", name, KNOBS)
     if len(set(names)) != len(names) or {"period", "duty_factor"} <= set(names):
         raise InputError(f"knobs are {', '.join(names)}: name each once, and period or duty_factor, not both")
-
-
-def turned_us(
-    names: Sequence[str], octaves: float, first_us: tuple[float, float], actions: Sequence[float]
-) -> tuple[float, float]:
-    """Return on-time and period that actions -1..1 on some knobs ask for, given the setting of the start."""
-    factor = {name: 2.0 ** (octaves * float(action)) for name, action in zip(names, actions, strict=True)}
-    on_us, period_us = first_us
-    on_us *= factor.get("on_time", 1.0)
-    if "duty_factor" in factor:
-        return on_us, period_us * factor.get("on_time", 1.0) * factor["duty_factor"]
-    return on_us, period_us * factor.get("period", 1.0)
 
 
 def to_detents(t_on_us: float, t_period_us: float, detents_us: Detents) -> tuple[float, float]:

@@ -163,29 +163,6 @@ LOOK_UM = 1000.0
 """How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
 
 
-def of_a_step(locates_discharges: bool) -> tuple[Entry, ...]:
-    """Entries of a step: `MEASURED`, and `FIFTHS` where discharges are located."""
-    return MEASURED + FIFTHS if locates_discharges else MEASURED
-
-
-def known_entries(knows_corners: bool, offsets: bool, knows_wires: bool) -> tuple[Entry, ...]:
-    """Entries behind the dials."""
-    return *(CORNERS if knows_corners else ()), *((OFFSET,) if offsets else ()), *(WIRES if knows_wires else ())
-
-
-def entries(
-    history: int, knows_corners: bool, locates_discharges: bool = False, offsets: bool = False,
-    knows_wires: bool = False,
-) -> list[Entry]:
-    """Every entry of an observation, in order."""
-    steps = [
-        entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
-        for age in range(history)
-        for entry in of_a_step(locates_discharges)
-    ]
-    return [*steps, *DIALS, *known_entries(knows_corners, offsets, knows_wires)]
-
-
 _LOW = np.array([entry.low for entry in MEASURED])
 _HIGH = np.array([entry.high for entry in MEASURED])
 _VOLTAGE, _CURRENT, _DELAY = 3, 4, 5

@@ -20,7 +20,7 @@ class ObservationBuilder(Snapshots):
 
     def __init__(self, family: Family, count: int, sensors: observation.Sensors) -> None:
         self.family, self.sensors = family, sensors
-        width = len(observation.of_a_step(family.locates_discharges))
+        width = len(family.step_entries)
         self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
         self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
         # (n,) `SHOWN`: what the windows of the present step showed
@@ -40,15 +40,13 @@ class ObservationBuilder(Snapshots):
         self._broke_at[i] = 0.0
         self._take_arguments(i)
         self.take_scale(i, row)
-        self.thread(i, row)
+        self._threaded_ns[i] = row["elapsed_ns"]
 
     def _take_arguments(self, which: int | slice) -> None:
         """Divide by what the arguments are at the episode's begin."""
-        for name, value in (
-            ("max_feed_um_s", self.family.max_feed_um_s), ("wires", self.family.wires),
-            ("episode_s", self.family.episode_s or np.inf),
-        ):  # fmt: skip
-            self._scales[name][which] = value
+        for name in ("max_feed_um_s", "wires"):
+            self._scales[name][which] = getattr(self.family, name)
+        self._scales["episode_s"][which] = self.family.episode_s or np.inf
 
     def take_scale(self, i: int, row: np.void) -> None:
         """Divide by what belongs to the generator's setting from now on."""
@@ -57,15 +55,11 @@ class ObservationBuilder(Snapshots):
             scale[name] = row[name]
         scale["noise_share"], scale["step"] = self.sensors.noise_share, self.sensors.step
 
-    def thread(self, i: int, row: np.void) -> None:
-        """Begin with a fresh wire."""
-        self._threaded_ns[i] = row["elapsed_ns"]
-
     def lose_wire(self, i: int, row: np.void, setting_us: tuple[float, float]) -> None:
         """Note the setting at which a wire broke, and begin with the next one."""
         on_us, period_us = setting_us
         self._broke_at[i] = max(self._broke_at[i], period_us / on_us)
-        self.thread(i, row)
+        self._threaded_ns[i] = row["elapsed_ns"]
 
     def begin_step(self) -> None:
         """Begin a step, of which nothing has been seen yet."""
@@ -82,12 +76,10 @@ class ObservationBuilder(Snapshots):
     def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
         parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
-        family = self.family
-        known = observation.known_entries(family.knows_corners, family.offset_um is not None, family.knows_wires)
-        if known:
+        if known := self.family.known_entries:
             age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
             what = observation.Known(
-                rows, corner_um, corner_deg, age_s, self._broke_at, family.offset_um, self._scales
+                rows, corner_um, corner_deg, age_s, self._broke_at, self.family.offset_um, self._scales
             )
             parts.append(observation.values_of(known, what, len(rows)))
         return np.concatenate(parts, axis=1)

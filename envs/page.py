@@ -18,12 +18,10 @@ from textwrap import fill
 from typing import Any, TypeVar
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import observation, reward
+from edmsim.envs import knobs, observation, registry, reward, sub_envs
 from edmsim.envs.arguments import arguments_of
 from edmsim.envs.batch import action_space_of, observation_space_of
-from edmsim.envs.knobs import KNOBS
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
-from edmsim.envs.sub_envs import STRETCH_UM
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
@@ -58,11 +56,17 @@ ENDS = {
     StopCause.OUT_OF_RANGE: "the wire leaves the range of the model",
 }
 """What terminates an episode."""
-VERSIONS = """\
+VERSIONS = (
+    "v0: the first.",
+    """\
+v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.""",
+    """\
 v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
 wire earns nothing; dials are observed and not drawn.
 v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
-withdrawn."""  # of environments without versions of their own
+withdrawn.""",
+)
+"""What the versions up to 0, 1 or 2 have changed, of environments that say nothing else of theirs."""
 
 
 def page(env: _Class) -> _Class:
@@ -98,6 +102,7 @@ class _Page:
 def written(family: Family, particular: str) -> str:
     """Return the page of a family at its defaults, given what is particular to it."""
     summary, own = own_sections(particular)
+    version = int(registry.env_id_of(type(family).__name__).rpartition("v")[2])
     sections = {
         "Description": own.pop("Description"),
         "Action space": actions(family, own.pop("Action space", "")),
@@ -106,7 +111,7 @@ def written(family: Family, particular: str) -> str:
         "Starting state": start(family, own.pop("Starting state")),
         "End of the episode": ends(family),
         "Arguments": arguments(family),
-        "Versions": own.pop("Versions", VERSIONS),
+        "Versions": own.pop("Versions", "") or VERSIONS[version],
     }
     assert not own, f"a page has no sections {', '.join(own)}"
     return joined(summary, sections)
@@ -158,7 +163,7 @@ def actions(family: Family, particular: str) -> str:
     space = action_space_of(family)
     known = {
         family.action_names[0]: FIRST[family.action],
-        **{name: (f"{meaning}, log2", "``setting_octaves``") for name, meaning in KNOBS.items()},
+        **{name: (f"{meaning}, log2", "``setting_octaves``") for name, meaning in knobs.KNOBS.items()},
         "offset": ("offset from the path, left positive", "``offset_um``"),
     }
     rows = [
@@ -193,7 +198,7 @@ def observations(family: Family, particular: str) -> str:
     """Return the section on observations."""
     listed = family.entries()
     at = {entry.name: k for k, entry in enumerate(listed)}
-    of_last = len(observation.of_a_step(family.locates_discharges))
+    of_last = len(family.step_entries)
     of_steps = of_last * family.history
 
     def span(entries: Sequence[observation.Entry]) -> str:
@@ -229,7 +234,7 @@ def symbols(family: Family) -> list[tuple[str, str]]:
     if family.finishes_wall:
         error = (
             "distance of the finished wall from its target, um, root mean square over\n"
-            f"the height and {STRETCH_UM:g} um of its length; 0 before there is any"
+            f"the height and {sub_envs.STRETCH_UM:g} um of its length; 0 before there is any"
         )
     elif family.near_corner_um is not None:
         error += "; 0 if no corner is\nwithin ``near_corner_um`` of path"

@@ -63,7 +63,7 @@ class PartCut:
         self.setting, self.offset_um = rows[0], found.table.offsets_mm[0] * 1e3  # of the last pass, as its offset
         # why the last choice was not made as asked for; empty where it was
         self.cause, self.refused = StopCause.RUNNING, ""
-        self._settings, self._path, self._stops_after = found.settings, found.path, stops_after or len(rows)
+        self.settings, self._path, self._stops_after = found.settings, found.path, stops_after or len(rows)
         self._offsets_mm = list(found.table.offsets_mm)
         self._setups = [setup_of(found.settings, one) for one in rows]
         self._threaded_ns = 0
@@ -72,16 +72,6 @@ class PartCut:
     def passes(self) -> int:
         """How many passes there are, rough and trims."""
         return len(self._setups)
-
-    @property
-    def height_mm(self) -> float:
-        """Height of the workpiece."""
-        return self._settings.workpiece.greatest_mm
-
-    @property
-    def seed(self) -> int:
-        """Seed of the plant."""
-        return self._settings.seed
 
     def begin_count(self) -> None:
         """Count time of cutting and lost wires from here on."""
@@ -177,7 +167,8 @@ class PartCut:
 
     def _face_mm2(self) -> float:
         records = [] if self.simulation is None else self.simulation.passes.records
-        return sum(one.end_um - one.begin_um for one in records if one.number == 1) * 1e-3 * self.height_mm
+        cut_um = sum(one.end_um - one.begin_um for one in records if one.number == 1)
+        return cut_um * 1e-3 * self.settings.workpiece.greatest_mm
 
     def _sums(self) -> Sums:
         return Sums() if self.simulation is None else replace(self.simulation.sums)
@@ -195,7 +186,7 @@ class PartCut:
 
     def _begin(self, choice: Choice) -> None:
         """Go on from where the last step ended, as the choice has it."""
-        simulation, settings = self.simulation, self._settings
+        simulation, settings = self.simulation, self.settings
         number = self.number
         if simulation is not None and self.broken:
             one = simulation.legs[simulation.leg].cut_pass
@@ -225,7 +216,7 @@ class PartCut:
         for tried in (choice, choice._replace(pause=1.0), choice._replace(pause=1.0, on_time=1.0)):
             self.setting = _changed(self.table.settings[number - 1], tried)
             try:
-                return setup_of(self._settings, self.setting)
+                return setup_of(self.settings, self.setting)
             except InputError as error:
                 self.refused = self.refused or str(error)
         raise InputError(f"the technology's setting of pass {number} is refused: {self.refused}")
@@ -238,7 +229,7 @@ class PartCut:
         self.offset_um = self._offsets_mm[number - 1] * 1e3
         later = [min(mm, self._offsets_mm[number - 1]) for mm in self.table.offsets_mm[number:]]
         offsets_mm = (*self._offsets_mm[:number], *later)
-        settings = self._settings
+        settings = self.settings
         if offsets_mm == self.table.offsets_mm:
             return self._path
         plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, "stop")

@@ -1,32 +1,29 @@
 """A picture of a part during its cut: drawing, kerf and error from above, results of passes, and the last step."""
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.envs.part_cut import PartCut
+from edmsim.envs.part_task import PartEpisode
 from edmsim.envs.render import HEIGHT, STRIP, canvas, draw_cut, pixels, strip
 from edmsim.job.inspection import holes_mm
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
-if TYPE_CHECKING:
-    from edmsim.envs.part_cut import PartCut
-    from edmsim.envs.part_task import PartEpisode
-
 BELOW = 120
 """Height of what is below the drawing: the passes, and the strip of the last step."""
 
 
-def picture(episode: "PartEpisode") -> NDArray[np.uint8]:
+def picture(episode: PartEpisode) -> NDArray[np.uint8]:
     """Return the picture of a part, uint8 (480, 640, 3)."""
     drawn = draw_cut(*_scene(episode.cut), HEIGHT - BELOW, (0.1, 0.14, 0.76, 0.76))
     return np.vstack([drawn, _passes(episode), _last_step(episode)])
 
 
-def _scene(cut: "PartCut") -> tuple[Scene, NDArray[np.float64]]:
+def _scene(cut: PartCut) -> tuple[Scene, NDArray[np.float64]]:
     """Return what is drawn of the part, with its edges at mid height, and where the wire is."""
     contour, stock_mm = cut.path.contours[0], cut.path.stock_mm
     machine, simulation = cut.machine, cut.simulation
@@ -52,7 +49,7 @@ def _scene(cut: "PartCut") -> tuple[Scene, NDArray[np.float64]]:
     return scene, np.asarray(place_mm, np.float64)
 
 
-def _passes(episode: "PartEpisode") -> NDArray[np.uint8]:
+def _passes(episode: PartEpisode) -> NDArray[np.uint8]:
     """Draw what every pass so far left beyond what it was to leave."""
     from edmsim.recording.figures.palette import BLUE, INK, MUTED
 
@@ -78,7 +75,7 @@ def _named(number: int, left_um: float) -> str:
     return f"pass {number}" + (f": {left_um:+.1f}".replace("-", "\u2212") if math.isfinite(left_um) else "")
 
 
-def _last_step(episode: "PartEpisode") -> NDArray[np.uint8]:
+def _last_step(episode: PartEpisode) -> NDArray[np.uint8]:
     """Draw what the last step did: pass, time, offset, reward, what became of the pulses."""
     sums, cut = episode.step.sums, episode.cut
     facts = [f"{cut.time_s:.0f} s"]

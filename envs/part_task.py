@@ -3,9 +3,8 @@
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,12 +13,11 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.passes import Sums
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, shows_arguments
+from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, record_of_arguments
 from edmsim.envs.observation import Entry
 from edmsim.envs.part_cut import Choice, PartCut, Step
 from edmsim.envs.reward import WeightsOfTerms
-from edmsim.envs.scenario import names_of
-from edmsim.envs.task import EnvArguments
+from edmsim.envs.task import Drawn, EnvArguments, names_of
 from edmsim.errors import InputError
 from edmsim.geometry import Floats
 from edmsim.job.settings import CutSettings
@@ -59,8 +57,6 @@ ENTRIES = (
     Entry("tension", 0.0, 4.0, "tension of the wire", "the technology's"),
 )
 """Entries of an observation; the first eight, and the last action, are of the last step, 0 before there is one."""
-TERMS = ("time", "error", "roughness", "wire_break", "limit")
-"""Names of the reward's terms, in order: those of `PartWeights`."""
 MOST_OFFSET_UM = 50.0
 """Greatest change of an offset (ours: what a trim takes)."""
 MOST_OCTAVES = 2.0
@@ -78,14 +74,14 @@ class PartWeights(WeightsOfTerms):
     limit: float = 50.0  # cost of an unfinished part: its last wire broke, or a limit ended it
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+TERMS = tuple(f.name for f in fields(PartWeights))  # names of the reward's terms, in order: those of their weights
+
+
+@record_of_arguments
 class Part(EnvArguments):
     """Machine, draws and reward of a part; the fields are the environment's arguments.
 
-    Parameters
-    ----------
-    {arguments}
+    {parameters}
 
     Raises
     ------
@@ -156,10 +152,7 @@ class Part(EnvArguments):
     @cached_property
     def read(self) -> Program:
         """The program."""
-        if self.program is not None:
-            return load_program(self.program)
-        with resources.as_file(resources.files(__package__) / "small_part.ngc") as file:
-            return load_program(file)
+        return load_program(Path(__file__).with_name("small_part.ngc") if self.program is None else self.program)
 
     @cached_property
     def base(self) -> Machine:
@@ -182,7 +175,7 @@ class Part(EnvArguments):
         """Return every entry of an observation, in order."""
         return list(ENTRIES)
 
-    def draw(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> CutSettings:
+    def draw(self, rng: np.random.Generator, drawn: Drawn) -> CutSettings:
         """Draw a machine and the plant's seed; returns the settings of its cut.
 
         Parameters
@@ -268,9 +261,7 @@ class Parts:
 
     # --- beginning ---
 
-    def begin(
-        self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool
-    ) -> dict[str, Any]:
+    def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool) -> dict[str, Any]:
         """Begin an episode; of one pass only, the passes before it are cut now. Returns the info of the reset."""
         if machine is not None:
             raise InputError(
@@ -279,7 +270,7 @@ class Parts:
             )
         family = self.family
         for _ in range(MOST_DRAWS):
-            drawn: dict[str, float | str] = {}
+            drawn: Drawn = {}
             cut = self._drawn(rng, drawn)
             gauge = np.random.default_rng(int(rng.integers(2**62)))
             one = PartEpisode(family, cut, gauge, float(drawn["tension_share"]))
@@ -288,9 +279,9 @@ class Parts:
         else:
             raise InputError(f"none of {MOST_DRAWS} machines came to pass {family.only_pass}: draw fewer constants")
         self.episodes[index] = one
-        return {"drawn": drawn, "plant_seed": cut.seed, "total_um": cut.total_um}
+        return {"drawn": drawn, "plant_seed": cut.settings.seed, "total_um": cut.total_um}
 
-    def _drawn(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> PartCut:
+    def _drawn(self, rng: np.random.Generator, drawn: Drawn) -> PartCut:
         """Draw a machine that takes the settings of the technology."""
         refused: InputError | None = None
         for _ in range(MOST_DRAWS):
@@ -408,7 +399,7 @@ class Parts:
             ]  # fmt: skip
         return [
             *measured, *one.action.tolist(), cut.number / cut.passes, cut.rest_share, cut.wires_lost / family.wires,
-            cut.cutting_s / family.episode_s, cut.height_mm / 50.0, one.tension_share,
+            cut.cutting_s / family.episode_s, cut.settings.workpiece.greatest_mm / 50.0, one.tension_share,
         ]  # fmt: skip
 
     def infos(self) -> dict[str, Any]:

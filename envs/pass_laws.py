@@ -99,11 +99,6 @@ LAWS: dict[str, type[Constant]] = {"technology": Constant, "constant": Constant,
 """Laws by name; the technology has no numbers of its own."""
 
 
-def names() -> tuple[str, ...]:
-    """Names of the laws."""
-    return tuple(LAWS)
-
-
 def from_text(text: str) -> PassLaw:
     """Make a law as it is named on the command line: with numbers, ``corrected:gain=0.4``; or ``policy:FILE``.
 
@@ -114,7 +109,7 @@ def from_text(text: str) -> PassLaw:
     if name in user_code.PASS_MAKERS:
         return cast(PassLaw, user_code.make(name, rest, user_code.PASS_MAKERS))
     if name not in LAWS:
-        listed = one_of(name, names(), (*names(), *(f"{kind}:FILE" for kind in user_code.PASS_MAKERS)))
+        listed = one_of(name, LAWS, (*LAWS, *(f"{kind}:FILE" for kind in user_code.PASS_MAKERS)))
         raise InputError(f"there is no law of passes {name!r}; choose one of {listed}")
     kind = LAWS[name]
     known = [] if name == "technology" else [f.name for f in fields(kind) if not f.name.startswith("_")]

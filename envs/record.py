@@ -1,7 +1,5 @@
 """`RecordRerun`: every n-th episode of an environment as a recording for `edmsim view`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +23,7 @@ class RecordedEpisodes:
         self.folders: list[Path] = []  # written so far
         self.recorder: EpisodeRecorder | None = None  # of the episode under way, if it is recorded
         self._folder = make_writable(folder)
-        self._viewer: LiveViewer | None = None
+        self._viewer: Any = None
         if hint is not None:
             from edmsim.recording.rerun.viewer import LiveViewer
 

@@ -1,7 +1,5 @@
 """The recording of an episode: that of a cut, and the actions, rewards and costs of its steps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -10,18 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim import __version__
 from edmsim.cosim.observers import Turn
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.path_follower import RUNNING, SUB_ENV
 from edmsim.envs.reward import TERMS
+from edmsim.envs.sub_envs import SubEnvs
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
 from edmsim.plant.workpiece.height_steps import middle_slice
+from edmsim.recording.report import ProfileErrors, Report
 from edmsim.recording.windows import PULSES, Closeups, Frames, WindowTable, row_of
 
 if TYPE_CHECKING:
-    from edmsim.envs.sub_envs import SubEnvs
-    from edmsim.recording.report import Report
     from edmsim.recording.rerun.write import Steps
     from edmsim.recording.scene import Scene
 
@@ -67,9 +66,8 @@ class EpisodeRecorder:
         window, row, state = (record.tobytes() for record in self._records)
         self._windows.append((window, row, state))
         if self._leg != leg:
-            self._leg, scenario = leg, self._sub_envs.scenarios[here]
-            assert scenario is not None
-            self._closeups.leg(np.rint(scenario.legs_um[leg]).astype(np.int64), float(rows[here]["before_um"]))
+            self._leg, points_um = leg, self._sub_envs.scenario(here).legs_um[leg]
+            self._closeups.leg(np.rint(points_um).astype(np.int64), float(rows[here]["before_um"]))
         if len(self._windows) % EVERY == 1 or self._causes[here] != RUNNING:
             turn = _turn(window, row)[0]._replace(opposite=plant.opposite_pulses())
             self._closeups.window(turn, plant)
@@ -97,12 +95,11 @@ class EpisodeRecorder:
         from edmsim.recording.rerun.write import write_recording
 
         file.parent.mkdir(parents=True, exist_ok=True)
-        scenario, plant = self._sub_envs.scenarios[self._index], self._sub_envs.fleet.plants[self._index]
-        assert scenario is not None
+        machine, plant = self._sub_envs.scenario(self._index).machine, self._sub_envs.fleet.plants[self._index]
         scene, windows = scene_of(self._sub_envs, self._index), self._table()
         values = windows.rows
         write_recording(
-            file, scene, windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, scenario.machine,
+            file, scene, windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, machine,
             self._report(settings, outcome or self._outcome(), scene, values), title, self._steps_of(values),
         )
 
@@ -111,15 +108,9 @@ class EpisodeRecorder:
         late = cause is StopCause.RUNNING and bool(self._sub_envs.out_of_time[self._index])
         return WORDS[StopCause.TIME_LIMIT if late else cause].report
 
-    def _report(
-        self, settings: Mapping[str, Any], outcome: str, scene: Scene, values: NDArray[np.float64]
-    ) -> Report:
+    def _report(self, settings: Mapping[str, Any], outcome: str, scene: "Scene", values: NDArray[Any]) -> Report:
         """Return of a cut's report what its recording tells."""
-        from edmsim import __version__
-        from edmsim.recording.report import ProfileErrors, Report
-
-        row, scenario = self._sub_envs.rows[self._index], self._sub_envs.scenarios[self._index]
-        assert scenario is not None
+        row, scenario = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index)
         cutting_s, known = float(row["elapsed_ns"]) * 1e-9, scene.known_errors()
         area_mm2 = sum(step[-1] for step in self._steps)
         return Report(
@@ -134,7 +125,7 @@ class EpisodeRecorder:
             settings={**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
         )  # fmt: skip
 
-    def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
+    def _steps_of(self, windows: NDArray[np.float64]) -> "Steps":
         """Lay out what the steps commanded, earned and cost."""
         from edmsim.recording.rerun.write import COST, RETURN, TOTAL, steps_of
 
@@ -167,8 +158,7 @@ def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, flo
 
 def _scene_slice(sub_envs: SubEnvs, index: int) -> int:
     """Return the slice at mid height of the lowest place, as `Scene.middle_slice`: it has metal everywhere."""
-    scenario = sub_envs.scenarios[index]
-    assert scenario is not None
-    machine, slices = scenario.machine, sub_envs.fleet.plants[index].resolution.slices
+    scenario, slices = sub_envs.scenario(index), sub_envs.fleet.plants[index].resolution.slices
+    machine = scenario.machine
     lowest_mm = min([step.height_mm for step in scenario.stock.steps], default=machine.height_mm)
     return middle_slice(lowest_mm, machine.height_mm, slices)

@@ -28,14 +28,16 @@ _REGISTERED = {
     "Trim": _Registered(1, 912.0), "Part": _Registered(0, -16.0, "part"),
     "MaxRateShift": _Registered(0, 276105.0, "shift"), "ThinWireShift": _Registered(0, 62871.0, "shift"),
 }  # fmt: skip
-_GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under
 
 
 def register_all() -> None:
     """Register ``edmsim/GapFeed-v2`` and the others."""
     for name, one in _REGISTERED.items():
-        _register_classes(env_id_of(name), _classes_of(name), {}, one.reference)
+        _register(
+            id=env_id_of(name), entry_point=_class_of(name), vector_entry_point=f"edmsim.envs:{name}VectorEnv",
+            reward_threshold=one.reference,
+        )
 
 
 @refuses_wrong_types
@@ -64,11 +66,11 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     base = base_of(family)
     family.of(**arguments)
     registry.pop(env_id, None)
-    if family is family_of(base):
-        _register_classes(env_id, (_classes_of(base)[0], _GENERAL[1]), {**arguments, "task": base})
-    else:
-        _OWN[env_id] = family
-        _register_classes(env_id, _GENERAL, {**arguments, "task": env_id})
+    single, task = _class_of(base), base
+    if family is not family_of(base):
+        _OWN[env_id], single, task = family, "edmsim.envs.environment:EdmEnv", env_id
+    vector = "edmsim.envs.environment:EdmVectorEnv"
+    _register(id=env_id, entry_point=single, vector_entry_point=vector, kwargs={**arguments, "task": task})
 
 
 def resolve(text: str) -> str:
@@ -150,7 +152,9 @@ def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str
     own = family.of(**own_arguments)
     if hasattr(own, "knobs") and own.knobs != known.of().knobs:  # type: ignore[attr-defined]
         own_arguments["knobs"] = own.knobs
-    meaning = ("knows_corners", "knows_wires", "setting_us", "entries", "action_names")
+    meaning = (
+        "knows_corners", "knows_wires", "setting_us", "step_entries", "known_entries", "entries", "action_names",
+    )
     if any(getattr(family, name, None) != getattr(known, name, None) for name in meaning):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "
@@ -169,14 +173,6 @@ def env_id_of(name: str) -> str:
     return f"edmsim/{name}-v{_REGISTERED[name].version}" if name in _REGISTERED else name
 
 
-def _classes_of(name: str) -> tuple[str, str]:
-    """Return where the single environment of edmsim is, and what makes the vector environment (`edmsim.envs`)."""
-    return f"edmsim.envs.{_REGISTERED[name].file}:{name}Env", f"edmsim.envs:{name}VectorEnv"
-
-
-def _register_classes(
-    env_id: str, classes: tuple[str, str], kwargs: dict[str, Any], reference: float | None = None
-) -> None:
-    _register(
-        id=env_id, entry_point=classes[0], vector_entry_point=classes[1], kwargs=kwargs, reward_threshold=reference
-    )
+def _class_of(name: str) -> str:
+    """Return where the single environment of edmsim is."""
+    return f"edmsim.envs.{_REGISTERED[name].file}:{name}Env"

@@ -1,24 +1,20 @@
 """The geometry that pictures of an environment draw: its path or drawing, and the remaining metal."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmsim.cosim.stops import StopCause
+from edmsim.envs.sub_envs import SubEnvs
 from edmsim.job.inspection import holes_mm, terraces
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import corners, profile_error
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
-if TYPE_CHECKING:
-    from edmsim.envs.sub_envs import SubEnvs
 
-
-def path_scene(sub_envs: "SubEnvs", index: int) -> Scene:
+def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
     """Return a cut quickly, for a picture at every step: the wire's path, and the edges at mid height."""
-    scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]
-    assert scenario is not None
+    scenario, plant = sub_envs.scenario(index), sub_envs.fleet.plants[index]
     machine, none = scenario.machine, np.zeros((0, 2))
     x0, y0, x1, y1 = (v * 1e-3 for v in scenario.stock.rectangle_um)
     edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
@@ -35,11 +31,10 @@ def path_scene(sub_envs: "SubEnvs", index: int) -> Scene:
     return replace(scene, cut_edges_mm=tuple(edges))
 
 
-def scene_of(sub_envs: "SubEnvs", index: int) -> Scene:
+def scene_of(sub_envs: SubEnvs, index: int) -> Scene:
     """Return a cut, measured: every slice's edges, and where a program is cut its drawing with the errors."""
     scene = path_scene(sub_envs, index)
-    scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]
-    assert scenario is not None
+    scenario, plant = sub_envs.scenario(index), sub_envs.fleet.plants[index]
     field, (x_um, y_um) = plant.field, plant.commanded_um
     measured = [(contour, profile_error(field, contour)) for contour in scenario.contours]
     finished = sub_envs.rows[index]["cause"] == StopCause.FINISHED

@@ -1,17 +1,15 @@
 """MaxRateShift and ThinWireShift: a shift on one machine, long enough to learn its limits and use them."""
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments
+from edmsim.envs.arguments import Range, argument, ends_of, record_of_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.families import HeightStep, MaxRate, ThinWire
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
-from edmsim.envs.scenario import Drift, Scenario
-from edmsim.envs.task import ROOM_MM
+from edmsim.envs.task import ROOM_MM, Drawn, Drift, Scenario
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
 from edmsim.numeric import above_zero, within
@@ -28,15 +26,9 @@ AREA = Weights(short=0.0, open=0.0, wire_break=0.0)
 """A lost wire costs only its threading time, because the shift ends by the clock."""
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Shift(HeightStep):
-    """Workpieces in a row on one machine whose water changes.
-
-    Parameters
-    ----------
-    {arguments}
-    """
+    """Workpieces in a row on one machine whose water changes."""
 
     test_s: float = argument(60.0, "s", "duration of the test cut, with a reward of 0")
     # ours: within the range of the machine's file, as the resin of the deioniser is used up
@@ -72,9 +64,7 @@ class Shift(HeightStep):
         """Return the wire's first position: the table's low end of x."""
         return ROOM_MM * 1e3 + SLOT_UM, machine.base.table.centre_um[1]
 
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Draw the workpieces and the drift of the machine's water."""
         scenario = super().draw_cut(rng, machine, seed, drawn)
         at_begin = machine.base.dielectric.conductivity_uS_cm.value
@@ -91,7 +81,7 @@ def on_a_large_table(machine: Machine) -> Machine:
     return with_constants(machine, {"table.travel_mm": travel})
 
 
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class MaxRateShift(MaxRate, Shift):
     """A shift on the production machine.
 
@@ -113,7 +103,7 @@ class MaxRateShift(MaxRate, Shift):
         return on_a_large_table(MaxRate.own_machine())
 
 
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class ThinWireShift(ThinWire, Shift):
     """A shift with a thin wire.
 
@@ -163,10 +153,6 @@ class MaxRateShiftEnv(EdmEnv):
     greatest. Machine, tension and pressures are drawn as in `MaxRateEnv`. The final conductivity and the final share
     of the pressures are drawn uniformly from ``conductivity_uS_cm`` and ``flushing_left``. Both change linearly with
     time, in steps of a minute.
-
-    Versions
-    --------
-    v0: the first.
     """
 
     task = MaxRateShift
@@ -178,12 +164,9 @@ class ThinWireShiftEnv(EdmEnv):
 
     Description
     -----------
-    This is `ThinWireEnv` for the time of a shift, with discharges located as in `MaxRateEnv`. Workpieces of 2 to 8 mm
-    are cut in a row, each with its own height. The first minute is a test cut on scrap with a reward of 0: there you
-    can break a wire to find the limit, and the observation has entries about lost wires. A lost wire costs the 60 s
-    of threading the next one, 5 % of the shift, and no other penalty: the shift ends by the clock. During the shift
-    the water's conductivity changes, and nozzles and filter wear: the pressure at the workpiece falls below the
-    gauge's.
+    This is `ThinWireEnv` for the time of a shift, with discharges located as in `MaxRateEnv`. Workpieces, test cut
+    and the changes of water and pressure are those of `MaxRateShiftEnv`. A lost wire costs the 60 s of threading the
+    next one, 5 % of the shift, and no other penalty: the shift ends by the clock.
 
     Observation space
     -----------------
@@ -191,14 +174,7 @@ class ThinWireShiftEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire is at the low end of a table of 400 mm, in a slot, 25 um from the metal. The first workpiece has the
-    greatest height; lengths are drawn uniformly from ``band_mm``, further heights from ``low_share`` to 1 times the
-    greatest. The final conductivity and the final share of the pressures are drawn uniformly from
-    ``conductivity_uS_cm`` and ``flushing_left``. Both change linearly with time, in steps of a minute.
-
-    Versions
-    --------
-    v0: the first.
+    As in `MaxRateShiftEnv`, with the machine of `ThinWireEnv`.
     """
 
     task = ThinWireShift

@@ -16,10 +16,8 @@ from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.envs import path_follower
-from edmsim.envs.knobs import to_detents
-from edmsim.envs.scenario import Scenario
-from edmsim.envs.task import Family
+from edmsim.envs import knobs, path_follower
+from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.machine.machine import Machine
@@ -44,7 +42,11 @@ class SubEnvs:
         self.families = [family] * count  # of the present one of each
         self.count = count
         centre_um = family.base.base.table.centre_um
-        self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
+        plants = [
+            Plant(family.base, 0, position_um=centre_um, resolution=family.resolution, mechanics=family.mechanics)
+            for _ in range(count)
+        ]
+        self.fleet = Fleet(plants, threads)
         self.rows: NDArray[np.void] = np.zeros(count, path_follower.SUB_ENV)
         # (n,): what makes motor steps of every sub-environment's feed
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
@@ -71,9 +73,6 @@ class SubEnvs:
         self._height_from: Floats = np.full((count, 1), np.inf)
         self._heights: Floats = np.zeros((count, 1))
 
-    def _plant(self, machine: Machine, seed: int, **more: Any) -> Plant:
-        return Plant(machine, seed, resolution=self.family.resolution, mechanics=self.family.mechanics, **more)
-
     # --- beginning ---
 
     def begin(self, index: int, scenario: Scenario) -> None:
@@ -96,6 +95,12 @@ class SubEnvs:
         self._heights = _with_row(self._heights, index, heights, 0.0)
         self.rows[index]["drifts_ns"] = NEVER_NS if scenario.drift is None else 0
         self._begin_leg(index, 0)
+
+    def scenario(self, index: int) -> Scenario:
+        """Return the present episode of a sub-environment that has begun one."""
+        scenario = self.scenarios[index]
+        assert scenario is not None
+        return scenario
 
     def _take_constants(self, index: int, machine: Machine) -> None:
         row, generator, table = self.rows[index], machine.generator, machine.base.table
@@ -120,8 +125,6 @@ class SubEnvs:
         row["longest_ns"] = plant.longest_window_ns
 
     def _begin_leg(self, index: int, leg: int) -> None:
-        scenario = self.scenarios[index]
-        assert scenario is not None
         self.leg[index] = leg
         row, kind = self.rows[index], self._planner
         for name in ("path_um", "reached_um", "cut_um", "beside"):
@@ -129,7 +132,7 @@ class SubEnvs:
         row["settling_ns"] = path_follower.SETTLING_NS
         step_um = float(row["step_um"])
         unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
-        points_um = scenario.legs_um[leg]
+        points_um = self.scenario(index).legs_um[leg]
         course, corner_um, corner_deg = _laid(
             kind.number, kind.speed_unit_nm_s, unit, step_um, points_um.tobytes(), points_um.shape
         )
@@ -156,7 +159,7 @@ class SubEnvs:
 
     def set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
-        setting = to_detents(t_on_us, t_period_us, self.families[index].detents_us)
+        setting = knobs.to_detents(t_on_us, t_period_us, self.families[index].detents_us)
         self.refused[index] = ""
         if setting == tuple(self.rows[index]["setting_us"]):
             return
@@ -215,8 +218,7 @@ class SubEnvs:
 
     def _drift(self, index: int) -> None:
         """Let a sub-environment's machine become what it is by now, and say when it will be another."""
-        scenario, elapsed_ns = self.scenarios[index], int(self.rows[index]["elapsed_ns"])
-        assert scenario is not None
+        scenario, elapsed_ns = self.scenario(index), int(self.rows[index]["elapsed_ns"])
         assert scenario.drift is not None
         self.fleet.plants[index].drift(scenario.drift.machine(scenario.machine, elapsed_ns * 1e-9))
         self.rows[index]["drifts_ns"] = elapsed_ns + round(scenario.drift.every_s * 1e9)
@@ -231,15 +233,15 @@ class SubEnvs:
 
     def _measure_wall(self, index: int) -> None:
         """Let the sub-environment's error be that of the wall just finished; none counts before there is one."""
-        row, scenario = self.rows[index], self.scenarios[index]
-        assert scenario is not None
-        assert scenario.wall is not None
-        behind_um = scenario.wall.x_um + float(row["reached_um"]) - FINISHED_UM
-        self.near[index] = behind_um - STRETCH_UM >= scenario.wall.x_um
+        row, wall = self.rows[index], self.scenario(index).wall
+        assert wall is not None
+        behind_um = wall.x_um + float(row["reached_um"]) - FINISHED_UM
+        self.near[index] = behind_um - STRETCH_UM >= wall.x_um
         row["error_um"] = 0.0
         if self.near[index]:
-            field = self.fleet.plants[index].field
-            row["error_um"] = wall_error_um(field, scenario.wall.y_um, behind_um - STRETCH_UM, behind_um)
+            row["error_um"] = wall_error_um(
+                self.fleet.plants[index].field, wall.y_um, behind_um - STRETCH_UM, behind_um
+            )
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
@@ -264,14 +266,13 @@ class SubEnvs:
 
     def _end_leg(self, index: int) -> None:
         """Go on with the path's next piece, if there is one."""
-        scenario, plant, row = self.scenarios[index], self.fleet.plants[index], self.rows[index]
-        assert scenario is not None
+        legs_um, plant, row = self.scenario(index).legs_um, self.fleet.plants[index], self.rows[index]
         following = self.leg[index] + 1
-        if following == len(scenario.legs_um):
+        if following == len(legs_um):
             return
         row["cause"] = path_follower.RUNNING
         row["before_um"] += row["path_um"]
-        x, y = (float(v) for v in scenario.legs_um[following][0])
+        x, y = (float(v) for v in legs_um[following][0])
         table = plant.machine.base.table
         way = math.dist((x, y), plant.commanded_um)
         plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
@@ -280,10 +281,9 @@ class SubEnvs:
 
     def _reset_setting(self, index: int) -> None:
         """Set the generator as it was set up: so every leg begins, and every wire."""
-        scenario, plant = self.scenarios[index], self.fleet.plants[index]
-        assert scenario is not None
-        if plant.machine is not scenario.machine:
-            plant.set_generator(scenario.machine.t_on_us, scenario.machine.t_period_us)
+        machine, plant = self.scenario(index).machine, self.fleet.plants[index]
+        if plant.machine is not machine:
+            plant.set_generator(machine.t_on_us, machine.t_period_us)
             self._take_setting(index)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -1,37 +1,32 @@
-"""Base of the environments: what all have in common, and how machine, stock and path of an episode are drawn."""
+"""Base of the environments: what an episode begins with, what all have in common, and how an episode is drawn."""
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs import knobs as generator
-from edmsim.envs import servo
-from edmsim.envs.arguments import (
-    Range,
-    argument,
-    check_kinds,
-    ends_of,
-    machine_of,
-    record_of,
-    shows_arguments,
-)
-from edmsim.envs.observation import EXACT, Entry, Sensors, entries
+from edmsim.envs import observation, servo
+from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, machine_of, record_of, record_of_arguments
+from edmsim.envs.observation import EXACT, Entry, Sensors
 from edmsim.envs.reward import TERMS, Weights
-from edmsim.envs.scenario import Scenario, draw_machine, names_of
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import MOST_TIME_S
+from edmsim.machine.ranges import choose, values_of, with_constants
+from edmsim.machine.setting import MOST_TIME_S, flushing_Pa, standoffs_mm
 from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
+from edmsim.plant.workpiece.blanks import WallLine
+from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.program.path import WireContour
 
 MOST_FEED_UM_S = 100_000.0
 """Greatest feed that may be asked for: that of the files of machines."""
@@ -47,6 +42,78 @@ MOST_DECISION_S = 3600.0
 """Longest time between two actions (ours: longer than any episode by far; it is simulated in some minutes)."""
 LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives")
 """Arguments that decide on spaces and plants: they stay as long as the environment does."""
+Drawn = dict[str, float | str]
+"""What was drawn of an episode, by name, for `info`."""
+
+
+class Drift(NamedTuple):
+    """Changes of a machine within an episode, linear with machine time and not observed."""
+
+    # time in which all of it happens, and from one step of it to the next
+    over_s: float
+    every_s: float
+    conductivity_uS_cm: float  # of the water, in the end
+    flushing_share: float  # of the nozzles' pressures, what is left at the workpiece in the end
+
+    def machine(self, machine: Machine, time_s: float) -> Machine:
+        """Return the machine after a time."""
+        share, water = min(time_s / self.over_s, 1.0), machine.base.dielectric.conductivity_uS_cm
+        now = water.model_copy(update={"value": water.value + share * (self.conductivity_uS_cm - water.value)})
+        left = 1.0 - share * (1.0 - self.flushing_share)
+        lower_Pa, upper_Pa = flushing_Pa(machine)
+        drifted = with_constants(machine, {"dielectric.conductivity_uS_cm": now})
+        return drifted.with_(flushing_lower_Pa=left * lower_Pa, flushing_upper_Pa=left * upper_Pa)
+
+
+class Scenario(NamedTuple):
+    """Initial state of an episode."""
+
+    machine: Machine
+    stock: Stock
+    legs_um: tuple[Floats, ...]  # (k, 2): the wire's path, leg by leg; a wire is threaded between two legs
+    # (m,): path lengths in um at which the height changes, the first 0, and the heights from there on in mm
+    heights: tuple[Floats, Floats]
+    plant_seed: int
+    drawn: Drawn
+    # the edges of the part program, one for every leg; empty without a program
+    contours: tuple[WireContour, ...] = ()
+    wall: WallLine | None = None  # the wall to be finished by the only leg, along +x
+    drift: Drift | None = None  # changes of the machine during the episode
+
+
+def even_height(machine: Machine) -> tuple[Floats, Floats]:
+    """Return `Scenario.heights` of a workpiece of one height."""
+    return np.zeros(1), np.array([machine.height_mm])
+
+
+# What is drawn of an episode's machine: constants nobody can know, and none that an operator sets.
+# A dial of the operator, such as the pressure of the flushing, is not drawn: it keeps its value, which the
+# observation contains. Constants without effect are not drawn either: friction and backlash of the table act where
+# MuJoCo steps the machine, and only there; bore and flow of the nozzles where one stands off the workpiece; the
+# rapid rate and the time for threading pay nothing but time that is not cut.
+
+DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")  # constants with a range that an operator sets
+DRY = ("table.friction_N", "table.presliding_um", "table.backlash_um")
+"""Constants of the table that count with ``mechanics="mujoco"`` only."""
+NOZZLES = ("dielectric.nozzle_mm", "dielectric.nozzle_flow_l_min")
+"""Constants that count where a nozzle stands off the workpiece only."""
+_TIMES = ("table.rapid_um_s", "table.threading_s")
+
+
+def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) -> tuple[str, ...]:
+    """Return the constants that an episode draws: those named, or, for no names, all drawn by themselves."""
+    if randomise is None:
+        return ()
+    without = _TIMES + (() if mechanics == "mujoco" else DRY) + (() if any(standoffs_mm(machine)) else NOZZLES)
+    if not randomise:
+        return tuple(name for name in machine.uncertain() if name not in (*without, *DIALS))
+    dead = [name for name in randomise if name in without or (name == "table" and mechanics != "mujoco")]
+    if dead:
+        raise InputError(
+            f"randomise names {dead[0]!r}, which has no effect here: friction and backlash count with "
+            'mechanics="mujoco" only, bore and flow of nozzles with a stand-off only, times of the table never'
+        )
+    return tuple(name for name in choose(machine, randomise) if name not in without)
 
 
 class EnvArguments(ABC):
@@ -112,8 +179,7 @@ class EnvArguments(ABC):
         return self.of(**{**now, **arguments})
 
 
-@shows_arguments
-@dataclass(frozen=True, kw_only=True)
+@record_of_arguments
 class Family(EnvArguments):
     """Episodes of one kind; its fields are the arguments of an environment.
 
@@ -122,9 +188,7 @@ class Family(EnvArguments):
     history of the wires. With `counts_threading` the time of threading counts towards the episode's end; with
     `finishes_wall` errors are those of `Scenario.wall`, not of the wire. The defaults of an id are its benchmark.
 
-    Parameters
-    ----------
-    {arguments}
+    {parameters}
 
     Raises
     ------
@@ -287,11 +351,25 @@ class Family(EnvArguments):
         last = () if self.offset_um is None else ("offset",)
         return ("target" if self.action == "servo" else "feed", *self.knobs, *last)
 
+    @property
+    def step_entries(self) -> tuple[Entry, ...]:
+        """Entries of an observation that a step has."""
+        return observation.MEASURED + (observation.FIFTHS if self.locates_discharges else ())
+
+    @property
+    def known_entries(self) -> tuple[Entry, ...]:
+        """Entries behind the operator's dials."""
+        offset = () if self.offset_um is None else (observation.OFFSET,)
+        corners = observation.CORNERS if self.knows_corners else ()
+        return (*corners, *offset, *(observation.WIRES if self.knows_wires else ()))
+
     def entries(self) -> list[Entry]:
         """Return every entry of an observation, in order."""
-        return entries(
-            self.history, self.knows_corners, self.locates_discharges, self.offset_um is not None, self.knows_wires
-        )
+        steps = [
+            entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
+            for age in range(self.history) for entry in self.step_entries
+        ]  # fmt: skip
+        return [*steps, *observation.DIALS, *self.known_entries]
 
     @property
     def reach_mm(self) -> float:
@@ -335,8 +413,13 @@ class Family(EnvArguments):
         actions : (len(knobs),)
             Actions within -1..1.
         """
-        first = float(first_us[0]), float(first_us[1])
-        return generator.turned_us(self.knobs, self.setting_octaves, first, actions.tolist())
+        turned = zip(self.knobs, actions.tolist(), strict=True)
+        factor = {name: 2.0 ** (self.setting_octaves * float(action)) for name, action in turned}
+        on_us, period_us = float(first_us[0]), float(first_us[1])
+        on_us *= factor.get("on_time", 1.0)
+        if "duty_factor" in factor:
+            return on_us, period_us * factor.get("on_time", 1.0) * factor["duty_factor"]
+        return on_us, period_us * factor.get("period", 1.0)
 
     @cached_property
     def greatest_feed_um_s(self) -> float:
@@ -359,9 +442,9 @@ class Family(EnvArguments):
         machine : Machine, optional
             Cut with this one; nothing of the machine is drawn then.
         """
-        drawn: dict[str, float | str] = {}
+        drawn: Drawn = {}
         if machine is None:
-            machine = draw_machine(rng, self._bases, self.drawn_settings, self.drawn_constants, drawn)
+            machine = self._draw_machine(rng, drawn)
         drawn |= {"material": machine.material_name, "height_mm": machine.height_mm, "tension": machine.tension}
         seed = int(rng.integers(2**62))
         scenario = self._checked(self.draw_cut(rng, machine, seed, drawn))
@@ -369,6 +452,17 @@ class Family(EnvArguments):
         if not grid:
             return scenario
         return scenario._replace(legs_um=tuple(np.rint(leg / grid) * grid for leg in scenario.legs_um))
+
+    def _draw_machine(self, rng: np.random.Generator, drawn: Drawn) -> Machine:
+        machine = self._bases[int(rng.integers(len(self._bases)))]
+        bounds = {name: ends_of(name, value) for name, value in self.drawn_settings.items() if value is not None}
+        values = {name: float(rng.uniform(*ends)) for name, ends in bounds.items()}
+        if any(values[name] != getattr(machine, name) for name in values):
+            machine = machine.with_(**values)
+        if self.drawn_constants:
+            machine = machine.sample(rng, self.drawn_constants)
+            drawn |= values_of(machine, self.drawn_constants)
+        return machine
 
     def _checked(self, scenario: Any) -> Scenario:
         """Return what `draw_cut` returned, which may be a user's; refuse what is not a cut."""
@@ -382,9 +476,7 @@ class Family(EnvArguments):
         return scenario
 
     @abstractmethod
-    def draw_cut(
-        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
-    ) -> Scenario:
+    def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
         """Lay out stock and path for a machine.
 
         Parameters

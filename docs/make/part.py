@@ -16,7 +16,7 @@ import numpy as np
 
 import edmsim
 from edmsim.envs.part_task import ACTIONS
-from edmsim.evaluation.episode import cut_part
+from edmsim.evaluation.episode import cut
 
 ID = "edmsim/Part-v0"
 USUAL = np.zeros(len(ACTIONS), np.float32)
@@ -79,7 +79,7 @@ def learn(steps: int, seed: int) -> str:
         )  # fmt: skip
         returns = Returns()
         model.learn(steps, callback=returns)
-        usual = np.mean([cut_part(ID, number, "technology", **options).total_return for number in range(8)])
+        usual = np.mean([cut(ID, number, "technology", **options).total_return for number in range(8)])
     first, last = np.array(returns.made[:32]), np.array(returns.made[-32:])
     return (
         f"{len(returns.made)} parts: the first 32 earned {first.mean():.2f}, the last 32 {last.mean():.2f} "

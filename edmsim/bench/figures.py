@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
+from edmsim.bench.subject import FEED_UM_S, MAX_FEED_UM_S, new_plant, straight_cut
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import PACK
 from edmsim.controllers import make
@@ -24,7 +26,6 @@ from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
 from edmsim.controllers.axis.elcam.table import Function, Mode
 from edmsim.controllers.mcu.firmware.poscal import poscal
 from edmsim.cosim.simulation import Simulation
-from edmsim.envs.task import MAX_FEED_UM_S
 from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
@@ -36,8 +37,6 @@ from edmsim.plant.plant import Plant
 from edmsim.program.path import CutPath, WireContour
 from edmsim.signals import noted
 
-FEED_UM_S = 28.0
-"""Feed of the straight cut that is timed: well into the metal, most pulses spark."""
 SETTLE_WINDOWS = 1000
 """Windows before timing, until the wire cuts a full kerf. At `default` the 800th takes a fifth longer than the
 first ones, and as long as any later one."""
@@ -48,32 +47,7 @@ MUJOCO_WINDOWS = 20
 THREAD_S = 1.0
 MEMORY_S = 60.0
 """Machine time over which memory must not grow."""
-_COLD = (
-    "import edmsim\n"
-    "plant = edmsim.Plant(edmsim.Machine.load(), seed=0)\n"
-    "plant.advance()\n"
-)
-
-
-def _straight_cut(plant: Plant) -> Iterator[None]:
-    """Advance a plant window by window at the feed of the benchmark."""
-    interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / FEED_UM_S)
-    window_ns, until = plant.window_ns, plant.time_ns
-    due = until + interval_ns
-    while True:
-        until += window_ns
-        steps = [(t, 0, 1) for t in range(due, until, interval_ns)] if due < until else ()
-        due += len(steps) * interval_ns
-        plant.advance(steps)
-        yield
-
-
-def _settled_cut(plant: Plant) -> Iterator[None]:
-    """Return the windows of a straight cut behind those until the wire cuts a full kerf."""
-    cut = _straight_cut(plant)
-    for _ in range(SETTLE_WINDOWS):
-        next(cut)
-    return cut
+_COLD = "import edmsim\nplant = edmsim.Plant(edmsim.Machine.load(), seed=0)\nplant.advance()\n"
 
 
 def spent_s(run: Callable[[], object], times: int = 1, clock: Callable[[], float] = time.process_time) -> float:
@@ -91,17 +65,14 @@ def best_s(run: Callable[[], object], times: int = 1) -> float:
 
 def pulses_per_s(resolution: str) -> tuple[float, Plant]:
     """Pulses per second of one core in a straight cut, and the plant as it was left."""
-    plant = Plant(Machine.load(), seed=0, resolution=resolution)
-    cut = _settled_cut(plant)
-    return TIMED_WINDOWS * WINDOW_PULSES / best_s(cut.__next__, TIMED_WINDOWS), plant
+    plant = new_plant(resolution=resolution)
+    return TIMED_WINDOWS * WINDOW_PULSES / best_s(straight_cut(plant, SETTLE_WINDOWS), TIMED_WINDOWS), plant
 
 
 def mujoco_realtime_factor() -> float:
     """Machine time over processor time where MuJoCo moves wire and table, at the default resolution and 10 kHz."""
-    plant = Plant(Machine.load(), seed=0, mechanics="mujoco")
-    cut = _straight_cut(plant)
-    next(cut)
-    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / best_s(cut.__next__, MUJOCO_WINDOWS)
+    plant = new_plant(mechanics="mujoco")
+    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / best_s(straight_cut(plant, 1), MUJOCO_WINDOWS)
 
 
 @compiled
@@ -152,11 +123,10 @@ def thread_scaling() -> tuple[float, float]:
     The second is the gain of the processors alone (1.2 if two share a core), for comparison with the first.
     """
     plants = [Plant(Machine.load(), seed=seed) for seed in range(2)]
-    cuts = [_settled_cut(plant) for plant in plants]
+    advance = [straight_cut(plant, SETTLE_WINDOWS) for plant in plants]
     law = gap_law(plants[0].machine, plants[0].resolution, timing(plants[0].machine).open_V)
     rays = plants[0].rays()
-    advance: list[Callable[[], object]] = [cut.__next__ for cut in cuts]
-    compute = [_summing(rays, law) for _ in range(2)]
+    compute = [partial(_sum_rays, rays, law, np.zeros((len(rays.first), 4)), WINDOW_PULSES) for _ in range(2)]
     gains = []
     for works in (advance, compute):
         alone = max(_together(works[:1]) for _ in range(2))
@@ -164,19 +134,13 @@ def thread_scaling() -> tuple[float, float]:
     return gains[0], gains[1]
 
 
-def _summing(rays: Rays, law: GapLaw) -> Callable[[], object]:
-    """Work of a thread that sums rays, into an array of its own."""
-    sums = np.zeros((len(rays.first), 4))
-    return lambda: _sum_rays(rays, law, sums, WINDOW_PULSES)
-
-
 def memory_growth_MB() -> float:
     """Growth of the process over a minute of machine time, less the tiles of the kerf field."""
-    plant = Plant(Machine.load(), seed=0, resolution="fast")
-    cut = _settled_cut(plant)
+    plant = new_plant(resolution="fast")
+    window = straight_cut(plant, SETTLE_WINDOWS)
     before, end = _resident_MB() - plant.field.tiles.nbytes * 1e-6, plant.time_ns + MEMORY_S * 1e9
     while plant.time_ns < end:
-        next(cut)
+        window()
     return _resident_MB() - plant.field.tiles.nbytes * 1e-6 - before
 
 
@@ -290,10 +254,7 @@ def turned_knobs_cost() -> float:
     turns[..., 0] = 0.0  # the feed
 
     def timed(share: float) -> float:
-        started = time.process_time()
-        for actions in turns * np.float32(share):
-            env.step(actions)
-        return time.process_time() - started
+        return spent_s(lambda: [env.step(actions) for actions in turns * np.float32(share)])
 
     rest, turned = (min(values) for values in zip(*((timed(0.0), timed(1.0)) for _ in range(3)), strict=True))
     env.close()

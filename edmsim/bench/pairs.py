@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +25,7 @@ from edmsim.compiled.cache import user_folder
 from edmsim.errors import EdmsimError, InputError
 from edmsim.evaluation.compare import Figure, median
 from edmsim.files import locked
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
+from edmsim.screen import ScreenTable
 
 ROOT = Path(edmsim.__file__).resolve().parents[1]
 """Folder that edmsim is imported from."""
@@ -143,10 +139,8 @@ def as_numbers(pairs: Pairs) -> dict[str, object]:
     return {"against": pairs.commit, "figures": figures}
 
 
-def render(pairs: Pairs) -> "RenderableType":
+def render(pairs: Pairs) -> ScreenTable:
     """Return a comparison as a table for the terminal."""
-    from edmsim.screen import ScreenTable
-
     count = len(next(iter(pairs.here.values())))
     table = ScreenTable(
         "figure", numbers=("ratio", "95 % interval", "here", "there"),

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from edmsim.bench.figures import FEED_UM_S, SETTLE_WINDOWS
+from edmsim.bench.figures import SETTLE_WINDOWS
+from edmsim.bench.subject import FEED_UM_S
 from edmsim.compiled.specialised import marked
 from edmsim.errors import EdmsimError
 from edmsim.machine.machine import Machine
@@ -23,10 +24,10 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.memory import CALL, fire_windows
 from edmsim.plant.plant import Plant, shapes
 from edmsim.plant.resolution import RESOLUTIONS
+from edmsim.screen import ScreenTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.console import RenderableType
 
 PROFILED = ("fast", "default")
 """Resolutions whose time is shared out."""
@@ -176,10 +177,8 @@ def as_numbers(found: dict[str, LoopProfile]) -> dict[str, object]:
     }  # fmt: skip
 
 
-def render(found: dict[str, LoopProfile]) -> "RenderableType":
+def render(found: dict[str, LoopProfile]) -> ScreenTable:
     """Return the profiles as a table for the terminal."""
-    from edmsim.screen import ScreenTable
-
     numbers = [head for resolution in found for head in (f"{resolution} ns", f"{resolution} %")]
     table = ScreenTable("part of a pulse", numbers=numbers, title="edmsim bench --profile, processor time")
     for part in PARTS:

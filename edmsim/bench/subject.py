@@ -48,11 +48,15 @@ def rate(
     return steps / min(spent_s(steps) for _ in range(spells))
 
 
-def straight_cut(settle: int, **options: str) -> Callable[[], None]:
+def new_plant(**options: str) -> edmsim.Plant:
+    """Return a plant of the usual machine."""
+    return edmsim.Plant(edmsim.Machine.load(), seed=0, **options)  # type: ignore[arg-type]
+
+
+def straight_cut(plant: edmsim.Plant, settle: int) -> Callable[[], None]:
     """Return the next window of a straight cut, after some that settle it."""
-    plant = edmsim.Plant(edmsim.Machine.load(), seed=0, **options)  # type: ignore[arg-type]
     interval_ns = round(STEP_UM * 1e9 / FEED_UM_S)
-    due_ns = interval_ns
+    due_ns = plant.time_ns + interval_ns
 
     def window() -> None:
         nonlocal due_ns
@@ -92,10 +96,10 @@ def main() -> None:
     if root not in Path(edmsim.__file__).parents:
         sys.exit(f"edmsim came from {edmsim.__file__}, not from {root}")
     found = {
-        f"pulses_per_s_{name}": PULSES * rate(straight_cut(settle, resolution=name), spell_s, spells)
+        f"pulses_per_s_{name}": PULSES * rate(straight_cut(new_plant(resolution=name), settle), spell_s, spells)
         for name in ("fast", "default", "fine")
     }
-    full = straight_cut(settle // MUJOCO_SHARE, mechanics="mujoco")
+    full = straight_cut(new_plant(mechanics="mujoco"), settle // MUJOCO_SHARE)
     found["mujoco_pulses_per_s"] = PULSES * rate(full, spell_s, spells)
     settle_fleet = settle // FLEET_SHARE
     found["vector_env_steps_per_s_fast"] = num_envs * rate(fleet(num_envs, settle_fleet), spell_s, spells)

@@ -1,10 +1,8 @@
 """A machine compared with a log: statistics of simulated cuts less the logged ones, in units of their noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,15 +10,12 @@ from edmsim import __version__
 from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch, statistics
 from edmsim.cosim.straight import Traverse, begin
 from edmsim.geometry import Floats
+from edmsim.machine.machine import Machine
+from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.window import PlantError
 from edmsim.runs import RunTable, identity, perform
-
-if TYPE_CHECKING:
-    from edmsim.machine.machine import Machine
-    from edmsim.machine.pulse_window import PulseWindow
-
 
 SHRINKAGE = 0.2
 """How far measured correlations of the statistics are drawn to none (ours: some twenty cuts know them badly)."""

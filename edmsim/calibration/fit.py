@@ -13,15 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
-from edmsim.calibration.log import (
-    FEED_SPREAD,
-    LEAST_FEED_UM_S,
-    STRETCH_WINDOWS,
-    TURN_DEG,
-    Log,
-    Stretch,
-    stretches,
-)
+from edmsim.calibration.log import FEED_SPREAD, LEAST_FEED_UM_S, STRETCH_WINDOWS, TURN_DEG, Log, Stretch, stretches
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
@@ -264,14 +256,8 @@ class _Search:
 
     def machine(self, shares: Floats) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
-        return with_values(self._start, self.values(shares))
-
-    def values(self, shares: Floats) -> dict[str, float]:
-        """Return the constants' values at these shares of their ranges."""
-        return {
-            name: value_at(bounds, float(share))
-            for name, bounds, share in zip(self.names, self.ranges, shares, strict=True)
-        }
+        named = zip(self.names, self.ranges, shares, strict=True)
+        return with_values(self._start, {name: value_at(bounds, float(share)) for name, bounds, share in named})
 
     def run(self) -> None:
         """Search, and take information and misfit where it ended."""

@@ -1,7 +1,5 @@
 """A machine's log: its windows as a table, and its steady stretches."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import io
@@ -10,9 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError, refuses_wrong_types
@@ -20,10 +20,6 @@ from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.setting import AIR_SHARE, WINDOW_PULSES
 from edmsim.metrology.profile import finite_mean
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 # A log's file: Parquet, or CSV as machines and spreadsheets write it, with commas, semicolons or tabs.
 
@@ -62,9 +58,6 @@ def read_table(file: Path, needed: Sequence[str], optional: Sequence[str]) -> Lo
 
 
 def _of_parquet(content: bytes, needed: Sequence[str], optional: Sequence[str], file: Path) -> LogTable:
-    import pyarrow as pa
-    import pyarrow.parquet
-
     try:
         table = pa.parquet.read_table(pa.BufferReader(content))
         there = list(table.column_names)  # which are decoded only here
@@ -76,8 +69,6 @@ def _of_parquet(content: bytes, needed: Sequence[str], optional: Sequence[str], 
 
 
 def _numbers(table: pa.Table, name: str, file: Path) -> Floats:
-    import pyarrow as pa
-
     try:
         return np.asarray(table.column(name).cast(pa.float64()).to_numpy(), np.float64)
     except (pa.ArrowException, UnicodeError):

@@ -4,23 +4,22 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tomlkit
 from pydantic import BaseModel
+from rich.console import Group
+from rich.text import Text
 
 from edmsim import __version__
 from edmsim.calibration.fit import Fit
 from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
 from edmsim.files import make_writable, replacing
+from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import uncertain, with_constants
 from edmsim.plant.resolution import RESOLUTIONS
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from edmsim.machine.machine import Machine
+from edmsim.screen import ScreenTable
 
 STRONG = 0.95
 """Errors correlated as strongly as this are reported: the log knows a combination better than either (ours)."""
@@ -43,7 +42,7 @@ def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -
     return files
 
 
-def _with_sources(fit: Fit, log_name: str) -> "Machine":
+def _with_sources(fit: Fit, log_name: str) -> Machine:
     """Return the fitted machine; every fitted constant says where it comes from, and keeps its range."""
     fitted = {constant.name: constant for constant in fit.constants}
     changed = {}
@@ -59,7 +58,7 @@ def _with_sources(fit: Fit, log_name: str) -> "Machine":
     return with_constants(fit.machine, changed)
 
 
-def _wire(machine: "Machine") -> BaseModel:
+def _wire(machine: Machine) -> BaseModel:
     """Return the wire with the diameter it was used with: a file's name cannot carry one."""
     diameter = machine.wire.default_diameter_um.model_copy(update={"value": machine.wire_diameter_um})
     return machine.wire.model_copy(update={"default_diameter_um": diameter})
@@ -80,13 +79,8 @@ def _item(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def render(fit: Fit, resolution: str) -> "RenderableType":
+def render(fit: Fit, resolution: str) -> Group:
     """Return the fit for the terminal: constants, undetermined ones, correlations, log and model."""
-    from rich.console import Group
-    from rich.text import Text
-
-    from edmsim.screen import ScreenTable
-
     numbers = ("before", "fitted", "95 % interval", "range")
     table = ScreenTable("constant", numbers=numbers, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("")
@@ -145,10 +139,8 @@ def refusal(fit: Fit) -> list[str]:
     return []
 
 
-def _comparison_table(fit: Fit) -> "RenderableType":
+def _comparison_table(fit: Fit) -> ScreenTable:
     """Statistics of the log and of the fitted model, stretch by stretch."""
-    from edmsim.screen import ScreenTable
-
     heads = ("feed um/s", "pulse us", "short %", "open %", "V", "A", "delay us")
     table = ScreenTable(*heads[:1], numbers=heads[1:], title="log/fitted model", box=None, pad_edge=False)
     for stretch, simulated in zip(fit.stretches, fit.simulated, strict=True):

@@ -1,23 +1,22 @@
 """Compare controllers on identical machines: their cuts, and their figures with intervals."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import __version__, models
 from edmsim.controllers import choices, from_text
+from edmsim.envs import pass_laws
 from edmsim.envs.arguments import plain
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, check_laws, cut, engine_of, episodes, is_part
+from edmsim.evaluation.episode import FINISHED, HELD_BACK, ORACLE, Result, cut, engine_of, episodes, is_part
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable
 from edmsim.numeric import real, whole, whole_from
@@ -62,7 +61,7 @@ class Comparison:
     figures: dict[str, dict[str, Figure]]  # figures of each controller, by the names in `FIGURES`
 
     @classmethod
-    def of(cls, env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]) -> Comparison:
+    def of(cls, env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]) -> Self:
         """Return the comparison of cuts, which include those of score 0 and 1."""
         lines = lines_of(env_id)
         oracle, blind = results[lines.reference], results[lines.blind]
@@ -219,12 +218,14 @@ def env_ids() -> tuple[str, ...]:
     return registered_ids()
 
 
-def check_controllers(controllers: Sequence[str]) -> None:
-    """Raise `InputError` where none is named, or one cannot be made."""
+def check_controllers(controllers: Sequence[str], env_id: str) -> None:
+    """Raise `InputError` where none is named, or one cannot be made; those of parts are laws of passes."""
+    make, known = (pass_laws.from_text, pass_laws.LAWS) if is_part(env_id) else (from_text, choices())
     for name in controllers:
-        from_text(name)
+        if name != ORACLE:
+            make(name)
     if not controllers:
-        raise InputError(f"no controller is named; choose from {', '.join(choices())}")
+        raise InputError(f"no controller is named; choose from {', '.join(known)}")
 
 
 def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None) -> None:
@@ -232,10 +233,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
     if resolution is not None:
         check_resolution(resolution)
     base_of(find(env_id)[0])
-    if is_part(env_id):
-        check_laws(controllers)
-    else:
-        check_controllers(controllers)
+    check_controllers(controllers, env_id)
     whole_from("seeds", seeds, 2)  # one gives no interval
 
 

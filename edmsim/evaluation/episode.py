@@ -4,43 +4,35 @@ An episode's seed determines everything random in it, hence every controller mee
 `HELD_BACK` on are for comparisons; searches of gains use those below.
 """
 
-from __future__ import annotations
-
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 
-from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
+from edmsim.controllers import FeedController, from_text
+from edmsim.controllers.protocols import FeedCommand
 from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.part_task import Part
+from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.envs.reward import REFERENCE_S
-from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.errors import refuses_wrong_types
 from edmsim.evaluation.lines import lines_of
-from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, SHORTS, TIME, FigureKind
 from edmsim.runs import Engine, engine_for
 
-if TYPE_CHECKING:
-    from edmsim.envs.recorder import EpisodeRecorder
-
-
 HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
 meets one of these by chance only."""
-EPISODES = {
-    "Contour": 4, "Corner": 48, "MaxRate": 40, "ThinWire": 12, "Trim": 24, "Part": 8, "ThinWireShift": 6,
-}
+EPISODES = {"Contour": 4, "Corner": 48, "MaxRate": 40, "ThinWire": 12, "Trim": 24, "Part": 8, "ThinWireShift": 6}
 """Held-back seeds that an environment's benchmark has, where they are not `USUAL_EPISODES`."""
 USUAL_EPISODES = 12  # ours: a comparison takes minutes, and its intervals are a few percent of a score wide
 FINISHED, BROKEN, JAMMED = (
@@ -76,7 +68,7 @@ class Result(NamedTuple):
     # it
     edge_error_um: Annotated[float, FigureKind("µm", "edge error rms", column="error_rms_um")]
     hottest_K: Annotated[float, HOTTEST]  # highest wire temperature
-    ra_um: Annotated[float, RA] = math.nan  # roughness of the face; NaN except for finished parts (`cut_part`)
+    ra_um: Annotated[float, RA] = math.nan  # roughness of the face; NaN except for finished parts
 
     @property
     def broke(self) -> bool:
@@ -117,20 +109,21 @@ def cut(
     **options
         Arguments that override the environment's own.
     """
-    if is_part(env_id):
-        return cut_part(env_id, seed, controller, resolution, **options)
     if resolution is not None:
         options["resolution"] = resolution
-    task = Task(env_id, **options)
+    task = None if is_part(env_id) else Task(env_id, **options)
+
+    def made(law: str, name: str, where: Path | None = None) -> Result:
+        if task is None:
+            return _cut_part(env_id, seed, law, name, options)
+        return Episode(task, from_text(law), seed, name, where).run()
+
     where = None if record is None else recording_folder(record, env_id, seed, controller)
     if controller != ORACLE:
-        return Episode(task, from_text(controller), seed, controller, where).run()
-    rehearsed = lines_of(env_id).rehearsed
-    tried = {name: Episode(task, from_text(name), seed, ORACLE).run() for name in rehearsed}
+        return made(controller, controller, where)
+    tried = {name: made(name, ORACLE) for name in lines_of(env_id).rehearsed}
     best = max(tried, key=lambda name: tried[name].total_return)
-    return tried[best] if where is None else (
-        Episode(task, from_text(best), seed, ORACLE, where).run()  # the same cut again
-    )
+    return tried[best] if where is None else made(best, ORACLE, where)  # the same cut again
 
 
 def recording_folder(record: str | Path, env_id: str, seed: int, controller: str) -> Path:
@@ -163,27 +156,17 @@ class Episode:
         self, task: Task, controller: FeedController, seed: int, name: str, record: Path | None = None
     ) -> None:
         self.task = task
-        self.controller = controller
         self.outcome: str | None = None
-        # asked once, as it takes a tenth of a window
-        self._seer = controller if isinstance(controller, SeesTruth) else None
         self._seed, self._name = seed, name
         self._short = self._open = self._pulses = 0
         self._time_s = self._cut_um = self._area_mm2 = self._return = self._hottest_K = 0.0
         self._near_um = self._error2_um3 = 0.0
-        self._lost = 0
         self._cost, self._controller_stopped = 0.0, False
         task.reset(seed)
         self._record = record
         self._recorder = None if record is None else task.recorder()
-        self._leg = 0
-        self._command = self._begin_leg()
-
-    def _begin_leg(self) -> FeedCommand:
-        """Tell the controller the leg the wire is on, and let it begin there."""
-        self._leg, start_um = self.task.leg
-        tell(self.controller, self.task.scenario.machine, self.task.scenario.legs_um[self._leg], start_um)
-        return check_command(self._name, self.controller.reset(self.task.max_feed_um_s))
+        self._law = task.attach_controller(controller)
+        self._command = self._law.begin()
 
     def run(self) -> Result:
         """Cut to the end."""
@@ -201,6 +184,7 @@ class Episode:
             result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
             self.outcome = self._follow(command, result)
             yield result
+        self._law.stop()
 
     def _write(self, recorder: EpisodeRecorder) -> None:
         """Write the recording of the cut, which is over."""
@@ -219,11 +203,9 @@ class Episode:
             action = [command.feed_um_s, *setting, command.offset_um]
             terms = self.task.reward_terms
             self._recorder.step(action, terms, result.cost, result.error_um, result.area_mm2)
-        if result.truth.pulses == WINDOW_PULSES:
-            self._command = self._decide(result)
         if result.over:
             return WORDS[result.cause].episode
-        alarm = self._command.alarm is not None
+        alarm = self._law.latest.alarm is not None
         cause = StopCause(judge(False, False, False, False, alarm, result.late, False))
         if cause is StopCause.PERSISTENT_SHORT:
             self._controller_stopped = True
@@ -232,24 +214,8 @@ class Episode:
             return STOPPED
         if cause is not StopCause.RUNNING:
             return WORDS[cause].episode
-        if self._leg != self.task.leg[0]:
-            self._command = self._begin_leg()
-        if self._lost != self.task.wires_lost:
-            self._command = self._begin_wire()
+        self._command = self._law.command()
         return None
-
-    def _begin_wire(self) -> FeedCommand:
-        """Continue with a new wire, threaded where the last one broke."""
-        self._lost, controller = self.task.wires_lost, self.controller
-        if isinstance(controller, SeesBreaks):
-            return check_command(self._name, controller.wire_lost())
-        return check_command(self._name, controller.reset(self.task.max_feed_um_s))
-
-    def _decide(self, result: StepResult) -> FeedCommand:
-        """Show the controller a whole window, also the last one, as a cut does."""
-        if self._seer is not None:
-            self._seer.see(result.truth)
-        return check_command(self._name, self.controller.update(result.observation))
 
     def _add(self, result: StepResult) -> None:
         truth = result.truth
@@ -298,26 +264,8 @@ def is_part(env_id: str) -> bool:
     return issubclass(find(env_id)[0], Part)
 
 
-def check_laws(laws: Sequence[str]) -> None:
-    """Raise `InputError` where none is named, or one cannot be made."""
-    for name in laws:
-        if name != ORACLE:
-            pass_laws.from_text(name)
-    if not laws:
-        raise InputError(f"no law is named; choose from {', '.join(pass_laws.names())}")
-
-
-def cut_part(env_id: str, seed: int, law: str, resolution: str | None = None, **options: Any) -> Result:
-    """Cut a part; the reference rehearses it with several constants, and the cut that earns most counts."""
-    if resolution is not None:
-        options["resolution"] = resolution
-    if law != ORACLE:
-        return _cut(env_id, seed, law, law, options)
-    tried = [_cut(env_id, seed, name, ORACLE, options) for name in lines_of(env_id).rehearsed]
-    return max(tried, key=lambda result: result.total_return)
-
-
-def _cut(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:
+def _cut_part(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:
+    """Cut a part with a law or a policy, under a name."""
     env, decides = gym.make(env_id, **options), pass_laws.from_text(law)
     observation, info = env.reset(seed=seed)
     decides.begin()

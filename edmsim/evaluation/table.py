@@ -16,11 +16,11 @@ from edmsim.evaluation.compare import FIGURES, Comparison, Figure
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable, replacing
 from edmsim.recording.figures.palette import BLUE, MUTED
+from edmsim.screen import ScreenTable
 from edmsim.user_code import policy_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
-    from rich.console import RenderableType
 
 WIDE = 170  # columns of a terminal from which on the table shows intervals
 HEADS = {
@@ -59,13 +59,11 @@ def columns(comparison: Comparison) -> list[str]:
     return [name for name in FIGURES if any(not math.isnan(f[name].value) for f in comparison.figures.values())]
 
 
-def render(comparison: Comparison, width: int) -> "RenderableType":
+def render(comparison: Comparison, width: int) -> Group:
     """Return the table for the terminal, best controller first, and the meaning of its columns.
 
     A wide terminal shows every figure with its interval, a narrow one only the most important figures.
     """
-    from edmsim.screen import ScreenTable
-
     wide = width >= WIDE
     used = [name for name in columns(comparison) if wide or name in NARROW]
     heads = [HEADS[name] for name in used] + ([] if wide else ["breaks", "jams"])

@@ -8,14 +8,12 @@ law's own adaptation change it.
 The file is one ``.json`` without code.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +57,7 @@ class Choices(BaseModel):
     bonus: _Share  # later, a setting is chosen by its expected rate plus this many standard deviations
 
     @model_validator(mode="after")
-    def _measures(self) -> Choices:
+    def _measures(self) -> Self:
         """Refuse segments without a measurement."""
         if self.settle_s >= self.segment_s:
             raise ValueError(f"settle_s ({self.settle_s:g}) must be below segment_s ({self.segment_s:g})")
@@ -89,7 +87,7 @@ class BanditCard(Choices):
     scores: list[dict[str, Any]] = []
 
     @model_validator(mode="after")
-    def _fits(self) -> BanditCard:
+    def _fits(self) -> Self:
         """Refuse arrays of another size."""
         size = len(QUANTITIES) * len(self.settings)
         if len(self.mean) != size or [len(row) for row in self.covariance] != [size] * size:

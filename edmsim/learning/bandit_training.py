@@ -10,10 +10,8 @@ error of the measured rate. Needs no extra.
 """
 
 import math
-import tomllib
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -22,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, ValidationError
 
+from edmsim import models
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import base_of, find, make_family, stand_in
 from edmsim.envs.shift import Shift
@@ -77,11 +76,8 @@ def load(env_id: str, file: Path | None = None) -> BanditSettings:
         raise InputError(
             f"{env_id} is no shift: a bandit needs one to adapt in, edmsim/MaxRateShift-v0 or edmsim/ThinWireShift-v0"
         )
-    own = resources.files("edmsim.models") / "training" / f"{base_of(family)}-bandit.toml"
-    values = tomllib.loads(own.read_text(encoding="utf-8"))
-    if file is not None:
-        values |= read_toml(file)
-    return checked(values, file)
+    usual = read_toml(models.path(f"training/{base_of(family)}-bandit.toml"))
+    return checked(usual if file is None else usual | read_toml(file), file)
 
 
 def checked(values: dict[str, Any], file: Path | None = None) -> BanditSettings:
@@ -106,9 +102,7 @@ class Prior(NamedTuple):
     breaks_s: float
 
 
-def card_of(
-    env_id: str, settings: BanditSettings, prior: Prior, command: str, seed: int, steps: int
-) -> BanditCard:
+def card_of(env_id: str, settings: BanditSettings, prior: Prior, command: str, seed: int, steps: int) -> BanditCard:
     """Return a policy with these settings and this prior, and by which command and segments it was trained."""
     choices = {name: getattr(settings, name) for name in Choices.model_fields}
     versions = {name: version(name) for name in ("edmsim", "numpy")}

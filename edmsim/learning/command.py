@@ -1,12 +1,10 @@
 """``edmsim train``: train, export, and compare with classic controllers."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +17,7 @@ from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render, write_card
 from edmsim.progress import ShownProgress
 from edmsim.runs import RunTable
-
-if TYPE_CHECKING:
-    from edmsim.learning.train import TrainingProgress
-    from edmsim.progress import ShownProgress
-    from edmsim.screen import ScreenTable
+from edmsim.screen import ScreenTable
 
 BANDIT = "bandit"
 """The algorithm that has no learner of stable-baselines3: see `edmsim.learning.bandit_training`."""
@@ -98,7 +92,7 @@ def run(
             raise InputError("this folder has a policy, which the training would replace: give another folder", out)
     if algo == BANDIT:
         return _bandit(env_id, file, steps, seed, resume, episodes, options)
-    from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
+    from edmsim.learning.train import TrainingProgress, train  # refuses, in one line, where the extra is missing
 
     if options.safe is not None:
         safe.check(options.safe, options.start)
@@ -175,7 +169,7 @@ def _recorders(options: TrainOptions, out: Path) -> list[Any]:
     """Return the callback that records episodes of the first sub-environment, if the options request it."""
     if options.record_every is None and not options.live:
         return []
-    from edmsim.envs.record_episodes import EVERY, RecordEpisodes
+    from edmsim.envs.sb3 import EVERY, RecordEpisodes
 
     every = EVERY if options.record_every is None else options.record_every
     return [RecordEpisodes(out / "episodes", every, options.live)]

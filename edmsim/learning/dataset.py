@@ -5,18 +5,16 @@ During the recording every episode is a separate file, so you can resume an inte
 assembled from these files at the end.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
 import re
 import shutil
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -33,9 +31,6 @@ from edmsim.evaluation.episode import HELD_BACK, is_part
 from edmsim.files import folder_of, locked, replacing
 from edmsim.numeric import whole_from, whole_within
 from edmsim.user_code import policy_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SAVED_INFOS = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wires_lost")
 """Entries of ``info`` that a data set has, as float64."""
@@ -91,7 +86,7 @@ def record(
         raise InputError(f"{env_id} is decided on pass by pass: no feed controller acts in it")
     feeds: dict[str, Any] = {"action": "speed", "decision_s": None}
     family = make_family(env_id, **feeds)
-    check_controllers(controllers)
+    check_controllers(controllers, env_id)
     _check_names(controllers)
     for name in controllers:
         check_acts(family, name)

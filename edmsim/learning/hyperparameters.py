@@ -2,15 +2,14 @@
 
 import math
 import re
-import tomllib
 from dataclasses import fields
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, with_config
 from typing_extensions import TypedDict
 
+from edmsim import models
 from edmsim.envs.registry import arguments_with, base_of, find
 from edmsim.errors import InputError, invalid_entry, located, one_of, refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.episode import ORACLE
@@ -132,11 +131,10 @@ def load(env_id: str, algo: str, settings: str | Path | None = None) -> Hyperpar
     """
     family, registered = find(env_id)
     refuse_unknown("algorithm", algo, ALGORITHMS)
-    folder = resources.files("edmsim.models") / "training"
-    own = folder / f"{base_of(family)}-{algo}.toml"
-    file = own if own.is_file() else folder / f"{algo}.toml"
-    ours = tomllib.loads(file.read_text(encoding="utf-8"))
-    if algo == "imitation" and file is not own and (reference := lines_of(env_id).reference) != ORACLE:
+    general = models.path(f"training/{algo}.toml")
+    own = general.with_name(f"{base_of(family)}-{algo}.toml")
+    ours = read_toml(own if own.is_file() else general)
+    if algo == "imitation" and not own.is_file() and (reference := lines_of(env_id).reference) != ORACLE:
         ours["teacher"] = reference  # the oracle is the best of several cuts, which no learner can follow
     known = {one.name for one in fields(family)} - set(registered)  # type: ignore[arg-type]
     left = {name: value for name, value in ours["environment"].items() if name in known}

@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
-from edmsim.envs import servo
-from edmsim.envs.knobs import least_setting_us, to_detents
+from edmsim.envs import knobs, path_follower, servo
 from edmsim.envs.observation import EXACT
 from edmsim.envs.observation_builder import ObservationBuilder, window_of
 from edmsim.envs.part_task import Part
-from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE, SUB_ENV
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.learning.policy_file import Policy, load
@@ -45,7 +43,7 @@ class PolicyController(Snapshots):
         self.policy = policy
         self._family = policy.family()
         self._builder = ObservationBuilder(self._family, 1, EXACT)  # the machine measures as it does
-        self._rows: NDArray[np.void] = np.zeros(1, SUB_ENV)  # what the environment's sub-environment would have
+        self._rows: NDArray[np.void] = np.zeros(1, path_follower.SUB_ENV)  # as of a sub-environment
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
         self._memory: Floats = policy.fresh_memory()
         residual = policy.card.residual
@@ -84,7 +82,7 @@ class PolicyController(Snapshots):
         self._limit_um_s = max_feed_um_s
         self._feed_um_s = self._family.first_feed_um_s
         self._path_um = self._start_um
-        self._rows[:] = np.zeros((), SUB_ENV)
+        self._rows[:] = np.zeros((), path_follower.SUB_ENV)
         self._builder.begin(0, self._rows[0], self._machine)
         servo.begin(self._servo[0], self._feed_um_s)
         self._memory = self.policy.fresh_memory()
@@ -98,9 +96,9 @@ class PolicyController(Snapshots):
         row = self._look(window)
         if abs(window.feed_um_s - self._feed_um_s) > SPEED_UNIT_NM_S * 1e-3:
             self._feed_um_s = window.feed_um_s  # the machine ran another one, at a dwell perhaps: change that
-        shorted = window.short >= SHORTED_SHARE * WINDOW_PULSES
+        shorted = window.short >= path_follower.SHORTED_SHARE * WINDOW_PULSES
         row["shorted_s"] = row["shorted_s"] + window.duration_s if shorted else 0.0
-        if row["shorted_s"] > SHORTED_S:
+        if row["shorted_s"] > path_follower.SHORTED_S:
             return FeedCommand(0.0, "persistent short")
         if self._family.action == "servo":
             servo.respond(_ONLY, self._servo, window_of(window), self._limit_um_s, *self._family.servo_gains)
@@ -196,8 +194,8 @@ class PolicyController(Snapshots):
         """Apply the setting as the environment would; settings that the generator refuses are not requested."""
         assert self._machine is not None
         detents = self._family.detents_us
-        rounded = to_detents(*requested_us, detents)
-        for setting_us in (rounded, least_setting_us(self._machine, rounded[0], detents)):
+        rounded = knobs.to_detents(*requested_us, detents)
+        for setting_us in (rounded, knobs.least_setting_us(self._machine, rounded[0], detents)):
             if setting_us == self._setting_us:
                 break
             with suppress(InputError):

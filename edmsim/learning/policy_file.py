@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -355,27 +356,29 @@ def _check_residual(residual: Residual, family: EnvArguments, file: Path) -> Non
 
 def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, ...], Lstm | None]:
     """Return weights, biases and LSTM, checked against the card."""
-    sizes = [card.lstm or len(card.observation), *card.widths, len(card.action)]
+    layers = list(pairwise([card.lstm or len(card.observation), *card.widths, len(card.action)]))
+    shapes: dict[str, tuple[int, ...]] = {}
+    for i, (inputs, outputs) in enumerate(layers):
+        shapes |= {f"weight_{i}": (inputs, outputs), f"bias_{i}": (outputs,)}
+    if card.lstm is not None:
+        four = 4 * card.lstm
+        shapes |= {"lstm_input_weights": (len(card.observation), four), "lstm_memory_weights": (card.lstm, four),
+                   "lstm_bias": (four,)}  # fmt: skip
     try:
         packed = file.read_bytes()
         if digest(packed) != card.arrays_sha256:
             raise ValueError("its sha256 is not the one the .json tells")
         stored = read_arrays(packed)
-        weights = tuple(_plain(stored[f"weight_{i}"]) for i in range(len(sizes) - 1))
-        biases = tuple(_plain(stored[f"bias_{i}"]) for i in range(len(sizes) - 1))
-        gates = {name: _plain(stored[f"lstm_{name}"]) for name in Lstm._fields} if card.lstm else {}
+        found = {name: _plain(stored[name]) for name in shapes}
     except FileNotFoundError:
         raise InputError(_NO_FILE, file) from None
     except (OSError, ValueError, LookupError) as error:
         raise InputError(f"the policy's arrays are damaged: {error}", file) from None
-    for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
-        if weight.shape != (sizes[i], sizes[i + 1]) or bias.shape != (sizes[i + 1],):
-            raise InputError(
-                f"the policy's layer {i} is {weight.shape} and {bias.shape}, not {sizes[i]} by {sizes[i + 1]}", file
-            )
-        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-            raise InputError(f"the policy's layer {i} holds numbers that are not finite", file)
-    return weights, biases, _checked_lstm(card, gates, file)
+    for name, shape in shapes.items():
+        if found[name].shape != shape or not np.isfinite(found[name]).all():
+            raise InputError(f"the policy's {name}, {found[name].shape}, is not {shape} finite numbers", file)
+    weights, biases = (tuple(found[f"{kind}_{i}"] for i in range(len(layers))) for kind in ("weight", "bias"))
+    return weights, biases, Lstm(*(found[f"lstm_{name}"] for name in Lstm._fields)) if card.lstm else None
 
 
 def _plain(array: NDArray[Any]) -> Floats:
@@ -383,14 +386,3 @@ def _plain(array: NDArray[Any]) -> Floats:
     if array.dtype.kind != "f":
         raise ValueError(f"an array of {array.dtype} in place of floats")
     return array.astype(np.float64)
-
-
-def _checked_lstm(card: Card, gates: dict[str, Floats], file: Path) -> Lstm | None:
-    if card.lstm is None:
-        return None
-    four = 4 * card.lstm
-    expected = {"input_weights": (len(card.observation), four), "memory_weights": (card.lstm, four), "bias": (four,)}
-    for name, shape in expected.items():
-        if gates[name].shape != shape or not np.isfinite(gates[name]).all():
-            raise InputError(f"the policy's lstm_{name} is not {shape} finite numbers", file)
-    return Lstm(**gates)

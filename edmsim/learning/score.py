@@ -3,11 +3,9 @@
 ``edmsim evaluate --policy NAME --write-card`` measures a policy again and writes the scores into its card.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,22 +16,20 @@ from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result, is_part
 from edmsim.learning import bandit_file, policy_file
 from edmsim.numeric import whole_from
+from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.runs import RunTable
+from edmsim.screen import ScreenTable
 from edmsim.user_code import policy_of
-
-if TYPE_CHECKING:
-    from edmsim.screen import ScreenTable
 
 RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic servo on the mean voltage."""
-RESOLUTIONS = ("fast", "default", "fine")
 
 
 def measured_with(env_id: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return rivals and resolutions of an environment; parts and shifts take long, and are cut as they are learnt."""
     if is_part(env_id):
         return ("technology", "corrected"), ("fast",)
-    return (("adaptive-hold",), ("fast",)) if issubclass(find(env_id)[0], Shift) else (RIVALS, RESOLUTIONS)
+    return (("adaptive-hold",), ("fast",)) if issubclass(find(env_id)[0], Shift) else (RIVALS, tuple(RESOLUTIONS))
 
 
 class Score(NamedTuple):
@@ -125,8 +121,6 @@ def env_id_of(policy: str) -> str:
 
 def render(scores: list[Score]) -> ScreenTable:
     """Return the scores as a table."""
-    from edmsim.screen import ScreenTable
-
     numbers = ("return", "mm2/min", "error, um", "breaks", "limits")
     table = ScreenTable("controller", "resolution", numbers=numbers, keys=2)
     for row in scores:

@@ -27,7 +27,8 @@ from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.numeric import whole_from
 from edmsim.runs import ATTEMPTS, Cluster, RunTable
-from edmsim.sweep.tune import Bound, judge_policy, training_seeds, training_space, within, write_found
+from edmsim.sweep.specification import Bound
+from edmsim.sweep.tune import judge_policy, training_seeds, training_space, within, write_found
 
 try:
     from ray import tune

@@ -64,11 +64,6 @@ def perform(run: SweepRun) -> Outcome:
     }, files)  # fmt: skip
 
 
-def lost(run: SweepRun, why: str) -> Outcome:
-    """Return the outcome of a run that took its process with it."""
-    return Outcome({**blank(run), "error": why}, {})
-
-
 def blank(run: SweepRun) -> dict[str, Any]:
     """Return the row of a run without results."""
     settings = dict(run.settings)
@@ -104,9 +99,7 @@ def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
     settings["constants"] = {**dict(settings.get("constants", ())), **drawn}
     result = edmsim.cut(run.task, **settings, seed=run.seed)
     report = {name: value for name, value in result.report.items() if name not in CLOCKS}
-    row = {
-        "outcome": result.report.outcome, **drawn, **values_of(result.report), "report": json.dumps(report),
-    }
+    row = {"outcome": result.report.outcome, **drawn, **values_of(result.report), "report": json.dumps(report)}
     return row, _recorded(run, result) if run.recordings else {}
 
 
@@ -295,7 +288,7 @@ def sweep(
         tell = watch or (lambda _: None)
         tell(now)
         for run, answer in (engine or Processes()).done(perform, missing()):
-            outcome = lost(run, answer.why) if isinstance(answer, LostJob) else answer
+            outcome = Outcome({**blank(run), "error": answer.why}, {}) if isinstance(answer, LostJob) else answer
             store.add(run, outcome)
             count(outcome.row["error"] is not None, 1)
             tell(now)

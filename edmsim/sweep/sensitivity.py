@@ -24,6 +24,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
+from scipy.sparse import csr_array, diags_array
 
 Array = NDArray[np.float64]
 
@@ -118,8 +120,6 @@ class _Additive:
     """The sum of an effect for each level of each factor, fitted to the means of cells, each of the same weight."""
 
     def __init__(self, cells: Cells, counts: list[int]) -> None:
-        from scipy.sparse import csr_array
-
         first = 1 + np.concatenate([[0], np.cumsum(counts)])
         self._spans = [slice(a, b) for a, b in pairwise(first.tolist())]
         columns = np.column_stack([np.zeros(len(cells.means), int), cells.levels + first[:-1]])
@@ -133,8 +133,6 @@ class _Additive:
 
     def variances(self, noise: Array) -> list[float]:
         """Return the variance over the levels of each factor, less what noise of these variances puts into it."""
-        from scipy.sparse import diags_array
-
         scattered = (self._design.T @ diags_array(noise) @ self._design).toarray()
         errors: Array = np.asarray(self._inverse @ scattered @ self._inverse)
         found = []
@@ -201,8 +199,6 @@ def fit(factors: list[Factor], values: Array) -> Shares:
 
 def _chosen(columns: Array, values: Array) -> list[int]:
     """Return terms one by one, each that which explains most of the rest, as long as that is more than chance."""
-    from scipy.stats import f as fisher
-
     columns, rest = columns - columns.mean(axis=0), values - values.mean()
     first = np.maximum((columns**2).sum(axis=0), 1e-300)
     left = first.copy()  # of each term's square what those chosen do not make up
@@ -213,7 +209,7 @@ def _chosen(columns: Array, values: Array) -> list[int]:
         if gains[best] <= 1e-20 * all_of_it:
             break
         ratio = freedom * gains[best] / max(whole - gains[best], 1e-300)
-        if fisher.sf(ratio, 1, freedom) * int((left > 1e-9 * first).sum()) > BY_CHANCE:
+        if stats.f.sf(ratio, 1, freedom) * int((left > 1e-9 * first).sum()) > BY_CHANCE:
             break
         order.append(best)
         unit = columns[:, best] - units @ (units.T @ columns[:, best])
@@ -349,8 +345,6 @@ def _factor(column: Sequence[Any], known: NDArray[np.bool_], is_name: bool) -> F
 
 
 def _rank_correlation(factor: Factor, values: NDArray[np.float64]) -> float:
-    from scipy.stats import rankdata
-
     if not factor.is_number or factor.size < 2 or np.ptp(values) == 0:
         return math.nan
-    return float(np.corrcoef(rankdata(factor.levels), rankdata(values))[0, 1])
+    return float(np.corrcoef(stats.rankdata(factor.levels), stats.rankdata(values))[0, 1])

@@ -1,14 +1,12 @@
 """The specification of a sweep: programs or environments, settings, grid, Sobol sample, seeds, machines; its runs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationError, model_validator
@@ -23,7 +21,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.options import USUAL_MACHINE, TextOrPath, as_text, bare_name, kind_of
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
-from edmsim.numeric import WholeNumber, listed, plain, whole
+from edmsim.numeric import WholeNumber, listed, plain, real, whole
 from edmsim.runs import digests_of, identity
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
@@ -81,6 +79,30 @@ def flattened(table: Mapping[str, Any]) -> dict[str, Any]:
     return flat
 
 
+class Bound(NamedTuple):
+    """Where a value is searched or sampled, evenly or by its logarithm."""
+
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+
+    @classmethod
+    def of(cls, value: Any) -> Self | None:
+        """Return the bound of two numbers, the lower first, and perhaps a scale; None for anything else."""
+        if not isinstance(value, tuple | list) or len(value) not in (2, 3):
+            return None
+        low, high, scale = real(value[0]), real(value[1]), (*value, "linear")[2]
+        if low is None or high is None or not -1e300 < low < high < 1e300:
+            return None
+        return cls(float(low), float(high), scale) if scale == "linear" or (scale == "log" and low > 0) else None
+
+    def at(self, share: float) -> float:
+        """Return the value at a share of the way from the lower end."""
+        if self.scale == "log":
+            return float(self.low * (self.high / self.low) ** share)
+        return float(self.low + (self.high - self.low) * share)
+
+
 MOST_SEEDS = 10_000_000
 """Seeds that a number may stand for (ours: their list takes some 400 MB; no sweep has cut as often)."""
 MOST_POINTS = 1 << 24  # most points of a Sobol sample (ours: of ten numbers each they take a gigabyte)
@@ -99,13 +121,16 @@ class SobolSample(BaseModel, extra="forbid", frozen=True):
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _check(self) -> SobolSample:
+    def _check(self) -> Self:
         if self.samples & (self.samples - 1):
             below = 2 ** (self.samples.bit_length() - 1)
             raise InputError(f"a Sobol sample has a power of 2 of points: {below} or {2 * below}, not {self.samples}")
         for name, value in self.ranges.items():
-            if value != "range":
-                _check_range(name, value)
+            if value != "range" and Bound.of(value) is None:
+                raise InputError(
+                    f"{name} of a Sobol sample is [low, high], [low, high, 'log'] above zero, or 'range', "
+                    f"not {value!r}"
+                )
         return self
 
 
@@ -137,7 +162,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[Specification]) -> Specification:
+    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         try:
             return handler(value)
         except ValidationError as error:
@@ -174,7 +199,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         return full
 
     @model_validator(mode="after")
-    def _check(self) -> Specification:
+    def _check(self) -> Self:
         if bool(self.program) == bool(self.environment):
             raise InputError("a sweep is of programs or of environments: give either program or environment")
         lists: dict[str, list[Any]] = {
@@ -262,16 +287,6 @@ def _first_seeds(count: int, held_back: bool) -> list[int]:
     return list(range(first, first + count))
 
 
-def _check_range(name: str, value: Any) -> None:
-    """Raise `InputError` if this is not a range of a Sobol sample."""
-    low, high, scale = (*value, "linear")[:3] if isinstance(value, list) and len(value) in (2, 3) else (None,) * 3
-    numbers = all(type(end) in (int, float) and abs(end) < 1e300 for end in (low, high))
-    if not numbers or scale not in ("linear", "log") or not low < high or (scale == "log" and low <= 0):
-        raise InputError(
-            f"{name} of a Sobol sample is [low, high], [low, high, 'log'] above zero, or 'range', not {value!r}"
-        )
-
-
 @dataclass(frozen=True)
 class SweepRun:
     """One run of a sweep: plain data that any computer can be sent."""
@@ -292,9 +307,10 @@ def runs_of(specification: Specification) -> Iterator[SweepRun]:
     """Yield the runs of a `Specification`, without holding all of them in memory."""
     # machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same time
     spec = specification
+    samples = range(spec.machine_samples) if spec.machine_samples else [None]
     for task, bounds in combinations(spec):
         settings = checked(task, bounds, bool(spec.program))
-        for sample, seed in itertools.product(_samples(spec), spec.seeds):
+        for sample, seed in itertools.product(samples, spec.seeds):
             yield _run(task, settings, seed, sample, spec)
 
 
@@ -315,14 +331,12 @@ def sobol_points(sobol: SobolSample, spec: Specification, chosen: Mapping[str, A
 
     shares = qmc.Sobol(len(sobol.ranges), rng=np.random.default_rng(sobol.seed)).random(sobol.samples)
     columns = {}
-    for (name, bounds), share in zip(sobol.ranges.items(), shares.T, strict=True):
-        if bounds == "range":
-            low, high = _published(name, chosen)
-            columns[name] = [value_at((low, high), float(s)) for s in share]
-        elif len(bounds) == 3:
-            columns[_option(name, spec)] = [float(bounds[0] * (bounds[1] / bounds[0]) ** s) for s in share]
+    for (name, ends), share in zip(sobol.ranges.items(), shares.T, strict=True):
+        if (bound := Bound.of(ends)) is None:
+            published = _published(name, chosen)
+            columns[name] = [value_at(published, float(s)) for s in share]
         else:
-            columns[_option(name, spec)] = [float(bounds[0] + (bounds[1] - bounds[0]) * s) for s in share]
+            columns[_option(name, spec)] = [bound.at(s) for s in share]
     return [dict(zip(columns, point, strict=True)) for point in zip(*columns.values(), strict=True)]
 
 
@@ -334,10 +348,6 @@ def _published(name: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
     if bounds is None:
         raise InputError(f"'{name}' is not a constant with a published range; give one, as [low, high]")
     return bounds
-
-
-def _samples(spec: Specification) -> list[int | None]:
-    return list(range(spec.machine_samples)) if spec.machine_samples else [None]
 
 
 def _option(name: str, spec: Specification) -> str:

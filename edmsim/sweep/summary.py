@@ -1,25 +1,23 @@
 """The summary of a sweep as text and picture: means with intervals, sensitivities, the Pareto front."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
+import rich.console
 from numpy.typing import NDArray
 
 from edmsim.errors import refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.compare import Figure, mean
+from edmsim.screen import ScreenTable
 from edmsim.sweep.run import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, sensitivity
 
 if TYPE_CHECKING:
-    import pyarrow as pa
     from matplotlib.figure import Figure as Drawing
-    from rich.console import RenderableType
-
 
 KEYS = {
     "cutting_rate_mm2_min": "rate mm2/min", "ra_um": "Ra um", "error_rms_um": "error um rms", "short_share": "shorts",
@@ -85,15 +83,10 @@ def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
     Constants of drawn machines count as settings if the sweep drew more machines than there are constants.
     Otherwise their effects cannot be separated, and the machine counts as one setting.
     """
-    settings = {name: table[name].to_pylist() for name in _distinguishing(table)}
-    return {name: sensitivity(settings, _values(table, name), [MACHINE]) for name in measured(table)}
-
-
-def _distinguishing(table: pa.Table) -> list[str]:
-    """Return the settings that differ, of drawn machines either their constants or their numbers."""
     constants, machines = _drawn(table), len(table[MACHINE].unique())
     left_out = constants if machines <= len(constants) + 1 else [MACHINE]
-    return [name for name in varied(table) if name not in left_out]
+    settings = {name: table[name].to_pylist() for name in varied(table) if name not in left_out}
+    return {name: sensitivity(settings, _values(table, name), [MACHINE]) for name in measured(table)}
 
 
 def pareto_front(points: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -152,16 +145,12 @@ def _mean(values: NDArray[np.float64]) -> Figure:
 MOST_LINES = 40  # groups and settings listed on a terminal (ours); all are in the dataset
 
 
-def render(table: pa.Table) -> RenderableType:
+def render(table: pa.Table) -> rich.console.Group:
     """Return the summary of a sweep for the terminal."""
-    from rich.console import Group
-
-    return Group(_means(table), *([_sensitivities(table)] if varied(table) else []), *_errors(table))
+    return rich.console.Group(_means(table), *([_sensitivities(table)] if varied(table) else []), *_errors(table))
 
 
-def _means(table: pa.Table) -> RenderableType:
-    from edmsim.screen import ScreenTable
-
+def _means(table: pa.Table) -> ScreenTable:
     found = groups(table)
     names = measured(table)
     failed = sum(group.failed for group in found)
@@ -184,9 +173,7 @@ def _means(table: pa.Table) -> RenderableType:
     return shown
 
 
-def _sensitivities(table: pa.Table) -> RenderableType:
-    from edmsim.screen import ScreenTable
-
+def _sensitivities(table: pa.Table) -> ScreenTable:
     found = sensitivities(table)
     settings = next(iter(found.values())).effects if found else {}
     shown = ScreenTable(
@@ -217,13 +204,13 @@ def _percent(share: float) -> str:
     return "" if math.isnan(share) else f"{100 * share:.0f} %"
 
 
-def _errors(table: pa.Table) -> list[RenderableType]:
+def _errors(table: pa.Table) -> list[str]:
     """Return the errors, the most frequent first."""
     counts = Counter(table["error"].drop_null().to_pylist())
     return [f"{count} failed: {error}" for error, count in counts.most_common(MOST_LINES)]
 
 
-def pareto_figure(table: pa.Table) -> Drawing:
+def pareto_figure(table: pa.Table) -> "Drawing":
     """Draw the groups of a sweep by rate, roughness and error, and mark the Pareto front."""
     from edmsim.recording.figures.palette import BLUE, LINE, VERMILION
     from edmsim.recording.figures.style import colour_bar, column_figure, dress, legend, nothing_to_show

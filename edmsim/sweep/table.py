@@ -3,8 +3,6 @@
 Each result goes at once into a table of runs, which moves part by part into a Parquet dataset.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import urllib.parse
@@ -12,7 +10,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import Any, NamedTuple, Self, get_args
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of, locked, replacing
@@ -20,10 +22,6 @@ from edmsim.job.settings import CutSettings
 from edmsim.recording.cut_folder import RECORDING
 from edmsim.runs import RunTable, read_rows
 from edmsim.sweep.specification import SweepRun
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 RESULTS = "results"  # folder of the parquet dataset, a folder ``task=...`` in it for each program or environment
 JOURNAL = "journal.jsonl"
@@ -45,8 +43,6 @@ class Outcome(NamedTuple):
 
 def as_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
     """Return rows as a table; a column's type follows from its name, hence all parts of a dataset agree."""
-    import pyarrow as pa
-
     listed = list(rows)
     names = list(dict.fromkeys(name for row in listed for name in row))
     columns = {name: [row.get(name) for row in listed] for name in names}
@@ -55,8 +51,6 @@ def as_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
 
 def _typed(name: str, values: list[Any]) -> tuple[list[Any], Any]:
     """Return a column's values and type; values that are neither number nor text become JSON."""
-    import pyarrow as pa
-
     if name in _WHOLE:
         return values, pa.int64()
     are_numbers = all(value is None or type(value) in (int, float) for value in values)
@@ -86,10 +80,8 @@ def read(out: str | Path) -> pa.Table:
     InputError
         If the folder has no sweep.
     """
-    import pyarrow as pa
-
     folder = folder_of(out)
-    tables = [_part(file) for file in sorted((folder / RESULTS).glob("*/*.parquet"))]
+    tables = [_part(file) for file in _parts(folder)]
     written = {identity for table in tables for identity in table["id"].to_pylist()}
     rest = [row for row in read_rows(folder / JOURNAL, texts=ROW_TEXTS) if row["id"] not in written]
     try:
@@ -102,10 +94,12 @@ def read(out: str | Path) -> pa.Table:
     raise InputError("there is no result of a sweep in this folder", folder)
 
 
+def _parts(folder: Path) -> list[Path]:
+    return sorted((folder / RESULTS).glob("*/*.parquet"))
+
+
 def _part(file: Path) -> pa.Table:
     """Read a part; the name of its folder says the task."""
-    import pyarrow as pa
-
     table = read_part(file)
     task = urllib.parse.unquote(file.parent.name.removeprefix("task="))
     return table.add_column(1, "task", pa.array([task] * len(table)))
@@ -113,9 +107,6 @@ def _part(file: Path) -> pa.Table:
 
 def read_part(file: Path, columns: list[str] | None = None) -> pa.Table:
     """Read a file of the dataset, or some of its columns; raises `InputError` if it is damaged or not a sweep's."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     try:
         table = pq.read_table(file, columns=columns, partitioning=None)
         missing = {"id", "error"} - set(table.column_names)  # which are decoded only here
@@ -130,8 +121,6 @@ def read_part(file: Path, columns: list[str] | None = None) -> pa.Table:
 
 def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
     """Make text of an argument that is a number in one sweep of the folder and a range in another."""
-    import pyarrow as pa
-
     kinds: dict[str, set[Any]] = {}
     for table in tables:
         for field in table.schema:
@@ -161,14 +150,14 @@ class Store:
         self._held = ExitStack()
         self._held.enter_context(locked(self.folder, "sweep"))
         self.failed: dict[str, bool] = {}  # of every run that is done, whether it failed
-        for part in self._parts():
+        for part in _parts(self.folder):
             done = read_part(part, ["id", "error"]).to_pydict()
             self.failed |= {name: error is not None for name, error in zip(*done.values(), strict=True)}
         self._journal = RunTable(self.folder / JOURNAL, texts=ROW_TEXTS)
         self._journal.keep([row for name, row in self._journal.rows.items() if name not in self.failed])
         self.failed |= {name: row.get("error") is not None for name, row in self._journal.rows.items()}
 
-    def __enter__(self) -> Store:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -193,8 +182,6 @@ class Store:
 
     def flush(self) -> None:
         """Write the rows of the journal as parts of the dataset."""
-        import pyarrow.parquet as pq
-
         by_task: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
         for row in self._journal.rows.values():
             by_task[row["task"]].append(row)
@@ -209,20 +196,14 @@ class Store:
 
     def forget_failures(self) -> int:
         """Remove the rows of failed runs, which will be run again, and return their number."""
-        import pyarrow.compute as pc
-        import pyarrow.parquet as pq
-
         self.flush()
         count = sum(self.failed.values())
-        for part in self._parts() if count else ():
+        for part in _parts(self.folder) if count else ():
             table = pq.read_table(part, partitioning=None)
             with replacing(part) as partial:
                 pq.write_table(table.filter(pc.is_null(table["error"])), partial, compression="zstd")
         self.failed = {name: False for name, failed in self.failed.items() if not failed}
         return count
-
-    def _parts(self) -> list[Path]:
-        return sorted((self.folder / RESULTS).glob("*/*.parquet"))
 
     def _recording(self, run: SweepRun) -> Path:
         return self.folder / RECORDINGS / run.id

@@ -9,8 +9,6 @@ drawn within the ranges of the gap's uncertain constants, with training seeds, n
 those that do well on the worst machines, and tests them once more on other machines.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import math
@@ -18,7 +16,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -35,21 +33,11 @@ from edmsim.learning.hyperparameters import load
 from edmsim.numeric import real, whole_from
 from edmsim.runs import Engine, LostJob, Processes, RunTable, check_same, digests_of, identity
 from edmsim.sweep.run import said
+from edmsim.sweep.specification import Bound
 from edmsim.user_code import named, run
 
 if TYPE_CHECKING:
     from edmsim.learning.train import Trained
-
-
-Scale = Literal["linear", "log"]
-
-
-class Bound(NamedTuple):
-    """Where a value is searched."""
-
-    low: float
-    high: float
-    scale: Scale = "linear"
 
 
 TRAINING: dict[str, dict[str, Bound]] = {
@@ -177,7 +165,7 @@ def _training(trial: Trial) -> TrialResult:
     return TrialResult(value, None, files)
 
 
-def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[int]) -> float:
+def judge_policy(trained: "Trained", command: str, folder: Path, seeds: Sequence[int]) -> float:
     """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
     card, packed = trained.export(command)
     policy_file.write(card, packed, folder / "policy.json")
@@ -366,7 +354,7 @@ class Spread(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, worst: float, returns: Sequence[float]) -> Spread:
+    def of(cls, worst: float, returns: Sequence[float]) -> Self:
         """Return the spread of the returns of a trial."""
         low, high = np.quantile(returns, (0.1, 0.9)).tolist()
         return cls(worst, float(np.mean(returns)), low, high)
@@ -473,20 +461,11 @@ def bounds_of(controller: str) -> dict[str, Bound]:
         if name not in known:
             has = ", ".join(known)
             raise InputError(f"BOUNDS of {own_class.name} name {name!r}; its parameters are {has}", own_class.file)
-        found[name] = _bound(name, ends, own_class.file)
+        if (bound := Bound.of(ends)) is None:
+            what = f'{name} is searched from a number to a greater one, with "log" from above 0, not {ends!r}'
+            raise InputError(f"{what}: {_RULE}", own_class.file)
+        found[name] = bound
     return found
-
-
-def _bound(name: str, ends: Any, file: str) -> Bound:
-    low, high, scale = (*ends, "linear")[:3] if isinstance(ends, tuple | list) and len(ends) in (2, 3) else (0, 0, "")
-    numbers = real(low), real(high)
-    if None not in numbers and scale in ("linear", "log"):
-        bound = Bound(float(low), float(high), scale)
-        if math.isfinite(bound.high - bound.low) and bound.low < bound.high and (scale == "linear" or bound.low > 0):
-            return bound
-    raise InputError(
-        f"{name} is searched from a number to a greater one, with \"log\" from above 0, not {ends!r}: {_RULE}", file
-    )
 
 
 def _value_in_use(law: object, name: str) -> float:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from edmsim.errors import InputError, one_of
+from edmsim.errors import refuse_unknown
 from edmsim.runs import Engine, perform
 from edmsim.validation.rows import Check, Row
 
@@ -21,8 +21,7 @@ Watch = Callable[[int, int], None]
 def checks(modules: Sequence[str] = MODULES) -> list[Check]:
     """Return the checks of some of `MODULES`, by default of all."""
     for name in modules:
-        if name not in MODULES:
-            raise InputError(f"there is no module of checks '{name}'; choose of {one_of(name, MODULES)}")
+        refuse_unknown("module of checks", name, MODULES)
     return [check for name in modules for check in import_module(f".{name}", __name__).CHECKS]
 
 

@@ -73,10 +73,8 @@ def pauses(seeds: Sequence[int]) -> list[Row]:
             )
             per_volume.append(cut.charge / cut.removed_mm3)
         longest_over_shortest.append(per_volume[-1] / per_volume[0])
-    return [
-        Row.value("removal", "charge per volume, long over short pauses", SCHACHT, published=1.0, within=0.05,
-                  simulated=longest_over_shortest)
-    ]
+    return [Row.value("removal", "charge per volume, long over short pauses", SCHACHT, published=1.0, within=0.05,
+                      simulated=longest_over_shortest)]
 
 
 def thickness(seeds: Sequence[int]) -> list[Row]:

@@ -41,10 +41,8 @@ def gap_over_energy(seeds: Sequence[int]) -> list[Row]:
     brief, long = (
         [servo_cut(rough_pulses(on), seed, open_share=OPEN_SHARE) for seed in seeds] for on in (BRIEF_US, LONG_US)
     )
-    return [
-        Row.sign("kerf", f"gap at the discharges of a rough cut, on-time {BRIEF_US:g} to {LONG_US:g} us", WIDER,
-                 rises=True, simulated=differences(brief, long, lambda cut: cut.gap_um), unit="um", note=GAPS),
-    ]
+    return [Row.sign("kerf", f"gap at the discharges of a rough cut, on-time {BRIEF_US:g} to {LONG_US:g} us", WIDER,
+                     rises=True, simulated=differences(brief, long, lambda cut: cut.gap_um), unit="um", note=GAPS)]
 
 
 def rough_pulses(t_on_us: float) -> Machine:
@@ -71,10 +69,8 @@ def side_gap_over_energy(seeds: Sequence[int]) -> list[Row]:
         [side_gap_um(slot_rig(energy, on), seed) for seed in seeds[:FEW]]
         for energy, on in ((FINE_MJ, FINE_ON_US), (COARSE_MJ, COARSE_ON_US))
     )
-    return [
-        Row.sign("kerf", f"side gap, {FINE_MJ:g} to {COARSE_MJ:g} mJ per discharge at {SIDE_V:g} V", WIDER,
-                 rises=True, simulated=differences(fine, coarse), unit="um", note=GAPS),
-    ]
+    return [Row.sign("kerf", f"side gap, {FINE_MJ:g} to {COARSE_MJ:g} mJ per discharge at {SIDE_V:g} V", WIDER,
+                     rises=True, simulated=differences(fine, coarse), unit="um", note=GAPS)]
 
 
 def slot_rig(energy_mJ: float, t_on_us: float) -> Machine:

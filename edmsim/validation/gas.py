@@ -11,8 +11,7 @@ from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import constants, gap_law, modal_model, wire_setup
-from edmsim.plant.gap.breakdown import slice_sums
-from edmsim.plant.gap.coverage import GasLaw, blow, fade
+from edmsim.plant.gap import breakdown, coverage
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
 from edmsim.plant.kernel.declare import allocate, sizes_of
@@ -51,11 +50,11 @@ def steady_coverage(covers: float) -> float:
     a.metal.fill(1.0)
     c = constants(Machine.load(), res)
     spans_us = np.arange(GRID + 1)[:, None] * PERIOD_US / GRID
-    law = GasLaw(covers / 2 * c.slice_um, 0.0, 0.0, np.exp(-spans_us / np.array([LIFE_US, 1.0])))
+    law = coverage.GasLaw(covers / 2 * c.slice_um, 0.0, 0.0, np.exp(-spans_us / np.array([LIFE_US, 1.0])))
     values = []
     for _ in range(round(8 * LIFE_US / PERIOD_US)):
-        fade(a, law, GRID)
-        blow(a, c, law, 0, 0.5, 1.0, GRID // 2, 0.0)
+        coverage.fade(a, law, GRID)
+        coverage.blow(a, c, law, 0, 0.5, 1.0, GRID // 2, 0.0)
         values.append(float(a.steam[0]))
     return float(np.mean(values[len(values) // 2 :]))
 
@@ -219,7 +218,7 @@ def check_forces(seeds: Sequence[int]) -> list[Row]:
 
     def needed(place_um: float) -> float:
         """Minus the square of the voltage that holds a string at a place, up to a constant."""
-        slice_sums(rays, 0, place_um, 0.0, law, row)
+        breakdown.slice_sums(rays, 0, place_um, 0.0, law, row)
         return -place_um / float(row[0, 2])
 
     fold_um = float(minimize_scalar(needed, bounds=(1.0, 25.0), method="bounded").x)

@@ -9,9 +9,7 @@ from scipy.optimize import brentq
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import heat_law, height_share
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.discharge import feed_current
-from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.kernel import declare, discharge, state
 from edmsim.plant.resolution import resolution
 from edmsim.plant.wire import HeatLaw, add_currents, area_m2, heat_step, heat_transfer_W_m2K
 from edmsim.validation.rows import Check, Row
@@ -26,17 +24,17 @@ STEP_US = 100.0
 SETTLE_S = 0.5  # over twenty time constants of the thickest wire
 
 
-def _wire(machine: Machine, law: HeatLaw) -> Arrays:
+def _wire(machine: Machine, law: HeatLaw) -> state.Arrays:
     """Return slices of a wire at the water's temperature, in water that stands."""
     res = resolution("default")
-    a = allocate(Arrays, sizes_of(res.slices, res.rays, res.modes))
+    a = declare.allocate(state.Arrays, declare.sizes_of(res.slices, res.rays, res.modes))
     a.temperature_K[:] = law.water_K
     a.convection_W_m2K[:] = machine.base.cooling.convection_W_m2K.value
     a.critical_W_m2[:] = machine.base.cooling.critical_W_m2.value
     return a
 
 
-def _currents(a: Arrays) -> Floats:
+def _currents(a: state.Arrays) -> Floats:
     """Return the integrals of the squared current in the slices' wire, in A2 us."""
     found = np.empty(len(a.temperature_K))
     add_currents(a, found)
@@ -63,13 +61,11 @@ def check_joule_heat(seeds: Sequence[int]) -> list[Row]:
     wire, convection = machine.wire, machine.base.cooling.convection_W_m2K.value
     joule_W_m = current**2 * wire.resistivity_Ohm_m.value / area_m2(machine.wire_diameter_um) / 4
     cold = joule_W_m / (convection * math.pi * machine.wire_diameter_um * 1e-6)
-    return [
-        Row.value(
-            "wire", f"Joule heating at {current:g} A, 0.25 mm brass", SCHACHT,
-            published=cold / (1 - wire.resistivity_per_K.value * cold),
-            simulated=_settled_rise_K(machine, law, current_A=current / math.sqrt(8)), within=0.02, unit="K",
-        )
-    ]
+    return [Row.value(
+        "wire", f"Joule heating at {current:g} A, 0.25 mm brass", SCHACHT,
+        published=cold / (1 - wire.resistivity_per_K.value * cold),
+        simulated=_settled_rise_K(machine, law, current_A=current / math.sqrt(8)), within=0.02, unit="K",
+    )]
 
 
 def joule_share(height_mm: float) -> float:
@@ -78,7 +74,7 @@ def joule_share(height_mm: float) -> float:
     a = _wire(machine, heat_law(machine, res))
     a.height_share[:res.slices] = height_share(machine, res)
     for s in range(res.slices):
-        feed_current(a, s, 1 / res.slices)
+        discharge.feed_current(a, s, 1 / res.slices)
     return float(_currents(a).mean())
 
 
@@ -143,24 +139,20 @@ def check_cooling(seeds: Sequence[int]) -> list[Row]:
         wire.density_kg_m3.value * wire.heat_capacity_J_kgK.value * machine.wire_diameter_um * 1e-6
         / (4 * machine.base.cooling.convection_W_m2K.value)
     )
-    return [
-        Row.value(
-            "wire", "time constant of cooling, 0.25 mm brass", "rho c d / (4 h), closed form",
-            published=expected_s * 1e3, simulated=constant_s * 1e3, within=0.01, unit="ms",
-        )
-    ]
+    return [Row.value(
+        "wire", "time constant of cooling, 0.25 mm brass", "rho c d / (4 h), closed form",
+        published=expected_s * 1e3, simulated=constant_s * 1e3, within=0.01, unit="ms",
+    )]
 
 
 def check_spark_heat(seeds: Sequence[int]) -> list[Row]:
     """Mean rise of the 0.3 mm wire at 590 W over 80 mm, a tenth of it into the wire: it does not boil yet."""
     machine = Machine.load(wire="brass-300", height_mm=80.0, tension=22.0)
     law = heat_law(machine, resolution("default"))
-    return [
-        Row.value(
-            "wire", "mean rise at 590 W over 80 mm, 0.1 of it into the wire", SATO, published=56.0,
-            simulated=_settled_rise_K(machine, law, spark_W=0.1 * 590.0), within=0.05, unit="K",
-        )
-    ]
+    return [Row.value(
+        "wire", "mean rise at 590 W over 80 mm, 0.1 of it into the wire", SATO, published=56.0,
+        simulated=_settled_rise_K(machine, law, spark_W=0.1 * 590.0), within=0.05, unit="K",
+    )]
 
 
 CHECKS: tuple[Check, ...] = (check_joule_heat, check_joule_shares, check_cooling, check_spark_heat, check_boiling)

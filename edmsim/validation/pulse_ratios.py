@@ -10,18 +10,9 @@ from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import flushing
 from edmsim.plant.window import PlantError
-from edmsim.validation.breakage import MIDDLE_MM, held_periods, rough_rig, sato_rig
+from edmsim.validation.breakage import HELD_SHARE, MIDDLE_MM, held_periods, rough_rig, sato_rig
 from edmsim.validation.rows import Check, Row, differences, extended
-from edmsim.validation.setups import (
-    HELD_SHARE,
-    PRACTICE,
-    UNBREAKABLE,
-    altered,
-    capacity_um_s,
-    feed_within,
-    in_a_hole,
-    servo_cut,
-)
+from edmsim.validation.setups import PRACTICE, UNBREAKABLE, altered, capacity_um_s, feed_within, in_a_hole, servo_cut
 
 LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
 FLUSHING_STUDY = "particle-resolved flushing study, Eng. Appl. Comput. Fluid Mech., doi:10.1080/19942060.2021.1877198"

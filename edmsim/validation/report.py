@@ -1,18 +1,19 @@
 """The rows of a validation for the terminal, in Markdown and as JSON, with the reasons of failures."""
 
-from __future__ import annotations
-
 import json
 import math
 import posixpath
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from itertools import groupby
+from operator import attrgetter
 
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from edmsim.screen import ScreenTable
 from edmsim.validation.rows import Row
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
 
 REASONS = {
     ("passes", "feeds-of-fine-passes"):
@@ -83,20 +84,16 @@ def summary(rows: Sequence[Row]) -> str:
     return f"{counts}; {calibrations} of calibration and {context} of context do not count"
 
 
-def render(rows: Sequence[Row]) -> RenderableType:
+def render(rows: Sequence[Row]) -> ScreenTable:
     """Return the rows as a table for the terminal."""
-    from edmsim.screen import ScreenTable
-
     table = ScreenTable("", "fact", "published", "model", title="edmsim validate", caption=summary(rows))
-    topic = ""
-    for row in rows:
-        if row.topic != topic:
-            topic = row.topic
-            table.add_section()
-            table.add_row("", topic, "", "", style="bold")
-        result = row.kind if row.kind != "judged" else "ok" if row.passed else "fails" if row.note else "FAILS"
-        style = "dim" if row.kind != "judged" else "" if row.passed else "red"
-        table.add_row(result, row.name, row.published, simulated(row), style=style)
+    for topic, of_topic in groupby(rows, attrgetter("topic")):
+        table.add_section()
+        table.add_row("", topic, "", "", style="bold")
+        for row in of_topic:
+            result = row.kind if row.kind != "judged" else "ok" if row.passed else "fails" if row.note else "FAILS"
+            style = "dim" if row.kind != "judged" else "" if row.passed else "red"
+            table.add_row(result, row.name, row.published, simulated(row), style=style)
     return table
 
 
@@ -105,23 +102,17 @@ def failed(rows: Sequence[Row]) -> list[Row]:
     return [row for row in judged(rows) if not row.passed]
 
 
-def render_failed(rows: Sequence[Row]) -> RenderableType:
+def render_failed(rows: Sequence[Row]) -> Group:
     """Return the rows that count and fail for the terminal, each with the reason; fits any width."""
-    from rich.console import Group
-    from rich.padding import Padding
-    from rich.text import Text
-
     shown: list[RenderableType] = []
-    topic = ""
-    for row in failed(rows):
-        if row.topic != topic:
-            topic = row.topic
-            shown.append(Text(f"{'' if len(shown) == 0 else chr(10)}{topic}", "bold"))
-        lines = [f"published: {row.published}", f"model: {simulated(row)}", f"why: {reason(row) or 'unknown'}"]
-        if row.note:
-            lines.append(f"more: {row.note}")
-        shown.append(Padding(Text(row.name, "red"), (0, 0, 0, 2)))
-        shown.append(Padding(Text("\n".join(lines)), (0, 0, 0, 4)))
+    for topic, of_topic in groupby(failed(rows), attrgetter("topic")):
+        shown.append(Text(f"{'' if len(shown) == 0 else chr(10)}{topic}", "bold"))
+        for row in of_topic:
+            lines = [f"published: {row.published}", f"model: {simulated(row)}", f"why: {reason(row) or 'unknown'}"]
+            if row.note:
+                lines.append(f"more: {row.note}")
+            shown.append(Padding(Text(row.name, "red"), (0, 0, 0, 2)))
+            shown.append(Padding(Text("\n".join(lines)), (0, 0, 0, 4)))
     return Group(*shown, Text(f"\n{summary(rows)}"))
 
 

@@ -72,9 +72,6 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
     return windows
 
 
-HELD_SHARE = 0.1
-"""Share of open pulses that the feed of a search for the break limit holds (ours: with more, the gap takes less than
-the 60 000 discharges per second of Sato's stable cutting)."""
 PRACTICE = "usual of wire EDM practice (no published table)"
 """Source of facts that every shop knows, but for which no published table was found; the fact follows it."""
 

@@ -98,11 +98,9 @@ def thin_wire(seeds: Sequence[int]) -> list[Row]:
     rows = []
     for height in THIN_MM:
         runs = [rates_mm2_min(thin_rig(height, peak), seeds) for peak in THIN_PEAKS_A]
-        rows.append(
-            Row.band("stable rate", f"greatest stable rate, 0.1 mm wire, {height:g} mm high",
-                     f"{PRACTICE}: 10 to 20 mm2/min", low=10.0, high=20.0, unit="mm2/min",
-                     simulated=max(runs, key=mean_and_interval), note=NOTE)
-        )
+        rows.append(Row.band("stable rate", f"greatest stable rate, 0.1 mm wire, {height:g} mm high",
+                             f"{PRACTICE}: 10 to 20 mm2/min", low=10.0, high=20.0, unit="mm2/min",
+                             simulated=max(runs, key=mean_and_interval), note=NOTE))
     return rows
 
 

@@ -15,7 +15,7 @@ from edmsim.envs.part_task import ACTIONS, ENTRIES, LEFT_UM, TERMS, Part
 from edmsim.envs.registry import make_family, stand_in
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import check, evaluate
-from edmsim.evaluation.episode import cut_part
+from edmsim.evaluation.episode import cut
 
 ID = "edmsim/Part-v0"
 PROGRAM = "G21 G90\nG92 X0.2 Y-0.26\nG41 D1 G1 X0.2 Y0\nG1 X0\nY0.1\nX0.9\nY0\nX0.2\nG40\nM2\n"
@@ -248,7 +248,7 @@ def test_laws_are_made_of_their_names():
 
 @pytest.mark.slow
 def test_parts_are_compared_by_what_a_law_earns(small, usual):
-    made = cut_part(ID, 1, "technology", **small)
+    made = cut(ID, 1, "technology", **small)
     assert made.total_return == pytest.approx(sum(step[1] for step in usual))
     assert (made.edge_error_um, made.ra_um) == (usual[-1][2]["error_um"], usual[-1][2]["ra_um"])
     assert made.outcome == "finished"
@@ -291,7 +291,7 @@ def test_a_training_writes_a_policy_that_decides_on_passes(tiny, tmp_path):
     }})  # fmt: skip
     trained = train(ID, "ppo", tmp_path, steps=2, seed=1, parameters=short)
     policy_file.write(*trained.export("edmsim train"), tmp_path / "policy.json")
-    made = cut_part(ID, 1, f"policy:{tmp_path / 'policy.json'}", **tiny)
+    made = cut(ID, 1, f"policy:{tmp_path / 'policy.json'}", **tiny)
     assert made.outcome == "finished"
     with pytest.raises(InputError, match="pass by pass"):
         edmsim.controllers.from_text(f"policy:{tmp_path / 'policy.json'}")

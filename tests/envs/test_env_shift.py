@@ -11,7 +11,7 @@ import edmsim
 from edmsim import controllers
 from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.envs import shift
-from edmsim.envs.scenario import Drift
+from edmsim.envs.task import Drift
 from edmsim.errors import InputError
 from edmsim.machine.ranges import with_values
 from edmsim.machine.setting import flushing_Pa

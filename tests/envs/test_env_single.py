@@ -261,7 +261,7 @@ def test_bad_action(make_env, action, message):
         ("GapFeed", {"history": 0}, "history is 0"),
         ("GapFeed", {"mechanics": "clay"}, "unknown mechanics 'clay'"),
         ("GapFeed", {"knobs": ["period", "duty_factor"]}, "period or duty_factor, not both"),
-        ("GapFeed", {"knobs": ["volume"]}, "no knob 'volume'"),
+        ("GapFeed", {"knobs": ["volume"]}, "unknown knob 'volume'"),
         ("GapFeed", {"objectives": ["beauty"]}, "unknown objective 'beauty'"),
         ("GapFeed", {"randomise": False}, "randomise is False"),
         ("GapFeed", {"randomise": ["table"]}, "'table', which has no effect here"),

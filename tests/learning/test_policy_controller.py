@@ -231,7 +231,7 @@ DAMAGES = {
     "other environment": (edit(lambda t: t.update(env_id="edmsim/Corner-v3")), "entries"),
     "other argument": (edit(lambda t: t["environment"].update(colour="red")), "colour"),
     "other actions": (edit(lambda t: t["action"].append("more")), "commands feed"),
-    "other layers": (edit(lambda t: t.update(widths=[9])), "layer 0"),
+    "other layers": (edit(lambda t: t.update(widths=[9])), "weight_0"),
     "lost layer": (edit(lambda t: t.update(widths=[8, 8])), "damaged"),
     "nan weights": (replace_arrays(lambda a: a["weight_0"].fill(np.nan)), "finite"),
     "pickle": (replace_arrays(lambda a: a.update(weight_0=np.array([{}], object))), "damaged"),

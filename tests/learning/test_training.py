@@ -160,9 +160,9 @@ def test_a_training_that_diverges_keeps_its_last_checkpoint(short_training, tmp_
 @pytest.mark.slow
 @needs_rl
 def test_a_training_that_learned_nothing_leaves_none(short_training, tmp_path, edmsim, monkeypatch):
-    from edmsim.learning import learners
+    from edmsim.learning import train
 
-    monkeypatch.setattr(learners, "callbacks", lambda *_: signal.raise_signal(signal.SIGHUP))
+    monkeypatch.setattr(train, "callbacks_of", lambda *_: signal.raise_signal(signal.SIGHUP))
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
     status, _, err = edmsim("train", "edmsim/GapFeed-v2", "--out", tmp_path)
     signal.signal(signal.SIGHUP, before)

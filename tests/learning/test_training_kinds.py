@@ -84,7 +84,7 @@ def test_a_correction_beyond_an_action_of_1_adds_no_more_than_1():
 
 @pytest.mark.slow
 def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(short_training, tmp_path):
-    from edmsim.learning.learners import vec_env_of
+    from edmsim.learning.train import vec_env_of
 
     law = "voltage:reference_V=20"  # a gap wide enough that the law asks for less than the planner's greatest feed
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual=law)

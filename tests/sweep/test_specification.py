@@ -46,7 +46,7 @@ def test_everything_is_combined_with_everything(line, short):
     spec = Specification(
         program=[str(line)], seeds=2, machine_samples=3, settings=short,
         grid={"t_on": "20:40:10", "gap": {"critical_um": [4, 5]}},
-        sobol={"samples": 4, "ranges": {"tension": (8, np.float64(12)), "gap.deionisation_us": "range",
+        sobol={"samples": 4, "ranges": {"tension": (8, np.float64(12), "linear"), "gap.deionisation_us": "range",
                                         "wire_speed_m_s": [0.1, 10, "log"]}},
     )  # fmt: skip
     runs = list(runs_of(spec))

@@ -188,5 +188,5 @@ def test_some_modules_can_be_run_alone():
     rows = validation.run(modules=["corners"])
     assert {row.topic for row in rows} == {"corner"}
     assert rows == validation.checks(["corners"])[0](validation.SEEDS)
-    with pytest.raises(edmsim.InputError, match="no module of checks 'nonsense'; choose of ignition, craters"):
+    with pytest.raises(edmsim.InputError, match="unknown module of checks 'nonsense'; there are: ignition, craters"):
         validation.run(modules=["nonsense"])
