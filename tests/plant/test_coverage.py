@@ -191,14 +191,6 @@ def test_at_a_steady_rate_the_mean_share_is_x_over_one_and_x(x, slab):
     assert _mean_share(front(1), slab, law, fires) == pytest.approx(x / (1 + x), rel=0.03)
 
 
-def test_a_discharge_pumps_debris_out_of_the_length_it_covers(slab):
-    a, law = front(3), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
-    a.debris[:] = 0.2
-    blow(a, slab, law, 1, 0.1, 1.0, 0, 0.0)
-    remaining = [1 - slab.pumping * 0.2, 1 - slab.pumping * 0.4, 1.0]
-    np.testing.assert_allclose(a.debris[:3], 0.2 * np.array(remaining))
-
-
 def test_a_discharge_spreads_its_debris_over_its_pocket(slab):
     """By length; what comes to lie beyond the workpiece is out, and without steam all lies in its slice."""
     still, law = slab._replace(pumping=0.0), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))

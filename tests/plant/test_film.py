@@ -71,12 +71,6 @@ def test_a_leading_wire_meets_the_derived_resistance_and_that_of_its_sides(front
     assert drag_N_s_m2(R_UM, front, side, ETA) - sides == pytest.approx(published, rel=6e-3)
 
 
-@pytest.mark.parametrize(("front", "side", "share"), [(20, 35, 0.24), (14, 30, 0.17), (5, 21, 0.06)])
-def test_what_passes_the_sides_adds_a_share_that_falls_with_the_front_gap(front, side, share):
-    sides = 2 * 12 * ETA * R_UM**3 * beyond(side, 3)
-    assert sides / (drag_N_s_m2(R_UM, front, side, ETA) - sides) == pytest.approx(share, abs=0.005)
-
-
 @pytest.mark.parametrize("gap", [8.0, 20.0, 31.0])
 def test_the_water_of_a_uniform_gap_weighs_as_the_closed_form(gap):
     outer = gap + R_UM
