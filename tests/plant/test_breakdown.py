@@ -184,10 +184,9 @@ def test_the_flow_puts_off_delays_as_the_integral_of_its_rate_says(carried):
     assert (slices[lit] == 0).mean() == pytest.approx(ends_low, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("gap", "height", "voltage", "pressure_Pa"),
-    [(20, 10, 80, 0.0), (30, 10, 80, 3e4), (20, 20, 80, 3e4), (25, 10, 100, 3e4), (20, 10, 80, 2e5)],
-)
+@pytest.mark.parametrize(("gap", "height", "voltage", "pressure_Pa"), [
+    (20, 10, 80, 0.0), (30, 10, 80, 3e4), (20, 20, 80, 3e4), (25, 10, 100, 3e4), (20, 10, 80, 2e5),
+])  # fmt: skip
 def test_share_of_open_pulses_follows_rate_time_and_flow(gap, height, voltage, pressure_Pa, in_a_hole, machine):
     setting = {"generator.open_voltage_V": float(voltage)}
     set_up = machine.with_(**LONG, height_mm=height, flushing_lower_Pa=pressure_Pa, flushing_upper_Pa=pressure_Pa)

@@ -219,10 +219,9 @@ def test_the_full_model_has_the_machine_s_motors_and_screws():
     assert all(low < high for low, high in pairwise(rig.full.modes.node_heights_m))
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("step_m", 2.0), ("friction_N", -1.0), ("presliding_m", 0.0), ("backlash_m", 3.0), ("backlash_m", math.nan)],
-)
+@pytest.mark.parametrize(("name", "value"), [
+    ("step_m", 2.0), ("friction_N", -1.0), ("presliding_m", 0.0), ("backlash_m", 3.0), ("backlash_m", math.nan),
+])  # fmt: skip
 def test_impossible_drives_are_refused(name, value):
     with pytest.raises(InputError, match=rf"drive {name} is {value!r}; it must be"):
         DriveSetup(**{**vars(SMOOTH), name: value})

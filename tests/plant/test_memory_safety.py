@@ -163,8 +163,7 @@ def test_allocated_arrays_are_as_declared():
 
 
 @pytest.mark.parametrize(
-    ("name", "wrong"),
-    [("wire_q", np.zeros((2, 3))), ("edge_um", np.zeros((5, 24))), ("sway", np.zeros((8, 4)).T)],
+    ("name", "wrong"), [("wire_q", np.zeros((2, 3))), ("edge_um", np.zeros((5, 24))), ("sway", np.zeros((8, 4)).T)]
 )
 def test_memory_refuses_another_shape_type_or_order(name, wrong):
     with pytest.raises(TypeError, match=name):

@@ -55,7 +55,8 @@ def test_means_of_a_window_lie_between_their_bounds(settled):
             assert w.pulses == 255
             assert 0.0 <= w.mean_voltage_V <= 100.0 * 0.3
             assert 0.0 <= w.mean_current_A <= 100.0 / 11.8 * 0.3 + 1e-9
-            assert w.wire_temperature_K >= 293.0
+            assert 293.0 <= w.wire_temperature_K < 450.0
+            assert not w.broken
             assert w.vibration2_um2 >= 0.0
             assert 0.0 <= w.debris < 1.0
             assert 0.0 <= w.coverage < 1.0
