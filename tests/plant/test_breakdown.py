@@ -3,13 +3,13 @@
 import math
 from itertools import pairwise
 
-import numba
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.integrate import cumulative_trapezoid
 
 import edmsim
+from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import key_of, uniform
 from edmsim.machine.setting import discharge_current_A
 from edmsim.plant.constants import carried_per_us, flow_m_s, gap_law
@@ -158,12 +158,10 @@ def test_primed_delays_are_weibull(scale, shape):
 LONG = {"t_on_us": 300.0, "t_period_us": 2_000.0}
 
 
-@numba.njit
-def _many_delays(state, a, sums, rate, wait_us, count):
-    delays, slices = np.empty(count), np.empty(count, np.int64)
-    for n in range(count):
+@compiled
+def _many_delays(state, a, sums, rate, wait_us, delays, slices):
+    for n in range(len(delays)):
         delays[n], slices[n], _ = _await(state, a, sums, rate, wait_us)
-    return delays, slices
 
 
 @pytest.mark.slow
@@ -172,7 +170,8 @@ def test_the_flow_puts_off_delays_as_the_integral_of_its_rate_says(carried):
     """Thinning against numerical integration: the distribution of delays, and in which slice they end."""
     state, a, sums = np.zeros(1, STATE), allocate(Arrays, sizes_of(2, 24, 4)), np.zeros((2, 4))
     state["key"], a.carried_per_us[:], sums[:, 0] = key_of(7), carried, (0.01, 0.03)
-    delays, slices = _many_delays(state, a, sums, 0.04, 150.0, 20_000)
+    delays, slices = np.empty(20_000), np.empty(20_000, np.int64)
+    _many_delays(state, a, sums, 0.04, 150.0, delays, slices)
     times = np.linspace(0.0, 150.0, 15_001)
     hazards = sums[:, 0] * np.exp(-np.square(np.outer(times, carried)))
     survives = np.exp(-cumulative_trapezoid(hazards.sum(axis=1), times, initial=0.0))
