@@ -1,7 +1,4 @@
-"""Everything that edmsim uses of numba beyond its documented interface.
-
-`tests/plant/test_numba_internals.py` names each of them, so that a release of numba that changes one says so there.
-"""
+"""Everything that edmsim uses of numba beyond its documented interface: a release of numba may change it."""
 
 import functools
 import io

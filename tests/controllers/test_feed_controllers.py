@@ -170,12 +170,11 @@ def test_what_cannot_be_made_is_refused(name, parameters, words):
     assert words in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "parameter"),
-    [("fixed", "feed_um_s"), ("counts", "retract_feed_um_s"), ("trim", "feed_um_s"), ("voltage", "start_feed_um_s"),
-     ("delay", "start_feed_um_s"), ("fuzzy", "start_feed_um_s"), ("adaptive-off-time", "start_feed_um_s"),
-     ("adaptive-hold", "retract_feed_um_s")],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "parameter"), [
+    ("fixed", "feed_um_s"), ("counts", "retract_feed_um_s"), ("trim", "feed_um_s"), ("voltage", "start_feed_um_s"),
+    ("delay", "start_feed_um_s"), ("fuzzy", "start_feed_um_s"), ("adaptive-off-time", "start_feed_um_s"),
+    ("adaptive-hold", "retract_feed_um_s"),
+])  # fmt: skip
 def test_feeds_beyond_the_machine_are_refused(name, parameter):  # T-A1
     with pytest.raises(InputError, match=rf"{parameter} of the {name} controller is 40\.0 um/s"):
         controllers.make(name, **{parameter: 40.0}).reset(MAX_FEED)

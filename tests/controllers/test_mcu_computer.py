@@ -308,8 +308,7 @@ def test_bit_rate_is_counter_2_and_the_others_are_the_axes():  # T-22
 
 @pytest.mark.parametrize(("do", "words"), [
     (lambda c: c.set_speed(128), "the cutting speed is 0..127 units of 262.5 nm/s, not 128"),
-    (lambda c: c.set_speed(-1), "not -1"),
-    (lambda c: c.set_position(0, 65_536), "a position is 0..65535, not 65536"),
+    (lambda c: c.set_speed(-1), "not -1"), (lambda c: c.set_position(0, 65_536), "a position is 0..65535, not 65536"),
     (lambda c: c.move_to(-1, 0), "a position is 0..65535, not -1"),
     (lambda c: (c.stop(), c.move_to(0, 0)), "the machine is not started"),
     (lambda c: (c.set_speed(0), c.move_to(0, 0)), "the cutting speed is 0"),

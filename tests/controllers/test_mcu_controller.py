@@ -65,10 +65,9 @@ def test_registers_and_law_cut_the_same_bit_for_bit(planner, generator):  # T-15
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("planner", "generator"), [("poscal", "iso-pulse"), ("poscal-literal", "iso-pulse"),
-                               ("poscal-literal", "iso-energetic")],
-)  # fmt: skip
+@pytest.mark.parametrize(("planner", "generator"), [
+    ("poscal", "iso-pulse"), ("poscal-literal", "iso-pulse"), ("poscal-literal", "iso-energetic"),
+])  # fmt: skip
 def test_an_interrupted_cut_continues_bit_for_bit(planner, generator):
     options = {"planner": planner, "dwells": ((1, 0.2),), "generator": generator}
     whole = run(simulation(("mcu",), **options))

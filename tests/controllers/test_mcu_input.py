@@ -104,10 +104,9 @@ def test_what_is_no_number_is_refused_where_it_stands(routine, text, found):
 
 
 # T-57
-@pytest.mark.parametrize(
-    ("text", "carry", "rest"),
-    [(b"", False, b""), (b" ,;= ", False, b""), (b"  ,X", True, b"X"), (b"X ", True, b"X "), (b"-5", True, b"-5")],
-)
+@pytest.mark.parametrize(("text", "carry", "rest"), [
+    (b"", False, b""), (b" ,;= ", False, b""), (b"  ,X", True, b"X"), (b"X ", True, b"X "), (b"-5", True, b"-5"),
+])  # fmt: skip
 def test_skip_passes_separators_and_tells_by_its_carry_whether_a_character_waits(text, carry, rest):
     buffer = InputBuffer(text)
     assert skip(buffer) is carry

@@ -68,8 +68,7 @@ def test_the_filter_is_the_exponential_of_its_time_constant(duration_s):
 @pytest.mark.parametrize(("parameters", "words"), [
     ({"integral_um_s2": 400.0}, "integral_um_s2 of the counts controller is 400.0, but its sixteen-bit word"),
     ({"dwell_s": 7.0}, "dwell_s of the counts controller is 7.0, but its sixteen-bit word holds at most 6.5535"),
-    ({"filter_s": 4.0}, "holds at most 3.2767"),
-    ({"short_weight": 300.0}, "holds at most 255.996"),
+    ({"filter_s": 4.0}, "holds at most 3.2767"), ({"short_weight": 300.0}, "holds at most 255.996"),
     ({"retract_um": 600.0}, "retract_um of the counts controller is 600.0, but at 20.0 um/s"),
     ({"max_tries": 70_000}, "holds at most 65535"),
 ])  # fmt: skip

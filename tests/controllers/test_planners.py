@@ -105,10 +105,9 @@ def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "limit"),
-    [("dda", math.sqrt(2) + 1e-9), ("exact", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)],
-)
+@pytest.mark.parametrize(("name", "limit"), [
+    ("dda", math.sqrt(2) + 1e-9), ("exact", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0),
+])  # fmt: skip
 @settings(max_examples=25)
 @given(points=polylines(500), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
 def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, points, plan):  # T-G11, T-G12
@@ -237,11 +236,10 @@ def one_pass_deviation(x, y, x_speed, y_speed):
     return abs(x_speed * time * y - y_speed * time * x) / math.hypot(x, y)
 
 
-@pytest.mark.parametrize(
-    ("target", "speed", "axis_speeds", "row_um"),
-    [((10_000, 5_000), 4, (3, 1), 1492), ((10_000, 5_000), 127, (113, 56), 41),
-     ((20_000, 12_345), 127, (108, 66), 106)],
-)  # fmt: skip
+@pytest.mark.parametrize(("target", "speed", "axis_speeds", "row_um"), [
+    ((10_000, 5_000), 4, (3, 1), 1492), ((10_000, 5_000), 127, (113, 56), 41),
+    ((20_000, 12_345), 127, (108, 66), 106),
+])  # fmt: skip
 def test_literal_planner_leaves_the_line_as_in_1982(target, speed, axis_speeds, row_um):  # T-G12
     points = np.array([(0, 0), target])
     steps = run_to_end(make_planner("poscal-literal", points), speed=speed)
@@ -351,10 +349,8 @@ def test_steps_of_a_fraction_of_a_um_too(name):
 
 @pytest.mark.parametrize(("name", "step_um", "words"), [
     ("poscal", 2.5, "table.step_um is 2.5: give the machine steps of 1 to 16 whole um, or choose"),
-    ("poscal-literal", 17, "table.step_um is 17"),
-    ("sine-table", 0, "table.step_um is 0"),
-    ("dda", 2.0005, "whole nm, and table.step_um is 2.0005"),
-    ("exact", math.inf, "table.step_um is inf"),
+    ("poscal-literal", 17, "table.step_um is 17"), ("sine-table", 0, "table.step_um is 0"),
+    ("dda", 2.0005, "whole nm, and table.step_um is 2.0005"), ("exact", math.inf, "table.step_um is inf"),
 ])  # fmt: skip
 def test_steps_a_planner_cannot_count_are_refused_by_name(name, step_um, words):
     with pytest.raises(InputError) as refused:

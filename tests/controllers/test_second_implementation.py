@@ -75,19 +75,16 @@ def called(routine, *columns):
 
 
 def test_sqrt_of_every_word():  # T-67, T-G1, T-G2, T-G3, T-G7
-    np.testing.assert_array_equal(called(poscal.sqrt, ALL_WORDS), text_sqrt(ALL_WORDS))
+    """Nearest whole number, up at k (k + 1); of 65 535 it is 0."""
+    k = np.floor(np.sqrt(ALL_WORDS)).astype(np.int64)
+    roots = np.where((k * k + k <= ALL_WORDS) & (ALL_WORDS > 0), k + 1, k)
+    roots[65_535] = 0
+    np.testing.assert_array_equal(called(poscal.sqrt, ALL_WORDS), roots)
+    np.testing.assert_array_equal(text_sqrt(ALL_WORDS), roots)
     assert text_sqrt(ALL_WORDS, passes=True).max() == 11
     error = text_sqrt(ALL_WORDS[:-1]) - np.sqrt(ALL_WORDS[:-1])
     assert (error.argmin(), error.min()) == (65_279, pytest.approx(-0.4976, abs=5e-5))
     assert (error.argmax(), error.max()) == (2, pytest.approx(0.5858, abs=5e-5))
-
-
-def test_the_second_root_is_a_root_but_for_65535():  # T-G2, T-G3
-    """So that the comparison above is with the truth: nearest whole number, up at k (k + 1)."""
-    k = np.floor(np.sqrt(ALL_WORDS)).astype(np.int64)
-    expected = np.where((k * k + k <= ALL_WORDS) & (ALL_WORDS > 0), k + 1, k)
-    expected[65_535] = 0
-    np.testing.assert_array_equal(text_sqrt(ALL_WORDS), expected)
 
 
 def test_without_the_1_that_is_added_roots_below_a_square_never_settle():  # T-G4

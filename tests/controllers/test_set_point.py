@@ -1,4 +1,4 @@
-"""Servos with settings of their own at corners; laws that set the period by the wire's heat."""
+"""Servos with settings of their own at corners; laws that set the period by the wire's heat, or find its limit."""
 
 import math
 from types import SimpleNamespace
@@ -77,14 +77,17 @@ def test_pulses_shorter_than_a_microsecond_keep_their_on_time(generator, on_us):
     assert controller.reset(33.0).t_on_us == pytest.approx(0.5 * on_us)
 
 
-def test_pauses_are_longer_near_corners(machine):
-    controller = make("set-point", before_um=60.0, behind_um=60.0, corner_factor=4.0, period_factor=0.7)
+def test_pauses_are_longer_near_corners_only(machine):
+    near = {"before_um": 60.0, "behind_um": 60.0, "corner_factor": 4.0}
+    controller = make("set-point", **near, period_factor=0.7, on_factor=0.5)
     tell(controller, machine, LEFT, START_UM)
     controller.reset(33.0)
-    periods = [controller.update(window(START_UM + path_um)).t_period_us for path_um in (200.0, 260.0, 340.0, 400.0)]
-    first = machine.t_period_us
-    assert periods[1:3] == [round(2.8 * first)] * 2
-    assert periods[0] == periods[3] < periods[1]
+    places = (0.0, 239.0, 241.0, 300.0, 359.0, 361.0)
+    found = [controller.update(window(START_UM + path_um)) for path_um in places]
+    far, first = found[0].t_period_us, machine.t_period_us
+    assert [command.t_period_us for command in found] == [far, far, *[round(2.8 * first)] * 3, far]
+    assert far < first
+    assert {command.t_on_us for command in found} == {15}
 
 
 @pytest.mark.parametrize("name", ["offset_um", "pull_N_m"])
@@ -259,3 +262,89 @@ def test_sato_begins_every_wire_above_the_operators_period():
     assert isinstance(controller, SeesBreaks)
     controller.wire_lost()
     assert controller.update(observed(30.0)).t_period_us == pytest.approx(first)
+
+
+def test_climb_shortens_the_period_until_a_wire_breaks(machine):
+    law = make("climb", period_factor=4.0, climb_s=0.1, step_share=0.2, back_factor=1.5)
+    tell(law, machine, LEFT, 0.0)
+    first = law.reset(33.0)
+    assert (first.t_on_us, first.t_period_us) == (30, 400)
+    periods = [law.update(window(0.0)).t_period_us for _ in range(9)]
+    assert periods == [400] * 3 + [320] * 4 + [256] * 2
+    assert law.wire_lost().t_period_us == 384
+    assert {law.update(window(0.0)).t_period_us for _ in range(20)} == {384}
+    assert law.wire_lost().t_period_us == 576
+    assert law.reset(33.0) == first
+
+
+def test_no_law_asks_for_more_than_the_supply_gives(machine):
+    law = make("set-point", period_factor=0.2)
+    tell(law, machine, LEFT, 0.0)
+    assert law.reset(33.0).t_period_us == law.update(window(0.0)).t_period_us == 100
+
+
+# what laws find out of the heat that a wire bears
+
+
+def for_seconds(law, seconds):
+    return [law.update(observed(1.0)) for _ in range(round(seconds / WINDOW_S))]
+
+
+@pytest.fixture(scope="module")
+def flux():
+    """What the windows of `observed` are of the critical flux."""
+    law = law_on_production_machine("heat-flux")
+    for_seconds(law, 1.0)
+    return float(law.gauge.flux.max())
+
+
+def test_no_break_at_a_flux_says_that_more_can_be_held(flux):
+    law = law_on_production_machine("adaptive-hold", limit_share=1.2 * flux, limit_spread=0.5)
+    first = law.period.hold
+    for_seconds(law, 60.0)
+    assert law.period.hold > 1.1 * first
+    assert law.period.limit(0.05) > 0.8 * law.period.hold
+
+
+def test_a_break_says_where_the_limit_is_and_the_more_breaks_the_better(flux):
+    """Breaks at one flux: the limit is found within its few per cent, and what is held lies below it."""
+    law = law_on_production_machine("adaptive-hold")
+    for _ in range(4):
+        for_seconds(law, 10.0)
+        law.wire_lost()
+    for_seconds(law, 3.0)
+    assert law.period.limit(0.95) / law.period.limit(0.05) < 1.5
+    assert law.period.limit(0.5) == pytest.approx(flux, rel=0.15)
+    assert law.period.hold < flux
+
+
+def test_a_dear_break_makes_the_law_careful():
+    cheap, dear = (
+        law_on_production_machine("adaptive-hold", break_weight=weight).period.hold for weight in (0.05, 30.0)
+    )
+    assert dear < 0.8 * cheap
+
+
+@pytest.mark.parametrize("name", ["adaptive-hold", "climbing-hold"])
+def test_a_snapshot_has_what_was_learned(name):
+    law, copied = law_on_production_machine(name), law_on_production_machine(name)
+    for_seconds(law, 5.0)
+    law.wire_lost()
+    for_seconds(law, 5.0)
+    copied.restore(law.snapshot())
+    assert for_seconds(law, 3.0) == for_seconds(copied, 3.0)
+    assert law.snapshot() == copied.snapshot()
+
+
+def test_climbing_is_slower_after_every_break(flux):
+    law = law_on_production_machine(
+        "climbing-hold", hold_share=0.4 * flux, climb_per_s=0.05, patience_factor=2.0, break_hold_share=0.5
+    )
+    before = law.period.hold
+    for_seconds(law, 10.0)
+    assert law.period.hold == pytest.approx(before * math.exp(0.5), rel=1e-6)
+    law.wire_lost()
+    low = law.period.hold
+    assert low == pytest.approx(before * math.exp(0.5) * 0.5, rel=1e-6)
+    for_seconds(law, 10.0)
+    assert law.period.hold == pytest.approx(low * math.exp(0.25), rel=1e-6)

@@ -16,11 +16,10 @@ def test_clock_follows_from_the_speed_unit():  # T-74, T-75, T-A1
     assert pytest.approx(2000.25 / 60) == timers.MAX_FEED_UM_S
 
 
-@pytest.mark.parametrize(
-    ("unit", "words"),
-    [*((unit, "speed unit must be above 0 nm/s") for unit in (0.0, -262.5, float("nan"))),
-     (999_999_999.123, "choose a rounder one")],
-)  # fmt: skip
+@pytest.mark.parametrize(("unit", "words"), [
+    *((unit, "speed unit must be above 0 nm/s") for unit in (0.0, -262.5, float("nan"))),
+    (999_999_999.123, "choose a rounder one"),
+])  # fmt: skip
 def test_a_speed_unit_that_cannot_be_used_is_refused(unit, words):
     with pytest.raises(InputError, match=words):
         timers.timer_clock_hz(unit)

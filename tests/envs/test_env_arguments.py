@@ -1,6 +1,7 @@
 """Every argument of the registered environments can be written as JSON, and comes back as the same environment."""
 
 import json
+from dataclasses import replace
 from importlib import resources
 
 import gymnasium as gym
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.envs import Corner, GapFeed, Weights
+from edmsim.envs import Corner, GapFeed
 from edmsim.errors import InputError
 
 COMMON = {
@@ -16,13 +17,11 @@ COMMON = {
     "height_mm": [5.0, 9.0], "tension": 9.0, "randomise": ["gap"], "action": "speed", "history": 2,
 }
 OWN = {
-    "GapFeed": {"length_mm": 1.0},
-    "HeightStep": {"band_mm": [0.05, 0.1], "low_share": 0.5},
+    "GapFeed": {"length_mm": 1.0}, "HeightStep": {"band_mm": [0.05, 0.1], "low_share": 0.5},
     "Corner": {"leg_mm": 0.1, "turn_deg": [60.0, 90.0], "setting_octaves": 1.0},
     "Contour": {"program": str(resources.files("edmsim.envs") / "small_punch.ngc")},
-    "ThinWire": {"length_mm": 1.0, "wires": 2, "decision_s": 0.1},
-    "Trim": {"wave_um": [5.0, 6.0], "offset_um": 4.0},
-}
+    "ThinWire": {"length_mm": 1.0, "wires": 2, "decision_s": 0.1}, "Trim": {"wave_um": [5.0, 6.0], "offset_um": 4.0},
+}  # fmt: skip
 
 
 def first_steps(env):
@@ -46,12 +45,9 @@ def test_lists_and_mappings_mean_what_tuples_and_objects_mean(make_env, env_name
     written = make_env(env_name, **COMMON).unwrapped.family
     kind = type(written)
     machine = edmsim.Machine.load(height_mm=8.0, wire="brass-200")
-    own = kind.own_weights
-    weights = Weights(progress=own.progress, short=2.0, open=own.open, profile=own.profile, roughness=own.roughness,
-                      time=own.time, wire_break=own.wire_break, limit=own.limit, done=own.done)  # fmt: skip
     assert written == kind(
-        resolution="fast", machine=machine, weights=weights, materials=("tool-steel",), height_mm=(5.0, 9.0),
-        tension=9.0, randomise=("gap",), action="speed", history=2,
+        resolution="fast", machine=machine, weights=replace(kind.own_weights, short=2.0), materials=("tool-steel",),
+        height_mm=(5.0, 9.0), tension=9.0, randomise=("gap",), action="speed", history=2,
     )
     assert hash(written) == hash(kind.of(resolution="fast", **COMMON))
 
@@ -61,15 +57,12 @@ def test_a_machine_by_name_or_file(own_file):
     assert GapFeed.of(machine=own_file("machines", "agiecut-dem15")).base.base == edmsim.Machine.load().base
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"weights": {"speed": 1.0}}, "weights has no entry 'speed'; it has progress, short"),
-        ({"weights": {"short": -1.0}}, "the weight short is -1.0"),
-        ({"machine": {"hight_mm": 3.0}}, "machine has no entry 'hight_mm'; it has name, material"),
-        ({"machine": "unheard-of"}, "unheard-of"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"weights": {"speed": 1.0}}, "weights has no entry 'speed'; it has progress, short"),
+    ({"weights": {"short": -1.0}}, "the weight short is -1.0"),
+    ({"machine": {"hight_mm": 3.0}}, "machine has no entry 'hight_mm'; it has name, material"),
+    ({"machine": "unheard-of"}, "unheard-of"),
+])  # fmt: skip
 def test_what_is_unknown_is_refused_by_name(arguments, message):
     with pytest.raises(InputError, match=message):
         Corner.of(**arguments)

@@ -1,6 +1,5 @@
-"""Shifts: by the clock, a test cut first, water that drifts; and heat laws that find out what a wire bears."""
+"""Shifts: by the clock, a test cut first, water that drifts."""
 
-import math
 import pickle
 
 import numpy as np
@@ -8,17 +7,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import edmsim
-from edmsim import controllers
-from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.envs import shift
 from edmsim.envs.task import Drift
 from edmsim.errors import InputError
 from edmsim.machine.ranges import with_values
 from edmsim.machine.setting import flushing_Pa
 from edmsim.plant.constants import faces_Pa
-
-WINDOW_S = 0.02
-PATH = np.zeros((2, 2))
 
 
 @pytest.fixture(scope="module")
@@ -99,85 +93,11 @@ def test_gymnasium_checks_a_shift(make_env, name):
     check_env(make_env(name, episode_s=0.3, test_s=0.1, decision_s=0.05).unwrapped, skip_render_check=True)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [({"test_s": -1.0}, "test_s"), ({"flushing_left": 0.0}, "flushing_left"),
-     ({"flushing_left": 1.5}, "flushing_left"), ({"conductivity_uS_cm": 0.0}, "conductivity_uS_cm"),
-     ({"length_mm": 396.0}, "length_mm")],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "said"), [
+    ({"test_s": -1.0}, "test_s"), ({"flushing_left": 0.0}, "flushing_left"),
+    ({"flushing_left": 1.5}, "flushing_left"), ({"conductivity_uS_cm": 0.0}, "conductivity_uS_cm"),
+    ({"length_mm": 396.0}, "length_mm"),
+])  # fmt: skip
 def test_bad_input_is_refused(make_env, options, said):
     with pytest.raises(InputError, match=said):
         make_env("MaxRateShift", **options)
-
-
-def observed(fifths=(30,) * 5):
-    ignited = sum(fifths)
-    return WindowObservation(1.0, WINDOW_S, 20, 235 - ignited, 30.0, 5.0, 5.0, 10.0, 0.0, fifths)
-
-
-def started(name, **parameters):
-    law, set_up = controllers.make(name, **parameters), {"height_mm": 60.0, "tension": 22.0}
-    machine = edmsim.Machine.load("production", generator="production", wire="brass-300", **set_up)
-    tell(law, machine, PATH, 0.0)
-    law.reset(400.0)
-    return law
-
-
-def for_seconds(law, seconds):
-    return [law.update(observed()) for _ in range(round(seconds / WINDOW_S))]
-
-
-@pytest.fixture(scope="module")
-def flux():
-    """What the windows of `seen` are of the critical flux."""
-    law = started("heat-flux")
-    for_seconds(law, 1.0)
-    return float(law.gauge.flux.max())
-
-
-def test_no_break_at_a_flux_says_that_more_can_be_held(flux):
-    law = started("adaptive-hold", limit_share=1.2 * flux, limit_spread=0.5)
-    first = law.period.hold
-    for_seconds(law, 60.0)
-    assert law.period.hold > 1.1 * first
-    assert law.period.limit(0.05) > 0.8 * law.period.hold
-
-
-def test_a_break_says_where_the_limit_is_and_the_more_breaks_the_better(flux):
-    """Breaks at one flux: the limit is found within its few per cent, and what is held lies below it."""
-    law = started("adaptive-hold")
-    for _ in range(4):
-        for_seconds(law, 10.0)
-        law.wire_lost()
-    for_seconds(law, 3.0)
-    assert law.period.limit(0.95) / law.period.limit(0.05) < 1.5
-    assert law.period.limit(0.5) == pytest.approx(flux, rel=0.15)
-    assert law.period.hold < flux
-
-
-def test_a_dear_break_makes_the_law_careful():
-    cheap, dear = (started("adaptive-hold", break_weight=weight).period.hold for weight in (0.05, 30.0))
-    assert dear < 0.8 * cheap
-
-
-@pytest.mark.parametrize("name", ["adaptive-hold", "climbing-hold"])
-def test_a_snapshot_has_what_was_learned(name):
-    law, copied = started(name), started(name)
-    for_seconds(law, 5.0)
-    law.wire_lost()
-    for_seconds(law, 5.0)
-    copied.restore(law.snapshot())
-    assert for_seconds(law, 3.0) == for_seconds(copied, 3.0)
-    assert law.snapshot() == copied.snapshot()
-
-
-def test_climbing_is_slower_after_every_break(flux):
-    law = started("climbing-hold", hold_share=0.4 * flux, climb_per_s=0.05, patience_factor=2.0, break_hold_share=0.5)
-    before = law.period.hold
-    for_seconds(law, 10.0)
-    assert law.period.hold == pytest.approx(before * math.exp(0.5), rel=1e-6)
-    law.wire_lost()
-    low = law.period.hold
-    assert low == pytest.approx(before * math.exp(0.5) * 0.5, rel=1e-6)
-    for_seconds(law, 10.0)
-    assert law.period.hold == pytest.approx(low * math.exp(0.25), rel=1e-6)

@@ -232,20 +232,11 @@ def test_step_before_reset_and_after_the_end(make_env):
         env.step(np.zeros(1, np.float32))
 
 
-@pytest.mark.parametrize(
-    ("action", "message"),
-    [
-        (np.array([np.nan], np.float32), "finite"),
-        (np.array([np.inf], np.float32), "finite"),
-        ([1e300], "not [1e+300]"),
-        (np.zeros(2, np.float32), "shape (1,), not (2,)"),
-        (np.float32(0), "shape (1,), not ()"),
-        ("fast", "numbers"),
-        (["0.5"], "numbers"),
-        (np.array([0.5j]), "numbers"),
-        ([0.5, [0.5]], "numbers"),
-    ],
-)
+@pytest.mark.parametrize(("action", "message"), [
+    (np.array([np.nan], np.float32), "finite"), (np.array([np.inf], np.float32), "finite"), ([1e300], "not [1e+300]"),
+    (np.zeros(2, np.float32), "shape (1,), not (2,)"), (np.float32(0), "shape (1,), not ()"), ("fast", "numbers"),
+    (["0.5"], "numbers"), (np.array([0.5j]), "numbers"), ([0.5, [0.5]], "numbers"),
+])  # fmt: skip
 def test_bad_action(make_env, action, message):
     env = make_env("GapFeed").unwrapped
     env.reset(seed=1)
@@ -253,75 +244,61 @@ def test_bad_action(make_env, action, message):
         env.step(action)
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("GapFeed", {"resolution": "finest"}, "unknown resolution 'finest'"),
-        ("GapFeed", {"action": "thrust"}, "unknown action 'thrust'"),
-        ("GapFeed", {"history": 0}, "history is 0"),
-        ("GapFeed", {"mechanics": "clay"}, "unknown mechanics 'clay'"),
-        ("GapFeed", {"knobs": ["period", "duty_factor"]}, "period or duty_factor, not both"),
-        ("GapFeed", {"knobs": ["volume"]}, "unknown knob 'volume'"),
-        ("GapFeed", {"objectives": ["beauty"]}, "unknown objective 'beauty'"),
-        ("GapFeed", {"randomise": False}, "randomise is False"),
-        ("GapFeed", {"randomise": ["table"]}, "'table', which has no effect here"),
-        ("GapFeed", {"randomise": ["dielectric.nozzle_mm"]}, "'dielectric.nozzle_mm', which has no effect here"),
-        ("GapFeed", {"wires": 0}, "wires is 0"),
-        ("GapFeed", {"decision_s": -1.0}, "decision_s is -1.0"),
-        ("GapFeed", {"sensors": {"bits": 20}}, "bits is 20"),
-        ("GapFeed", {"height_mm": (30, 10)}, "height_mm"),
-        ("GapFeed", {"height_mm": 1000.0}, "1000"),
-        ("GapFeed", {"materials": "copper"}, "give a list of texts"),
-        ("GapFeed", {"weights": 3}, r"weights is 3: give Weights or None \(`Weights`, or a mapping"),
-        ("GapFeed", {"sensors": True}, "sensors is True: give Sensors or None"),
-        ("GapFeed", {"machine": 5}, "machine is 5: give Machine or None"),
-        ("GapFeed", {"machine": {"base": 3}}, "machine: name: missing"),
-        ("GapFeed", {"planner": 3}, "planner is 3: give a text"),
-        ("GapFeed", {"resolution": None}, "resolution is None: give a text"),
-        ("GapFeed", {"knobs": True}, "knobs is True: give a list of texts"),
-        ("GapFeed", {"servo_gains": [10]}, r"servo_gains is \(10,\): give two numbers"),
-        ("GapFeed", {"servo_target_share": [0.2, 0.2]}, "give two that differ"),
-        ("GapFeed", {"detents_us": (1.0, 1e-9)}, "detents_us is 1e-09: give a number from 0.001"),
-        ("GapFeed", {"history": 10**8}, "history is 100000000: give a whole number from 1 to 10000"),
-        ("GapFeed", {"episode_s": 1e300}, "episode_s is 1e"),
-        ("GapFeed", {"decision_s": 1e9}, "decision_s is 1000000000.0"),
-        ("GapFeed", {"energy_bound_mJ": 1e-300}, "energy_bound_mJ is 1e-300"),
-        ("GapFeed", {"max_feed_um_s": 1e12}, "max_feed_um_s is 1000000000000.0"),
-        ("GapFeed", {"weights": {"short": 1e300}}, "the weight short is 1e"),
-        ("GapFeed", {"tension": (8.0, 50.0)}, "50 N breaks the 250 um brass wire at rest: it holds 46.6 N; None"),
-        ("ThinWire", {"tension": (1.0, 9.0)}, r"tension is \(1.0, 9.0\): wire tension 9 N breaks the 100 um"),
-        ("GapFeed", {"length_mm": 1e-9}, "length_mm is 1e-09: give a number from 0.0005"),
-        ("Corner", {"leg_mm": 6e-4, "planner": "poscal"}, "leg_mm is 0.0006: give a number from 0.001"),
-        ("HeightStep", {"band_mm": 1e-6}, "band_mm is 1e-06: give a number from 0.05"),
-        ("Trim", {"wave_mm": 1e-6}, "wave_mm is 1e-06: give a number from 0.05"),
-        ("Contour", {"program": 5}, "program is 5: give a text, a path or None"),
-        ("GapFeed", {"materials": ("cheese",)}, "cheese"),
-        ("GapFeed", {"randomise": ("weather",)}, "weather"),
-        ("GapFeed", {"length_mm": -1.0}, "length_mm"),
-        ("GapFeed", {"planner": "straight"}, "no planner 'straight'"),
-        ("GapFeed", {"max_feed_um_s": float("nan")}, "max_feed_um_s"),
-        ("GapFeed", {"render_mode": "ascii"}, "ascii"),
-        ("HeightStep", {"low_share": 0.0}, "low_share"),
-        ("Corner", {"turn_deg": (5, 90)}, "turn_deg"),
-        ("Contour", {"program": "nowhere.ngc"}, "nowhere.ngc"),
-    ],
-)
+@pytest.mark.parametrize(("name", "options", "message"), [
+    ("GapFeed", {"resolution": "finest"}, "unknown resolution 'finest'"),
+    ("GapFeed", {"action": "thrust"}, "unknown action 'thrust'"), ("GapFeed", {"history": 0}, "history is 0"),
+    ("GapFeed", {"mechanics": "clay"}, "unknown mechanics 'clay'"),
+    ("GapFeed", {"knobs": ["period", "duty_factor"]}, "period or duty_factor, not both"),
+    ("GapFeed", {"knobs": ["volume"]}, "unknown knob 'volume'"),
+    ("GapFeed", {"objectives": ["beauty"]}, "unknown objective 'beauty'"),
+    ("GapFeed", {"randomise": False}, "randomise is False"),
+    ("GapFeed", {"randomise": ["table"]}, "'table', which has no effect here"),
+    ("GapFeed", {"randomise": ["dielectric.nozzle_mm"]}, "'dielectric.nozzle_mm', which has no effect here"),
+    ("GapFeed", {"wires": 0}, "wires is 0"), ("GapFeed", {"decision_s": -1.0}, "decision_s is -1.0"),
+    ("GapFeed", {"sensors": {"bits": 20}}, "bits is 20"), ("GapFeed", {"height_mm": (30, 10)}, "height_mm"),
+    ("GapFeed", {"height_mm": 1000.0}, "1000"), ("GapFeed", {"materials": "copper"}, "give a list of texts"),
+    ("GapFeed", {"weights": 3}, r"weights is 3: give Weights or None \(`Weights`, or a mapping"),
+    ("GapFeed", {"sensors": True}, "sensors is True: give Sensors or None"),
+    ("GapFeed", {"machine": 5}, "machine is 5: give Machine or None"),
+    ("GapFeed", {"machine": {"base": 3}}, "machine: name: missing"),
+    ("GapFeed", {"planner": 3}, "planner is 3: give a text"),
+    ("GapFeed", {"resolution": None}, "resolution is None: give a text"),
+    ("GapFeed", {"knobs": True}, "knobs is True: give a list of texts"),
+    ("GapFeed", {"servo_gains": [10]}, r"servo_gains is \(10,\): give two numbers"),
+    ("GapFeed", {"servo_target_share": [0.2, 0.2]}, "give two that differ"),
+    ("GapFeed", {"detents_us": (1.0, 1e-9)}, "detents_us is 1e-09: give a number from 0.001"),
+    ("GapFeed", {"history": 10**8}, "history is 100000000: give a whole number from 1 to 10000"),
+    ("GapFeed", {"episode_s": 1e300}, "episode_s is 1e"),
+    ("GapFeed", {"decision_s": 1e9}, "decision_s is 1000000000.0"),
+    ("GapFeed", {"energy_bound_mJ": 1e-300}, "energy_bound_mJ is 1e-300"),
+    ("GapFeed", {"max_feed_um_s": 1e12}, "max_feed_um_s is 1000000000000.0"),
+    ("GapFeed", {"weights": {"short": 1e300}}, "the weight short is 1e"),
+    ("GapFeed", {"tension": (8.0, 50.0)}, "50 N breaks the 250 um brass wire at rest: it holds 46.6 N; None"),
+    ("ThinWire", {"tension": (1.0, 9.0)}, r"tension is \(1.0, 9.0\): wire tension 9 N breaks the 100 um"),
+    ("GapFeed", {"length_mm": 1e-9}, "length_mm is 1e-09: give a number from 0.0005"),
+    ("Corner", {"leg_mm": 6e-4, "planner": "poscal"}, "leg_mm is 0.0006: give a number from 0.001"),
+    ("HeightStep", {"band_mm": 1e-6}, "band_mm is 1e-06: give a number from 0.05"),
+    ("Trim", {"wave_mm": 1e-6}, "wave_mm is 1e-06: give a number from 0.05"),
+    ("Contour", {"program": 5}, "program is 5: give a text, a path or None"),
+    ("GapFeed", {"materials": ("cheese",)}, "cheese"), ("GapFeed", {"randomise": ("weather",)}, "weather"),
+    ("GapFeed", {"length_mm": -1.0}, "length_mm"), ("GapFeed", {"planner": "straight"}, "no planner 'straight'"),
+    ("GapFeed", {"max_feed_um_s": float("nan")}, "max_feed_um_s"), ("GapFeed", {"render_mode": "ascii"}, "ascii"),
+    ("HeightStep", {"low_share": 0.0}, "low_share"), ("Corner", {"turn_deg": (5, 90)}, "turn_deg"),
+    ("Contour", {"program": "nowhere.ngc"}, "nowhere.ngc"),
+])  # fmt: skip
 @pytest.mark.filterwarnings("ignore:.*render_mode.*")
 def test_bad_arguments(make_env, name, options, message):
     with pytest.raises(InputError, match=message):
         make_env(name, **options)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"options": {"machin": None}}, "no option 'machin'"),
-        ({"options": {"machine": "agiecut"}}, "give an edmsim.Machine"),
-        ({"options": "abc"}, "the options of a reset are 'abc': give a mapping, as {'machine': ...}"),
-        ({"seed": -1}, "seed is -1: give a whole number, 0 or more"),
-        ({"seed": 1.5}, "seed is 1.5: give a whole number, 0 or more"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"options": {"machin": None}}, "no option 'machin'"),
+    ({"options": {"machine": "agiecut"}}, "give an edmsim.Machine"),
+    ({"options": "abc"}, "the options of a reset are 'abc': give a mapping, as {'machine': ...}"),
+    ({"seed": -1}, "seed is -1: give a whole number, 0 or more"),
+    ({"seed": 1.5}, "seed is 1.5: give a whole number, 0 or more"),
+])  # fmt: skip
 def test_bad_resets(make_env, make_envs, arguments, message):
     for env in (make_env("GapFeed"), make_envs("GapFeed", 2)):
         with pytest.raises(InputError, match=re.escape(message)):

@@ -6,11 +6,8 @@ import pytest
 import edmsim
 from edmsim.controllers import make
 from edmsim.controllers.feed.laws import ClimbController
-from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.evaluation.episode import Episode
 from edmsim.machine.ranges import with_values
-
-PATH_UM = np.array([[0.0, 0.0], [300.0, 0.0], [300.0, 300.0]])
 
 
 @pytest.fixture(scope="module")
@@ -18,17 +15,6 @@ def weak():
     """A set-up whose wire breaks in its first second."""
     strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=5.0, t_on_us=10.0, t_period_us=50.0)
     return with_values(strained, {"wire.half_strength_K": 310.0})
-
-
-def window(short=0, open_=20, path_um=0.0):
-    return WindowObservation(1.0, 0.0255, short, open_, 20.0, 1.0, 9.0, 10.0, path_um)
-
-
-def started(name, **parameters):
-    """A controller at the standard setting, 30 us in 100 us, at the beginning of a path with a corner at 300 um."""
-    controller = make(name, **parameters)
-    tell(controller, edmsim.Machine.load(), PATH_UM, 0.0)
-    return controller, controller.reset(33.0)
 
 
 def test_the_operator_remembers_the_wires(make_env, weak):
@@ -106,27 +92,3 @@ def test_a_law_at_a_sub_environment_sees_every_window_and_every_lost_wire(make_e
     before = law.observed_s
     env.step(np.array([-1.0, 0.0], np.float32))
     assert law.observed_s == before
-
-
-def test_climb_shortens_the_period_until_a_wire_breaks():
-    law, first = started("climb", period_factor=4.0, climb_s=0.1, step_share=0.2, back_factor=1.5)
-    assert (first.t_on_us, first.t_period_us) == (30, 400)
-    periods = [law.update(window()).t_period_us for _ in range(9)]
-    assert periods == [400] * 3 + [320] * 4 + [256] * 2
-    assert law.wire_lost().t_period_us == 384
-    assert {law.update(window()).t_period_us for _ in range(20)} == {384}
-    assert law.wire_lost().t_period_us == 576
-    assert law.reset(33.0) == first
-
-
-def test_no_law_asks_for_more_than_the_supply_gives():
-    law, first = started("set-point", period_factor=0.2)
-    assert first.t_period_us == 100
-    assert law.update(window()).t_period_us == 100
-
-
-def test_power_is_taken_back_near_corners_only():
-    law, _ = started("set-point", before_um=60.0, behind_um=60.0, corner_factor=4.0, on_factor=0.5)
-    found = [law.update(window(path_um=place)) for place in (0.0, 239.0, 241.0, 300.0, 359.0, 361.0)]
-    assert [command.t_period_us for command in found] == [100, 100, 400, 400, 400, 100]
-    assert {command.t_on_us for command in found} == {15}

@@ -117,16 +117,12 @@ def test_what_is_drawn_is_within_its_ranges(make_env):
             assert low <= drawn[name] <= high
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"wave_um": (0.0, 5.0)}, r"wave_um is \(0.0, 5.0\): give a number above 0, or the ends of a range"),
-        ({"allowance_um": (5.0, 24.0)}, "come to 29 um, and the wire would stand in the metal: 27 um at the most"),
-        ({"offset_um": 0.0}, "offset_um is 0.0"),
-        ({"offset_um": 101.0}, "offset_um is 101.0"),
-        ({"wave_mm": (0.5, 0.2)}, "wave_mm"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"wave_um": (0.0, 5.0)}, r"wave_um is \(0.0, 5.0\): give a number above 0, or the ends of a range"),
+    ({"allowance_um": (5.0, 24.0)}, "come to 29 um, and the wire would stand in the metal: 27 um at the most"),
+    ({"offset_um": 0.0}, "offset_um is 0.0"), ({"offset_um": 101.0}, "offset_um is 101.0"),
+    ({"wave_mm": (0.5, 0.2)}, "wave_mm"),
+])  # fmt: skip
 def test_what_cannot_be_used_is_refused(arguments, message):
     with pytest.raises(InputError, match=message):
         Trim(**arguments)

@@ -72,10 +72,3 @@ def share():
         return sum(getattr(w, name) for w in windows) / sum(w.pulses for w in windows)
 
     return of
-
-
-@pytest.fixture(scope="session")
-def plant_at_work(machine, drive):
-    """The default set-up after five seconds at 25 um/s, and its windows; only to be looked at."""
-    plant = edmsim.Plant(machine, seed=1, resolution="fast")
-    return plant, drive(plant, 25.0, 5.0)

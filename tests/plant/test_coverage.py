@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.compiled.jit import compiled
 from edmsim.plant.constants import constants, gap_law, gas_law
 from edmsim.plant.gap.coverage import (
     GasLaw,
@@ -168,35 +167,6 @@ def test_steam_and_permanent_gas_lie_anywhere_on_the_front():
     fade(a, still, GRID)
     np.testing.assert_allclose(a.covered[:2], [0.7, 1.0])
     assert mean_of_slices(a.covered, 2) == pytest.approx(0.85)
-
-
-@compiled
-def _mean_share(a, c, law, fires):
-    sum_ = 0.0
-    for fire in fires:
-        fade(a, law, GRID)
-        sum_ += a.steam[0]
-        if fire:
-            blow(a, c, law, 0, 0.5, 1.0, 0, 0.0)
-    return sum_ / len(fires)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("x", [0.3, 1.0, 3.0])
-def test_at_a_steady_rate_the_mean_share_is_x_over_one_and_x(x, slab):
-    """x is the rate times the life times the share of the slice that one discharge covers: a closed form."""
-    life, share = 100.0, 0.5  # in periods
-    law = GasLaw(250.0, 0.0, 0.0, np.exp(-np.arange(GRID + 1)[:, None] / GRID / np.array([life, 1.0])))
-    fires = np.random.default_rng(4).random(400_000) < x / (life * share)
-    assert _mean_share(front(1), slab, law, fires) == pytest.approx(x / (1 + x), rel=0.03)
-
-
-def test_a_discharge_pumps_debris_out_of_the_length_it_covers(slab):
-    a, law = front(3), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
-    a.debris[:] = 0.2
-    blow(a, slab, law, 1, 0.1, 1.0, 0, 0.0)
-    remaining = [1 - slab.pumping * 0.2, 1 - slab.pumping * 0.4, 1.0]
-    np.testing.assert_allclose(a.debris[:3], 0.2 * np.array(remaining))
 
 
 def test_a_discharge_spreads_its_debris_over_its_pocket(slab):

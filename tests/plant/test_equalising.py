@@ -121,8 +121,7 @@ def test_pulse_by_pulse_later_pauses_make_up_for_full_ones():
 
 @pytest.mark.parametrize(("constants", "says"), [
     ({"voltage_V": 100.0, "resistance_ohm": 100.0}, r"100 V through 100 ohm are 1 A.*raise resistance_ohm"),
-    ({"voltage_V": 50.0}, "resistance_ohm"),
-    ({"voltage_V": -50.0, "resistance_ohm": 500.0}, "voltage_V"),
+    ({"voltage_V": 50.0}, "resistance_ohm"), ({"voltage_V": -50.0, "resistance_ohm": 500.0}, "voltage_V"),
 ])  # fmt: skip
 def test_a_supply_that_could_hold_an_arc_or_is_none_is_refused(constants, says, own_file):
     lines = [f'{name} = {{ value = {value}, source = "own" }}' for name, value in constants.items()]

@@ -169,13 +169,6 @@ def battle(rig, n, train):
 
 
 @pytest.mark.slow
-def test_the_same_train_gives_the_same_bits(train):
-    one, two = (battle(Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, 2e-6)), 400, train) for _ in range(2))
-    for name in ("nodes", "place", "rotor", "commanded"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-
-
-@pytest.mark.slow
 def test_arrays_and_snapshot_continue_bit_for_bit(train):
     rig, other = (Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, 2e-6)) for _ in range(2))
     battle(rig, 200, train)
@@ -226,10 +219,9 @@ def test_the_full_model_has_the_machine_s_motors_and_screws():
     assert all(low < high for low, high in pairwise(rig.full.modes.node_heights_m))
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("step_m", 2.0), ("friction_N", -1.0), ("presliding_m", 0.0), ("backlash_m", 3.0), ("backlash_m", math.nan)],
-)
+@pytest.mark.parametrize(("name", "value"), [
+    ("step_m", 2.0), ("friction_N", -1.0), ("presliding_m", 0.0), ("backlash_m", 3.0), ("backlash_m", math.nan),
+])  # fmt: skip
 def test_impossible_drives_are_refused(name, value):
     with pytest.raises(InputError, match=rf"drive {name} is {value!r}; it must be"):
         DriveSetup(**{**vars(SMOOTH), name: value})

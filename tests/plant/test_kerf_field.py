@@ -17,10 +17,6 @@ def visited(n_slices=2):
     return field
 
 
-def test_one_full_cell_is_its_area():
-    assert KerfField(1, STOCK, cell_um=4.0).part_area_um2 * FULL == 16.0
-
-
 def test_stock_is_metal_inside_the_rectangle_and_outside_the_hole():
     field = KerfField(1, STOCK)
     patch = field.patch(0, 0, 400, 0, 400)

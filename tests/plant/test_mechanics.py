@@ -38,10 +38,6 @@ WIRES = [
     WireSetup(0.02e-3, 19_300.0, 0.5, 0.025, 0.3),  # the thinnest of T-13, tungsten
 ]
 N_NODES = 31
-# h_mm, L_mm, T_N, ymax_um_per_N_per_m; its first lines say how it was derived
-STATIC_LAG = np.loadtxt(models.path("published/analytic_static_wire_lag.csv"), delimiter=",", skiprows=3)
-
-
 def slice_heights(height, guide_distance, n_slices):
     return (guide_distance - height) / 2 + height * (np.arange(n_slices) + 0.5) / n_slices
 
@@ -70,11 +66,6 @@ def test_frequencies_are_those_of_the_chain_and_of_the_string(wire):
     string = 2 * math.pi * n / (2 * wire.guide_distance_m) * speed  # physics: f_n = n/(2L) sqrt(T/mu)
     np.testing.assert_allclose(modes.wire_omega, chain, rtol=1e-6)
     np.testing.assert_allclose(modes.wire_omega[:4], string[:4], rtol=0.01)
-
-
-def test_the_published_example_vibrates_at_1935_hz(modal):
-    # physics 2.3: 0.25 mm, 10 N, L = 40 mm
-    assert modal.wire_omega[0] / (2 * math.pi) == pytest.approx(1935, rel=1e-3)
 
 
 @pytest.mark.parametrize("wire", WIRES)
@@ -142,35 +133,6 @@ def test_our_machine_is_cached_and_read_without_mujoco_the_next_time(tmp_path, m
     monkeypatch.undo()
     monkeypatch.setattr(cache, "folder", tmp_path)
     assert pickle.dumps(reference.__wrapped__(MODEL_FILE, 0)) == first
-
-
-def nodal_load(node_heights, low, high):
-    """Share of every node in a load of 1 N/m from `low` to `high`, the wire being straight between nodes."""
-    spacing = node_heights[1] - node_heights[0]
-    fine = low + (high - low) * (np.arange(20_000) + 0.5) / 20_000
-    hats = np.clip(1 - np.abs(fine - node_heights[:, None]) / spacing, 0, None)
-    return np.asarray(hats.mean(axis=1) * (high - low))
-
-
-@pytest.mark.parametrize("row", STATIC_LAG, ids=lambda row: f"h{row[0]:g}-T{row[2]:g}")
-def test_static_lag(row):
-    height, length, tension, lag = row[0] * 1e-3, row[1] * 1e-3, row[2], row[3] * 1e-6
-    model = build_model(WireSetup(0.25e-3, 8500.0, tension, length, 0.2))
-    low, high = (length - height) / 2, (length + height) / 2
-    dofs = wire_dofs(model, "y")
-    modes = reduce_model(model, 8, slice_heights(height, length, 9))
-    load = nodal_load(modes.node_heights_m, low, high)
-
-    full = np.linalg.solve(linearise(model).stiffness[np.ix_(dofs, dofs)], load)
-    closed_form = height * (2 * length - height) / (8 * tension)  # physics 2.1, q = 1 N/m
-    assert full[N_NODES // 2] == pytest.approx(closed_form, rel=1e-6)
-    assert full[N_NODES // 2] == pytest.approx(lag, abs=0.0051e-6)  # the table has two decimals of a um
-
-    truncated = modes.node_shape @ (modes.node_shape.T @ load / modes.wire_omega**2)
-    assert truncated[N_NODES // 2] == pytest.approx(lag, rel=5e-3)
-
-    on_slices = modes.wire_shape @ (modes.wire_shape.T @ np.full(9, height / 9) / modes.wire_omega**2)
-    assert on_slices[4] == pytest.approx(lag, rel=0.01)
 
 
 def impulses(n_steps, every):

@@ -13,7 +13,7 @@ from edmsim.errors import InputError
 from edmsim.machine import parts
 from edmsim.machine.parts import Part
 from edmsim.machine.ranges import with_values
-from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
+from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.memory import Memory
 from edmsim.plant.kernel.state import Arrays
 from edmsim.plant.window import PlantError, WireBrokenError
@@ -163,14 +163,8 @@ def test_allocated_arrays_are_as_declared():
 
 
 @pytest.mark.parametrize(
-    ("name", "wrong"),
-    [("wire_q", np.zeros((2, 3))), ("edge_um", np.zeros((5, 24))), ("sway", np.zeros((8, 4)).T)],
+    ("name", "wrong"), [("wire_q", np.zeros((2, 3))), ("edge_um", np.zeros((5, 24))), ("sway", np.zeros((8, 4)).T)]
 )
 def test_memory_refuses_another_shape_type_or_order(name, wrong):
     with pytest.raises(TypeError, match=name):
         Memory(SIZES).put(allocate(Arrays, SIZES)._replace(**{name: wrong}))
-
-
-def test_what_lasts_with_the_wall_is_part_of_a_snapshot():
-    assert set(lasting(Arrays, WALL)) < set(lasting(Arrays, WALL, CHANGING))
-    assert "shape" not in lasting(Arrays, WALL, CHANGING)

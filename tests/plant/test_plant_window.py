@@ -55,7 +55,8 @@ def test_means_of_a_window_lie_between_their_bounds(settled):
             assert w.pulses == 255
             assert 0.0 <= w.mean_voltage_V <= 100.0 * 0.3
             assert 0.0 <= w.mean_current_A <= 100.0 / 11.8 * 0.3 + 1e-9
-            assert w.wire_temperature_K >= 293.0
+            assert 293.0 <= w.wire_temperature_K < 450.0
+            assert not w.broken
             assert w.vibration2_um2 >= 0.0
             assert 0.0 <= w.debris < 1.0
             assert 0.0 <= w.coverage < 1.0
@@ -151,15 +152,6 @@ def test_conducting_water_takes_voltage_from_an_open_gap(gap, conductivity, in_a
         assert open_V == pytest.approx(100.0 / (1 + 11.8 * siemens), rel=0.01)
 
 
-def test_delays_are_longer_across_a_wider_gap(in_a_hole, machine):  # T-9
-    delays = []
-    for gap in (12.0, 16.0, 20.0, 25.0):
-        plant = in_a_hole(machine.with_(t_on_us=200.0, t_period_us=2_000.0), gap)
-        delays.append(np.mean([plant.advance().mean_delay_us for _ in range(5)]))
-    assert sorted(delays) == delays
-    assert delays[-1] > 3 * delays[0]
-
-
 # --- the table ---
 
 
@@ -197,19 +189,6 @@ def test_the_table_rings_from_the_step_on_as_its_modes_do(at_us, axis, machine):
     np.testing.assert_allclose(after["table_q"][axis], start * p11[0], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(after["table_v"][axis], start * p21[0], rtol=1e-6, atol=1e-6)
     assert (after["table_q"][1 - axis] == 0.0).all()
-
-
-def test_a_step_begins_where_the_table_was_and_settles(machine):
-    """Just after the step the slide is still behind by 2 um; half a second later it is there."""
-    plant = far(machine)
-    end = plant.window_ns
-    plant.advance([(end - 1, 0, 1)])
-    shape = modal_model(machine, resolution("fast")).table_slide_shape
-    behind = float(shape[0] @ plant.snapshot()["table_q"][0])
-    assert behind == pytest.approx(-2.0, rel=1e-3)
-    for _ in range(20):
-        plant.advance()
-    assert abs(float(shape[0] @ plant.snapshot()["table_q"][0])) < 1e-3
 
 
 def test_the_bare_wire_hangs_straight_and_leans_to_metal_nearby(machine, altered):

@@ -152,10 +152,9 @@ def test_a_whole_height_step_changes_nothing():
     assert field.relief.clearance_um(np.array([(600.0, 600.0)])).min() == np.inf
 
 
-@pytest.mark.parametrize(
-    ("height", "named"),
-    [(0.0, "0 mm"), (-2.0, "-2 mm"), (10.1, "up to 10 mm"), (np.nan, "nan mm"), (1.0, "above 1 mm"), (0.3, "2 mm")],
-)
+@pytest.mark.parametrize(("height", "named"), [
+    (0.0, "0 mm"), (-2.0, "-2 mm"), (10.1, "up to 10 mm"), (np.nan, "nan mm"), (1.0, "above 1 mm"), (0.3, "2 mm"),
+])  # fmt: skip
 def test_a_height_that_does_not_fit_is_refused(height, named):
     with pytest.raises(InputError, match=named) as caught:
         stepped((shapely.box(0, 0, 10, 10), height))

@@ -80,24 +80,6 @@ def test_a_rough_cut_is_alike_with_both_whose_time_steps_change_from_pulse_to_pu
     np.testing.assert_allclose(full[1:], modal[1:], rtol=0.25)
 
 
-@pytest.mark.slow
-def test_the_full_model_continues_from_a_snapshot_bit_for_bit(machine, drive):
-    def at_work():
-        plant = edmsim.Plant(machine, 3, resolution="fast", mechanics="mujoco")
-        drive(plant, 25.0, 0.4)
-        return plant
-
-    plant, other = at_work(), at_work()
-    state = plant.snapshot()
-    ahead = drive(plant, 25.0, 0.3)
-    assert drive(other, 25.0, 0.3) == ahead  # same seed, same bits
-    other.restore(state)
-    assert drive(other, 25.0, 0.3) == ahead
-    fresh = edmsim.Plant(machine, 99, resolution="fast", mechanics="mujoco")
-    fresh.restore(state)
-    assert drive(fresh, 25.0, 0.3) == ahead
-
-
 def test_an_unknown_integrator_is_refused(machine):
     with pytest.raises(edmsim.InputError, match="unknown mechanics 'steam'; there are: modal, mujoco"):
         edmsim.Plant(machine, mechanics="steam")

@@ -45,19 +45,14 @@ def test_every_setting_is_one_of_a_cut_or_of_a_feed():
 
 
 BAD = [
-    ("", "the table is empty"),
-    ("t_on_us = 1\n", "invalid condition name 't_on_us'"),
-    ("[C001]\n", "C001 is empty"),
-    ("[C001]\nt_on_us = 1\n[C1]\nt_on_us = 1\n", "C1 occurs twice"),
-    ("[C001]\nt_on = 1\n", "unknown setting 't_on'"),
-    ("[C001]\nt_on_us = 0\n", "give above 0 to"),
-    ("[C001]\nt_on_us = 'long'\n", "'long'"),
-    ("[C001]\nt_on_us = true\n", "True"),
-    ("[C001]\nflushing_lower_Pa = -1\n", "give 0 to"),
+    ("", "the table is empty"), ("t_on_us = 1\n", "invalid condition name 't_on_us'"), ("[C001]\n", "C001 is empty"),
+    ("[C001]\nt_on_us = 1\n[C1]\nt_on_us = 1\n", "C1 occurs twice"), ("[C001]\nt_on = 1\n", "unknown setting 't_on'"),
+    ("[C001]\nt_on_us = 0\n", "give above 0 to"), ("[C001]\nt_on_us = 'long'\n", "'long'"),
+    ("[C001]\nt_on_us = true\n", "True"), ("[C001]\nflushing_lower_Pa = -1\n", "give 0 to"),
     ("[C001]\nopen_target_share = 40\n", "give 0 to 1"),
     ("[C001]\nopen_target_share = 0.4\nfeed_um_s = 50\n", "a set point and a constant feed"),
     ("[C001\n", "not a table of conditions"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "what"), BAD)

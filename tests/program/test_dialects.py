@@ -99,13 +99,10 @@ def test_the_table_in_the_head_is_stored_as_written():
     assert fast_wire["E002"]["SPEED"] == 120
 
 
-@pytest.mark.parametrize(
-    ("name", "angles", "corners"),
-    [
-        ("taper-sodick.nc", [-3.0, 3.0], "conical"), ("taper-mitsubishi.nc", [1.5, 1.5], "conical"),
-        ("taper-fanuc.nc", [-2.0], "conical"), ("taper-charmilles.iso", [1.0, 1.0], "cylindrical"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "angles", "corners"), [
+    ("taper-sodick.nc", [-3.0, 3.0], "conical"), ("taper-mitsubishi.nc", [1.5, 1.5], "conical"),
+    ("taper-fanuc.nc", [-2.0], "conical"), ("taper-charmilles.iso", [1.0, 1.0], "cylindrical"),
+])  # fmt: skip
 def test_a_taper_leans_by_its_angle(name, angles, corners):
     program = example(name, offsets=EXAMPLES / "charmilles-offsets.toml" if "charmilles" in name else None)
     for outline, angle in zip(program.outlines, angles, strict=True):
@@ -190,22 +187,19 @@ TABLE = "C001 = 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15;\n"
 ONE_PASS = "{}G92 X5. Y-2.\n{}\nG1 X5. Y0.\nX0.\nY6.\nX10.\nY0.\nX5.\nG40 G1 Y-2.\nM02\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "dialect"),
-    [
-        (ONE_PASS.format(f"{TABLE}H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
-        (ONE_PASS.format("H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
-        (ONE_PASS.format("QAIC(2,1,0015,025.0);\nH1=.1900;\n", "G41 H1"), "sodick"),
-        (ONE_PASS.format("H1=.1+H2\n", "G41 H1").replace("H1=", "H2=.09\nH1="), "mitsubishi"),
-        (ONE_PASS.format("H1=.19\nM80\n", "E1221 G41 H1"), "mitsubishi"),
-        (ONE_PASS.format("H001=190\n", "E001 G41 H001"), "skd2"),
-        (ONE_PASS.format("D1=0.19\n", "G41 D1 G51 T0"), "fanuc"),
-        (ONE_PASS.format("D1=0.19\n", "G29 G41 D1"), "charmilles"),
-        (ONE_PASS.format("(Exported by FreeCAD)\nD1=0.19\n", "G41 D1"), "freecad"),
-        (ONE_PASS.format("D1=0.19\n", "G41 D1"), None),
-        (ONE_PASS.format("D1=0.19\n(by hand for LinuxCNC)\n", "G41 D1"), None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "dialect"), [
+    (ONE_PASS.format(f"{TABLE}H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
+    (ONE_PASS.format("H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
+    (ONE_PASS.format("QAIC(2,1,0015,025.0);\nH1=.1900;\n", "G41 H1"), "sodick"),
+    (ONE_PASS.format("H1=.1+H2\n", "G41 H1").replace("H1=", "H2=.09\nH1="), "mitsubishi"),
+    (ONE_PASS.format("H1=.19\nM80\n", "E1221 G41 H1"), "mitsubishi"),
+    (ONE_PASS.format("H001=190\n", "E001 G41 H001"), "skd2"),
+    (ONE_PASS.format("D1=0.19\n", "G41 D1 G51 T0"), "fanuc"),
+    (ONE_PASS.format("D1=0.19\n", "G29 G41 D1"), "charmilles"),
+    (ONE_PASS.format("(Exported by FreeCAD)\nD1=0.19\n", "G41 D1"), "freecad"),
+    (ONE_PASS.format("D1=0.19\n", "G41 D1"), None),
+    (ONE_PASS.format("D1=0.19\n(by hand for LinuxCNC)\n", "G41 D1"), None),
+])  # fmt: skip
 def test_a_dialect_is_recognised_and_one_pass_is_cut(read, text, dialect):
     program = read(text)
     assert program.dialect == dialect
@@ -323,11 +317,9 @@ def test_the_condition_of_the_longest_part_counts_and_a_notice_says_so(read):
 TWO = "TP0. TN10.\nG92 X0. Y0\n"
 BAD = [
     (TABLE.replace(" 15", ""), 1, "C001 has 14 values, its table 15 columns"),
-    (TABLE.replace(" 15", " x"), 1, "'X' for WP"),
-    (TABLE + TABLE, 2, "C001 occurs twice"),
+    (TABLE.replace(" 15", " x"), 1, "'X' for WP"), (TABLE + TABLE, 2, "C001 occurs twice"),
     (TABLE + "G92 X0. Y0\nC002 G1 X5.\n", 3, "C002 is not in the program's table: there are C001"),
-    ("( ON OFF IP )\n" + TABLE, 2, "3 columns"),
-    (TABLE + "G92 X0. Y0\nC001 C001 G1 X5.\n", 3, "both conditions"),
+    ("( ON OFF IP )\n" + TABLE, 2, "3 columns"), (TABLE + "G92 X0. Y0\nC001 C001 G1 X5.\n", 3, "both conditions"),
     ("H001=0.2\n" + TABLE + "G92 X0. Y0\nG41 H002 G1 X5.\n", 4, "H2 is not in the table: there are H1"),
     ("H1=.0085+H175\nG92 X0. Y0\n", 1, "H1 is made of H175"),
     (TWO + "G1 X5. : X4.\nY5.\n", 4, "2 elements below and 1 above"),
@@ -336,10 +328,8 @@ BAD = [
     (TWO + "G1 X5. : G2 X4. Y0 I1. J1.\n", 3, "radii disagree in the second plane"),
     (TWO + "G1 X5. : X4. X3.\n", 3, "twice behind the colon"),
     ("TP5. TN5.\nG92 X0. Y0\nG1 X5.\n", 1, "two planes have two heights"),
-    (TWO + "A3.\nG1 X5.\n", 3, "without G51 or G52"),
-    (TWO + "G51 A61.\nG1 X5.\n", 3, "0 to 60 degrees"),
-    (TWO + "G51 G52 A1.\nG1 X5.\n", 3, "two of G50 G51 G52"),
-    (TWO + "G41 G141\nG1 X5.\n", 3, "exclude each other"),
+    (TWO + "A3.\nG1 X5.\n", 3, "without G51 or G52"), (TWO + "G51 A61.\nG1 X5.\n", 3, "0 to 60 degrees"),
+    (TWO + "G51 G52 A1.\nG1 X5.\n", 3, "two of G50 G51 G52"), (TWO + "G41 G141\nG1 X5.\n", 3, "exclude each other"),
     (TWO + "G51 A3.\nG1 X5. : X4.\n", 4, "by an angle and by a second contour"),
 ]  # fmt: skip
 
@@ -352,17 +342,14 @@ def test_what_makes_no_sense_is_refused_with_its_line(read, text, line, what):
     assert refused.value.line == line
 
 
-@pytest.mark.parametrize(
-    ("text", "dialect", "line", "what"),
-    [
-        ("G92 X0. Y0\nG2 X5. Y5. I5. J0 U1.\n", "linuxcnc", 2, "an arc with U or V"),
-        ("G92 X0. Y0\nG1 X5. U1.\nG92 X0.\n", "fanuc", 3, "G92 after the first move"),
-        ("G92 X0. Y0\nG1 X5. K1.\n", "fanuc", 2, "K is given without"),
-        ("(XY plane 5, UV plane 5)\nG92 X0. Y0\nG1 X5. U1.\n", "linuxcnc", None, "two planes have two"),
-        ("G92 X0. Y0\nA-61. G1 X5.\n", "mitsubishi", 2, "-60 to 60 degrees"),
-        ("G92 X0. Y0\nG1 X300.\n", "freecad", None, "another scale"),
-    ],
-)
+@pytest.mark.parametrize(("text", "dialect", "line", "what"), [
+    ("G92 X0. Y0\nG2 X5. Y5. I5. J0 U1.\n", "linuxcnc", 2, "an arc with U or V"),
+    ("G92 X0. Y0\nG1 X5. U1.\nG92 X0.\n", "fanuc", 3, "G92 after the first move"),
+    ("G92 X0. Y0\nG1 X5. K1.\n", "fanuc", 2, "K is given without"),
+    ("(XY plane 5, UV plane 5)\nG92 X0. Y0\nG1 X5. U1.\n", "linuxcnc", None, "two planes have two"),
+    ("G92 X0. Y0\nA-61. G1 X5.\n", "mitsubishi", 2, "-60 to 60 degrees"),
+    ("G92 X0. Y0\nG1 X300.\n", "freecad", None, "another scale"),
+])  # fmt: skip
 def test_what_makes_no_sense_in_a_dialect_is_refused(read, text, dialect, line, what):
     with pytest.raises(InputError, match=what) as refused:
         read(text, dialect=dialect)

@@ -167,19 +167,6 @@ def test_a_layer_that_is_off_is_not_cut(tmp_path):
     assert len(read_dxf(tmp_path / "layers.dxf").outlines) == 1
 
 
-@pytest.mark.slow
-def test_entities_drawn_twice_are_cut_once_and_reported(drawing):
-    def draw(space):
-        square(space)
-        space.add_line((10, 0), (0, 0))
-        space.add_circle((5, 5), 2)
-        space.add_circle((5, 5), 2)
-
-    program = drawing(draw)
-    assert len(program.outlines) == 2
-    assert any("2 entities drawn twice" in notice for notice in program.notices)
-
-
 def gap(space):
     space.add_line((0, 0), (10, 0))
     space.add_line((10, 0.037), (10, 10))
@@ -210,12 +197,9 @@ def block_in_itself(space):
 
 
 @pytest.mark.parametrize(("draw", "words"), [
-    (gap, ("gap of 0.037 mm", "X10.000 Y0.000", "X10.000 Y0.037")),
-    (branch, ("3 ends meet at X10.000 Y10.000",)),
-    (crossed_circles, ("cross or touch at X3.000",)),
-    (bow_tie, ("crosses or retraces itself at X5.000 Y5.000",)),
-    (tilted, ("CIRCLE", "out of the XY plane")),
-    (block_in_itself, ("the block A lies in itself",)),
+    (gap, ("gap of 0.037 mm", "X10.000 Y0.000", "X10.000 Y0.037")), (branch, ("3 ends meet at X10.000 Y10.000",)),
+    (crossed_circles, ("cross or touch at X3.000",)), (bow_tie, ("crosses or retraces itself at X5.000 Y5.000",)),
+    (tilted, ("CIRCLE", "out of the XY plane")), (block_in_itself, ("the block A lies in itself",)),
     (lambda space: space.add_text("nothing else"), ("nothing to cut",)),
     (lambda space: space.add_lwpolyline([(0, 0), (5, 0)], close=True), ("retraces itself",)),
 ])  # fmt: skip

@@ -40,21 +40,15 @@ def test_a_compensated_square_with_lead_in_and_lead_out(read):
 
 
 VARIANTS = [
-    SQUARE.lower(),
-    SQUARE.replace("\n", "\r\n"),
-    SQUARE.replace(" ", ""),
-    SQUARE.replace("X", "X ").replace("Y", " Y "),
-    "\ufeff%\n" + SQUARE + "%\n",
-    "%PART 12 (any text) ?\n" + SQUARE,
+    SQUARE.lower(), SQUARE.replace("\n", "\r\n"), SQUARE.replace(" ", ""),
+    SQUARE.replace("X", "X ").replace("Y", " Y "), "\ufeff%\n" + SQUARE + "%\n", "%PART 12 (any text) ?\n" + SQUARE,
     "".join(f"N{10 * i}{block}\n" for i, block in enumerate(SQUARE.splitlines())),
-    SQUARE.replace("\n", " (a comment; X99)\n"),
-    SQUARE.replace("\n", " ; a comment (X99\n"),
+    SQUARE.replace("\n", " (a comment; X99)\n"), SQUARE.replace("\n", " ; a comment (X99\n"),
     SQUARE.replace("G1", "G01").replace("G41", "G041").replace("M02", "M2"),
-    SQUARE.replace("M02", "M30END OF PART 7"),
-    SQUARE.replace("M02", "M02%"),
+    SQUARE.replace("M02", "M30END OF PART 7"), SQUARE.replace("M02", "M02%"),
     SQUARE.replace("X5", "X+5.0").replace("Y-2", "Y-2.").replace("X10", "X10.000"),
     "\n\n" + SQUARE + "anything goes here $$\n",
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("text", VARIANTS)
@@ -224,41 +218,26 @@ def test_whole_numbers_that_fit_the_table_are_said_to_be_mm(read):
 
 
 BAD = [
-    ("G0 X0 Y0\nG1 X5 Q3\n", 2, "Q3"),
-    ("G0 X0 Y0\nG1 X5 Y\n", 2, "'Y'"),
-    ("G0 X0 Y0\nG1 X5 $\n", 2, "$"),
-    ("G0 X0 Y0\nG1 X5 (not closed\n", 2, "("),
-    ("G0 X0 Y0\nG18\nG1 X5\n", 2, "G18"),
-    ("G0 X0 Y0\nG41.1 X5\n", 2, "G41.1"),
-    ("G0 X0 Y0\nM99\n", 2, "M99"),
-    ("G0 X0 Y0\nG1 X5 X6\n", 2, "twice"),
-    ("G0 X0 Y0\nG0 G1 X5\n", 2, "G0 G1"),
-    ("G0 X0 Y0\nG90 G91 X5\n", 2, "G90 G91"),
-    ("X5 Y5\n", 1, "how to move"),
-    ("G0 X0 Y0\nG1 X5 I3\n", 2, "I, J or R"),
-    ("G0 X0 Y0\nG1 X5 P3\n", 2, "P"),
-    ("G0 X0 Y0\nG4\n", 2, "seconds"),
-    ("G0 X0 Y0\nG4 P-1\n", 2, "seconds"),
-    ("G92 X0 Y0 I3\n", 1, "G92"),
-    ("G0 X0 Y0\nG2 X5.0 Y5\n", 2, "centre"),
-    ("G0 X0 Y0\nG2 X5.0 Y5 I1 J1 R3\n", 2, "centre"),
-    ("G0 X0 Y0\nG2 X9.0 Y0 R3\n", 2, "9.0000 mm"),
+    ("G0 X0 Y0\nG1 X5 Q3\n", 2, "Q3"), ("G0 X0 Y0\nG1 X5 Y\n", 2, "'Y'"), ("G0 X0 Y0\nG1 X5 $\n", 2, "$"),
+    ("G0 X0 Y0\nG1 X5 (not closed\n", 2, "("), ("G0 X0 Y0\nG18\nG1 X5\n", 2, "G18"),
+    ("G0 X0 Y0\nG41.1 X5\n", 2, "G41.1"), ("G0 X0 Y0\nM99\n", 2, "M99"), ("G0 X0 Y0\nG1 X5 X6\n", 2, "twice"),
+    ("G0 X0 Y0\nG0 G1 X5\n", 2, "G0 G1"), ("G0 X0 Y0\nG90 G91 X5\n", 2, "G90 G91"), ("X5 Y5\n", 1, "how to move"),
+    ("G0 X0 Y0\nG1 X5 I3\n", 2, "I, J or R"), ("G0 X0 Y0\nG1 X5 P3\n", 2, "P"), ("G0 X0 Y0\nG4\n", 2, "seconds"),
+    ("G0 X0 Y0\nG4 P-1\n", 2, "seconds"), ("G92 X0 Y0 I3\n", 1, "G92"), ("G0 X0 Y0\nG2 X5.0 Y5\n", 2, "centre"),
+    ("G0 X0 Y0\nG2 X5.0 Y5 I1 J1 R3\n", 2, "centre"), ("G0 X0 Y0\nG2 X9.0 Y0 R3\n", 2, "9.0000 mm"),
     ("G0 X0 Y0\nG2 X9.0 Y0 I3 J0\n", 2, "3.0000", "6.0000"),
-    ("G0 X1 Y1\nG2 X9.0 Y0 I3 J0\n", 2, "relative", "absolute"),
-    ("G0 X0 Y0\nG41 G1 X5.5\n", 2, "approach"),
+    ("G0 X1 Y1\nG2 X9.0 Y0 I3 J0\n", 2, "relative", "absolute"), ("G0 X0 Y0\nG41 G1 X5.5\n", 2, "approach"),
     ("G41 D0\nG0 X0 Y0\nG1 X9.5\nY9\nX0\nY0.02\n", 6, "0.020 mm"),
-    (SQUARE.replace("X10\n", "G42 X10\n"), 5, "compensation"),
-    (SQUARE.replace("M02", "X30\nY30\n"), 8, "3 moves"),
+    (SQUARE.replace("X10\n", "G42 X10\n"), 5, "compensation"), (SQUARE.replace("M02", "X30\nY30\n"), 8, "3 moves"),
     ("G0 X0 Y0\nM50\nG1 X5.5\n", 3, "cut off since M50 on line 2"),
-    ("G54 G0 X0 Y0\nG1 X5.5\nG55 G0 X9\n", 3, "G54 and G55"),
-    ("G0 X0 Y0\nG1 X1O5\n", 2, "'O5'"),
+    ("G54 G0 X0 Y0\nG1 X5.5\nG55 G0 X9\n", 3, "G54 and G55"), ("G0 X0 Y0\nG1 X1O5\n", 2, "'O5'"),
     ("G0 X0 Y0\nG1 X1E2\n", 2, "'E2'"),
     ("G0 X0 Y-5.\nG41 G1 X0 Y0\nX10 Y10\nY0\nX0 Y10\nY0\n", 5, "crosses or retraces itself at X5.000 Y5.000"),
     ("G0 X0 Y0\nG1 X5.5 Y5\nX10\nY10\nX5.5 Y5\nX0 Y10\nX-3\nY0\n", 6, "met itself at X5.500 Y5.000 (lines 3 and 5)"),
     ("G0 X0 Y0\nG1 X9.5\nX4\nY3\n", 3, "lines 2 and 3"),
     ("G42\nG0 X0 Y0\nG1 X9.5 Y9\nX9\nX0\nX3.5 Y0\nY20\nX0.5\n", None, "crosses"),
     ("G0 X0 Y0\nG1 X100\n", None, "too much in mm"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "line", "words"), [(text, line, words) for text, line, *words in BAD])

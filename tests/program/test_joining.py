@@ -32,13 +32,12 @@ def three_sides(space, gap_mm=0.0):
 
 
 CORNERS = {
-    "LINE": lambda m: m.add_line((9.998, 0), (10, 0.002)),
-    "ARC": lambda m: m.add_arc((9.998, 0.002), 0.002, -90, 0),
+    "LINE": lambda m: m.add_line((9.998, 0), (10, 0.002)), "ARC": lambda m: m.add_arc((9.998, 0.002), 0.002, -90, 0),
     "ELLIPSE": lambda m: m.add_ellipse((9.998, 0.002), (0.002, 0), 1, -math.pi / 2, 0),
     "SPLINE": lambda m: m.add_open_spline([(9.998, 0), (9.999, 0), (10, 0.001), (10, 0.002)]),
     "LWPOLYLINE": lambda m: m.add_lwpolyline([(9.998, 0), (10, 0), (10, 0.002)]),
     "POLYLINE": lambda m: m.add_polyline2d([(9.998, 0, 0.4), (10, 0.002, 0)], format="xyb"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("gap_mm", [0.0, 0.003])

@@ -28,20 +28,17 @@ def refused(match, within_s=10.0):
     assert len(str(caught.value)) < 600
 
 
-@pytest.mark.parametrize(
-    ("lines", "match"),
-    [
-        ("G0 X0 Y0\nG1 X1e5", "unknown word"),
-        (f"G0 X0 Y0\nG1 X{'9' * 300}", r":2: the number of X9{12}\.\.\. is too large: at most 1e\+09"),
-        (f"G0 X0 Y0\nG1 X0.{'1' * 300} Y5.\nG{'1' * 5000} X3", ":3: unknown word .G1{11}. "),
-        ("G0 X0 Y0\nG2 X1.5 Y0. I100000000000000000000. J0", "the number of I"),
-        ("G0 X0 Y0\nG2 X0.001 Y0.0 I999999999. J0.", "radius of 1e.09 mm is beyond 1e.06 mm: draw a line"),
-        ("G0 X0 Y0\nG1 X500000.5\nG1 Y1.", ":2: the move spans 500000 mm: no table takes more than 10000 mm"),
-        ("G0 X0 Y0\nG2 X0. Y0. I9000. J0.", ":2: the arc spans 18000 mm"),
-        ("TP0 TN9\nG92 X0 Y0\nG1 X5. : X2000000.", ":3: the move in the second plane"),
-        ("G0 X0 Y0\nG1 X1.5\nG4 P1000000.\nG1 Y1.5", ":3: a dwell of 1e.06 s is too long: at most 86400 s"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("lines", "match"), [
+    ("G0 X0 Y0\nG1 X1e5", "unknown word"),
+    (f"G0 X0 Y0\nG1 X{'9' * 300}", r":2: the number of X9{12}\.\.\. is too large: at most 1e\+09"),
+    (f"G0 X0 Y0\nG1 X0.{'1' * 300} Y5.\nG{'1' * 5000} X3", ":3: unknown word .G1{11}. "),
+    ("G0 X0 Y0\nG2 X1.5 Y0. I100000000000000000000. J0", "the number of I"),
+    ("G0 X0 Y0\nG2 X0.001 Y0.0 I999999999. J0.", "radius of 1e.09 mm is beyond 1e.06 mm: draw a line"),
+    ("G0 X0 Y0\nG1 X500000.5\nG1 Y1.", ":2: the move spans 500000 mm: no table takes more than 10000 mm"),
+    ("G0 X0 Y0\nG2 X0. Y0. I9000. J0.", ":2: the arc spans 18000 mm"),
+    ("TP0 TN9\nG92 X0 Y0\nG1 X5. : X2000000.", ":3: the move in the second plane"),
+    ("G0 X0 Y0\nG1 X1.5\nG4 P1000000.\nG1 Y1.5", ":3: a dwell of 1e.06 s is too long: at most 86400 s"),
+])  # fmt: skip
 def test_numbers_beyond_reason_are_refused(tmp_path, lines, match):
     program = tmp_path / "a.ngc"
     program.write_text(lines + "\nM2\n")
@@ -73,23 +70,20 @@ def drawing(tmp_path, draw, unit=4):
 WAVE = [(float(x), float(x % 2)) for x in range(30)]
 
 
-@pytest.mark.parametrize(
-    ("draw", "unit", "match"),
-    [
-        (lambda m: m.add_open_spline([(x * 1e5, y * 1e5) for x, y in WAVE]), 4, "a SPLINE .*: no table"),
-        (lambda m: m.add_open_spline(WAVE), 6, "a SPLINE spans 29000 mm: .* a drawing unit is 1000 mm here"),
-        (lambda m: m.add_circle((0, 0), 12), 6, "a CIRCLE spans 24000 mm"),
-        (lambda m: m.add_circle((1e20, 0), 5), 4, "a CIRCLE has a coordinate beyond 1e.06 mm"),
-        (lambda m: m.add_arc((1e20, 0), 1e20, 179.9, 180.1), 4, "an? ARC has a coordinate beyond"),
-        (lambda m: m.add_ellipse((0, 0), (1e7, 0), 0.1), 4, "an? ELLIPSE has a coordinate beyond"),
-        (lambda m: m.add_lwpolyline([(0, 0, 2e-5), (110, 0, 0), (5, 5, 0)], format="xyb", close=True), 4, "arc's"),
-        (lambda m: m.add_lwpolyline([(0, 0), (float("nan"), 0), (5, 5)], close=True), 4, "LINE has a coordinate"),
-        (lambda m: m.add_open_spline([(k % 2 * 900.0, 0.001 * k) for k in range(3000)]), 4, "SPLINE is 2699 m long"),
-        (lambda m: [m.add_circle((c, 0), 20) for c in (0, 20000)], 4, "the drawing spans 20040 mm: .* is that what"),
-        (lambda m: [m.add_line((3 * k, 0), (3 * k + 1, 0)) for k in range(300)], 4, "a contour is open: a gap of"),
-        (lambda m: m.add_spline(), 4, "a SPLINE in it cannot be read"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("draw", "unit", "match"), [
+    (lambda m: m.add_open_spline([(x * 1e5, y * 1e5) for x, y in WAVE]), 4, "a SPLINE .*: no table"),
+    (lambda m: m.add_open_spline(WAVE), 6, "a SPLINE spans 29000 mm: .* a drawing unit is 1000 mm here"),
+    (lambda m: m.add_circle((0, 0), 12), 6, "a CIRCLE spans 24000 mm"),
+    (lambda m: m.add_circle((1e20, 0), 5), 4, "a CIRCLE has a coordinate beyond 1e.06 mm"),
+    (lambda m: m.add_arc((1e20, 0), 1e20, 179.9, 180.1), 4, "an? ARC has a coordinate beyond"),
+    (lambda m: m.add_ellipse((0, 0), (1e7, 0), 0.1), 4, "an? ELLIPSE has a coordinate beyond"),
+    (lambda m: m.add_lwpolyline([(0, 0, 2e-5), (110, 0, 0), (5, 5, 0)], format="xyb", close=True), 4, "arc's"),
+    (lambda m: m.add_lwpolyline([(0, 0), (float("nan"), 0), (5, 5)], close=True), 4, "LINE has a coordinate"),
+    (lambda m: m.add_open_spline([(k % 2 * 900.0, 0.001 * k) for k in range(3000)]), 4, "SPLINE is 2699 m long"),
+    (lambda m: [m.add_circle((c, 0), 20) for c in (0, 20000)], 4, "the drawing spans 20040 mm: .* is that what"),
+    (lambda m: [m.add_line((3 * k, 0), (3 * k + 1, 0)) for k in range(300)], 4, "a contour is open: a gap of"),
+    (lambda m: m.add_spline(), 4, "a SPLINE in it cannot be read"),
+])  # fmt: skip
 def test_drawings_beyond_reason_are_refused(tmp_path, draw, unit, match):
     file = drawing(tmp_path, draw, unit)
     with refused(match):
@@ -117,18 +111,14 @@ def test_many_contours_are_refused(tmp_path, monkeypatch):
             load_program(file)
 
 
-@pytest.mark.parametrize(
-    ("content", "match"),
-    [
-        ("title = 'Stahl für Messer'".encode("latin-1"), "byte 16 is not UTF-8: save the file as UTF-8"),
-        ("title = 'x'\n".encode("utf-16"), "byte 0 is not UTF-8"),
-        (b"title = " + b"9" * 5000, "not valid TOML"),
-        (b"a = " + b"[" * 20_000, "not valid TOML"),
-        (b"#" * 1_500_000, "this is not a file of constants: it is larger than 1 MB"),
-        (b'title = "x"\nremoval_mm3_J = { value = nan, source = "own" }\n', "removal_mm3_J"),
-        (b'title = "x"\nremoval_mm3_J = { value = 1' + b"0" * 400 + b', source = "own" }\n', "removal_mm3_J"),
-    ],
-)
+@pytest.mark.parametrize(("content", "match"), [
+    ("title = 'Stahl für Messer'".encode("latin-1"), "byte 16 is not UTF-8: save the file as UTF-8"),
+    ("title = 'x'\n".encode("utf-16"), "byte 0 is not UTF-8"), (b"title = " + b"9" * 5000, "not valid TOML"),
+    (b"a = " + b"[" * 20_000, "not valid TOML"),
+    (b"#" * 1_500_000, "this is not a file of constants: it is larger than 1 MB"),
+    (b'title = "x"\nremoval_mm3_J = { value = nan, source = "own" }\n', "removal_mm3_J"),
+    (b'title = "x"\nremoval_mm3_J = { value = 1' + b"0" * 400 + b', source = "own" }\n', "removal_mm3_J"),
+])  # fmt: skip
 def test_constants_of_wrong_encoding_or_size_are_refused(tmp_path, content, match):
     file = tmp_path / "own.toml"
     file.write_bytes(content)

@@ -276,20 +276,16 @@ def test_the_part_on_the_other_side_is_another_cut(tmp_path):
     assert len(plan(tmp_path, text + "G40\nM2\n").contours) == 2
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"offsets_mm": (0.15, 0.2)}, "the offset grows from pass 1 to pass 2, 0.15 to 0.2 mm"),
-        ({"offsets_mm": ()}, "1 to 9 passes, not in 0"),
-        ({"offsets_mm": (0.2, 0.0)}, "an offset of 0 mm leaves no room for a wire"),
-        ({"tab_mm": 16.5}, "the tab of 16.5 mm is longer than the contour, 16.000 mm"),
-        ({"tab_mm": 15.9}, "leaves 0.100 mm of the contour to cut"),
-        ({"tab_mm": -1.0}, "tab_mm is -1.0"),
-        ({"overlap_mm": float("nan")}, "overlap_mm is nan"),
-        ({"overlap_mm": 16.5}, "the overlap of 16.5 mm is longer than the contour, 16.000 mm"),
-        ({"after_tab": "glue"}, "after_tab is 'glue': the machine can stop before the tab, or cut on"),
-    ],
-)
+@pytest.mark.parametrize(("options", "named"), [
+    ({"offsets_mm": (0.15, 0.2)}, "the offset grows from pass 1 to pass 2, 0.15 to 0.2 mm"),
+    ({"offsets_mm": ()}, "1 to 9 passes, not in 0"),
+    ({"offsets_mm": (0.2, 0.0)}, "an offset of 0 mm leaves no room for a wire"),
+    ({"tab_mm": 16.5}, "the tab of 16.5 mm is longer than the contour, 16.000 mm"),
+    ({"tab_mm": 15.9}, "leaves 0.100 mm of the contour to cut"), ({"tab_mm": -1.0}, "tab_mm is -1.0"),
+    ({"overlap_mm": float("nan")}, "overlap_mm is nan"),
+    ({"overlap_mm": 16.5}, "the overlap of 16.5 mm is longer than the contour, 16.000 mm"),
+    ({"after_tab": "glue"}, "after_tab is 'glue': the machine can stop before the tab, or cut on"),
+])  # fmt: skip
 def test_what_cannot_be_cut_is_refused_in_one_line(tmp_path, options, named):
     with pytest.raises(InputError) as refused:
         of_square(tmp_path, options.pop("offsets_mm", OFFSETS_MM), **options)

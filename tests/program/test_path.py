@@ -151,9 +151,7 @@ def test_the_modes_of_offset(plan):
     check_offset(plan(PUNCH, 0.3).contours[0], 0.3)
 
 
-@pytest.mark.parametrize(
-    ("thread", "part_side", "inside"), [("X5 Y-2", "right", True), ("X5 Y4.0", "left", False)]
-)
+@pytest.mark.parametrize(("thread", "part_side", "inside"), [("X5 Y-2", "right", True), ("X5 Y4.0", "left", False)])
 def test_without_compensation_the_wire_is_as_programmed(plan, thread, part_side, inside):
     text = PUNCH.replace("G41 D0", "").replace("X5 Y-2", thread, 1)
     path = plan(text)
@@ -252,11 +250,8 @@ def neighbours(space):
 
 
 @pytest.mark.parametrize(("draw", "words"), [
-    (narrow_neck, ("too narrow", "0.1550", "pieces")),
-    (narrow_slot, ("too narrow", "metal would stay at X5.0")),
-    (pinched_pocket, ("too narrow", "X5.000 Y3.000")),
-    (tiny_hole, ("too narrow",)),
-    (neighbours, ("too near",)),
+    (narrow_neck, ("too narrow", "0.1550", "pieces")), (narrow_slot, ("too narrow", "metal would stay at X5.0")),
+    (pinched_pocket, ("too narrow", "X5.000 Y3.000")), (tiny_hole, ("too narrow",)), (neighbours, ("too near",)),
     (lambda space: space.add_circle((0, 0), 33), ("66.", "65 x 65")),
 ])  # fmt: skip
 def test_where_the_wire_does_not_fit_it_says_so(plan_drawing, draw, words):
@@ -280,8 +275,7 @@ def test_no_room_for_the_start_hole(plan_drawing):
 
 
 @pytest.mark.parametrize(("old", "new", "word"), [
-    ("G41", "G42", "exchange G41 and G42"),
-    ("G92 X5 Y-2", "G92 X5 Y-0.2", "is 0.200 mm from the part"),
+    ("G41", "G42", "exchange G41 and G42"), ("G92 X5 Y-2", "G92 X5 Y-0.2", "is 0.200 mm from the part"),
     ("G92 X5 Y-2", "G92 X12 Y12", "cuts into the part"),
 ])  # fmt: skip
 @pytest.mark.parametrize("offset", ["auto", "none"])
@@ -293,11 +287,8 @@ def test_an_approach_through_the_part_is_refused(plan, old, new, word, offset):
 
 
 @pytest.mark.parametrize(("settings", "word"), [
-    ({"offset": "wide"}, "'wide'"),
-    ({"offset": -0.1}, "-0.1"),
-    ({"offset": math.nan}, "nan"),
-    ({"auto_offset_mm": math.inf}, "inf"),
-    ({"lead_in_mm": 0.0}, "lead_in_mm is 0.0"),
+    ({"offset": "wide"}, "'wide'"), ({"offset": -0.1}, "-0.1"), ({"offset": math.nan}, "nan"),
+    ({"auto_offset_mm": math.inf}, "inf"), ({"lead_in_mm": 0.0}, "lead_in_mm is 0.0"),
     ({"start_hole_radius_mm": -1.0}, "start_hole_radius_mm is -1.0"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(plan, settings, word):

@@ -138,12 +138,11 @@ def test_words_of_codes_without_effect_have_none(read, block):
     assert has_notice(program, "line 2: ")
 
 
-@pytest.mark.parametrize(
-    ("block", "named"),
-    [("G1 X5. Q3", "Q3 is given without G64"), ("G1 X5. P.01", "P0.01 is given without G4, G10, G64 or M98"),
-     ("G1 X5. L2", "L2 is given without G10 or M98"), ("G1 X5. U2", "'U2' .line 2.: correct it"),
-     ("G68 X5.", "'G68'"), ("G1 X1E2", "'E2'"), ("G92.1", "'G92.1'")],
-)  # fmt: skip
+@pytest.mark.parametrize(("block", "named"), [
+    ("G1 X5. Q3", "Q3 is given without G64"), ("G1 X5. P.01", "P0.01 is given without G4, G10, G64 or M98"),
+    ("G1 X5. L2", "L2 is given without G10 or M98"), ("G1 X5. U2", "'U2' .line 2.: correct it"), ("G68 X5.", "'G68'"),
+    ("G1 X1E2", "'E2'"), ("G92.1", "'G92.1'"),
+])  # fmt: skip
 def test_words_that_decide_the_contour_are_not_offered_to_be_ignored(read, block, named):
     with pytest.raises(InputError, match=named) as refused:
         read(f"G0 X0 Y0\n{block}\nX9. Y9.\n")
@@ -162,13 +161,12 @@ def test_what_the_program_says_of_centres_is_read(read, code, centre):
     assert not has_notice(program, "absolute")
 
 
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [("G91.1\nG0 X20. Y10.\nG3 X10. Y10. I15. J10.\n", ":3: .*with I J relative start"),
-     ("G90.1\nG0 X20. Y10.\nG3 X10. Y10. I-5. J0.\n", ":3: .*with I J absolute start"),
-     ("G90.1\nG0 X0 Y0\nG3 X5. Y0 I2.5\n", "G90.1 is in force: an arc wants both I and J"),
-     ("G90.1 G91.1\nG0 X0 Y0\nG1 X5.\n", "G90.1 G91.1")],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "named"), [
+    ("G91.1\nG0 X20. Y10.\nG3 X10. Y10. I15. J10.\n", ":3: .*with I J relative start"),
+    ("G90.1\nG0 X20. Y10.\nG3 X10. Y10. I-5. J0.\n", ":3: .*with I J absolute start"),
+    ("G90.1\nG0 X0 Y0\nG3 X5. Y0 I2.5\n", "G90.1 is in force: an arc wants both I and J"),
+    ("G90.1 G91.1\nG0 X0 Y0\nG1 X5.\n", "G90.1 G91.1"),
+])  # fmt: skip
 def test_arcs_that_do_not_fit_what_the_program_says(read, text, named):
     with pytest.raises(InputError, match=named):
         read(text)
@@ -234,10 +232,9 @@ def test_a_closed_loop_or_a_long_way_is_no_lead_out(read, after):
 # paths without compensation
 
 
-@pytest.mark.parametrize(
-    "moves", ["Y-3.\nG1 Y0.\nX10.\nY10.\nX0.\nY0.\nX4.8\n", "Y0\nG1 X9.5\nY.2\nX0.\n",
-              "Y-1.\nG1 Y0\nX5.2\nY.2\nX5.\nY0.\n"],
-)  # fmt: skip
+@pytest.mark.parametrize("moves", [
+    "Y-3.\nG1 Y0.\nX10.\nY10.\nX0.\nY0.\nX4.8\n", "Y0\nG1 X9.5\nY.2\nX0.\n", "Y-1.\nG1 Y0\nX5.2\nY.2\nX5.\nY0.\n",
+])  # fmt: skip
 def test_a_path_without_compensation_is_cut_as_written(read, moves):
     program = read(f"G21\nG0 X5. {moves}M2\n")
     path = planned(program)
@@ -267,13 +264,12 @@ def test_places_before_the_unit_have_the_only_unit(read):
     assert read("G92 X1. Y0\nG21 G1 X2.\n").outlines[0].points_mm.tolist() == [[1, 0], [2, 0]]
 
 
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [("D1=.0061\nG20\n" + CIRCLE.replace("G40", "G21\nG40"), ":1: a length comes before its unit"),
-     ("G0 X1. Y1.\nG20\nG1 X2.\nG21 Y3.\n", ":1: a length comes before its unit"),
-     (CIRCLE.replace("G40", "D1=.16\nG40"), ":2: the offset D1 is called before"),
-     (CIRCLE.replace("G40", "G10 L12 P1 R.16\nG40"), ":2: the offset D1 is called before")],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "named"), [
+    ("D1=.0061\nG20\n" + CIRCLE.replace("G40", "G21\nG40"), ":1: a length comes before its unit"),
+    ("G0 X1. Y1.\nG20\nG1 X2.\nG21 Y3.\n", ":1: a length comes before its unit"),
+    (CIRCLE.replace("G40", "D1=.16\nG40"), ":2: the offset D1 is called before"),
+    (CIRCLE.replace("G40", "G10 L12 P1 R.16\nG40"), ":2: the offset D1 is called before"),
+])  # fmt: skip
 def test_what_would_be_a_guess_is_refused(read, text, named):
     with pytest.raises(InputError, match=named):
         read(text)
@@ -282,14 +278,13 @@ def test_what_would_be_a_guess_is_refused(read, text, named):
 # messages with the right cause
 
 
-@pytest.mark.parametrize(
-    ("block", "named"),
-    [("(a (b) c)", ":2: a comment has a '.' in it"), ("G1 X5. (a (b)", "a comment has a"),
-     ("X1. (open", "is not closed"), ("G1 X5. )", "a '.' without a '.' before it"),
-     ("G1 X1,5 Y2.", "with a decimal point, X1.5"),
-     ("G1 X15. ,R2.", "',R' rounds a corner"), ("G1 X15. ,C2.", "',C' chamfers a corner"), ("#1=5", "variables"),
-     ("G1 X[2+3]", "expressions"), ("G1 X#1", "variables"), ("D1=#2", "variables")],
-)  # fmt: skip
+@pytest.mark.parametrize(("block", "named"), [
+    ("(a (b) c)", ":2: a comment has a '.' in it"), ("G1 X5. (a (b)", "a comment has a"),
+    ("X1. (open", "is not closed"), ("G1 X5. )", "a '.' without a '.' before it"),
+    ("G1 X1,5 Y2.", "with a decimal point, X1.5"), ("G1 X15. ,R2.", "',R' rounds a corner"),
+    ("G1 X15. ,C2.", "',C' chamfers a corner"), ("#1=5", "variables"), ("G1 X[2+3]", "expressions"),
+    ("G1 X#1", "variables"), ("D1=#2", "variables"),
+])  # fmt: skip
 def test_what_is_no_word_is_refused_with_its_cause(read, block, named):
     with pytest.raises(InputError, match=named) as refused:
         read(f"G0 X0 Y0\n{block}\nX9. Y9.\n")

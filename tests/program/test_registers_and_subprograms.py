@@ -22,22 +22,13 @@ def plan(folder, text, offset="auto", table=None):
     return plan_path(program, offset, auto_offset_mm=0.2)
 
 
-@pytest.mark.parametrize(
-    ("define", "call", "table", "offset_um"),
-    [
-        ("D1=0.155", "D1", None, 155.0),
-        ("H001 = +000000.1450 (as some controls write it)", "H1", None, 145.0),
-        ("", "D01", "D1 = 0.16  # rough cut\nD2 = 0.13\n", 160.0),
-        ("D1=0.15", "D1", "D1 = 0.16\n", 150.0),
-        ("G20\nD1=0.01\nG21", "D1", None, 254.0),
-        ("", "D1", None, 200.0),
-        ("D1=0.155", "", None, 200.0),
-        ("G10 L12 P1 R0.155", "D1", None, 155.0),
-        ("G10 L10 P2 R0.145", "H02", None, 145.0),
-        ("G10 P1 R.15", "D1", "D1 = 0.16\n", 150.0),
-        ("G20 G10 P1 R0.01\nG21", "H1", None, 254.0),
-    ],
-)
+@pytest.mark.parametrize(("define", "call", "table", "offset_um"), [
+    ("D1=0.155", "D1", None, 155.0), ("H001 = +000000.1450 (as some controls write it)", "H1", None, 145.0),
+    ("", "D01", "D1 = 0.16  # rough cut\nD2 = 0.13\n", 160.0), ("D1=0.15", "D1", "D1 = 0.16\n", 150.0),
+    ("G20\nD1=0.01\nG21", "D1", None, 254.0), ("", "D1", None, 200.0), ("D1=0.155", "", None, 200.0),
+    ("G10 L12 P1 R0.155", "D1", None, 155.0), ("G10 L10 P2 R0.145", "H02", None, 145.0),
+    ("G10 P1 R.15", "D1", "D1 = 0.16\n", 150.0), ("G20 G10 P1 R0.01\nG21", "H1", None, 254.0),
+])  # fmt: skip
 def test_the_register_is_the_offset(tmp_path, define, call, table, offset_um):
 
 
@@ -100,30 +91,26 @@ def test_the_same_edge_at_a_larger_offset_is_refused(tmp_path):
     assert len(plan(tmp_path, TWO_HOLES.format(x="X5.", second="D1")).contours) == 2
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "named"),
-    [
-        (SQUARE.format("D1=0.155", "D2"), 3, "D2 is not in the table: there are D1"),
-        (SQUARE.format("D1=0.155 H2=0.1", "D1 H2"), 3, "D1 and H2 are both offsets"),
-        (SQUARE.format("D1=-0.155", "D1"), 2, "the offset D1 is -0.155 mm"),
-        (SQUARE.format("D1=0.155 D2=0.15", "D1").replace("\nX0\n", "\nX0 D2\n"), 4, "D1 0.155 mm to D2 0.15 mm"),
-        (SQUARE.format("G10 L2 P1 X0 Y0", "D1"), 2, "G10 L2 is not read"),
-        (SQUARE.format("G10 L12 P1", "D1"), 2, "G10 L12 P1 R0.155"),
-        (SQUARE.format("G10 L12 P1.5 R0.1", "D1"), 2, "G10 wants the register's number as P"),
-        (SQUARE.format("G10 L12 P1 R12.", "D1"), 2, "the offset D1 is 12 mm"),
-    ],
-)
+@pytest.mark.parametrize(("text", "line", "named"), [
+    (SQUARE.format("D1=0.155", "D2"), 3, "D2 is not in the table: there are D1"),
+    (SQUARE.format("D1=0.155 H2=0.1", "D1 H2"), 3, "D1 and H2 are both offsets"),
+    (SQUARE.format("D1=-0.155", "D1"), 2, "the offset D1 is -0.155 mm"),
+    (SQUARE.format("D1=0.155 D2=0.15", "D1").replace("\nX0\n", "\nX0 D2\n"), 4, "D1 0.155 mm to D2 0.15 mm"),
+    (SQUARE.format("G10 L2 P1 X0 Y0", "D1"), 2, "G10 L2 is not read"),
+    (SQUARE.format("G10 L12 P1", "D1"), 2, "G10 L12 P1 R0.155"),
+    (SQUARE.format("G10 L12 P1.5 R0.1", "D1"), 2, "G10 wants the register's number as P"),
+    (SQUARE.format("G10 L12 P1 R12.", "D1"), 2, "the offset D1 is 12 mm"),
+])  # fmt: skip
 def test_registers_that_make_no_sense(tmp_path, text, line, named):
     with pytest.raises(InputError, match=named) as refused:
         plan(tmp_path, text)
     assert refused.value.line == line
 
 
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [("D1 is 0.1", "lines as D1 = 0.155"), ("X1 = 0.1", "'X1'"), ("D1 = 'thick'", "'thick'"), ("D1 = -1", "-1"),
-     ("D1 = true", "True"), ("D1 = nan", "nan")],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "named"), [
+    ("D1 is 0.1", "lines as D1 = 0.155"), ("X1 = 0.1", "'X1'"), ("D1 = 'thick'", "'thick'"), ("D1 = -1", "-1"),
+    ("D1 = true", "True"), ("D1 = nan", "nan"),
+])  # fmt: skip
 def test_tables_that_make_no_sense(tmp_path, text, named):
     (tmp_path / "table.toml").write_text(text)
     with pytest.raises(InputError, match=named):
@@ -161,24 +148,17 @@ def test_subprograms_call_others_and_idle_ones_are_named(read):
     assert "line 13: nobody calls subprogram O3" in program.notices
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "named"),
-    [
-        ("M98 P7\nM2\nO8\nG4 P1\nM99\n", 1, "no subprogram O7 behind the end of the program; there are: O8"),
-        ("M98 P7\nM2\n", 1, "there are: none"),
-        ("M98\nM2\n", 1, "M98 needs the number"),
-        ("M98 P1 X3\nM2\n", 1, "M98 needs the number"),
-        ("M98 P1 L0\nM2\nO1\nM99\n", 1, "L0"),
-        ("M98 P1\nM2\nO1\nM98 P1\nM99\n", 4, "O1 calls itself"),
-        ("M98 P1\nM2\nO1\nG1 X1\n", 3, "O1 has no M99 at its end"),
-        ("M98 P1\nM2\nO1\nG1 X1\nO2\nM99\n", 5, "O1 has no M99 before O2 begins"),
-        ("M98 P1\nM2\nO1\nM99\nO1\nM99\n", 5, "O1 occurs twice"),
-        ("M98 P1\nM2\nG1 X1\n", 3, "begin them with their O number"),
-        ("G1 X1\nM99\n", 2, "M99 ends a subprogram"),
-        ("G1 X1 L2\nM2\n", 1, "L2 is given without G10 or M98"),
-        ("M98 P1\nM2\nO1\nV3\nM99\n", 4, "unknown word 'V3'"),
-    ],
-)
+@pytest.mark.parametrize(("text", "line", "named"), [
+    ("M98 P7\nM2\nO8\nG4 P1\nM99\n", 1, "no subprogram O7 behind the end of the program; there are: O8"),
+    ("M98 P7\nM2\n", 1, "there are: none"), ("M98\nM2\n", 1, "M98 needs the number"),
+    ("M98 P1 X3\nM2\n", 1, "M98 needs the number"), ("M98 P1 L0\nM2\nO1\nM99\n", 1, "L0"),
+    ("M98 P1\nM2\nO1\nM98 P1\nM99\n", 4, "O1 calls itself"),
+    ("M98 P1\nM2\nO1\nG1 X1\n", 3, "O1 has no M99 at its end"),
+    ("M98 P1\nM2\nO1\nG1 X1\nO2\nM99\n", 5, "O1 has no M99 before O2 begins"),
+    ("M98 P1\nM2\nO1\nM99\nO1\nM99\n", 5, "O1 occurs twice"),
+    ("M98 P1\nM2\nG1 X1\n", 3, "begin them with their O number"), ("G1 X1\nM99\n", 2, "M99 ends a subprogram"),
+    ("G1 X1 L2\nM2\n", 1, "L2 is given without G10 or M98"), ("M98 P1\nM2\nO1\nV3\nM99\n", 4, "unknown word 'V3'"),
+])  # fmt: skip
 def test_calls_that_make_no_sense(read, text, line, named):
     with pytest.raises(InputError, match=named) as refused:
         read(text)

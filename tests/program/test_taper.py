@@ -194,14 +194,6 @@ def test_a_wire_between_two_contours_keeps_the_ellipse_from_both(shifts, height_
     assert OFFSET - 1e-3 < gap < OFFSET * 1.02
 
 
-def test_the_plain_offset_would_leave_the_formulas_undersize():
-    # (r + gap) (1 / cos a - 1): 0.2 um at 3 degrees, 6 um at 15 for 0.173 mm
-    for angle_deg, undersize_um in ((3.0, 0.24), (15.0, 6.1)):
-        wall, wire = wall_and_wire(square(angle_deg, size=8.0), 0.173, GUIDES)
-        gap = shapely.distance(shapely.LinearRing(wire.at(5.0)), shapely.LinearRing(wall.at(5.0)))
-        assert (gap - 0.173) * 1e3 == pytest.approx(undersize_um, abs=0.05)
-
-
 def test_a_wire_path_as_written_has_its_wall_next_to_it():
     outline = square(3.0, side=None)
     wall, wire = wall_and_wire(outline, OFFSET, GUIDES)
@@ -229,15 +221,12 @@ def test_angles_beyond_the_guides_say_how_far_they_go():
     assert "give angles below 45" in refused(square(50.0))
 
 
-@pytest.mark.parametrize(
-    ("outline", "said"),
-    [
-        (square(program_plane_mm=5.0, second_plane_mm=5.0), "two different heights"),
-        (replace(square(), taper=Taper((3.0, 3.0))), "2 angles for 4 elements"),
-        (replace(square(), taper=Taper(upper_mm=np.zeros((4, 2)))), "4 elements and the one above 3"),
-        (square(30.0, size=3.0), "vanishes at a height of 2.598 mm"),
-    ],
-)
+@pytest.mark.parametrize(("outline", "said"), [
+    (square(program_plane_mm=5.0, second_plane_mm=5.0), "two different heights"),
+    (replace(square(), taper=Taper((3.0, 3.0))), "2 angles for 4 elements"),
+    (replace(square(), taper=Taper(upper_mm=np.zeros((4, 2)))), "4 elements and the one above 3"),
+    (square(30.0, size=3.0), "vanishes at a height of 2.598 mm"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line(outline, said):
     reason = refused(outline)
     assert said in reason
@@ -325,7 +314,7 @@ def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("angle_deg", [-3.0, -0.5, 0.5])
+@pytest.mark.parametrize("angle_deg", [-3.0, 0.5])
 def test_a_drawing_without_an_approach_tapers_both_ways(angle_deg):
     guides = GuideHeights(-10.0, 12.0, 2.0, 30.0)
     path = plan_path(EXAMPLES / "gear.dxf", OFFSET, auto_offset_mm=OFFSET, taper_deg=angle_deg, guides=[guides])

@@ -1,5 +1,6 @@
 """A made-up cut: a 10 x 6 mm rectangle, 3000 windows, with every quantity of a plausible size."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -175,6 +176,16 @@ def record(cut):
 def recording(record, tmp_path_factory):
     """The recording of the made-up cut, not to be changed."""
     return record(tmp_path_factory.mktemp("recording") / "cut.rrd")
+
+
+@pytest.fixture(scope="session")
+def empty_recording(cut, record, tmp_path_factory):
+    """The recording of a cut without windows, not to be changed."""
+    scene = dataclasses.replace(cut.scene, cut_edges_mm=())
+    return record(
+        tmp_path_factory.mktemp("empty") / "cut.rrd", windows=WindowTable().to_arrow(), frames=Frames(N_SLICES),
+        closeups=Closeups(N_SLICES, N_RAYS, N_SLICES // 2), scene=scene,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """``edmsim view``: the right command line, bound to this machine, bad folders named; and the film of a cut."""
 
-import dataclasses
 import os
 import shutil
 import signal
@@ -21,7 +20,6 @@ from edmsim.recording.report import PassFigures
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import take_screenshots
-from edmsim.recording.windows import Closeups, Frames, WindowTable
 
 
 @pytest.fixture
@@ -204,13 +202,11 @@ def test_pictures_show_the_kerf_grow_and_are_the_same_again(play):
     np.testing.assert_array_equal(film.picture(0.02 * play.end_s), begin)
 
 
-@pytest.mark.parametrize(
-    ("name", "seconds", "message"),
-    [("cut.gif", "1", "seconds cannot be '1': give float"),
-     ("cut.avi", 1.0, r"a film is written as \.mp4 \.gif"), ("cut", 1.0, "a film is written"),
-     ("cut.gif", 0.0, "0 s cannot be made"),
-     ("cut.gif", float("nan"), "nan s cannot"), ("cut.mp4", 1e4, "give 0.5 to 600")],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "seconds", "message"), [
+    ("cut.gif", "1", "seconds cannot be '1': give float"), ("cut.avi", 1.0, r"a film is written as \.mp4 \.gif"),
+    ("cut", 1.0, "a film is written"), ("cut.gif", 0.0, "0 s cannot be made"),
+    ("cut.gif", float("nan"), "nan s cannot"), ("cut.mp4", 1e4, "give 0.5 to 600"),
+])  # fmt: skip
 def test_what_is_no_film_is_refused(recording, tmp_path, name, seconds, message):
     with pytest.raises(InputError, match=message):
         render(recording, tmp_path / name, seconds)
@@ -224,16 +220,12 @@ def test_mp4_without_its_package_says_what_to_install(recording, tmp_path, monke
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(cut, record, tmp_path):
+def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(empty_recording, tmp_path):
     (tmp_path / "file").write_text("")
-    empty = record(
-        tmp_path / "cut.rrd", windows=WindowTable().to_arrow(), frames=Frames(9), closeups=Closeups(9, 32, 4),
-        scene=dataclasses.replace(cut.scene, cut_edges_mm=()),
-    )  # fmt: skip
     with pytest.raises(InputError, match="cannot be written"):
-        render(empty, tmp_path / "file" / "cut.gif")
+        render(empty_recording, tmp_path / "file" / "cut.gif")
     with pytest.raises(InputError, match="no window"):
-        render(empty, tmp_path / "cut.gif")
+        render(empty_recording, tmp_path / "cut.gif")
     assert not (tmp_path / "cut.gif").exists()
 
 

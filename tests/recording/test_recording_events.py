@@ -53,11 +53,10 @@ def test_settings_and_threading(cut):
     assert texts[2000].endswith("after 61 s")
 
 
-@pytest.mark.parametrize(
-    ("outcome", "level", "text"),
-    [("wire-break", "CRITICAL", "wire-break: why"), ("persistent-short", "ERROR", "alarm: persistent-short: why"),
-     ("limit-switch", "ERROR", "limit-switch: why"), ("time-limit", "WARN", "time-limit: why")],
-)  # fmt: skip
+@pytest.mark.parametrize(("outcome", "level", "text"), [
+    ("wire-break", "CRITICAL", "wire-break: why"), ("persistent-short", "ERROR", "alarm: persistent-short: why"),
+    ("limit-switch", "ERROR", "limit-switch: why"), ("time-limit", "WARN", "time-limit: why"),
+])  # fmt: skip
 def test_how_it_ended_has_its_weight(cut, outcome, level, text):
     assert events_of(cut, cut.windows, outcome=outcome, reason="why")[-1] == (2999, level, text)
 

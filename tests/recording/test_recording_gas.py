@@ -1,21 +1,17 @@
 """Gas in what a cut leaves: share per slice, bubbles that show it and nothing else, figures of the report."""
 
-import dataclasses
-import io
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from edmsim.controllers import WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 from edmsim.recording.figures.cut import pulses_figure
 from edmsim.recording.film import Film
-from edmsim.recording.report import Coverage, render_table
 from edmsim.recording.rerun.logs import SMALLEST, shapes_of, travel_at, wire_strips
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.windows import Closeups, Frames, WindowTable, column
+from edmsim.recording.windows import Closeups, column
 
 RADIUS_UM, GAP_UM = 125.0, 15.0
 """Of the made-up cut."""
@@ -49,15 +45,6 @@ def test_a_cut_records_the_same_gas_everywhere(small_cut):
     coverage = result.report["coverage"]
     assert coverage["mean"] == pytest.approx(covered.mean())  # its period is the same in all windows
     assert coverage["max"] == covered.max()
-
-
-def test_a_report_says_mean_and_largest_coverage(cut):
-    written = io.StringIO()
-    report = dataclasses.replace(cut.report, coverage=Coverage(0.126, 0.584))
-    Console(width=200, file=written).print(render_table(report))
-    assert "covers 12.6 % of the wire's front in the mean, at most 58.4 %" in written.getvalue()
-    Console(width=200, file=written).print(render_table(dataclasses.replace(report, coverage=Coverage())))
-    assert "covers – of the wire's front" in written.getvalue()
 
 
 def test_the_figure_of_the_pulses_has_a_panel_of_gas(cut):
@@ -131,13 +118,8 @@ def test_a_film_shows_gas_where_there_is_some(cut, play, record, tmp_path):
     assert columns.max() < 0.65 * width
 
 
-def test_a_cut_without_windows_has_no_gas(cut, record, tmp_path):
-    empty = record(
-        tmp_path / "cut.rrd", windows=WindowTable().to_arrow(), frames=Frames(9), closeups=Closeups(9, 32, 4),
-        scene=dataclasses.replace(cut.scene, cut_edges_mm=()),
-    )  # fmt: skip
-    play = Playback(empty)
+def test_a_cut_without_windows_has_no_gas(empty_recording):
+    play = Playback(empty_recording)
     for entity, component in (("/world/gas", "Ellipsoids3D:centers"), ("/top/gas", "LineStrips2D:strips"),
                               ("/slices/coverage", "Scalars:scalars")):  # fmt: skip
         assert (entity, component) not in play
-

@@ -16,6 +16,7 @@ from rich.console import Console
 from edmsim.cosim.passes import Sums
 from edmsim.recording.report import (
     Corner,
+    Coverage,
     Feed,
     Following,
     Kerf,
@@ -194,7 +195,9 @@ def test_the_summary_tells_what_only_some_cuts_have(cut):
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms"
     assert said["equalising"] == "its pulses leave -0.12 V of the mean gap voltage and take 2.00 W, 30.00 J in all"
     assert said["made by"] == "lag 1.5 µm, gap – rms"
-    said = dict(summary(dataclasses.replace(cut.report, kerf_um=Kerf(), profile_error_um=ProfileErrors())))
+    unknown = {"kerf_um": Kerf(), "profile_error_um": ProfileErrors(), "coverage": Coverage()}
+    said = dict(summary(dataclasses.replace(cut.report, **unknown)))
+    assert said["gas"].startswith("covers – of the wire's front")
     assert {said[name] for name in ("kerf", "profile error", "made by", "largest error")} == {"not measured"}
     said = dict(summary(dataclasses.replace(cut.report, table_error_um={**table, "compensated": True})))
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms; compensated to 8.0 µm max, 2.0 µm rms"

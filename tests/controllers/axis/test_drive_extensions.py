@@ -107,10 +107,9 @@ def test_the_recorder_keeps_what_was_before_its_trigger():
     assert recording.velocity[101:] == pytest.approx(np.diff(samples["count"][later]))
 
 
-@pytest.mark.parametrize(
-    ("trigger", "level", "counts"),
-    [("at once", 0, 30), ("error", 20, 30), ("output limit", 0, 600), ("fault", 0, 1200)],
-)
+@pytest.mark.parametrize(("trigger", "level", "counts"), [
+    ("at once", 0, 30), ("error", 20, 30), ("output limit", 0, 600), ("fault", 0, 1200),
+])  # fmt: skip
 def test_every_trigger_starts_a_recording(trigger, level, counts):
     bench = running()
     extensions = bench.drive("x").extensions

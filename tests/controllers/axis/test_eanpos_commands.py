@@ -323,16 +323,14 @@ def test_an_error_stops_the_axis_on_its_ramp():  # Q-61
 @pytest.mark.parametrize("backwards", [False, True], ids=["as listed", "sent the other way round"])
 @pytest.mark.parametrize(("before", "commands", "on", "off", "warned"), [
     ("", "EMRG START", {"st_emrg", "st_still"}, set(), "START"),
-    ("EMRG", "RESUME START", set(), {"st_emrg", "st_still"}, None),
-    ("", "START STOP", {"st_still"}, set(), None), ("", "START MANFW", set(), {"st_still"}, "MANFW"),
-    ("", "MANFW MANBW", set(), {"st_still", "st_movdir"}, "MANBW"),
+    ("EMRG", "RESUME START", set(), {"st_emrg", "st_still"}, None), ("", "START STOP", {"st_still"}, set(), None),
+    ("", "START MANFW", set(), {"st_still"}, "MANFW"), ("", "MANFW MANBW", set(), {"st_still", "st_movdir"}, "MANBW"),
     ("", "LOOPON LOOPOFF", set(), {"st_loopon"}, None), ("", "CNTLOCK CNTUNLOCK", set(), {"st_cntlock"}, None),
     ("", "CNTREV CNTDIR", set(), {"st_cntrev"}, None), ("", "CALON CALOFF", set(), {"st_cal"}, None),
     ("", "START REGOFF", set(), {"st_still", "st_regoff"}, "REGOFF"),
-    ("REGOFF", "REGON START", {"st_still"}, {"st_regoff"}, "START"),
-    ("", "REGOFF REGON", set(), {"st_regoff"}, None),
-    ("", "PRESET MANFW", {"st_prson"}, {"st_still"}, "MANFW"),
-    ("CALON", "CALOFF DELCNT", set(), {"st_cal"}, None), ("", "STOP RSWRN", {"st_still"}, {"st_warning"}, None),
+    ("REGOFF", "REGON START", {"st_still"}, {"st_regoff"}, "START"), ("", "REGOFF REGON", set(), {"st_regoff"}, None),
+    ("", "PRESET MANFW", {"st_prson"}, {"st_still"}, "MANFW"), ("CALON", "CALOFF DELCNT", set(), {"st_cal"}, None),
+    ("", "STOP RSWRN", {"st_still"}, {"st_warning"}, None),
 ])  # fmt: skip
 def test_commands_of_one_sample_go_by_priority(before, commands, on, off, warned, backwards):  # Q-59
     p = Positioner()

@@ -31,10 +31,9 @@ def test_proportional_part_by_sample_time(tcamp_ms):  # Q-45, Q-68, 4.3
     assert tcamp_ms != 4 or p["propreg"] == pytest.approx(4 * 12.3, abs=0.5)
 
 
-@pytest.mark.parametrize(
-    ("speed", "feed", "volts", "register"),
-    [(50000, 1000, 5.0, 16384), (100000, 985, 9.85, 32276), (10000, 0, 0.0, 0)],
-)
+@pytest.mark.parametrize(("speed", "feed", "volts", "register"), [
+    (50000, 1000, 5.0, 16384), (100000, 985, 9.85, 32276), (10000, 0, 0.0, 0),
+])  # fmt: skip
 def test_feed_forward_is_a_share_of_the_speed(speed, feed, volts, register):
     p = Positioner(setpos=9000, setvel=speed, feedfw=feed, taccdec=10)
     p.do("START", "LOOPOFF", run_s=0.5)

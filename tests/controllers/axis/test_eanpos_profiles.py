@@ -76,10 +76,7 @@ def at_1_s(name, value, **changes):
     return p
 
 
-@pytest.mark.parametrize(
-    ("speed", "total_s"),
-    [(100000, 2.44936), (10000, 8.500)],
-)
+@pytest.mark.parametrize(("speed", "total_s"), [(100000, 2.44936), (10000, 8.500)])
 def test_a_new_speed_is_taken_in_motion(speed, total_s):
     p = at_1_s("setvel", speed)
     assert p["st_acc"] == (speed > 50000)

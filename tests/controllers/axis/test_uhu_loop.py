@@ -327,8 +327,7 @@ def test_the_starting_values_are_stable():  # U-25, U-58
 
 
 @pytest.mark.parametrize(("good", "bad"), [
-    ({"proportional_gain": 1000}, {"proportional_gain": 6000}),
-    ({"integral_gain": 25}, {"integral_gain": 400}),
+    ({"proportional_gain": 1000}, {"proportional_gain": 6000}), ({"integral_gain": 25}, {"integral_gain": 400}),
     ({"speed_gain": 6000, "proportional_gain": 3000}, {"speed_gain": 0}),
     ({"acceleration_gain": 10_000, "proportional_gain": 3000}, {"acceleration_gain": 0}),
 ])  # fmt: skip

@@ -174,18 +174,14 @@ def test_a_loop_without_wait_ends_its_pass():
 
 
 @pytest.mark.parametrize(("line", "reason"), [
-    ("c = 1", "c is not a variable or output"), ("a = c", "c is not a name"),
-    ("Axis = 1", "Axis is not a variable"), ("seven = 8", "seven is not a variable"),
-    ("a = Axis", "Axis is not a name"), ("START a", "a is not a device"),
+    ("c = 1", "c is not a variable or output"), ("a = c", "c is not a name"), ("Axis = 1", "Axis is not a variable"),
+    ("seven = 8", "seven is not a variable"), ("a = Axis", "Axis is not a name"), ("START a", "a is not a device"),
     ("GO Axis", "'GO Axis' is not a statement"), ("Axis:speed = 1", "no parameter 'speed'"),
-    ("; nothing", "the program has no statements"),
-    ("Axis:st_still = 1", "no parameter 'st_still'"), ("a = Axis:st_moving", "no state 'st_moving'"),
-    ("Bxis:setpos = 1", "Bxis is not a device"), ("a = (1", "a bracket is not closed"),
-    ("a = 1)", "')' is left over"),
-    ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is not a value"),
-    ("a = 1.5", "is not a word of QCL"),
-    ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
-    ("IF a\nELSE\nELSE\nENDIF", "ELSE without IF"),
+    ("; nothing", "the program has no statements"), ("Axis:st_still = 1", "no parameter 'st_still'"),
+    ("a = Axis:st_moving", "no state 'st_moving'"), ("Bxis:setpos = 1", "Bxis is not a device"),
+    ("a = (1", "a bracket is not closed"), ("a = 1)", "')' is left over"), ("a = 1 +", "an expression ends early"),
+    ("a = * 2", "'*' is not a value"), ("a = 1.5", "is not a word of QCL"), ("IF a", "IF without ENDIF"),
+    ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"), ("IF a\nELSE\nELSE\nENDIF", "ELSE without IF"),
     ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),
 ])  # fmt: skip
 def test_a_wrong_statement_is_refused(line, reason):
