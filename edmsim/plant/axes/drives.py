@@ -15,11 +15,13 @@ from edmsim.compiled.axis_rows import (
     FAULT_IN,
     FAULT_OUT,
     FREEWHEEL,
+    MOTOR,
     N_AXES,
     NET_IN,
     NET_OUT,
     NO_COMMAND,
     SampleFunction,
+    is_row,
 )
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
@@ -35,6 +37,7 @@ from edmsim.plant.kernel.state import Axes
 AXIS_NAMES = ("x", "y", "u", "v")
 """The machine's axes: x and y of the lower guide, u and v of the upper guide relative to it."""
 
+_ROWS = "edmsim.compiled.axis_rows"
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
 _LOOK_NS = 10_000_000  # how often it is looked whether a rapid is over (ours)
 
@@ -78,12 +81,16 @@ class Drives:
                 continue
             if not hasattr(drive, "record"):
                 raise InputError(f"the drive of {name} is {drive!r}: give one of edmsim.controllers.axis.make")
-            if drive.record.dtype != DRIVE or drive.record.shape != (1,):
-                raise InputError(f"the record of the {name} drive is not one row of edmsim.compiled.axis_rows.DRIVE")
+            if not is_row(drive.record, DRIVE):
+                raise InputError(f"the record of the {name} drive is not one row of {_ROWS}.DRIVE")
             made.drives[k] = drive.record[0]
             drive.record = made.drives[k : k + 1]
             if drive.sample is None or drive.motor is None:
                 continue
+            if not is_row(drive.motor, MOTOR):
+                raise InputError(f"the motor of the {name} drive is not one row of {_ROWS}.MOTOR")
+            if not hasattr(drive.sample, "address"):
+                raise InputError(f"the sample of the {name} drive lacks the decorator {_ROWS}.sample")
             _check_period(name, drive.record)
             motor = made.motors[k : k + 1]
             motor[:] = drive.motor
