@@ -12,7 +12,7 @@ from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
 
 NAME = "checkpoint.npz"  # file in the output folder; gone when the results are there
-FORMAT = 11  # raised when what a checkpoint holds changes: one of another format is refused
+FORMAT = 12  # raised when what a checkpoint holds changes: one of another format is refused
 
 
 def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall_time_s: float) -> None:

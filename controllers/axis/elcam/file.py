@@ -354,6 +354,7 @@ class StepCompensation:
         return {
             "places": [place.setpoint for place in self._places], "extra": list(self._extra),
             "directions": {str(k): table.direction for k, table in self._elcam.tables.items()},
+            "held": [k for k, table in self._elcam.tables.items() if table.held],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -362,7 +363,9 @@ class StepCompensation:
             self._put(k, place_mm)
         self._extra = list(state["extra"])
         for k, direction in state["directions"].items():
-            self._elcam.tables[int(k)].go_on(direction, self._elcam.axes[self._elcam.tables[int(k)].master].setpoint)
+            table = self._elcam.tables[int(k)]
+            table.go_on(direction, self._elcam.axes[table.master].setpoint)
+            table.held = int(k) in state["held"]
 
 
 _STEEPEST_WIRE = 0.1
