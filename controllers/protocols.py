@@ -211,7 +211,7 @@ _GREATEST_OFFSET_UM = 1e6  # of the guides from the path (ours): beyond any tabl
 
 
 def check_command(controller: str, command: object) -> FeedCommand:
-    """Return a controller's command in Python's own numbers; refuse what is none, or cannot be carried out."""
+    """Return a controller's command in Python's own numbers; refuse anything else, or what cannot be carried out."""
     if not isinstance(command, FeedCommand):
         raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
     own: FeedCommand = plain(command)
