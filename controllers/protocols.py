@@ -1,5 +1,6 @@
 """What a feed controller observes, what it commands, and which methods it needs."""
 
+import json
 import math
 from dataclasses import fields
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
-from edmsim.numeric import keep_plain, real
+from edmsim.numeric import keep_plain, plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
@@ -152,7 +153,7 @@ def tell(
     if isinstance(controller, KnowsPart):
         controller.see_part(part_side)
     if isinstance(controller, KnowsSetup):
-        controller.set_up(machine, np.asarray(points_um, np.float64), start_um)
+        controller.set_up(machine, np.array(points_um, np.float64), start_um)
 
 
 @runtime_checkable
@@ -205,30 +206,57 @@ def check_parameters(controller: Any) -> None:
             raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {setting!r}")
 
 
+_LONGEST_S = 3600.0  # calculation time, at most (ours): far beyond a window
+_GREATEST_OFFSET_UM = 1e6  # of the guides from the path (ours): beyond any table
+
+
 def check_command(controller: str, command: object) -> FeedCommand:
-    """Return a controller's command; refuse one that is no `FeedCommand`, or cannot be carried out."""
+    """Return a controller's command in Python's own numbers; refuse anything else, or what cannot be carried out."""
     if not isinstance(command, FeedCommand):
         raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
-    feed, offset, latency, alarm = command.feed_um_s, command.offset_um, command.latency_s, command.alarm
+    own: FeedCommand = plain(command)
+    feed, alarm, t_on, t_period, latency, offset = own
     if not _is_finite(feed):
         raise InputError(f"the {controller} controller commanded a feed of {feed!r} um/s")
-    if not _is_finite(offset):
-        raise InputError(f"the {controller} controller commanded an offset of {offset!r} um")
-    for name, us in (("on-time", command.t_on_us), ("period", command.t_period_us)):
+    if not (_is_finite(offset) and abs(offset) <= _GREATEST_OFFSET_UM):
+        raise InputError(
+            f"the {controller} controller commanded an offset of {offset!r} um: give -{_GREATEST_OFFSET_UM:g} to "
+            f"{_GREATEST_OFFSET_UM:g}"
+        )
+    for name, us in (("on-time", t_on), ("period", t_period)):
         if us is not None and not _is_finite(us):
             raise InputError(f"the {controller} controller commanded the {name} {us!r} us; None keeps the one before")
-    if not _is_finite(latency) or latency < 0:
-        raise InputError(f"the {controller} controller has a calculation time of {latency!r} s: give 0 or more")
-    if alarm is not None and not isinstance(alarm, str):
-        raise InputError(f"the {controller} controller has the alarm {alarm!r}: give the reason in words, or None")
-    return command
+    if not (_is_finite(latency) and 0 <= latency <= _LONGEST_S):
+        raise InputError(
+            f"the {controller} controller has a calculation time of {latency!r} s: give 0 to {_LONGEST_S:g}"
+        )
+    if alarm is not None and not (isinstance(alarm, str) and alarm.strip() and alarm.isprintable()):
+        raise InputError(
+            f"the {controller} controller has the alarm {alarm!r}: give the reason in words, on one line, or None"
+        )
+    return own
 
 
-def _is_finite(value: Any) -> bool:
+def _is_finite(value: object) -> bool:
+    number = real(value)
     try:
-        return math.isfinite(value)
-    except (TypeError, ValueError, OverflowError):
+        return number is not None and math.isfinite(number)
+    except OverflowError:
         return False
+
+
+def snapshot_text(controller: FeedController) -> str:
+    """Return a controller's snapshot as JSON; refuse one that JSON cannot hold, or that is nothing."""
+    state = controller.snapshot()
+    if state is None:
+        raise InputError(f"the {controller.name} controller has the snapshot None: return its state, {{}} if none")
+    try:
+        return json.dumps(state)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(
+            f"the {controller.name} controller has a snapshot that JSON cannot hold ({error}): give Python's own "
+            "numbers, texts and lists, as float(x) and x.tolist()"
+        ) from None
 
 
 def check_window(start_ns: int, end_ns: int, speed_units: int, max_speed: int | None) -> None:

@@ -196,10 +196,7 @@ def _check_with(make: Callable[[], protocols.FeedController], counts: Counts) ->
     half = len(commands) // 2
     first, second = _Rehearsal(make()), _Rehearsal(make())
     first.run(counts[:half])
-    try:
-        text = json.dumps(first.controller.snapshot())
-    except (TypeError, ValueError) as error:
-        raise _wrong(controller, f"has a snapshot that JSON cannot hold: {error}") from None
+    text = protocols.snapshot_text(first.controller)
     second.windows, second.path_um, second.command = first.windows, first.path_um, first.command
     second.controller.restore(json.loads(text))
     if second.run(counts[half:]) != first.run(counts[half:]):

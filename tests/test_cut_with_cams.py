@@ -18,7 +18,9 @@ from edmsim.controllers.axis.elcam.file import (
     read_tables,
     text_of,
 )
-from edmsim.controllers.protocols import Step
+from edmsim.controllers.planner.registry import PathOffset, make_planner
+from edmsim.controllers.protocols import FeedCommand, Step
+from edmsim.cosim.cycle import PlannerMotion
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -136,6 +138,26 @@ def test_the_upper_guide_is_in_place_before_the_cut_begins(line):  # E-44
     plant = Plant(Machine.load(height_mm=3.0), resolution="fast")
     plant.rethread((*plant.commanded_um, 40.0, -20.0), 0)
     assert plant.axes_um[2:] == (40.0, -20.0)
+
+
+def test_windows_that_end_early_lose_no_step_of_what_goes_by_the_path():
+    # an iso-energetic generator's windows end as pulses ignite: their steps are planned for longer than they last
+    saw = np.array([(0.0, 0.0), (0.01, 0.01), (0.02, 0.0)])
+    tables = [Cam("u", "path", saw), ErrorTable("y", "path", saw * (1.0, 1e3))]
+    compensation, planner = StepCompensation(load_tables(tables), 2.0), make_planner("exact", [(0, 0), (300, 200)])
+    motion = PlannerMotion(planner, None, 0.0, 0, FeedCommand(100.0), 100.0, PathOffset(2.0), compensation)
+    made, start_ns = [], 0
+    compensation.begin((0.0, 0.0))
+    motion._offset.begin_leg(np.array([(0, 0), (300, 200)]))
+    for end_ns in np.cumsum(np.tile([61_000_000, 47_000_000, 83_000_000], 15)).tolist():
+        planned = motion.plan(start_ns, start_ns + 100_000_000, certain=False)
+        made += [step for step in planned if step.time_ns < end_ns]
+        motion.keep(start_ns, end_ns)
+        start_ns = end_ns
+        x, y, u, v = (2.0 * sum(step.direction for step in made if step.axis == k) for k in range(4))
+        assert (u, v) == compensation.upper_um
+        assert (x, y) == tuple(np.add(planner.position_um, compensation.offset_um))
+    assert 250.0 < motion.path_um < 350.0
 
 
 def test_it_goes_on_from_a_snapshot_bit_for_bit(line):

@@ -100,6 +100,15 @@ def test_a_table_that_is_too_short_is_reported(tmp_path):
     assert any("beyond the compensation table of x along x" in notice for notice in notices)
 
 
+def test_a_resumed_cut_still_knows_of_a_table_that_was_too_short():
+    first, second = (load_tables([ErrorTable("x", "x", np.array([(0.0, 1.0), (10.0, 2.0)]))]) for _ in range(2))
+    one, two = StepCompensation(first, 2.0), StepCompensation(second, 2.0)
+    for x_um, held in ((9000.0, False), (11_000.0, True), (9000.0, True)):
+        one.begin((x_um, 0.0))
+        two.restore(json.loads(json.dumps(one.snapshot())))
+        assert (first.tables[0].held, second.tables[0].held) == (held, held)
+
+
 def test_a_drive_tuned_for_other_steps_is_refused():
     with pytest.raises(InputError, match=r"the drive of x \(uhu\) moves 2 um at a step; this machine's steps are 1"):
         edmsim.cut(SMALL, machine="worn-table", drive="uhu:M=9", height_mm=5.0, resolution="fast", max_time_s=1)

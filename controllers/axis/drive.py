@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import models
-from edmsim.compiled.axis_rows import AXIS, DRIVE, FAULT, MOTOR, SampleFunction, carray, sample
+from edmsim.compiled.axis_rows import AXIS, DRIVE, FAULT, MOTOR, SampleFunction, carray, is_row, sample
 from edmsim.errors import InputError, one_of
 
 
@@ -213,7 +213,7 @@ def check_drive(make: Callable[[], Drive]) -> None:
     drive = make()
     if not isinstance(drive, Drive):
         raise InputError(f"{drive!r} is not a drive: it lacks name, record, motor, sample or line")
-    if not _is_row(drive.record, DRIVE):
+    if not is_row(drive.record, DRIVE):
         raise _wrong(drive, "has a record that is not one row of DRIVE")
     if not isinstance(drive.line(b""), bytes):
         raise _wrong(drive, "answers its serial line with something else than bytes")
@@ -229,14 +229,10 @@ def check_drive(make: Callable[[], Drive]) -> None:
         _check_loop(make)
 
 
-def _is_row(record: object, kind: np.dtype[np.void]) -> bool:
-    return isinstance(record, np.ndarray) and record.dtype == kind and record.shape == (1,)
-
-
 def _check_loop(make: Callable[[], Drive]) -> None:
     drive = make()
     assert drive.motor is not None
-    if not _is_row(drive.motor, MOTOR):
+    if not is_row(drive.motor, MOTOR):
         raise _wrong(drive, "has a motor that is not one row of MOTOR")
     if not hasattr(drive.sample, "address"):
         raise _wrong(drive, "has a sample without the decorator edmsim.compiled.axis_rows.sample")

@@ -10,7 +10,7 @@
 import itertools
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
@@ -69,6 +69,16 @@ class Registers(MutableMapping[str, int]):
         if name not in self._places:
             raise InputError(f"the {self.OWNER} has no {name!r}; it has {', '.join(self._places)}")
         return self._places[name]
+
+
+def by_name(changes: Mapping[str, float], name_of: Callable[[str], str], owner: str) -> dict[str, Any]:
+    """Return changes by the names of what they change; `InputError` where two are of the same."""
+    found: dict[str, Any] = {}
+    for key, value in changes.items():
+        if (name := name_of(key)) in found:
+            raise InputError(f"the {owner}'s {name} is given twice")
+        found[name] = value
+    return found
 
 
 _MOST_LAW = 2**31  # of a setting of a law (ours): most are times in ns
@@ -137,7 +147,7 @@ class ServoChip(ABC):
             raise InputError(f"no {cls.title} is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
         fitted = {} if screw is None else {"step_multiplier": max(round(screw.counts_of(axis_row(axis))) - 1, 0)}
         names = {row["letter"]: row["name"] for row in cls.data["parameter"]}
-        changed: dict[str, Any] = {names.get(key.upper(), key): value for key, value in changes.items()}
+        changed = by_name(changes, lambda key: names.get(key.upper(), key), Registers.OWNER)
         return cls(axis_row(axis), {**tuned[axis], **fitted, **changed})
 
     @property

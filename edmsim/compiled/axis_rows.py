@@ -238,6 +238,11 @@ class _Sample:
         return int(self._made.address)
 
 
+def is_row(record: object, kind: np.dtype[np.void]) -> bool:
+    """Return whether this is one row of `DRIVE`, `MOTOR` or `AXIS`."""
+    return isinstance(record, np.ndarray) and record.dtype == kind and record.shape == (1,)
+
+
 def sample(function: Callable[[Any, Any], None]) -> SampleFunction:
     """Make a drive's sample; it is compiled when a plant first uses it, and the pulse loop is not compiled for it.
 

@@ -39,6 +39,7 @@ class PlannerMotion(Snapshots):
         self._units = 0
         self._speeds = 0, 0, 0  # units, a time in ns, and the units from then on
         self._before: Any = None
+        self._planned: tuple[int, float] | None = None  # steps of the longest window, and the path that they lead to
         self._offset = offset
         self._compensation = compensation
 
@@ -59,7 +60,9 @@ class PlannerMotion(Snapshots):
         if certain:
             return lateral + self._to_motors(self._drive(self._steps(start_ns, end_ns)))
         self._before = self.planner.snapshot(), self._compensation and self._compensation.snapshot()
-        return lateral + self._to_motors(self._steps(start_ns, end_ns))
+        steps = self._steps(start_ns, end_ns)
+        self._planned = len(steps), self.path_um
+        return lateral + self._to_motors(steps)
 
     def keep(self, start_ns: int, end_ns: int) -> None:
         """Take note of the window's end; a planner that went further goes back there."""
@@ -70,6 +73,7 @@ class PlannerMotion(Snapshots):
                 self._compensation.restore(compensation)
             self._before = None
             self._to_motors(self._drive(self._steps(start_ns, end_ns)))
+            self._planned = None
         first, change_ns, then = self._speeds
         self._units = then if change_ns < end_ns else first
 
@@ -98,7 +102,11 @@ class PlannerMotion(Snapshots):
         return sorted([*made, *led], key=lambda step: step.time_ns) if led else made
 
     def _to_motors(self, steps: list[Step]) -> list[Step]:
-        return steps if self._compensation is None else self._compensation.motor_steps(steps, self.path_um)
+        if self._compensation is None:
+            return steps
+        # of a window that was cut short, every step has the length of path with which it was planned
+        of, path_um = self._planned or (len(steps), self.path_um)
+        return self._compensation.motor_steps(steps, path_um, of)
 
 
 class EvenSteps:

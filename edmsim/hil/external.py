@@ -145,7 +145,10 @@ class _Followed(Snapshots):
 
     def _place_um(self) -> tuple[float, float]:
         """Where the other program wants the axes, in its own coordinates."""
-        x, y = (finite("a place of the program that moves the axes, in um,", um) for um in self._link.place_um())
+        what, place_um = "a place of the program that moves the axes, in um,", self._link.place_um()
+        if np.shape(place_um) != (2,):
+            raise InputError(f"{what} is {place_um!r}: give x and y")
+        x, y = (finite(what, um) for um in place_um)
         return x, y
 
     def _link_um(self) -> tuple[float, float]:

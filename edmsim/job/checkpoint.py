@@ -12,19 +12,7 @@ from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
 
 NAME = "checkpoint.npz"  # file in the output folder; gone when the results are there
-FORMAT = 11  # raised when what a checkpoint holds changes: one of another format is refused
-
-
-def refuse_unstorable(simulation: Simulation) -> None:
-    """Raise `InputError` where the controller's snapshot cannot be stored, so that no cut is lost to it."""
-    controller = simulation.controller
-    try:
-        json.dumps(controller.snapshot())
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"the {controller.name} controller has a snapshot that JSON cannot hold ({error}): give Python's own "
-            "numbers, texts and lists, as float(x) and x.tolist()"
-        ) from None
+FORMAT = 12  # raised when what a checkpoint holds changes: one of another format is refused
 
 
 def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall_time_s: float) -> None:

@@ -20,6 +20,7 @@ from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import position_unit
+from edmsim.controllers.protocols import snapshot_text
 from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
@@ -452,7 +453,7 @@ class _Run:
         """Take up the folder's interrupted cut, or see that there is none to lose."""
         if self._folder is None:
             return
-        checkpoint.refuse_unstorable(self._simulation)
+        snapshot_text(self._simulation.controller)  # so that no cut is lost to one that cannot be stored
         if resume:
             self._before_s = self.wall_time_s = checkpoint.load(self._simulation, self._folder, self._made_with)
             self._held_s = self._simulation.plant.time_ns * 1e-9

@@ -285,6 +285,14 @@ def test_wrong_drives_are_refused(machine):
     drive.motor["resistance_ohm"] = np.nan
     with pytest.raises(InputError, match="resistance_ohm is nan"):
         plant_with(machine, {"x": drive})
+    for part, wrong, said in (
+        ("record", None, "record of the x drive is not one row of"), ("motor", "table", "motor of the x drive"),
+        ("sample", len, "sample of the x drive lacks the decorator"),
+    ):  # fmt: skip
+        drive = axes.make("servo")
+        setattr(drive, part, wrong)
+        with pytest.raises(InputError, match=said):
+            plant_with(machine, {"x": drive})
     drive = axes.make("servo")
     drive.record["num"] = 10
     with pytest.raises(InputError, match="period is 10/1 ns"):

@@ -10,10 +10,12 @@ import pytest
 import edmsim
 from edmsim import controllers
 from edmsim.controllers import FeedCommand, check_controller, from_text
+from edmsim.controllers.protocols import check_command, tell
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
 from edmsim.job import checkpoint
 from edmsim.job.cut import make_controller
+from edmsim.machine.machine import Machine
 
 LAW = '''\
 from dataclasses import dataclass
@@ -103,6 +105,12 @@ Early = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=-1.0))
 Unset = wrong(update=lambda self, window: FeedCommand(5.0, t_on_us=math.nan))
 Spelt = wrong(update=lambda self, window: FeedCommand(5.0, t_period_us="90"))
 Coded = wrong(update=lambda self, window: FeedCommand(5.0, 5))
+Silent = wrong(update=lambda self, window: FeedCommand(5.0, " "))
+Torn = wrong(update=lambda self, window: FeedCommand(5.0, "jam \ud800"))
+Endless = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=1e300))
+Far = wrong(update=lambda self, window: FeedCommand(5.0, offset_um=-1e300))
+Boxed = wrong(update=lambda self, window: FeedCommand(np.array([5.0])))
+Stateless = wrong(snapshot=lambda self: None)
 Unwritable = wrong(snapshot=lambda self: {"most": {1.0}})
 
 
@@ -141,12 +149,31 @@ def test_a_policy_conforms_and_so_may_an_own_one():
     (Forgetful, "does not go on from its snapshot"), (Unwritable, "snapshot that JSON cannot hold"),
     (Text, "a feed of '5' um/s"), (Never, "calculation time of nan s"), (Early, "calculation time of -1.0 s"),
     (Unset, "on-time nan us; None keeps"), (Spelt, "period '90' us"),
-    (Coded, "the alarm 5: give the reason in words"),
+    (Coded, "the alarm 5: give the reason in words"), (Silent, "the alarm ' ': give the reason in words"),
+    (Torn, "on one line"), (Endless, "time of 1e[+]300 s: give 0 to 3600"), (Far, "offset of -1e[+]300 um: give -1e"),
+    (Boxed, r"a feed of array\(\[5.\]\) um/s"), (Stateless, "has the snapshot None: return its state"),
     (object, "is not a feed controller: it has no name, reset, update, snapshot, restore"),
 ])  # fmt: skip
 def test_what_does_not_conform_is_refused(kind, message):
     with pytest.raises(InputError, match=message):
         check_controller(kind)
+
+
+@pytest.mark.parametrize("number", [np.float32, np.array, np.int64])
+def test_a_command_of_numpy_is_taken_in_pythons_numbers(number):
+    command = check_command("law", FeedCommand(number(5), None, number(2), None, number(0), number(1)))
+    assert command == FeedCommand(5, None, 2, None, 0, 1)
+    assert all(type(value) in (int, float) for value in command if value is not None)
+
+
+def test_a_controller_cannot_change_the_path_that_it_is_shown():
+    points_um = np.array([[0.0, 0.0], [9.0, 0.0]])
+
+    def set_up(self, machine, points_um, start_um):
+        points_um[:] = 7.0
+
+    tell(wrong(set_up=set_up)(), Machine.load(), points_um, 0.0)
+    assert points_um.max() == 9.0
 
 
 @pytest.mark.slow

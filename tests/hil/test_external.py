@@ -113,6 +113,10 @@ def test_a_second_contour_a_bad_scale_and_a_resumed_cut_are_refused(tmp_path):
     lost.feed_um_s = math.nan
     with pytest.raises(InputError, match="a place of the program that moves the axes, in um, is nan"):
         motion.path_run("exact").advance(0, 10**6, 0)
+    for place_um in ((0.0, 0.0, 0.0), None):
+        lost.place_um = lambda place_um=place_um: place_um
+        with pytest.raises(InputError, match=r"moves the axes, in um, is .*: give x and y"):
+            motion.path_run("exact").advance(0, 10**6, 0)
 
 
 class Component(dict):

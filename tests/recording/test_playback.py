@@ -1,5 +1,6 @@
 """``edmsim view``: the right command line, bound to this machine, bad folders named; and the film of a cut."""
 
+import dataclasses
 import os
 import shutil
 import signal

@@ -19,7 +19,7 @@ from edmsim.controllers.axis.drive import Screw, axis_row, new_record, restart
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.controllers.axis.eanpos.moves import warn
 from edmsim.controllers.axis.eanpos.sample import eanpos_sample, start_refused
-from edmsim.controllers.axis.servo_chip import Registers
+from edmsim.controllers.axis.servo_chip import Registers, by_name
 from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.numeric import whole
 
@@ -235,7 +235,8 @@ class Eanpos:
         share = screw.um_per_rad / float(motor["um_per_rad"][0])
         found |= {name: round(found[name] * share) for name in ("measure", "maxvel")}
         settings = {"follow_step": round(screw.step_um), "starts_in_loop": 1}
-        return cls(motor, 1, parameters={**found, **changes}, settings=settings)
+        changed = by_name(changes, parameter_name, Parameters.OWNER)
+        return cls(motor, 1, parameters={**found, **changed}, settings=settings)
 
     def command(self, name: str) -> None:
         """Put a command into the mailbox; the next sample executes it.

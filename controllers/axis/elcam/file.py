@@ -324,13 +324,13 @@ class StepCompensation:
         self._extra = self._steps_due()
         return position_um[0] + self.offset_um[0], position_um[1] + self.offset_um[1]
 
-    def motor_steps(self, steps: Sequence[Step], path_um: float = 0.0) -> list[Step]:
-        """Return the steps that the motors are to make for those of the program, which lead to a length of path."""
+    def motor_steps(self, steps: Sequence[Step], path_um: float = 0.0, of: int | None = None) -> list[Step]:
+        """Return the steps that the motors are to make for those of the program, the first of `of` to `path_um`."""
         made: list[Step] = []
-        path_mm, end_mm = self._places[_PATH].setpoint, path_um * 1e-3
+        path_mm, end_mm, planned = self._places[_PATH].setpoint, path_um * 1e-3, of or len(steps)
         for number, (time_ns, axis, direction) in enumerate(steps, 1):
             self._put(axis, self._places[axis].setpoint + direction * self._step_um * 1e-3)
-            self._put(_PATH, path_mm + (end_mm - path_mm) * number / len(steps))
+            self._put(_PATH, path_mm + (end_mm - path_mm) * number / planned)
             due = self._steps_due()
             for k in _AXES:
                 count = due[k] - self._extra[k] + (direction if k == axis else 0)
@@ -354,6 +354,7 @@ class StepCompensation:
         return {
             "places": [place.setpoint for place in self._places], "extra": list(self._extra),
             "directions": {str(k): table.direction for k, table in self._elcam.tables.items()},
+            "held": [k for k, table in self._elcam.tables.items() if table.held],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -362,7 +363,9 @@ class StepCompensation:
             self._put(k, place_mm)
         self._extra = list(state["extra"])
         for k, direction in state["directions"].items():
-            self._elcam.tables[int(k)].go_on(direction, self._elcam.axes[self._elcam.tables[int(k)].master].setpoint)
+            table = self._elcam.tables[int(k)]
+            table.go_on(direction, self._elcam.axes[table.master].setpoint)
+            table.held = int(k) in state["held"]
 
 
 _STEEPEST_WIRE = 0.1

@@ -23,6 +23,7 @@ from edmsim.plant.kernel.state import Axes
 AXIS_NAMES = ("x", "y", "u", "v")
 """The machine's axes: x and y of the lower guide, u and v of the upper guide relative to it."""
 
+_ROWS = "edmsim.compiled.axis_rows"
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
 _LOOK_NS = 10_000_000  # how often it is looked whether a rapid is over (ours)
 
@@ -66,12 +67,16 @@ class Drives:
                 continue
             if not hasattr(drive, "record"):
                 raise InputError(f"the drive of {name} is {drive!r}: give one of edmsim.controllers.axis.make")
-            if drive.record.dtype != axis_rows.DRIVE or drive.record.shape != (1,):
-                raise InputError(f"the record of the {name} drive is not one row of edmsim.compiled.axis_rows.DRIVE")
+            if not axis_rows.is_row(drive.record, axis_rows.DRIVE):
+                raise InputError(f"the record of the {name} drive is not one row of {_ROWS}.DRIVE")
             made.drives[k] = drive.record[0]
             drive.record = made.drives[k : k + 1]
             if drive.sample is None or drive.motor is None:
                 continue
+            if not axis_rows.is_row(drive.motor, axis_rows.MOTOR):
+                raise InputError(f"the motor of the {name} drive is not one row of {_ROWS}.MOTOR")
+            if not hasattr(drive.sample, "address"):
+                raise InputError(f"the sample of the {name} drive lacks the decorator {_ROWS}.sample")
             _check_period(name, drive.record)
             motor = made.motors[k : k + 1]
             motor[:] = drive.motor

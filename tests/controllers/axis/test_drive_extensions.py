@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from edmsim.controllers import axis
 from edmsim.controllers.axis.servo_chip import SAMPLES
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
@@ -175,3 +176,13 @@ def test_parameters_are_refused_alike():
         Uhu(stored={"gain": 1})
     with pytest.raises(InputError, match="no UHU is tuned for an axis 'z'; there are: table, bench"):
         Uhu.tuned("z")
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("uhu:P=1,proportional_gain=2", "drive's proportional_gain is given twice"),
+    ("servo-module:p=1,P=2", "drive's proportional_gain is given twice"),
+    ("eanpos:PGAIN=1,pgain=2", "device's pgain is given twice"),
+])  # fmt: skip
+def test_a_parameter_by_two_of_its_names_is_refused(text, said):
+    with pytest.raises(InputError, match=said):
+        axis.from_text(text)

@@ -246,6 +246,19 @@ def test_regoff_keeps_the_voltage_and_refuses_motion():  # Q-20
     assert refused(p, "REGOFF")
 
 
+def test_an_emergency_after_regoff_leaves_the_converter_alone():
+    # Q-9 "output 0 V" and Q-20 "DAC not updated, keeps last voltage" disagree: another device may own the converter
+    p = Positioner(offset=300)
+    p.sample()
+    held = p.device.output_V
+    p.do("REGOFF", "EMRG")
+    p.sample()
+    assert (p.device.output_V, p["st_emrg"]) == (held, 1)
+    p.do("REGON")
+    p.sample()
+    assert (p.device.output_V, p["st_emrg"]) == (0.0, 1)
+
+
 def test_delcnt_keeps_the_fraction_and_posit_drops_it():  # Q-A10
     for by_command, place in ((True, 6), (False, 5)):
         p = Positioner(measure=23, pulse=100)
