@@ -272,5 +272,5 @@ def check_feed(controller: str, name: str, feed_um_s: float, max_feed_um_s: floa
     if feed_um_s > max_feed_um_s:
         raise InputError(
             f"{name} of the {controller} controller is {feed_um_s} um/s, "
-            f"but the machine runs at most {max_feed_um_s} um/s"
+            f"but the machine runs at most {max_feed_um_s} um/s: lower it, or choose a faster machine and planner"
         )

@@ -30,6 +30,10 @@ LONGEST_REASON, LONGEST_PLACE = 2000, 300
 (ours)."""
 
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a full disk, a user's full share of one, and a file that has reached its greatest size."""
+
+
 _NEAR = 0.75
 """Share of letters that a name and a near one have in common (ours: one letter of four may be wrong)."""
 
@@ -202,11 +206,13 @@ def run_command(run: Callable[[], object]) -> None:
         print("edmsim: " + " ".join(str(error).splitlines()), file=sys.stderr)
         sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
     except OSError as error:
-        if error.errno != errno.ENOSPC:
+        if error.errno not in _FULL:
             raise
-        # files report it themselves: what is left is the standard output, which Python would try to write once more
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        print(f"edmsim: the standard output cannot be written: {error.strerror}", file=sys.stderr)
+        what = f"{error.filename}:"
+        if error.filename is None:  # it is of the standard output, which Python would try to write once more
+            what = "the standard output"
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f"edmsim: {what} cannot be written: {error.strerror}", file=sys.stderr)
         sys.exit(FAILED)
 
 

@@ -26,13 +26,25 @@ _UNFINISHED = ".edmsim-new-"
 
 
 @contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Say of an `OSError` which file could not be written, as that of a full disk does not: see `run_command`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:  # others have a text of their own
+            error.filename = str(file)
+        raise
+
+
+@contextmanager
 def replacing(file: str | Path) -> Iterator[Path]:
     """Give a path beside a file to write to; it takes the file's place when all is written, or else is removed."""
     target = Path(file)
     partial = target.with_name(target.name + ".part")
     try:
-        yield partial
-        partial.replace(target)
+        with naming(target):
+            yield partial
+            partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
 

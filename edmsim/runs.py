@@ -27,7 +27,7 @@ from typing import Any, BinaryIO, Protocol
 
 from edmsim import user_code
 from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types, refuses_wrong_types
-from edmsim.files import replacing
+from edmsim.files import naming, replacing
 from edmsim.numeric import whole_from
 
 Row = dict[str, Any]
@@ -70,7 +70,7 @@ class RunTable:
             if self.file is not None:
                 if not self.file.exists():
                     self.keep(self.rows.values())
-                with self.file.open("ab") as opened:
+                with naming(self.file), self.file.open("ab") as opened:
                     opened.write(json.dumps(row).encode() + b"\n")
                     opened.flush()
                     os.fsync(opened.fileno())

@@ -14,6 +14,8 @@ from edmsim.files import make_writable
 from edmsim.numeric import whole_from
 from edmsim.recording.cut_folder import RECORDING
 
+_NAME = "episode-"  # of a recording's folder, before its number
+
 
 class RecordedEpisodes:
     """Every n-th episode in its own folder, shown at its end if live; `hint` says what to do without a viewer."""
@@ -33,6 +35,11 @@ class RecordedEpisodes:
         """Whether an episode is recorded."""
         return episode % self._every == 0
 
+    def following(self) -> int:
+        """Return the number after the last recording in the folder."""
+        numbers = (folder.name.removeprefix(_NAME) for folder in self._folder.glob(f"{_NAME}*"))
+        return max((int(number) + 1 for number in numbers if number.isdecimal()), default=0)
+
     def end(self, settings: dict[str, Any], outcome: str | None) -> None:
         """Write the recording, if there is one, and watch no more."""
         recorder, self.recorder = self.recorder, None
@@ -42,7 +49,7 @@ class RecordedEpisodes:
         if len(recorder) == 0:
             return
         name, episode = settings["environment"], settings["episode"]
-        folder = self._folder / f"episode-{episode:06d}"
+        folder = self._folder / f"{_NAME}{episode:06d}"
         recorder.write(folder / RECORDING, f"{name}, episode {episode}", settings, outcome)
         self.folders.append(folder)
         if self._viewer is not None:

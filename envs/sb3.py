@@ -255,7 +255,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
     Parameters
     ----------
     folder : path
-        Created if it is missing; recordings in it are overwritten.
+        Created if it is missing. A new training overwrites recordings in it; one that continues adds to them.
     every : int
         1 records all of the first sub-environment's episodes.
     live : bool
@@ -293,6 +293,8 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
             raise InputError("RecordEpisodes records sub-environments of edmsim.envs.make_sb3_vec_env only")
         self._envs = vec_env.env
         self._envs.watch = self._see
+        if self.model.num_timesteps:
+            self._episode = max(self._episode, self._recorded.following())
         self._begin()
 
     def _see(self, actions: NDArray[Any], infos: dict[str, Any], ended: NDArray[Any]) -> None:

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from edmsim.controllers.feed.laws import FixedController
-from edmsim.errors import EdmsimError, InputError
-from edmsim.files import locked, together
+from edmsim.errors import EdmsimError, InputError, run_command
+from edmsim.files import locked, replacing, together
 from edmsim.job import checkpoint
 from edmsim.job.result import remake
 from edmsim.recording import cut_folder, scene
@@ -210,6 +210,22 @@ def test_a_disk_full_at_the_end_leaves_the_checkpoint(cut_small, tmp_path, monke
     assert names(tmp_path) == [checkpoint.NAME]
     cut_small(out=tmp_path, resume=True, **SHORT)
     assert names(tmp_path) == FILES
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_a_command_that_finds_no_room_names_the_file_and_keeps_the_former(tmp_path, capfd, code):
+    file = tmp_path / "policy.json"
+    file.write_text("former")
+
+    def command():
+        with replacing(file) as partial:
+            partial.write_text("new")
+            raise OSError(code, os.strerror(code))
+
+    with pytest.raises(SystemExit) as ended:
+        run_command(command)
+    assert (ended.value.code, file.read_text(), names(tmp_path)) == (1, "former", ["policy.json"])
+    assert capfd.readouterr().err == f"edmsim: {file}: cannot be written: {os.strerror(code)}\n"
 
 
 WITHOUT_FIGURES = """

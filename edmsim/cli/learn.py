@@ -56,7 +56,7 @@ def train(
 ) -> None:
     """Train a policy (extra rl, but for the bandit)."""
     from edmsim.evaluation.episode import is_part
-    from edmsim.learning.command import TrainOptions, run
+    from edmsim.learning.command import BANDIT, TrainOptions, run
     from edmsim.learning.hyperparameters import has_training
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
@@ -71,7 +71,7 @@ def train(
         OUT.print(table)
     policy = shlex.quote(f"policy:{out / 'policy.json'}")
     use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"
-    if is_part(resolve(env_id)):
+    if is_part(resolve(env_id)) or algo == BANDIT:  # a bandit's law may be too fast for the usual machine
         use = f"Compare it: edmsim evaluate {env_id} --controllers {policy}"
     print_line(use)
 

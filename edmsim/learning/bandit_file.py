@@ -23,6 +23,7 @@ from edmsim import models
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.errors import InputError, invalid_entry, located
+from edmsim.files import replacing
 from edmsim.snapshots import Snapshots
 from edmsim.user_code import policy_of
 
@@ -206,4 +207,5 @@ def load(file: Path) -> BanditCard:
 
 def write(card: BanditCard, file: Path) -> None:
     """Write the file."""
-    file.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    with replacing(file) as partial:
+        partial.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")

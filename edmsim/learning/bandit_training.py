@@ -274,7 +274,7 @@ def train(
             partial(_recorded, env_id, settings), seeds, watch, table=table, ids=[str(number) for number in seeds],
             engine=engine_of(env_id, machines, settings.segments * settings.segment_s),
         )  # fmt: skip
-    histories = [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
+    histories = _histories(rows, len(settings.settings), file)
     command += f" --steps {machines * settings.segments} --seed {seed}{options}"
     segments = sum(len(history.rows) for history in histories)
     known_as, _ = stand_in(*find(env_id))
@@ -283,6 +283,25 @@ def train(
 
 def _recorded(env_id: str, settings: BanditSettings, seed: int) -> dict[str, Any]:
     return record(env_id, settings, seed)._asdict()
+
+
+def _histories(rows: Sequence[dict[str, Any]], count: int, file: Path) -> list[History]:
+    """Return the histories of a table's rows, with `count` settings."""
+    try:
+        for row in rows:
+            segments = np.array(row["rows"], float).reshape(-1, 5)
+            totals = np.array([row["lost"], row["cut_s"]], float).reshape(2, count)
+            if not (np.isfinite(segments).all() and np.isfinite(totals).all()):
+                raise ValueError("numbers that are not finite")
+            if not np.isin(segments[:, 0], np.arange(count)).all():
+                raise ValueError("a setting that there is not")
+        return [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
+    except (ValueError, LookupError, TypeError) as error:
+        raise _damaged(error, file) from None
+
+
+def _damaged(error: Exception, file: Path) -> InputError:
+    return InputError(f"the histories are damaged ({error}); train again in another folder", file)
 
 
 def _check_time(env_id: str, settings: BanditSettings) -> None:
@@ -304,4 +323,4 @@ def _before(file: Path) -> tuple[BanditSettings, str]:
         of = read_of(file)
         return BanditSettings.model_validate(of["settings"]), str(of["options"])
     except (ValueError, LookupError, TypeError) as error:
-        raise InputError(f"the histories are damaged ({error}); train again in another folder", file) from None
+        raise _damaged(error, file) from None

@@ -1,7 +1,9 @@
 """Training with stable-baselines3 (extra ``rl``): from nothing, or on from a folder's last checkpoint."""
 
+import io
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -169,17 +171,32 @@ def _learn(
 ) -> None:
     """Learn up to the run's steps, with checkpoints on the way and at the end, however it ends."""
     keeper = _Keeper(trained, out, watch)
-    trained.model.set_logger(configure(str(out / "tensorboard"), ["tensorboard"]))
     torch.set_num_threads(1)  # more only wait for each other
     left = trained.run.steps - trained.model.num_timesteps
     try:
-        if left > 0:
-            more = [*callbacks_of(trained.vec_env, trained.hyperparameters), *callbacks]
-            trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=reset)
+        with _room(out):
+            trained.model.set_logger(configure(str(out / "tensorboard"), ["tensorboard"]))
+            if left > 0:
+                more = [*callbacks_of(trained.vec_env, trained.hyperparameters), *callbacks]
+                trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=reset)
     finally:
         signals.only_note()
         trained.normalise.close()
-        keeper.save(at_end=True)
+        with _room(out):
+            keeper.save(at_end=True)
+
+
+@contextmanager
+def _room(out: Path) -> Iterator[None]:
+    """Say, where a training cannot be written, on a full disk for example, what of it stays."""
+    try:
+        yield
+    except OSError as error:
+        rest = "make room, and continue its last checkpoint with --resume"
+        raise EdmsimError(
+            f"{out}: the training could not be written: {error.strerror or error}; "
+            f"{rest if hyperparameters.has_training(out) else 'there is no checkpoint yet, so it is lost'}"
+        ) from None
 
 
 def _begin(
@@ -238,22 +255,32 @@ class _Keeper(BaseCallback):
         if folder.exists() or not done:
             return
         shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir()
-        model.save(partial / "model.zip")
-        self._trained.normalise.save(str(partial / "normalise.pkl"))
-        if self._trained.run.algo in hyperparameters.REPLAYS:
-            model.save_replay_buffer(partial / "replay.pkl")
-        costs = self._trained.vec_env.costs
-        saved = _Saved(
-            **dict(self._trained.run), done=done, multiplier=None if costs is None else costs.multiplier,
-            hyperparameters=self._trained.hyperparameters,
-        )
-        (partial / "run.json").write_text(saved.model_dump_json(), encoding="utf-8")
-        partial.rename(folder)
+        try:
+            self._write(partial)
+            partial.rename(folder)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)  # what found no room
         for old in self._out.glob("checkpoint-*"):
             if old != folder:
                 shutil.rmtree(old)
         self._saved = done
+
+    def _write(self, folder: Path) -> None:
+        """Write the files of a checkpoint."""
+        trained = self._trained
+        folder.mkdir()
+        packed = io.BytesIO()  # torch has errors of its own for a file that it cannot write
+        trained.model.save(packed)
+        (folder / "model.zip").write_bytes(packed.getvalue())
+        trained.normalise.save(str(folder / "normalise.pkl"))
+        if trained.run.algo in hyperparameters.REPLAYS:
+            trained.model.save_replay_buffer(folder / "replay.pkl")
+        saved = _Saved(
+            **dict(trained.run), done=trained.model.num_timesteps,
+            multiplier=None if trained.vec_env.costs is None else trained.vec_env.costs.multiplier,
+            hyperparameters=trained.hyperparameters,
+        )
+        (folder / "run.json").write_text(saved.model_dump_json(), encoding="utf-8")
 
 
 def _to_resume(run: TrainingRun, out: Path, steps: int | None) -> tuple[Path, _Saved]:

@@ -115,9 +115,13 @@ def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
         return ppo("MlpPolicy", vec_env, n_steps=32, batch_size=32, seed=1, device="cpu").learn(64, callback=callback)
 
     recorder = RecordEpisodes(tmp_path, every=2)
-    weights = [model.policy.action_net.weight.tolist() for model in (trained(recorder), trained(None))]
+    models = trained(recorder), trained(None)
+    weights = [model.policy.action_net.weight.tolist() for model in models]
     assert weights[0] == weights[1]
     assert [folder.name for folder in recorder.recordings] == [f"episode-{k:06d}" for k in (0, 2)]
+    on = RecordEpisodes(tmp_path, every=2)
+    models[0].learn(64, callback=on, reset_num_timesteps=False)
+    assert [folder.name for folder in on.recordings] == [f"episode-{k:06d}" for k in (4, 6)]
     play = Playback(recorder.recordings[0] / "cut.rrd")
     assert len(play.series("/feed/feed_um_s")[0]) == len(play.series("/action/feed")[0]) == 8
     assert play.title == "edmsim/GapFeed-v2, episode 0"

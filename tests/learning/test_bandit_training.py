@@ -107,6 +107,7 @@ def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, sho
     first = edmsim(*words, "--settings", short_file)
     assert first.status == 0
     assert "per hour" in first.out
+    assert f"Compare it: edmsim evaluate {ENV_ID} --controllers policy:{out / 'policy.json'}" in first.out
     card = bandit_file.load(out / "policy.json")
     assert card.steps == 18  # two settings in three passes on three machines
     assert [setting["open_target_share"] for setting in card.settings] == [0.0, 0.2]
@@ -128,6 +129,12 @@ def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, sho
     other = edmsim(*words, "--resume", "--seed", 5)
     assert other.status == 2
     assert "it has the runs of seed 0, not 5" in other.err
+    begin = b'"rows": [['
+    for old, new in ((b'"lost"', b'"last"'), (begin, begin + b'"a", '), (begin, begin + b"7, 0, 0, 1, 1], [")):
+        (out / "histories.jsonl").write_bytes(before.replace(old, new, 1))
+        damaged = edmsim(*words, "--resume")
+        assert (damaged.status, damaged.err.count("\n")) == (2, 1)
+        assert f"{out / 'histories.jsonl'}: the histories are damaged (" in damaged.err
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """Training, in a short form, and what it leaves."""
 
+import errno
 import importlib.util
+import os
 import signal
 import subprocess
 import sys
@@ -155,6 +157,32 @@ def test_a_training_that_diverges_keeps_its_last_checkpoint(short_training, tmp_
     with pytest.raises(EdmsimError, match="the training has diverged"):
         training.train("edmsim/GapFeed-v2", "ppo", tmp_path, steps=320)
     assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000080"]
+
+
+@pytest.mark.slow
+@needs_rl
+@pytest.mark.parametrize(("fits", "stays"), [(1, "continue its last checkpoint"), (0, "there is no checkpoint yet")])
+def test_a_disk_full_in_a_training_leaves_its_last_checkpoint(
+    short_training, tmp_path, edmsim, monkeypatch, fits, stays
+):
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    words = ("train", "edmsim/GapFeed-v2", "--steps", 64, "--score", 0, "--out", tmp_path)
+    save, saved = VecNormalize.save, []
+
+    def until_full(self, path):
+        save(self, path)
+        saved.append(path)
+        if len(saved) > fits:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(VecNormalize, "save", until_full)
+        status, _, err = edmsim(*words)
+    assert (status, err.splitlines()[-1].count(stays)) == (1, 1)
+    assert err.splitlines()[-1].startswith(f"edmsim: {tmp_path}: the training could not be written: No space left")
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["checkpoint-000000000004"] * fits + ["tensorboard"]
+    assert edmsim(*words, *["--resume"] * fits).status == 0
 
 
 @pytest.mark.slow
