@@ -368,7 +368,7 @@ def _takes_several(option: str, spec: Specification) -> bool:
     """Say whether a setting can be a list, as the heights of a cut, or the ranges of an environment."""
     if spec.environment:
         return option != "controller"
-    return option in CutSettings.model_fields and "[" in kind_of(CutSettings.model_fields[option])
+    return option in CutSettings.model_fields and "[" in kind_of(CutSettings.model_fields[option].annotation)
 
 
 def checked(task: str, combination: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:

@@ -163,8 +163,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     guides = measure.GuidesFound(0.1, 0.0, (0.01, 0.01), np.array([0.5, 1.5]), np.array([-3.0, -1.0]))
     patch.setattr(measure, "measure_guides", lambda *_, **__: guides)
     answer = autotune.AxisTrace(np.array([0.0, 0.01, 0.02]), np.array([autotune.STEP_COUNTS, 5, 0]))
-    oscillation, response = autotune.Oscillation(1.0, 0.01, 10.0), autotune.AxisResponse(*[answer] * 3)
-    found = autotune.Tuning(("P1",), {"P": 1}, oscillation, response, response)
+    response = autotune.AxisResponse(*[answer] * 3)
+    found = autotune.Tuning(("P1",), {"P": 1}, response, response)
     patch.setattr(autotune, "autotune", lambda *_: found)
     # tests/calibration finds constants again
     patch.setattr(comparison, "NOISE_CUTS", 8)

@@ -14,7 +14,6 @@ from edmsim.consoles.autotune import (
     AxisResponse,
     AxisTrace,
     ModuleOperator,
-    Oscillation,
     Tuning,
     UhuOperator,
     autotune,
@@ -147,7 +146,7 @@ def test_the_picture_has_a_column_for_each_drive(load_script):
     steps = load_script(DOCS / "make" / "servo_steps.py")
     answer = AxisTrace(np.array([0.0, 0.01, 0.02]), np.array([STEP_COUNTS, 5, 0]))
     response = AxisResponse(*[answer] * 3)
-    one = Tuning(("P1",), {"P": 1}, Oscillation(1.0, 0.01, 10.0), response, response)
+    one = Tuning(("P1",), {"P": 1}, response, response)
     figure = steps.figure(dict.fromkeys(steps.DRIVES, one))
     assert [axes.get_title() for axes in figure.axes if axes.get_title()] == list(steps.DRIVES.values())
     drawn = figure.axes[0].get_lines()[-1].get_ydata()
