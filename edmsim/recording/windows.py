@@ -73,6 +73,16 @@ def pause_rows(t_s: Floats) -> NDArray[np.intp]:
     return np.flatnonzero(took > THREADING_S + 2.0 * np.minimum(neighbours[: len(took)], neighbours[2:])) + 1
 
 
+def durations_s(t_s: Floats, pulses: Floats, period_us: Floats) -> Floats:
+    """Return how long windows that end at times (n,) took: where pulses last longer than a period, longer than these.
+
+    The first window after a pause counts with its periods, as its begin is not in the table.
+    """
+    took, after = np.diff(t_s, prepend=0.0), pause_rows(t_s)
+    took[after] = (pulses * period_us)[after] * 1e-6
+    return took
+
+
 def jump_rows(place_um: Floats, path_um: Floats) -> NDArray[np.intp]:
     """Return the rows of a thinned way, places (n, 2) and lengths of path (n,), before which a wire was threaded."""
     way = np.hypot(*np.diff(place_um, axis=0).T)
