@@ -602,8 +602,7 @@ def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floa
     pulses = np.take_along_axis(closeups["pulses"], last, axis=1)
     start, delay, on = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))
     start = start - start[:, :1]
-    step = np.diff(start, axis=1)
-    stop = start + np.concatenate([step, np.maximum(step[:, -1:], (delay + on)[:, -1:])], axis=1)
+    stop = np.concatenate([start[:, 1:], start[:, -1:] + _last_us(start, delay + on)], axis=1)
     is_open, is_short = pulses["kind"] == OPEN, pulses["kind"] == SHORT
     up = np.where(is_short, 0.0, pulses["open_V"])
     burning = np.where(is_open | is_short, 0.0, closeups["burning_V"][:, None])
@@ -622,6 +621,16 @@ def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floa
     voltage = np.stack([nought, up, up, burning, burning, opposite_V, opposite_V, nought, nought], axis=-1)
     current = np.stack([nought, nought, nought, flowing, flowing, opposite_A, opposite_A, nought, nought], axis=-1)
     return time, voltage, current
+
+
+def _last_us(start_us: Floats, busy_us: Floats) -> Floats:
+    """Return how long the last pulse of every close-up took, (n, 1), by its period or its pause: what is the same."""
+    period_us = np.diff(start_us, axis=1)
+    if period_us.shape[1] == 0:
+        return busy_us
+    pause_us = period_us - busy_us[:, :-1]
+    even = np.ptp(period_us, axis=1) <= np.ptp(pause_us, axis=1)
+    return np.where(even, period_us[:, -1], busy_us[:, -1] + pause_us[:, -1])[:, None]
 
 
 def _opposite_us(closeups: NDArray[np.void]) -> Floats:
