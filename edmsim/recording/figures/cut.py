@@ -148,7 +148,7 @@ def _chosen_corner(scene: Scene, corner: int | None) -> CornerError:
 
 def _paths_um(windows: pa.Table, place_mm: Floats, reach_mm: float) -> tuple[Floats, Floats]:
     """Guides and wire near a place, relative to it in um: rows (n, 2) in order of time, NaN between visits."""
-    guides = columns(windows, "x_um", "y_um") - 1000 * place_mm
+    guides = columns(windows, "x_um", "y_um") - columns(windows, "following_x_um", "following_y_um") - 1000 * place_mm
     wire = guides - columns(windows, "lag_x_um", "lag_y_um")
     away = np.abs(guides).max(axis=1) > 1000 * reach_mm
     return np.where(away[:, None], np.nan, guides), np.where(away[:, None], np.nan, wire)
