@@ -209,8 +209,6 @@ class Batch:
         self.account.add(left, sub_envs.rows, sub_envs.near, windows)
         if by_servo:
             servo.respond(left, self._servos, windows, family.greatest_feed_um_s, *family.servo_gains)
-        for index, setting_us in sub_envs.set_back:
-            self.builder.fired_at(index, setting_us)
         for index, setting_us in sub_envs.lost:
             self.builder.lose_wire(index, sub_envs.rows[index], setting_us)
             self._begin_wire(index)

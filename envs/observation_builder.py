@@ -75,10 +75,6 @@ class ObservationBuilder(Snapshots):
         """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
         observation.gather(active, rows, windows, self.sums)
 
-    def fired_at(self, i: int, setting_us: tuple[float, float]) -> None:
-        """Show the setting of the window just added, where its row has that of the next one by now."""
-        self.sums[i]["t_on_us"], self.sums[i]["t_period_us"] = setting_us
-
     def end_step(self, active: NDArray[np.int64]) -> None:
         """Put the steps of some episodes before those that came earlier."""
         observation.show(active, self.sums, self._scales, self._history, self._values)

@@ -64,8 +64,6 @@ class SubEnvs:
         self.near = np.ones(count, np.bool_)
         # which sub-environments lost a wire in the last window, and at which on-time and period
         self.lost: list[tuple[int, tuple[float, float]]] = []
-        # which have gone back to the first setting since the last window, and the on-time and period of that window
-        self.set_back: list[tuple[int, tuple[float, float]]] = []
         self.leg = [0] * count  # which leg of its path each is on
         self._points: Floats = np.zeros((count, 2, 2))
         self._along: Floats = np.zeros((count, 2))
@@ -201,7 +199,7 @@ class SubEnvs:
             for index, see in self.watchers:
                 if index in advanced:
                     see()
-        self.lost, self.set_back = [], []
+        self.lost = []
         if due:
             self._go_on(indices)
 
@@ -285,7 +283,6 @@ class SubEnvs:
         scenario, plant = self.scenarios[index], self.fleet.plants[index]
         assert scenario is not None
         if plant.machine is not scenario.machine:
-            self.set_back.append((index, tuple(self.rows[index]["setting_us"].tolist())))
             plant.set_generator(scenario.machine.t_on_us, scenario.machine.t_period_us)
             self._take_setting(index)
 

@@ -44,20 +44,6 @@ def test_a_lost_wire_costs_its_time_and_nothing_else(make_env, weak):
     assert observed[-2] == 1.0  # the share of the shift that is over
 
 
-def test_a_step_in_which_a_wire_broke_shows_the_period_it_was_fired_with(make_env, weak):
-    """The next wire begins at the first setting, which `info` tells; threading it ends the step."""
-    env = make_env("ThinWireShift", machine=weak, episode_s=150.0)
-    env.reset(seed=1)
-    lost = 0
-    while lost == 0:
-        observed, *_, info = env.step(np.array([-1.0, 0.1], np.float32))
-        lost = info["wires_lost"]
-    assert (info["t_on_us"], info["t_period_us"]) == (10.0, 50.0)
-    names = [entry.name for entry in env.unwrapped.family.entries()]
-    assert observed[names.index("t_period")] == pytest.approx(math.log10(55.0) / 4)
-    assert observed[names.index("t_on")] == pytest.approx(1 / 3)
-
-
 def test_a_test_cut_earns_nothing(make_env):
     env = make_env("MaxRateShift", test_s=1.0)
     env.reset(seed=1)
