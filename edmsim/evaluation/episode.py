@@ -41,6 +41,7 @@ FINISHED, BROKEN, JAMMED = (
 STOPPED = "stopped"
 """Ends of an episode, apart from its time limit. Jammed: a short persisted, or the wire went into the metal beyond
 the model's validity. Stopped: the controller gave up."""
+LOST = BROKEN, JAMMED, STOPPED  # ends after which another wire has to be threaded
 ORACLE = "oracle"  # the reference of a task, whose return is a score of 1: see `edmsim.evaluation.lines`
 
 
@@ -237,7 +238,7 @@ class Episode:
         return self.task.machine.base.table.threading_s.value
 
     def _result(self, outcome: str) -> Result:
-        lost_s = self._threading_s if outcome in (BROKEN, JAMMED, STOPPED) else 0.0
+        lost_s = self._threading_s if outcome in LOST else 0.0
         turns = self.task.family.knows_corners or self.task.family.finishes_wall
         error2_um2 = self._error2_um3 / self._near_um if turns and self._near_um else math.nan
         return Result(
@@ -269,21 +270,25 @@ def _cut_part(env_id: str, seed: int, law: str, name: str, options: dict[str, An
     env, decides = gym.make(env_id, **options), pass_laws.from_text(law)
     observation, info = env.reset(seed=seed)
     decides.begin()
-    gained = cost = seconds = area_mm2 = 0.0
+    gained = cost = area_mm2 = 0.0
+    start_s = info["time_s"]  # what the reset has cut is not of the episode
     counts = dict.fromkeys(("short", "open", "spark", "arc"), 0)
     over = False
     while not over:
         observation, reward, terminated, truncated, info = env.step(decides.act(observation).astype(np.float32))
         over = terminated or truncated
-        gained, cost, seconds = gained + float(reward), cost + info["cost"], seconds + info["dt_s"]
+        gained, cost = gained + float(reward), cost + info["cost"]
         area_mm2 += info["area_mm2"]
         counts = {kind: count + info[kind] for kind, count in counts.items()}
+    seconds = info["time_s"] - start_s
+    threading_s = env.get_wrapper_attr("family").base.base.table.threading_s.value
     env.close()
     pulses = max(sum(counts.values()), 1)
     known = {key: info[key] if info[key] >= 0.0 else math.nan for key in ("error_um", "ra_um")}
     outcome = _OUTCOMES[info["cause"]] if info["cause"] else WORDS[StopCause.TIME_LIMIT].episode
+    lost_s = threading_s if outcome in LOST else 0.0
     return Result(
-        seed, name, outcome, seconds, info["path_um"] * 1e-3, area_mm2, 60.0 * area_mm2 / info["time_s"], gained,
+        seed, name, outcome, seconds, info["path_um"] * 1e-3, area_mm2, 60.0 * area_mm2 / (seconds + lost_s), gained,
         info["wires_lost"], cost, counts["short"] / pulses, counts["open"] / pulses, math.nan, known["error_um"],
         math.nan, known["ra_um"],
     )  # fmt: skip

@@ -25,7 +25,7 @@ from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import report
 from edmsim.recording.scene import ErrorMap, PassFace, Scene, Terrace, polylines
-from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
+from edmsim.recording.windows import CutAlone, WindowTable, cut_alone, durations_s
 
 _WINDOW_REACH_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
 _HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the path
@@ -69,10 +69,12 @@ def _cut_alone(simulation: Simulation, windows: WindowTable) -> CutAlone:
 
 def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) -> float:
     """Return the share of the cut at the greatest feed; feeds are whole speed units, so 1 % below it."""
-    values = {name: column[cut.rows] for name, column in windows.columns().items()}
-    weight = float(values["t_period_us"].sum())
+    values = windows.columns()
+    pulses = values["short"] + values["open"] + values["spark"] + values["arc"]
+    took_s = durations_s(values["t_s"], pulses, values["t_period_us"])
     at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s
-    return float(values["t_period_us"][at_limit].sum()) / weight if weight else math.nan
+    all_s = float(took_s[cut.rows].sum())
+    return float(took_s[cut.rows & at_limit].sum()) / all_s if all_s else math.nan
 
 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, dataclass_transfor
 import numpy as np
 
 from edmsim.files import replacing
-from edmsim.recording.windows import column, lag_along_um
+from edmsim.geometry import Floats
+from edmsim.recording.windows import column, columns, durations_s, lag_along_um
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -384,7 +385,7 @@ class Report(Figures):
     """The report of a cut, as ``report.json`` holds it.
 
     Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``. Unknown values
-    are None, never NaN. Means over machine time are weighted by the pulse period, as windows count pulses.
+    are None, never NaN. Means over machine time weight every window by its duration.
     """
 
     outcome: str = ""  # "finished", or what stopped the machine, in a word or two
@@ -463,7 +464,7 @@ def build_report(
         overall_rate_mm2_min=_rate(totals.cut_area_mm2, totals.machining_time_s),
         pulse_share=PulseShare(*(_ratio(count, pulses) for count in (sums.spark, sums.arc, sums.short, sums.open))),
         wire=WireFigures(
-            _weighted(lag_along_um(windows), column(windows, "t_period_us")),
+            _weighted(lag_along_um(windows), _took_s(windows)),
             math.sqrt(sums.vibration2_pulses / pulses) if pulses else None, _most(windows, "wire_temperature_K"),
         ),
         following_error_um=_following(windows),
@@ -479,7 +480,7 @@ def build_report(
 
 def _following(windows: pa.Table) -> Following:
     error2 = column(windows, "following_x_um") ** 2 + column(windows, "following_y_um") ** 2
-    mean2 = _weighted(error2, column(windows, "t_period_us"))
+    mean2 = _weighted(error2, _took_s(windows))
     return Following(
         math.sqrt(float(error2.max())) if len(error2) else None, None if mean2 is None else math.sqrt(mean2)
     )
@@ -495,7 +496,13 @@ def _rate(area_mm2: float, seconds: float) -> float | None:
 
 
 def _mean(windows: pa.Table, name: str) -> float | None:
-    return _weighted(column(windows, name), column(windows, "t_period_us"))
+    return _weighted(column(windows, name), _took_s(windows))
+
+
+def _took_s(windows: pa.Table) -> Floats:
+    """Return how long every window took."""
+    pulses = columns(windows, "short", "open", "spark", "arc").sum(axis=1)
+    return durations_s(column(windows, "t_s"), pulses, column(windows, "t_period_us"))
 
 
 def _most(windows: pa.Table, name: str) -> float | None:
@@ -504,9 +511,7 @@ def _most(windows: pa.Table, name: str) -> float | None:
     return float(known.max()) if len(known) else None
 
 
-def _weighted(
-    values: np.ndarray[Any, np.dtype[np.float64]], weights: np.ndarray[Any, np.dtype[np.float64]]
-) -> float | None:
+def _weighted(values: Floats, weights: Floats) -> float | None:
     total = float(weights.sum())
     # not by `@`, whose order of adding depends on the number of threads
     return float((values * weights).sum()) / total if total > 0 else None

@@ -73,6 +73,16 @@ def pause_rows(t_s: Floats) -> NDArray[np.intp]:
     return np.flatnonzero(took > THREADING_S + 2.0 * np.minimum(neighbours[: len(took)], neighbours[2:])) + 1
 
 
+def durations_s(t_s: Floats, pulses: Floats, period_us: Floats) -> Floats:
+    """Return how long windows that end at times (n,) took: where pulses last longer than a period, longer than these.
+
+    The first window after a pause counts with its periods, as its begin is not in the table.
+    """
+    took, after = np.diff(t_s, prepend=0.0), pause_rows(t_s)
+    took[after] = (pulses * period_us)[after] * 1e-6
+    return took
+
+
 def jump_rows(place_um: Floats, path_um: Floats) -> NDArray[np.intp]:
     """Return the rows of a thinned way, places (n, 2) and lengths of path (n,), before which a wire was threaded."""
     way = np.hypot(*np.diff(place_um, axis=0).T)
@@ -111,7 +121,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("t_s", "s", "machine time at the end of the window"),
     Column("x_um", "um", "commanded position of the wire guides on the table, X"),
     Column("y_um", "um", "commanded position of the wire guides on the table, Y"),
-    Column("feed_um_s", "um/s", "mean feed along the path; negative while retracting"),
+    Column("feed_um_s", "um/s", "feed along the path, at the end of the window; negative while retracting"),
     Column("short", "1", "pulses counted as short circuit: no removal", is_count=True),
     Column("open", "1", "pulses that never ignited: no removal", is_count=True),
     Column("spark", "1", "pulses that ignited after a delay and removed metal", is_count=True),
@@ -581,8 +591,7 @@ def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floa
     pulses = np.take_along_axis(closeups["pulses"], last, axis=1)
     start, delay, on = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))
     start = start - start[:, :1]
-    step = np.diff(start, axis=1)
-    stop = start + np.concatenate([step, np.maximum(step[:, -1:], (delay + on)[:, -1:])], axis=1)
+    stop = np.concatenate([start[:, 1:], start[:, -1:] + _last_us(start, delay + on)], axis=1)
     is_open, is_short = pulses["kind"] == OPEN, pulses["kind"] == SHORT
     up = np.where(is_short, 0.0, pulses["open_V"])
     burning = np.where(is_open | is_short, 0.0, closeups["burning_V"][:, None])
@@ -599,6 +608,16 @@ def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floa
         current += [opposite_A, opposite_A]
     at_end = [nought, nought]
     return np.stack([*time, stop], -1), np.stack(voltage + at_end, -1), np.stack(current + at_end, -1)
+
+
+def _last_us(start_us: Floats, busy_us: Floats) -> Floats:
+    """Return how long the last pulse of every close-up took, (n, 1), by its period or its pause: what is the same."""
+    period_us = np.diff(start_us, axis=1)
+    if period_us.shape[1] == 0:
+        return busy_us
+    pause_us = period_us - busy_us[:, :-1]
+    even = np.ptp(period_us, axis=1) <= np.ptp(pause_us, axis=1)
+    return np.where(even, period_us[:, -1], busy_us[:, -1] + pause_us[:, -1])[:, None]
 
 
 def _opposite_us(closeups: NDArray[np.void]) -> Floats:

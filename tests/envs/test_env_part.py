@@ -127,6 +127,11 @@ def test_the_last_wire_scraps_the_part_and_time_truncates(small):
     steps = played(gym.make(ID, **small, wires=1, pause_octaves=2.0), [HOT], seed=1)
     assert steps[0][2]["cause"] == "wire-break"
     assert steps[0][2]["reward_terms"]["limit"] == -Part().reward_weights.limit
+    # machine time has that for the second wire, and the rate that for the next one as well, as of other tasks
+    made = cut_part(ID, 1, "constant:pause=-1,on_time=1", **small, wires=2, pause_octaves=2.0)
+    assert (made.outcome, made.wires_lost) == ("wire break", 2)
+    assert 20.0 < made.time_s < 40.0
+    assert made.rate_mm2_min == pytest.approx(60 * made.area_mm2 / (made.time_s + 20.0))
     env = gym.make(ID, **small, episode_s=5.0)
     env.reset(seed=1)
     _, _, terminated, truncated, info = env.step(USUAL)

@@ -5,6 +5,7 @@ import sys
 
 import matplotlib
 import numpy as np
+import pyarrow as pa
 import pytest
 
 import edmsim
@@ -92,6 +93,13 @@ def test_the_corner_shows_the_wire_behind_its_guides(cut):
     assert behind == pytest.approx([4.0, 0.0], abs=0.3)
     error = line(figure, "profile error (+ metal left)")
     assert np.abs(error[:, 0]).min() == 0.0
+    # a drive's guides are behind what is commanded, and the wire behind them
+    windows, place = cut.windows, cut.windows.column_names.index("following_x_um")
+    late = windows.set_column(place, windows.schema.field(place), pa.array(np.full(len(windows), 3.0)))
+    led = corner_figure(cut.scene, late, 1)
+    for name, before in (("guides", guides), ("wire", wire)):
+        on_edge = (before[:, 0] < -200) & (before[:, 0] > -600)
+        np.testing.assert_allclose((before - line(led, name))[on_edge], [[3.0, 0.0]] * on_edge.sum(), atol=1e-9)
     assert error[np.abs(error[:, 0]).argmin(), 1] == pytest.approx(cut.scene.maps[0].error_um[500], abs=1e-9)
 
 

@@ -27,6 +27,18 @@ def test_traces_show_delay_burning_and_short(cut):
     np.testing.assert_allclose(time[:, :, 0], np.broadcast_to(100.0 * np.arange(SCOPE_PULSES), time.shape[:2]))
 
 
+def test_a_trace_ends_with_the_window_where_pulses_wait_for_their_ignition(cut):
+    """Their periods differ, their pauses do not: 70 us after discharges of 1 us that began after 20 us or 5."""
+    table = cut.closeups.table()[:1].copy()
+    delay_us = np.resize([20.0, 5.0], table["pulses"].shape[1])
+    took_us = delay_us + 1.0 + 70.0
+    table["pulses"]["delay_us"], table["pulses"]["conducting_us"] = delay_us, 1.0
+    table["pulses"]["start_us"], table["count"] = np.cumsum(took_us) - took_us, len(took_us)
+    for count in (5, SCOPE_PULSES):
+        assert traces(table, count)[0].max() == pytest.approx(took_us[-count:].sum())
+    assert traces(table, 1)[0].max() == pytest.approx(6.0)  # of one pulse no pause is known
+
+
 def test_discharges_are_on_the_metal_and_opens_have_no_place(cut):
     table = cut.closeups.table()
     known, place = discharges(table, 125.0)

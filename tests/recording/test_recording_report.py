@@ -76,7 +76,7 @@ from edmsim.recording.report import Report, Totals, build_report
 from edmsim.recording.windows import WindowTable
 draw = np.random.default_rng(1)
 schema = WindowTable().to_arrow().schema
-columns = [pa.array(1e3 * draw.random(40_000)).cast(kind, safe=False) for kind in schema.types]
+columns = [pa.array(np.sort(1e3 * draw.random(40_000))).cast(kind, safe=False) for kind in schema.types]
 windows = pa.table(columns, schema.names)
 totals = Totals(60.0, 1.0, Sums(1, 1, 1, 1), 1.0, 1.0, 1.0, 1.0)
 more = dict(outcome="finished", reason=None, notices=(), seed=1, settings={}, version="0")
@@ -110,15 +110,21 @@ def test_derived_figures(cut):
 
 def test_means_are_weighted_by_the_time_a_window_takes():
     limit = Totals(1.0, 1.0, Sums(spark=1), 1.0, 1.0, 1.0, 1.0, feed_limit_um_s=40.0, limited_share=1 / 3)
-    rows = [{"feed_um_s": u, "mean_current_A": u / 10, "t_period_us": t} for u, t in ((10.0, 100.0), (40.0, 50.0))]
+    # the period says nothing about it where pulses also wait for their ignition
+    ends = ((10.0, 0.1), (40.0, 0.15))
+    rows = [{"feed_um_s": u, "mean_current_A": u / 10, "t_period_us": 9.0, "t_s": t} for u, t in ends]
     report = of_windows(*rows, totals=limit)
     assert report["feed_um_s"] == {
         "mean": pytest.approx(20.0), "max": 40.0, "limit": 40.0, "share_at_limit": pytest.approx(1 / 3)
     }
     assert report["mean_current_A"] == pytest.approx(2.0)
-    away = {"following_x_um": 3.0, "following_y_um": 4.0, "t_period_us": 100.0}  # of both axes together
-    report = of_windows(away, {"t_period_us": 300.0})
+    away = {"following_x_um": 3.0, "following_y_um": 4.0, "t_s": 0.1}  # of both axes together
+    report = of_windows(away, {"t_s": 0.4})
     assert report["following_error_um"] == {"max": pytest.approx(5.0), "rms": pytest.approx(2.5)}
+    # a pause belongs to no window: the first one after it counts with its 200 periods
+    ends = ((10.0, 0.1), (40.0, 60.1), (10.0, 60.2))
+    report = of_windows(*({"mean_current_A": i, "spark": 200, "t_period_us": 500.0, "t_s": t} for i, t in ends))
+    assert report["mean_current_A"] == pytest.approx(20.0)
 
 
 def test_what_could_not_be_obtained_is_null(tmp_path):

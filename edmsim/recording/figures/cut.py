@@ -166,7 +166,7 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
             *(1000 * (edge.nominal_mm - place_mm)).T, color=palette.INK, linewidth=0.8, linestyle=(0, (5, 3)),
             zorder=4, label="nominal edge" if number == 0 else None,
         )  # fmt: skip
-    guides = columns(windows, "x_um", "y_um") - 1000 * place_mm
+    guides = columns(windows, "x_um", "y_um") - columns(windows, "following_x_um", "following_y_um") - 1000 * place_mm
     wire = guides - columns(windows, "lag_x_um", "lag_y_um")
     away = np.abs(guides).max(axis=1) > 2 * reach  # the lines break between two visits
     guides[away], wire[away] = np.nan, np.nan
