@@ -128,7 +128,7 @@ def test_the_last_wire_scraps_the_part_and_time_truncates(small):
     assert steps[0][2]["cause"] == "wire-break"
     assert steps[0][2]["reward_terms"]["limit"] == -Part().reward_weights.limit
     # machine time has that for the second wire, and the rate that for the next one as well, as of other tasks
-    made = cut_part(ID, 1, "constant:pause=-1,on_time=1", **small, wires=2, pause_octaves=2.0)
+    made = cut(ID, 1, "constant:pause=-1,on_time=1", **small, wires=2, pause_octaves=2.0)
     assert (made.outcome, made.wires_lost) == ("wire break", 2)
     assert 20.0 < made.time_s < 40.0
     assert made.rate_mm2_min == pytest.approx(60 * made.area_mm2 / (made.time_s + 20.0))
@@ -137,11 +137,11 @@ def test_the_last_wire_scraps_the_part_and_time_truncates(small):
     _, _, terminated, truncated, info = env.step(USUAL)
     assert (terminated, truncated, info["cause"]) == (False, True, "")
     assert info["dt_s"] == pytest.approx(5.0, abs=0.1)
-    cut = env.unwrapped._batch.episode(0).cut  # within a pass nothing is to be decided on, and no wire to be threaded
+    part = env.unwrapped._batch.episode(0).cut  # within a pass nothing is to be decided on, and no wire to be threaded
     with pytest.raises(InputError, match="under way"):
-        cut.simulation.begin_pass(cut.path, ())
+        part.simulation.begin_pass(part.path, ())
     with pytest.raises(InputError, match="no wire broke"):
-        cut.simulation.rethread(None, None)
+        part.simulation.rethread(None, None)
 
 
 @pytest.mark.slow
