@@ -137,7 +137,7 @@ def test_the_last_wire_scraps_the_part_and_time_truncates(small):
     _, _, terminated, truncated, info = env.step(USUAL)
     assert (terminated, truncated, info["cause"]) == (False, True, "")
     assert info["dt_s"] == pytest.approx(5.0, abs=0.1)
-    part = env.unwrapped._batch.episode(0).cut  # within a pass nothing is to be decided on, and no wire to be threaded
+    part = env.unwrapped._batch.episode(0).cut  # within a pass nothing is to decide on, and no wire to thread
     with pytest.raises(InputError, match="under way"):
         part.simulation.begin_pass(part.path, ())
     with pytest.raises(InputError, match="no wire broke"):
