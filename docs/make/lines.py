@@ -23,7 +23,7 @@ FEEDS = (range(100, 124), tuple(f"fixed:feed_um_s={feed}" for feed in (12, 16, 2
 TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
     "GapFeed": FEEDS,
     "HeightStep": FEEDS,
-    "Corner": (range(200, 212), (
+    "Corner": (range(200, 248), (
         *(f"{SET_POINT}0.5,on_factor={on:g},period_factor={period:g}" for on in (1.0, 0.7)
           for period in (0.35, 0.5, 0.7, 1.0)),
         *(f"{SET_POINT}{share:g},{CORNER_PULSES}" for share in (0.3, 0.4, 0.6, 0.7)),
