@@ -127,7 +127,7 @@ class FittedConstant(NamedTuple):
     remark: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """Result of a calibration."""
 

@@ -202,11 +202,10 @@ class Machine(SetUp):
 
         None restores the files' constant, if any.
         """
-        known = {"tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields}
-        unknown = set(changes) - known
-        if unknown:
-            name = min(unknown)
-            raise InputError(f"a machine has no choice {name!r} to change; there are: {one_of(name, known)}")
+        known = ("tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields)
+        for name in changes:
+            if name not in known:
+                raise InputError(f"a machine has no choice {name!r} to change; there are: {one_of(name, known)}")
         machine = self.model_copy(update={name: _checked(name, value) for name, value in changes.items()})
         machine.check()
         return machine

@@ -161,7 +161,7 @@ def test_the_same_again_from_a_snapshot_or_copy_to_the_bit(mechanics):
         ends.append((again.samples("x").tobytes(), rows))
     assert all(end == ends[0] for end in ends)
     copies[0].send(b"?")
-    assert copies[0].sending() and not bench.sending()
+    assert (copies[0].sending(), bench.sending()) == (True, False)
 
 
 def test_a_snapshot_of_other_drives_is_refused():
