@@ -52,6 +52,7 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
     return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))
 
 
+@refuses_wrong_types
 def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
     """Sample pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
