@@ -54,7 +54,7 @@ __all__ = ["TableMeasurement", "load_tables", "measure_table"]
 COVERAGE = 2.0  # standard deviations on either side of a mean that repeatability and accuracy take in (ISO 230-2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Positioning:
     """Deviations of an axis and the standard's figures, in um; targets in mm."""
 
@@ -111,7 +111,7 @@ class Positioning:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CircularTest:
     """True places of the table on a circle, in both directions."""
 
@@ -170,7 +170,7 @@ _INTERFEROMETER = data_of("interferometer")
 _BEYOND_MM = 1.0  # how far the first and the last point of a compensation table lie outside the travel (ours)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TableMeasurement:
     """Measurements of a table."""
 
