@@ -117,7 +117,7 @@ _Options = ParamSpec("_Options")
 class _Load(Protocol[_Options]):
     """What type checkers know of `Machine.load`: its keywords are those of the class that declares the options."""
 
-    def __call__(self, name: str = ..., *no: _Options.args, **options: _Options.kwargs) -> Machine: ...
+    def __call__(self, name: str | Path = ..., *no: _Options.args, **options: _Options.kwargs) -> Machine: ...
 
 
 def _loads(options: Callable[_Options, SetUpOptions]) -> Callable[[Callable[..., Machine]], _Load[_Options]]:

@@ -395,7 +395,9 @@ class Plant:
         self._pulses = np.zeros(WINDOW_PULSES, loop.PULSE)
         self._memory.put_own(pulses=self._pulses)
 
-    def advance(self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES) -> PulseWindow:
+    def advance(
+        self, steps: Sequence[tuple[int, int, int]] | NDArray[np.int64] = (), pulses: int = WINDOW_PULSES
+    ) -> PulseWindow:
         """Fire 255 pulses, or fewer.
 
         Parameters
@@ -423,7 +425,7 @@ class Plant:
             pulses = whole_within("pulses", pulses, 1, WINDOW_PULSES)
         return self._advance(steps, pulses)
 
-    def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
+    def _advance(self, steps: Sequence[tuple[int, int, int]] | NDArray[np.int64], pulses: int) -> PulseWindow:
         rows, place = _NO_STEPS, 0
         if len(steps):
             rows = np.array(steps, order="C")
@@ -461,7 +463,7 @@ class Plant:
         """
         self._state["broken"] = loop.BARE
 
-    def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
+    def advance_pulse(self, steps: Sequence[tuple[int, int, int]] | NDArray[np.int64] = ()) -> PulseWindow:
         """Fire one pulse, for studies of single pulses; breaks of the wire are not checked.
 
         Every pulse is a window with its crater carved at the end. This is slower, and the results differ from those
