@@ -55,6 +55,7 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else():
     (lambda: edmsim.controllers.found_gains("voltge"), "no feed controller 'voltge'.* did you mean 'voltage'"),
     (lambda: edmsim.controllers.check_controller(edmsim.controllers.make("fixed")), "make is FixedController.*class"),
     (lambda: axis.check_drive(axis.make("uhu")), r"make is <.*Uhu object at \w+>: give what returns a new drive"),
+    (lambda: edmsim.Machine("worn-table"), r"read from its files: edmsim.Machine.load\('worn-table'\)$"),
     (lambda: edmsim.Machine.load().sample(1), "rng cannot be 1: give np.random.Generator"),
     (lambda: edmsim.Machine.load().sample(None, only=5), "rng cannot be None"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), drives=5), r"drives cannot be 5: give Mapping\[str, AxisDrive\]"),

@@ -156,6 +156,12 @@ class Machine(SetUp):
     8.0
     """
 
+    def __init__(self, *unnamed: object, **parts: Any) -> None:
+        if unnamed or not parts:
+            names = ", ".join(map(repr, unnamed[:1]))
+            raise InputError(f"a machine is read from its files: edmsim.Machine.load({names})")
+        super().__init__(**parts)
+
     @staticmethod
     @_loads(SetUpOptions)
     def load(name: str | Path = USUAL_MACHINE, **options: Any) -> Machine:
