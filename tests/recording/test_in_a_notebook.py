@@ -14,6 +14,7 @@ from PIL import Image
 import edmsim
 from edmsim.errors import InputError
 from edmsim.program.path import CutPath, WireContour
+from edmsim.recording.cut_folder import RecordedCut
 from edmsim.recording.scene import PassFace, Terrace
 from edmsim.recording.windows import traces
 
@@ -34,7 +35,8 @@ def result(cut):
 
 def test_what_is_worked_with_is_said_in_a_few_lines(result):
     plant = edmsim.Plant(result.machine, resolution="fast")
-    for shown in (result, result.machine, plant, result.path, result.scene):
+    recorded = RecordedCut(result.report, result.windows, result.scene)
+    for shown in (result, result.machine, plant, result.path, result.scene, recorded):
         lines = repr(shown).splitlines()
         assert len(lines) <= 6
         assert max(map(len, lines)) < 240
