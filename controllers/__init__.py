@@ -64,16 +64,33 @@ def choices(*, cutting: bool = False) -> tuple[str, ...]:
     return (*kinds, *(f"{kind}:FILE" for kind in user_code.MAKERS), "own.py:Own")
 
 
-@cache
+@refuses_wrong_types
 def found_gains(name: str) -> dict[str, float]:
     """Return the gains found by a search for a controller or its law, ``models/gains/NAME.toml``; may be empty.
+
+    Raises
+    ------
+    InputError
+        If there is no such controller.
 
     Examples
     --------
     >>> found_gains("voltage")["reference_V"]
     7.99
     """
-    file = resources.files("edmsim.models") / "gains" / f"{SAME_LAW.get(name, name)}.toml"
+    _kind(name)
+    return {**_gains_file(SAME_LAW.get(name, name))}
+
+
+def _kind(name: str) -> _Kind:
+    if name not in _CONTROLLERS:
+        raise InputError(f"there is no feed controller {name!r}; choose one of {one_of(name, names())}")
+    return _CONTROLLERS[name]
+
+
+@cache
+def _gains_file(name: str) -> dict[str, float]:
+    file = resources.files("edmsim.models") / "gains" / f"{name}.toml"
     if not file.is_file():
         return {}
     return {key: float(value) for key, value in tomllib.loads(file.read_text(encoding="utf-8"))["gains"].items()}
@@ -100,9 +117,7 @@ def make(name: str, **parameters: float) -> FeedController:
     >>> make("fixed", feed_um_s=20.0).name
     'fixed'
     """
-    if name not in _CONTROLLERS:
-        raise InputError(f"there is no feed controller {name!r}; choose one of {one_of(name, names())}")
-    kind = _CONTROLLERS[name]
+    kind = _kind(name)
     known = [field.name for field in fields(kind) if field.init]
     for parameter in parameters:
         if parameter not in known:

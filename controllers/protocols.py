@@ -3,7 +3,7 @@
 import json
 import math
 from dataclasses import fields
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,9 @@ class FeedCommand(NamedTuple):
 class FeedController(Protocol):
     """Sets the feed, window by window."""
 
-    name: ClassVar[str]
+    @property
+    def name(self) -> str:
+        """Its name in reports and messages, usually an attribute of the class."""
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg: a stretch of the program between two stops, that is threading, a dwell or the end.

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from edmsim.controllers.axis.eanpos.drive import Eanpos, Resources, parameter_name, state_name
 from edmsim.controllers.axis.eanpos.registers import COMMANDS, DEVICE
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 
 # QCL text: lines without comments, the words of a line, and the problems of a text.
 
@@ -175,6 +175,7 @@ class Configuration:
         return {name for group in groups for name in group}
 
 
+@refuses_wrong_types
 def read_configuration(text: str, file: str | None = None) -> Configuration:
     """Read a configuration; `file` is its name in errors.
 
@@ -358,6 +359,7 @@ class Statement(NamedTuple):
 QclProgram = tuple[Statement, ...]
 
 
+@refuses_wrong_types
 def read_program(text: str, configuration: Configuration, file: str | None = None) -> QclProgram:
     """Read a program; a configuration declares its names; `file` is its name in errors.
 

@@ -117,6 +117,8 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     >>> from edmsim import controllers
     >>> controllers.check_controller(lambda: controllers.make("voltage"))
     """
+    if not callable(make):
+        raise InputError(f"make is {make!r}: give what returns a new controller, for example its class")
     for counts in _every_kind():
         _check_with(make, counts)
 

@@ -54,7 +54,7 @@ __all__ = ["TableMeasurement", "load_tables", "measure_table"]
 COVERAGE = 2.0  # standard deviations on either side of a mean that repeatability and accuracy take in (ISO 230-2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Positioning:
     """Deviations of an axis and the standard's figures, in um; targets in mm."""
 
@@ -111,7 +111,7 @@ class Positioning:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CircularTest:
     """True places of the table on a circle, in both directions."""
 
@@ -170,7 +170,7 @@ _INTERFEROMETER = data_of("interferometer")
 _BEYOND_MM = 1.0  # how far the first and the last point of a compensation table lie outside the travel (ours)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TableMeasurement:
     """Measurements of a table."""
 
@@ -354,6 +354,7 @@ _SMOOTHED_MM = 1.0  # length along the edge over which the wall is averaged: its
 _STEP_MM = 0.02
 
 
+@refuses_wrong_types
 def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
     """Draw measurements of a table, once or before and after compensation.
 
@@ -368,14 +369,21 @@ def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
         Deviations of x and of y along their own axes, in both directions (thin lines) and their mean; of y along x;
         and the circular test.
     """
-    from matplotlib.figure import Figure
+    from edmsim.recording.figures.style import NotebookFigure, own_style
 
-    figure = Figure(figsize=(9.0, 6.4), layout="constrained")
-    for place, pair in enumerate((("x", "x"), ("y", "y"), ("y", "x")), 1):
-        _draw(figure.add_subplot(2, 2, place), pair, measured)
-    polar: PolarAxes = figure.add_subplot(2, 2, 4, projection="polar")  # type: ignore[assignment]
-    _draw_circles(polar, {name: found.circle for name, found in measured.items()})
+    _check_few(measured)
+    with own_style():
+        figure = NotebookFigure(figsize=(9.0, 6.4), layout="constrained")
+        for place, pair in enumerate((("x", "x"), ("y", "y"), ("y", "x")), 1):
+            _draw(figure.add_subplot(2, 2, place), pair, measured)
+        polar: PolarAxes = figure.add_subplot(2, 2, 4, projection="polar")  # type: ignore[assignment]
+        _draw_circles(polar, {name: found.circle for name, found in measured.items()})
     return figure
+
+
+def _check_few(measured: Mapping[str, TableMeasurement]) -> None:
+    if not 1 <= len(measured) <= len(_COLOURS):
+        raise InputError(f"a figure shows one or two measurements by name, not {len(measured)}")
 
 
 def _draw(axes: Axes, pair: tuple[str, str], measured: Mapping[str, TableMeasurement]) -> None:
@@ -403,6 +411,7 @@ def _draw_circles(axes: PolarAxes, circles: Mapping[str, CircularTest]) -> None:
     axes.set_title(f"radius on a circle of {radius:g} mm, um (clockwise dotted)", fontsize=9)
 
 
+@refuses_wrong_types
 def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, ErrorMap]) -> Figure:
     """Draw a table's pitch error before and after compensation, and its effect on the wall of a part.
 
@@ -414,13 +423,20 @@ def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, Err
         The same contour, cut with both and with a perfect table (``"perfect table"``), which is subtracted from
         the others: wire and process are the same.
     """
-    from matplotlib.figure import Figure
+    from edmsim.recording.figures.style import NotebookFigure, own_style
 
-    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
-    drawn = figure.subplot_mosaic([["x", "y"], ["part", "part"]])
-    for pair in (("x", "x"), ("y", "x")):
-        _draw(drawn[pair[0]], pair, measured)
-    axes = drawn["part"]
+    _check_few(measured)
+    with own_style():
+        figure = NotebookFigure(figsize=(9.0, 5.0), layout="constrained")
+        drawn = figure.subplot_mosaic([["x", "y"], ["part", "part"]])
+        for pair in (("x", "x"), ("y", "x")):
+            _draw(drawn[pair[0]], pair, measured)
+        _draw_part(drawn["part"], cuts)
+    return figure
+
+
+def _draw_part(axes: Axes, cuts: Mapping[str, ErrorMap]) -> None:
+    """Draw the walls of a part, less that of a perfect table."""
     perfect = cuts["perfect table"].error_um
     names = [name for name in cuts if name != "perfect table"]
     for colour, name in zip(_COLOURS, names, strict=False):
@@ -430,7 +446,6 @@ def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, Err
     axes.set(title="the part's wall, less that of a perfect table", xlabel="along the edge, mm", ylabel="error, um")
     axes.grid(color=GRID)
     axes.legend(fontsize=8)
-    return figure
 
 
 def _smoothed(values: Floats) -> Floats:

@@ -6,6 +6,7 @@
 """
 
 import math
+import sys
 from dataclasses import fields
 from numbers import Integral, Real
 from typing import Annotated, Any
@@ -15,6 +16,7 @@ from pydantic import BeforeValidator
 
 from edmsim.errors import InputError
 
+_MOST = sys.float_info.max  # a whole number may be greater
 
 def _scalar(value: object) -> object:
     """Return what an array without a dimension holds."""
@@ -57,7 +59,7 @@ def keep_plain(record: Any) -> None:
 def finite(name: str, value: object, least: float = -math.inf) -> float:
     """Return an argument as a number; refuse anything else, infinity, NaN, or less than `least`."""
     number = real(value)
-    if number is None or not least <= number < math.inf or number == -math.inf:
+    if number is None or not least <= number <= _MOST or number < -_MOST:
         from_least = f" of {least:g} or more" if least > -math.inf else ""
         raise InputError(f"{name} is {value!r}: give a finite number{from_least}")
     return number
@@ -74,7 +76,7 @@ def whole_from(name: str, value: object, least: int | None = None) -> int:
 def above_zero(name: str, value: float, most: float = math.inf) -> None:
     """Refuse an argument that is not a number above 0 and at most `most`."""
     number = real(value)
-    if number is None or not (0 < number <= most and math.isfinite(number)):
+    if number is None or not 0 < number <= min(most, _MOST):
         up_to = f" and at most {most:g}" if math.isfinite(most) else ""
         raise InputError(f"{name} is {value!r}: give a number above 0{up_to}")
 

@@ -198,12 +198,23 @@ def _done_elsewhere(
     engine: Engine, work: Function, jobs: Sequence[tuple[int, Any]], saved: Callable[[int, Any], Any]
 ) -> Iterator[tuple[tuple[int, Any], Any]]:
     """Yield numbered jobs with their answers; an error of a job is raised here."""
+    if isinstance(engine, Processes):
+        _refuse_not_importable(work)
     for (number, _, job), answer in engine.done(_attempted, ((number, work, job) for number, job in jobs)):
         if isinstance(answer, LostJob):
             raise EdmsimError(answer.why)
         if isinstance(answer, Exception):
             raise answer
         yield (number, job), saved(number, answer)
+
+
+def _refuse_not_importable(work: Function) -> None:
+    """Refuse a function of a notebook, of a script, or within another, which a new process does not have."""
+    function = getattr(work, "func", work)  # of a partial
+    name = getattr(function, "__qualname__", "")
+    if function.__module__ == "__main__" or "<" in name:
+        raise InputError(f"other processes cannot import {name or work!r}: define it in a module, or use threads, "
+                         "engine=None")
 
 
 def _attempted(numbered: tuple[int, Function, Any]) -> Any:

@@ -44,7 +44,7 @@ def test_whole_numbers_are_distinguished_from_others():
             whole_from("it", value, 1)
 
 
-@pytest.mark.parametrize("value", [*NONE, math.inf, -math.inf, Fraction(10**400)], ids=kind_of)
+@pytest.mark.parametrize("value", [*NONE, math.inf, -math.inf, Fraction(10**400), -10**400], ids=kind_of)
 def test_what_is_no_finite_number_is_refused(value):
     with pytest.raises(InputError, match=r"it is .*: give a finite number"):
         finite("it", value)

@@ -210,6 +210,8 @@ def check_drive(make: Callable[[], Drive]) -> None:
     >>> from edmsim.controllers import axis
     >>> check_drive(lambda: axis.make("servo"))
     """
+    if not callable(make):
+        raise InputError(f"make is {make!r}: give what returns a new drive, for example its class")
     drive = make()
     if not isinstance(drive, Drive):
         raise InputError(f"{drive!r} is not a drive: it lacks name, record, motor, sample or line")

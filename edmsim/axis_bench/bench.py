@@ -95,9 +95,9 @@ class AxisBench:
             place_um[:2] = machine.base.table.centre_um
         self._drives.switch_on(place_um, whole_from("seed", seed))
         self._state = np.zeros(1, STATE)
-        self._table = table_mechanics(machine, _LONGEST_US) if machine and mechanics == "mujoco" else None
-        if self._table is not None:
-            self._put_into(self._table, place_um)
+        self._state["commanded_um"] = self._state["axis_um"] = place_um
+        self._table_of = machine if mechanics == "mujoco" else None
+        self._table = self._make_table()
         self._now_ns = 0
         self.trace = False
         self._moves: NDArray[np.void] = np.zeros(0, MOVE)
@@ -110,14 +110,26 @@ class AxisBench:
         for name in self.names:
             self._power_up(name)
 
-    def _put_into(self, table: TableMechanics, place_um: NDArray[np.float64]) -> None:
-        """Put the motors into MuJoCo's model; an axis without one rests under its stepper."""
-        self._state["commanded_um"] = self._state["axis_um"] = place_um
-        for axis in range(2):
-            table.link.qpos[table.link.carriage[axis]] = place_um[axis] * 1e-6
-            table.link.qpos[table.link.rotor[axis]] = place_um[axis] * table.link.rad_per_um[axis]
+    def _make_table(self) -> TableMechanics | None:
+        """Make MuJoCo's model, if any, with the motors in it; an axis without one rests under its stepper."""
+        if self._table_of is None:
+            return None
+        table = table_mechanics(self._table_of, _LONGEST_US)
+        for axis, place_um in enumerate(self._state["axis_um"][0, :2]):
+            table.link.qpos[table.link.carriage[axis]] = place_um * 1e-6
+            table.link.qpos[table.link.rotor[axis]] = place_um * table.link.rad_per_um[axis]
             if self._drives.has_loop(axis):
                 table.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
+        return table
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a pickle or copy needs, without MuJoCo's model, which has addresses."""
+        return {**vars(self), "_table": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Continue where the copied bench is."""
+        vars(self).update(state)
+        self._table = self._make_table()
 
     @property
     def time_s(self) -> float:
@@ -423,11 +435,17 @@ class AxisBench:
         """Return the state: drives, axes, pending steps and time. The serial lines must be idle."""
         return {
             **self._drives.snapshot(), "motors": self._drives.axes.motors.copy(), "moves": self._moves.copy(),
-            "unplugged": self._unplugged.copy(), "time_ns": self._now_ns,
+            "unplugged": self._unplugged.copy(), "time_ns": self._now_ns, "drives_of": self._drive_names(),
         }
 
+    def _drive_names(self) -> dict[str, str]:
+        return {name: self.drive(name).name for name in self.names}
+
     def restore(self, state: dict[str, Any]) -> None:
-        """Restore a `snapshot` of the same drives; it continues bit for bit."""
+        """Restore a `snapshot` of the same drives; it continues bit for bit. Others raise `InputError`."""
+        own, theirs = self._drive_names(), state.get("drives_of")
+        if theirs != own:
+            raise InputError(f"this is not a snapshot of a bench with the drives {own}, but with {theirs}")
         self._drives.restore(state)
         self._drives.axes.motors[:] = state["motors"]
         self._moves, self._now_ns = state["moves"].copy(), state["time_ns"]

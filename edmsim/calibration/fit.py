@@ -119,7 +119,7 @@ class FittedConstant(NamedTuple):
     remark: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """Result of a calibration."""
 

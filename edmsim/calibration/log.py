@@ -297,7 +297,7 @@ PLACES_SHARE = 0.5
 _SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)  # columns of which negative numbers are taken
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Log:
     """A machine's log, window by window."""
 

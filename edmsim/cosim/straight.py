@@ -196,7 +196,7 @@ PULSES = 4096
 """Pulses looked at (ours: the spectrum's lines are some 20 Hz apart at 100 us, and a share is known to 1 %)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PulseSample:
     """Single pulses of a straight cut at a fixed feed in steady state."""
 

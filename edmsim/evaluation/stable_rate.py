@@ -9,9 +9,10 @@ from functools import partial
 from statistics import fmean
 from typing import Literal, NamedTuple
 
-from edmsim.controllers import FeedController, from_text
+from edmsim.controllers import FeedController
 from edmsim.cosim.straight import Cut, Traverse, begin
 from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.job.cut import make_controller
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import busy_us, least_period_us, period_range_us
 from edmsim.plant.window import PlantError
@@ -118,7 +119,7 @@ def highest_stable_rate(
     feed = quick_counts(OPEN_SHARE) if controller is None else controller
     runs = [
         shorten_pauses(
-            first, seed, from_text(feed), hold_s=hold_s, approach_s=approach_s, resolution=resolution,
+            first, seed, make_controller(feed), hold_s=hold_s, approach_s=approach_s, resolution=resolution,
             watch=None if watch is None else partial(watch, seed),
         )
         for seed in seeds

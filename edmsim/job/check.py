@@ -10,6 +10,7 @@ import numpy as np
 
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import kind_of
+from edmsim.errors import refuses_wrong_types
 from edmsim.job.cut import Passes, planned, read_program, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
@@ -65,6 +66,7 @@ class Check:
         return self.cutting_s + self.waiting_s
 
 
+@refuses_wrong_types
 def check(program: str | Path, settings: CutSettings) -> Check:
     """Read a program, offset it and estimate its time for the lowest height, as for a cut with these settings."""
     read = read_program(program, settings)

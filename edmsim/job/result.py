@@ -19,6 +19,7 @@ from edmsim.job.inspection import inspect, totals
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.metrology.edges import contour, without_specks
+from edmsim.numeric import real
 from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
@@ -51,6 +52,7 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
     return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))
 
 
+@refuses_wrong_types
 def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
     """Sample pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
@@ -74,7 +76,7 @@ def sample_or_reason(report: Report, windows: pa.Table) -> PulseSample | str:
         return str(error)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CutResult:
     """Results of a cut."""
 
@@ -192,8 +194,12 @@ class CutResult:
         Raises
         ------
         InputError
-            If the time between samples is below 0.001 us, or the file cannot be written.
+            If the time between samples is below 0.001 us, a limit of the span is not a number, or the file cannot be
+            written.
         """
+        for name, time_s in (("begin_s", begin_s), ("end_s", end_s)):
+            if real(time_s) is None or math.isnan(time_s):
+                raise InputError(f"{name} is {time_s!r}: give a machine time in s")
         check_suffix(Path(file), "a file of traces", ".parquet")
         make_writable(Path(file).parent)
         rows = self.closeups.table()

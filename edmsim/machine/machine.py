@@ -117,7 +117,7 @@ _Options = ParamSpec("_Options")
 class _Load(Protocol[_Options]):
     """What type checkers know of `Machine.load`: its keywords are those of the class that declares the options."""
 
-    def __call__(self, name: str = ..., *no: _Options.args, **options: _Options.kwargs) -> Machine: ...
+    def __call__(self, name: str | Path = ..., *no: _Options.args, **options: _Options.kwargs) -> Machine: ...
 
 
 def _loads(options: Callable[_Options, SetUpOptions]) -> Callable[[Callable[..., Machine]], _Load[_Options]]:
@@ -151,6 +151,12 @@ class Machine(SetUp):
     >>> machine.with_(tension=8.0).tension
     8.0
     """
+
+    def __init__(self, *unnamed: object, **parts: Any) -> None:
+        if unnamed or not parts:
+            names = ", ".join(map(repr, unnamed[:1]))
+            raise InputError(f"a machine is read from its files: edmsim.Machine.load({names})")
+        super().__init__(**parts)
 
     @staticmethod
     @_loads(SetUpOptions)
@@ -198,11 +204,10 @@ class Machine(SetUp):
 
         None restores the files' constant, if any.
         """
-        known = {"tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields}
-        unknown = set(changes) - known
-        if unknown:
-            name = min(unknown)
-            raise InputError(f"a machine has no choice {name!r} to change; there are: {one_of(name, known)}")
+        known = ("tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields)
+        for name in changes:
+            if name not in known:
+                raise InputError(f"a machine has no choice {name!r} to change; there are: {one_of(name, known)}")
         machine = self.model_copy(update={name: _checked(name, value) for name, value in changes.items()})
         machine.check()
         return machine

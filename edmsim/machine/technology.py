@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine, read
 from edmsim.machine.options import available
 from edmsim.machine.parts import Part
@@ -132,6 +132,7 @@ class Technology(Part):
             raise ValueError("heights must rise")
         return self
 
+    @refuses_wrong_types
     def table(self, height_mm: float, passes: int) -> PassTable:
         """Return offsets and settings for a height and a number of passes, interpolated between heights.
 

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 
 CRATER_DEPTH_RATIO = 0.067
@@ -25,6 +25,7 @@ LAYERS, LEFT_OUT = 20, 8
 """Craters are laid until they have covered the surface so often, and Ra is not looked at before so often (ours)."""
 
 
+@refuses_wrong_types
 def roughness_um(crater_volume_um3: float, depth_ratio: float = CRATER_DEPTH_RATIO) -> float:
     """Estimate Ra in um of a surface from the mean volume of its craters.
 

@@ -209,7 +209,7 @@ class Plant:
         """
         if machine is not None:
             self._set_up(machine, self._drives.options)
-        key = key_of(whole_from("seed", seed))
+        key = key_of(whole_from("seed", seed, 0))
         centre_um = self._first_machine.base.table.centre_um
         position_um = centre_um if position_um is None else self._checked_place(position_um)
         self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
@@ -256,10 +256,7 @@ class Plant:
         InputError
             If machine, wire, material or height differ: they cannot change during a cut.
         """
-        first = self._first_machine
-        for name in ("base", "wire", "wire_diameter_um", "material", "height_mm"):
-            if getattr(machine, name) != getattr(first, name):
-                raise InputError(f"a set-up with another {name} cannot go on with this cut: begin another one")
+        self._check_goes_on(machine)
         table_q = self._arrays.table_q.copy()
         lost = self._model.snapshot() if isinstance(self._model, FullMechanics) else {}
         self._set_up_setting(machine)
@@ -270,6 +267,12 @@ class Plant:
             self._arrays.table_q[:] = table_q
             self._model.restore(lost)
 
+    def _check_goes_on(self, machine: Machine, *more: str) -> None:
+        """Refuse a set-up that differs in what cannot change during a cut."""
+        for name in ("base", "wire", "wire_diameter_um", "material", "height_mm", *more):
+            if getattr(machine, name) != getattr(self._first_machine, name):
+                raise InputError(f"a set-up with another {name} cannot go on with this cut: begin another one")
+
     def drift(self, machine: Machine) -> None:
         """Change the water during a cut; nothing else changes or comes to rest.
 
@@ -277,8 +280,15 @@ class Plant:
         ----------
         machine : Machine
             The plant's, with another dielectric and other nozzle pressures; the present pulse setting stays.
+
+        Raises
+        ------
+        InputError
+            If it differs in wire, material, height, tension, or anything else of the machine.
         """
-        now = self.machine
+        now, water = self.machine, {"dielectric": self._first_machine.base.dielectric}
+        same_water = machine.model_copy(update={"base": machine.base.model_copy(update=water)})
+        self._check_goes_on(same_water, "tension")
         machine.with_pulses(now.t_on_us, now.t_period_us)  # refused before anything is changed
         self._first_machine = machine
         self._take_constants()
@@ -385,7 +395,9 @@ class Plant:
         self._pulses = np.zeros(WINDOW_PULSES, loop.PULSE)
         self._memory.put_own(pulses=self._pulses)
 
-    def advance(self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES) -> PulseWindow:
+    def advance(
+        self, steps: Sequence[tuple[int, int, int]] | NDArray[np.int64] = (), pulses: int = WINDOW_PULSES
+    ) -> PulseWindow:
         """Fire 255 pulses, or fewer.
 
         Parameters
@@ -409,14 +421,16 @@ class Plant:
             If the wire broke in an earlier window (`WireBrokenError`), or the model left its valid range
             (`WireLostError`, `WireInMetalError`, `NotFiniteError`).
         """
-        if not 1 <= pulses <= WINDOW_PULSES:
-            raise InputError(f"a window has 1 to {WINDOW_PULSES} pulses, not {pulses}")
+        if type(pulses) is not int or not 1 <= pulses <= WINDOW_PULSES:
+            pulses = whole_within("pulses", pulses, 1, WINDOW_PULSES)
         return self._advance(steps, pulses)
 
-    def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
+    def _advance(self, steps: Sequence[tuple[int, int, int]] | NDArray[np.int64], pulses: int) -> PulseWindow:
         rows, place = _NO_STEPS, 0
         if len(steps):
             rows = np.array(steps, order="C")
+            if rows.dtype != np.int64 and rows.dtype.kind in "iu":
+                rows = rows.astype(np.int64)
             if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype != np.int64:
                 raise InputError("steps are rows of time_ns, axis and direction, in whole numbers, not an array of "
                                  f"shape {rows.shape} and type {rows.dtype}")
@@ -449,7 +463,7 @@ class Plant:
         """
         self._state["broken"] = loop.BARE
 
-    def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
+    def advance_pulse(self, steps: Sequence[tuple[int, int, int]] | NDArray[np.int64] = ()) -> PulseWindow:
         """Fire one pulse, for studies of single pulses; breaks of the wire are not checked.
 
         Every pulse is a window with its crater carved at the end. This is slower, and the results differ from those

@@ -37,7 +37,7 @@ def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None
     for name, own in like.items():
         stored = state.get(name)
         rows = slice(1, None) if name in ("field.tiles", "field.gone") else slice(None)
-        if stored is None or stored.dtype != own.dtype or stored.shape[rows] != own.shape[rows]:
+        if not isinstance(stored, np.ndarray) or stored.dtype != own.dtype or stored.shape[rows] != own.shape[rows]:
             raise InputError(f"this is not a snapshot of this plant: its {name} is missing or of another kind")
         if not _all_numbers(stored):
             raise InputError(f"the snapshot's {name} holds something that is not a number")

@@ -17,7 +17,7 @@ Corners = Literal["sharp", "conical", "cylindrical", "rounded"]
 """What a corner or an arc of the program plane becomes at another height."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Taper:
     """Inclination of the wire along an outline."""
 
@@ -31,7 +31,7 @@ class Taper:
     second_plane_mm: float | None = None  # height of the plane of `upper_mm`; by default the workpiece's upper face
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outline:
     """One edge or wire path as drawn, in the program's coordinates."""
 
@@ -74,7 +74,7 @@ class Outline:
         return f"the contour from X{x:.3f} Y{y:.3f}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Program:
     """All outlines of a part program, in cutting order."""
 

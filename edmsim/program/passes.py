@@ -71,7 +71,7 @@ def check_offsets(offsets_mm: Sequence[float], line: int | None = None) -> None:
                          line=line)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CutPass:
     """One pass of the wire along a contour, in table coordinates."""
 

@@ -170,7 +170,7 @@ _SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WireContour:
     """One cut from threading the wire to cutting it off, in table coordinates."""
 
@@ -274,7 +274,7 @@ class Conditions(NamedTuple):
 NO_CONDITIONS = Conditions()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CutPath:
     """The whole job, contour by contour; the wire is cut and threaded between them."""
 

@@ -597,7 +597,7 @@ def _without_standstill(wall: Ruled, wire: Ruled) -> tuple[Ruled, Ruled]:
 # The way of a wire that may lean: where its guides go, where it is at every height, and how long its path is.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lean:
     """How a wire leans along a path."""
 

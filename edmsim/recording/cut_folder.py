@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of
-from edmsim.recording.report import Report, cut_id
+from edmsim.recording.report import Report, cut_id, outcome_text
 from edmsim.recording.scene import Scene, read_scene
 from edmsim.recording.windows import CUT_KEY, read_windows
 
@@ -24,6 +24,10 @@ class RecordedCut(NamedTuple):
     report: Report
     windows: pa.Table
     scene: Scene
+
+    def __repr__(self) -> str:
+        """Say which cut it is and how it ended: report and windows fill pages."""
+        return f"<RecordedCut of {self.title}: {outcome_text(self.report)}, {self.windows.num_rows} windows>"
 
     @property
     def title(self) -> str:

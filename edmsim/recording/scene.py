@@ -26,7 +26,7 @@ SPECK_SHARE = 0.01  # of the wire's cross-section: specks are less (ours: a crat
 Polylines = tuple[NDArray[np.float64], ...]  # lines of shape (n, 2) in mm on the table
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ErrorMap:
     """One nominal edge and the profile error along it."""
 
@@ -73,7 +73,7 @@ class ErrorMap:
         return tuple(self.points_mm[run] for run in runs if len(run) > 1 and away[run[0]])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Terrace:
     """Upper faces of a stepped workpiece at one height: their outlines, and the height in mm."""
 
@@ -81,7 +81,7 @@ class Terrace:
     height_mm: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PassFace:
     """The cut face of a contour as a pass left it."""
 
@@ -92,7 +92,7 @@ class PassFace:
     error_um: NDArray[np.float64]  # (slices, n): profile error there, from the lowest slice: positive is metal left
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """The drawing of one cut."""
 

@@ -417,7 +417,7 @@ class Frames(ArraySnapshots, Observer):
     @property
     def rows(self) -> NDArray[np.void]:
         """Frames stored, (n,): machine time, guides on the table, place along the path, wire minus guides, gas."""
-        return self._thinned.rows
+        return self._thinned.rows.copy()
 
 
 PULSES = 96  # the last pulses of a window, which are what is kept of it

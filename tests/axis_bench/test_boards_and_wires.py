@@ -1,5 +1,7 @@
 """What the bench's boards do: step pulses, fault net, time to compute, watchdog, reset, serial line; and how fast."""
 
+import copy
+import pickle
 import time
 
 import numpy as np
@@ -141,7 +143,7 @@ def test_a_stream_from_the_sample_reaches_the_terminal():
 
 
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
-def test_the_same_again_from_a_snapshot_to_the_bit(mechanics):
+def test_the_same_again_from_a_snapshot_or_copy_to_the_bit(mechanics):
     drives = {"x": axes.tuned("servo-module"), "v": axes.tuned("uhu")}
     bench = AxisBench(drives, mechanics=mechanics)
     bench.unplug("v", "step")
@@ -149,13 +151,24 @@ def test_the_same_again_from_a_snapshot_to_the_bit(mechanics):
         bench.steps(axis, 50, 400.0, 50_000.0)
     bench.run(0.05)
     state, ends = bench.snapshot(), []
-    for again in (bench, bench, AxisBench(drives, mechanics=mechanics)):
-        again.restore(state)
+    copies = copy.deepcopy(bench), pickle.loads(pickle.dumps(bench))
+    for again in (bench, bench, AxisBench(drives, mechanics=mechanics), *copies):
+        if again not in copies:
+            again.restore(state)
         again.trace = True
         again.run(0.1)
         rows = [row.tobytes() for name in "xv" for row in (again.axis(name), again.drive(name).record)]
         ends.append((again.samples("x").tobytes(), rows))
-    assert ends[0] == ends[1] == ends[2]
+    assert all(end == ends[0] for end in ends)
+    copies[0].send(b"?")
+    assert (copies[0].sending(), bench.sending()) == (True, False)
+
+
+def test_a_snapshot_of_other_drives_is_refused():
+    bench = bench_of()
+    for other in ({}, AxisBench({"y": axes.make("uhu")}).snapshot()):
+        with pytest.raises(InputError, match="not a snapshot of a bench with the drives"):
+            bench.restore(other)
 
 
 @pytest.mark.parametrize(("wrong", "reason"), [

@@ -108,6 +108,7 @@ def test_a_feed_controller_may_be_named(machine):
     ({"approach_s": math.inf}, "approach_s inf must be finite"),
     ({"longest_period_us": 12.0}, "above the generator's 2 A"),
     ({"longest_period_us": 20_000.0}, "t_period 20000 us is not within"),
+    ({"controller": "oracle"}, "looks at the true gap, which no machine shows"),
     ({"controller": "genius"}, "genius"), ({"resolution": "superb"}, "superb"),
 ])  # fmt: skip
 def test_what_cannot_be_searched_is_refused_in_one_line(machine, options, said):

@@ -94,6 +94,10 @@ def test_the_figure_shows_before_and_after():
     figure = table_figure({"as it is": found, "compensated": found})
     assert len(figure.axes) == 4
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["as it is", "compensated"]
+    assert hasattr(figure, "_repr_png_")
+    for count in (0, 3):
+        with pytest.raises(InputError, match=f"one or two measurements by name, not {count}"):
+            table_figure({str(number): found for number in range(count)})
 
 
 LOWER_MM, UPPER_MM = 0.1, -0.06

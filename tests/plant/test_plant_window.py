@@ -165,6 +165,8 @@ def test_steps_move_the_commanded_position_by_two_um(machine):  # T-16
     plant = far(machine)
     plant.advance([(1_000_000, 0, 1), (2_000_000, 0, 1), (3_000_000, 1, -1)])
     assert plant.commanded_um == (10_004.0, 19_998.0)
+    plant.advance(np.array([(plant.time_ns + 1_000_000, 0, 1)], np.int32))
+    assert plant.commanded_um == (10_006.0, 19_998.0)
 
 
 def test_a_step_at_the_end_of_a_window_belongs_to_the_next(machine):
@@ -251,7 +253,7 @@ def test_a_plant_without_a_window_yet_says_so(machine):
     plant = edmsim.Plant(machine, resolution="fast")
     with pytest.raises(edmsim.InputError, match="no window yet: advance it first"):
         plant.window()
-    for steps, pulses, said in ((None, 255, "steps cannot be None"), ((), 2.5, "pulses cannot be 2.5: give int")):
+    for steps, pulses, said in ((None, 255, "steps cannot be None"), ((), 2.5, "pulses is 2.5: give a whole number")):
         with pytest.raises(edmsim.InputError, match=said):
             plant.advance(steps, pulses)
     assert plant.advance() == plant.window()

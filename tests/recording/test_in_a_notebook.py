@@ -1,6 +1,7 @@
 """What a notebook shows of a cut: a few lines, a card with table and picture, figures that show by themselves."""
 
 import base64
+import copy
 import io
 import re
 from dataclasses import replace
@@ -13,6 +14,7 @@ from PIL import Image
 import edmsim
 from edmsim.errors import InputError
 from edmsim.program.path import CutPath, WireContour
+from edmsim.recording.cut_folder import RecordedCut
 from edmsim.recording.scene import PassFace, Terrace
 from edmsim.recording.windows import traces
 
@@ -33,7 +35,8 @@ def result(cut):
 
 def test_what_is_worked_with_is_said_in_a_few_lines(result):
     plant = edmsim.Plant(result.machine, resolution="fast")
-    for shown in (result, result.machine, plant, result.path, result.scene):
+    recorded = RecordedCut(result.report, result.windows, result.scene)
+    for shown in (result, result.machine, plant, result.path, result.scene, recorded):
         lines = repr(shown).splitlines()
         assert len(lines) <= 6
         assert max(map(len, lines)) < 240
@@ -95,7 +98,20 @@ def test_a_file_of_samples_has_every_pulse_as_the_model_had_it(result, tmp_path)
 def test_samples_need_a_time_between_them(result, tmp_path, every_us):
     with pytest.raises(InputError, match=r"must be 0\.001 us or more"):
         result.write_traces(tmp_path / "traces.parquet", every_us=every_us)
+    for limits in ({"begin_s": np.nan}, {"end_s": True}):
+        with pytest.raises(InputError, match=r"_s is (nan|True): give a machine time in s"):
+            result.write_traces(tmp_path / "traces.parquet", **limits)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_result_and_what_it_holds_are_compared_and_hashed_as_objects(result):
+    for held in (result, result.path, result.path.contours[0], result.scene, result.scene.maps[0]):
+        alike = copy.deepcopy(held)
+        assert held == held
+        assert held != alike
+        assert len({held, alike}) == 2
+    result.frames.rows["t_s"] = -1.0
+    assert result.frames.rows["t_s"].min() >= 0.0
 
 
 def test_pictures_are_in_the_coordinates_of_the_program(result):

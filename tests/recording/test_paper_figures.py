@@ -27,7 +27,7 @@ from edmsim.recording.figures.cut import (
     spectrum_figure,
     wire_frequencies_hz,
 )
-from edmsim.recording.figures.style import WIDTH_IN
+from edmsim.recording.figures.style import WIDTH_IN, write_figure
 from edmsim.recording.report import HeightError, KerfSlice, PassFigures, Report, Wall
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import WindowTable
@@ -53,6 +53,25 @@ def made_up(delay_us, open_, deflection_um=None):
     delays = np.concatenate([delay_us, np.full(open_, np.nan)])
     moved = np.zeros((len(kind), 5, 2)) if deflection_um is None else deflection_um
     return PulseSample(edmsim.Machine.load(), 25.0, 100.0, kind, delays, moved)
+
+
+def test_a_style_of_the_user_does_not_get_into_the_figures(cut):
+    with matplotlib.rc_context({"axes.facecolor": "black", "text.usetex": True, "text.color": "white"}):
+        figure = kerf_figure(cut.report)
+        assert matplotlib.rcParams["axes.facecolor"] == "black"
+    assert all(axes.get_facecolor() == (1, 1, 1, 1) for axes in figure.axes)
+    assert not any(text.get_usetex() for text in figure.findobj(matplotlib.text.Text))
+
+
+@pytest.mark.parametrize(("draw", "said"), [
+    (lambda cut: kerf_figure(None), "report cannot be None: give Report"),
+    (lambda cut: corner_figure(cut.scene, cut.windows, 1.0), r"corner cannot be 1\.0: give int \| None"),
+    (lambda cut: write_figure(None, "a.png"), "figure cannot be None: give Figure"),
+])  # fmt: skip
+def test_what_a_figure_cannot_be_drawn_of_is_refused(cut, draw, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(edmsim.InputError, match=said):
+        draw(cut)
 
 
 @pytest.mark.slow

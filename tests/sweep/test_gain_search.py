@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from edmsim import models
-from edmsim.controllers import make
+from edmsim.controllers import found_gains, make
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK, Result
 from edmsim.sweep.tune import BOUNDS, training_seeds
@@ -63,6 +63,7 @@ def test_the_found_gains_are_used_and_name_their_command(name):
     text = models.path(f"gains/{name}.toml").read_text(encoding="utf-8")
     assert f"python docs/make/gains.py {name}" in text
     gains = tomllib.loads(text)["gains"]
+    found_gains(name).clear()
     assert set(gains) == set(BOUNDS[name])
     for gain, value in gains.items():
         low, high = BOUNDS[name][gain]

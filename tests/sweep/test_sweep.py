@@ -1,5 +1,6 @@
 """A sweep loses nothing and does nothing twice: engines, failures, interruptions, and what is read afterwards."""
 
+import functools
 import importlib
 import json
 import pickle
@@ -104,6 +105,12 @@ def test_a_job_that_cannot_be_sent_or_an_answer_that_cannot_be_read_ends_the_stu
         perform_jobs(failing.answer, [lambda: None], engine=Processes(1))
     with pytest.raises(EdmsimError, match=r"cannot be read: .*second"):
         perform_jobs(failing.unreadable, ["x"], engine=Processes(1))
+
+
+def test_work_that_another_process_cannot_import_is_refused():
+    for work in (lambda job: job, functools.partial(lambda by, job: by * job, 2)):
+        with pytest.raises(InputError, match=r"cannot import 'test_work.*<lambda>': define it in a module"):
+            perform_jobs(work, [1], engine=Processes(1))
 
 
 @pytest.mark.slow

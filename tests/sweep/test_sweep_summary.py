@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from edmsim.errors import InputError
 from edmsim.sweep.summary import KEYS, front_of, groups, pareto_front, sensitivities
 from edmsim.sweep.table import as_table, read
 
@@ -23,6 +24,12 @@ def table():
     ]  # fmt: skip
     rows[5] |= {"error": "it went wrong", "outcome": None, "cutting_rate_mm2_min": None, "ra_um": None}
     return as_table(rows)
+
+
+def test_settings_to_group_by_may_be_any_names_but_one_text(table):
+    assert len(groups(table, (name for name in ["height_mm"]))) == 3
+    with pytest.raises(InputError, match=r"by is the text 'height_mm': give a list of settings, as \['height_mm'\]"):
+        groups(table, "height_mm")
 
 
 def test_means_count_failures_and_leave_them_out(table):

@@ -207,6 +207,7 @@ def _read(kind: str, section: dict[str, Any], name: str, file: str | Path) -> Er
         raise InputError(f"{name}: {error.reason}", file) from None
 
 
+@refuses_wrong_types
 def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:
     """Return tables as text of a compensation file, after the comments."""
     lines = [f"# {line}".rstrip() for line in comments]
@@ -229,6 +230,7 @@ def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:
     return "\n".join(lines) + "\n"
 
 
+@refuses_wrong_types
 def load_tables(tables: Sequence[ErrorTable | Cam], file: str | Path | None = None) -> Elcam:
     """Load tables into an ELCAM of four axes in mm and the path, start them, and switch compensation on.
 

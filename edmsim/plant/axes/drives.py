@@ -261,6 +261,15 @@ class Drives:
         self.axes.drives[:] = state["drives"]
         self._connect()
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Be a copy: each drive's record is a row of the copied axes again."""
+        vars(self).update(state)
+        for k, name in enumerate(AXIS_NAMES):
+            drive = self.by_axis.get(name)
+            if drive is not None:
+                drive.record = self.axes.drives[k : k + 1]
+        self._connect()
+
     def _find_marks(self) -> None:
         """Take index marks and home cams as they are where the axes stand."""
         for k in self._looped:

@@ -26,6 +26,7 @@ from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.figures.profile import bands, draw_errors, draw_shares, label_corners, mark_pauses, time_unit
+from edmsim.recording.figures.style import in_style
 from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
 from edmsim.recording.windows import column, columns
@@ -34,6 +35,7 @@ _COLOURS = palette.SKY, palette.PURPLE, palette.GREEN, palette.BLUE, palette.ORA
 _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
 
 
+@in_style
 def shares_figure(scene: Scene) -> Figure:
     """Draw the profile error and its shares over the distance along the nominal edges, a panel each, on one scale."""
     figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
@@ -78,6 +80,7 @@ CORNER_REACH_MM = 0.4  # half the width of what a corner's detail shows (ours: k
 LABELLED = 6  # corners whose error is written beside them: the worst ones
 
 
+@in_style
 def error_figure(scene: Scene) -> Figure:
     """Draw the profile error along the nominal edge, exaggerated, with colours for sign and size."""
     if not len(scene.known_errors()):
@@ -106,6 +109,7 @@ def error_figure(scene: Scene) -> Figure:
     return figure
 
 
+@in_style
 def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) -> Figure:
     """Draw one corner: above, metal and paths to scale; below, the deviations along the corner.
 
@@ -221,6 +225,7 @@ def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Floats, s: Floats, place_m
     axes.plot(s[places], mean, color=palette.BLUE, linewidth=0.9, label="wire off its guides (+ away from the part)")
 
 
+@in_style
 def kerf_figure(report: Report) -> Figure:
     """Draw the kerf's cross-section over the workpiece's height, averaged along the cut.
 
@@ -262,6 +267,7 @@ TAIL_US = 10.0  # from this delay on only the long branch of breakdowns is left 
 LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: its slope is known to some 20 %)
 
 
+@in_style
 def pulses_figure(windows: pa.Table) -> Figure:
     """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
     figure = style.column_figure(5.1, top_in=0.25, right_in=0.42)
@@ -306,6 +312,7 @@ def _draw_band(
         axes.plot(band.x, band.mean, color=colour, linewidth=0.9, label=None if number else name)
 
 
+@in_style
 def plane_figure(windows: pa.Table) -> Figure:
     """Draw the windows' shares of short and open pulses, and their course over time.
 
@@ -340,6 +347,7 @@ def plane_figure(windows: pa.Table) -> Figure:
     return figure
 
 
+@in_style
 def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure:
     """Draw the distribution of ignition delays: histogram above, survival on a logarithmic scale below.
 
@@ -427,6 +435,7 @@ def spectrum(sample: PulseSample) -> tuple[Floats, Floats, Floats]:
     return np.asarray(per_place[0][1]), along, across
 
 
+@in_style
 def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default") -> Figure:
     """Draw spectra and the wire's modes over its tension (a Campbell diagram).
 
@@ -532,6 +541,7 @@ def pass_colour(number: int) -> str:
     return PASS_COLOURS[(number - 1) % len(PASS_COLOURS)]
 
 
+@in_style
 def passes_figure(report: Report) -> Figure:
     """Draw the result of each pass of a cut in passes: wall over the height, time, stock and roughness."""
     rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
@@ -564,6 +574,7 @@ def passes_figure(report: Report) -> Figure:
     return figure
 
 
+@in_style
 def face_figure(scene: Scene) -> Figure:
     """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
     faces = [(edge, um) for edge in scene.maps if (um := edge.face_um) is not None and np.isfinite(um).any()]

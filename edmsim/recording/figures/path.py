@@ -8,17 +8,20 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from edmsim.geometry import arc_lengths, interpolated
+from edmsim.numeric import above_zero
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures.cut import pass_colour
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED, VERMILION
-from edmsim.recording.figures.style import NotebookFigure, fill, quiet
+from edmsim.recording.figures.style import NotebookFigure, fill, in_style, quiet
 
 _ARROWS = 4  # arrows on a contour: enough to see which way it is cut
 _WIRES = 150  # places at which a leaning wire is drawn
 
 
+@in_style
 def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     """Draw a path in the program's coordinates; the kerf is wire and twice the gap."""
+    above_zero("kerf_um", kerf_um)
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
     two_rows = path.leans or any(contour.passes for contour in path.contours)  # of the legend
     axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if two_rows else 0.82))

@@ -17,7 +17,7 @@ from edmsim.geometry import Floats
 from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.recording.figures import palette
-from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, figure_png, fill, quiet
+from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, figure_png, fill, in_style, quiet
 from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, round_number
 from edmsim.recording.windows import column, group_means, lag_along_um, pause_rows, stretches
@@ -349,6 +349,7 @@ PROFILE_DOTS = 1600, 1920  # width and height of `profile.png` (ours)
 REASON_LETTERS = 130  # letters of a line in which it is said why a cut stopped
 
 
+@in_style
 def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) -> Figure:
     """Draw a cut: part, kerf and error from above, and the process over machine time, under a title."""
     inches = (PROFILE_DOTS[0] / PROFILE_DPI, PROFILE_DOTS[1] / PROFILE_DPI)

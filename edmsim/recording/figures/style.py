@@ -2,9 +2,13 @@
 
 import io
 import pathlib
-from typing import Any, Literal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import shapely
+from matplotlib import rc_context, rcdefaults
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -13,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
+from edmsim.errors import refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.recording.figures.palette import ERROR_STOPS, GRID, INK, LINE, MUTED
 
@@ -21,6 +26,28 @@ WIDTH_IN = 3.5  # width of one column of a journal (89 mm)
 DPI = 200
 ERROR_COLOURS = LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
 LABEL_PT, TICK_PT, TITLE_PT = 7.5, 7.0, 8.5
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+
+@contextmanager
+def own_style() -> Iterator[None]:
+    """Draw on matplotlib's defaults, whatever style the user has set."""
+    with rc_context():
+        rcdefaults()
+        yield
+
+
+def in_style(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Let a function draw in `own_style`, and name its wrong arguments."""
+    checked = refuses_wrong_types(draw)
+
+    @wraps(draw)
+    def run(*args: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
+        with own_style():
+            return checked(*args, **options)
+
+    return run
 
 
 class NotebookFigure(Figure):
@@ -34,6 +61,7 @@ class NotebookFigure(Figure):
         return figure_png(self)
 
 
+@in_style
 def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> bytes:
     """Return a figure as PNG, the same bytes each time."""
     written = io.BytesIO()
@@ -46,6 +74,7 @@ def check_figure(file: pathlib.Path) -> str:
     return check_suffix(file, "a figure", *(f".{kind}" for kind in FORMATS)).removeprefix(".")
 
 
+@in_style
 def write_figure(figure: Figure, file: str | pathlib.Path) -> None:
     """Write a figure as its file's suffix says; replaces an existing file only when complete."""
     file = pathlib.Path(file)
