@@ -132,6 +132,13 @@ def _standard_input(file: str) -> Iterator[None]:
         os.close(before)
 
 
+class InThreads(runs.Threads):
+    """What `runs.Processes` does, in this process."""
+
+    def __init__(self, count: int | None = None) -> None:
+        pass
+
+
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import envs, measure, runs, validation
@@ -174,7 +181,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     # tests/sweep begins processes
-    patch.setattr(runs, "Processes", lambda _=None: runs.Threads())
+    patch.setattr(runs, "Processes", InThreads)
     if find_spec("stable_baselines3"):
         from stable_baselines3 import PPO
 
