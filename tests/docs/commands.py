@@ -132,13 +132,6 @@ def _standard_input(file: str) -> Iterator[None]:
         os.close(before)
 
 
-class InThreads(runs.Threads):
-    """What `runs.Processes` does, in this process."""
-
-    def __init__(self, count: int | None = None) -> None:
-        pass
-
-
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import envs, measure, runs, validation
@@ -181,7 +174,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     # tests/sweep begins processes
-    patch.setattr(runs, "Processes", InThreads)
+    in_threads = type("InThreads", (runs.Threads,), {"__init__": lambda self, count=None: None})
+    patch.setattr(runs, "Processes", in_threads)
     if find_spec("stable_baselines3"):
         from stable_baselines3 import PPO
 
