@@ -9,10 +9,10 @@ references, were chosen on machines drawn with seeds below the held-back ones:
   limits, `adaptive-hold`.
 - ThinWireShift: 0 is the return of ThinWire's constant, and 1 that of its best law, `climb`. Some of the wires of
   shifts break before they boil, hence `heat-oracle` is not an upper bound.
-- Corner: of eight pairs of on-time and period the one that earned most on 48 (200 to 247), and at this pair six tenths
-  of the pulses open: of five targets it earned as much as half (487 and 492), and more than the others. The reference
-  cuts with that constant's setting, and averages the bend it sees over 0.02 s; three longer times, up to 0.25 s,
-  earned the same within 0.5 % on the same 48.
+- Corner: of eight pairs of on-time and period the one that earned most on 48 (200 to 247), and at this pair six
+  tenths of the pulses open: of five targets it earned as much as half (487 and 492), and more than the others. The
+  reference cuts with that constant's setting, and averages the bend it sees over 0.02 s; three longer times, up to
+  0.25 s, earned the same within 0.5 % on the same 48.
 - Trim: the constant that earned most on 48 (100 to 147), of 18 pairs of feed and offset.
 - Part: the technology's settings, and as reference a law, as rehearsals of parts take long. The other constant earned
   most on three (100 to 102), of three; the numbers of the law are fits by hand to six (100 to 105).
