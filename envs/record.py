@@ -14,6 +14,7 @@ from edmsim.files import make_writable
 from edmsim.numeric import whole_from
 from edmsim.recording.cut_folder import RECORDING
 
+EVERY = 100  # ours: with episodes of a thousand steps recording then takes some per mille of the time
 _NAME = "episode-"  # of a recording's folder, before its number
 
 
@@ -99,7 +100,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     >>> env = edmsim.envs.RecordRerun(gymnasium.make("edmsim/GapFeed-v2"), "runs/gap", every=100)  # doctest: +SKIP
     """
 
-    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, every: int = 100, live: bool = False) -> None:
+    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, every: int = EVERY, live: bool = False) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, folder=str(folder), every=every, live=live)
         gym.Wrapper.__init__(self, env)
         if not isinstance(env.unwrapped, EdmEnv):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.environment import EdmVectorEnv, SubEnvView
-from edmsim.envs.record import RecordedEpisodes
+from edmsim.envs.record import EVERY, RecordedEpisodes
 from edmsim.envs.registry import env_id_of, find
 from edmsim.envs.reward import TERMS
 from edmsim.errors import InputError, refuses_wrong_types
@@ -240,9 +240,6 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     if seed is not None:
         env.seed(seed)
     return env
-
-
-EVERY = 100  # ours: with episodes of a thousand steps recording then takes some per mille of the time
 
 
 # untyped where the extra is missing

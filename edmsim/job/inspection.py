@@ -70,8 +70,7 @@ def _cut_alone(simulation: Simulation, windows: WindowTable) -> CutAlone:
 def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) -> float:
     """Return the share of the cut at the greatest feed; feeds are whole speed units, so 1 % below it."""
     values = windows.columns()
-    pulses = values["short"] + values["open"] + values["spark"] + values["arc"]
-    took_s = durations_s(values["t_s"], pulses, values["t_period_us"])
+    took_s = durations_s(values)
     at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s
     all_s = float(took_s[cut.rows].sum())
     return float(took_s[cut.rows & at_limit].sum()) / all_s if all_s else math.nan

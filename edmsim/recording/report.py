@@ -16,7 +16,7 @@ import numpy as np
 
 from edmsim.files import replacing
 from edmsim.geometry import Floats
-from edmsim.recording.windows import column, columns, durations_s, lag_along_um
+from edmsim.recording.windows import column, durations_s, lag_along_um
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -451,36 +451,42 @@ def build_report(
 ) -> Report:
     """Return the report of a cut: `part` has the figures that were measured on the part."""
     sums, pulses = totals.sums, totals.sums.pulses
+    timing = "t_s", "t_period_us", "short", "open", "spark", "arc"
+    took_s = durations_s({name: column(windows, name) for name in timing})
+
+    def mean(name: str) -> float | None:
+        return _weighted(column(windows, name), took_s)
+
     return replace(
         part, outcome=outcome, reason=reason,
         machining_time_s=totals.machining_time_s, wall_time_s=totals.wall_time_s,
         realtime_factor=_ratio(totals.machining_time_s, totals.wall_time_s), pulses=pulses,
         path_length_mm=totals.path_length_mm,
         feed_um_s=Feed(
-            _mean(windows, "feed_um_s"), _most(windows, "feed_um_s"), totals.feed_limit_um_s, totals.limited_share
+            mean("feed_um_s"), _most(windows, "feed_um_s"), totals.feed_limit_um_s, totals.limited_share
         ),
         cutting_time_s=totals.cutting_time_s,
         cutting_rate_mm2_min=_rate(totals.cut_area_mm2, totals.cutting_time_s),
         overall_rate_mm2_min=_rate(totals.cut_area_mm2, totals.machining_time_s),
         pulse_share=PulseShare(*(_ratio(count, pulses) for count in (sums.spark, sums.arc, sums.short, sums.open))),
         wire=WireFigures(
-            _weighted(lag_along_um(windows), _took_s(windows)),
+            _weighted(lag_along_um(windows), took_s),
             math.sqrt(sums.vibration2_pulses / pulses) if pulses else None, _most(windows, "wire_temperature_K"),
         ),
-        following_error_um=_following(windows),
-        coverage=Coverage(_mean(windows, "coverage"), _most(windows, "coverage")),
+        following_error_um=_following(windows, took_s),
+        coverage=Coverage(mean("coverage"), _most(windows, "coverage")),
         energy_J=sums.energy, removed_mm3=totals.removed_mm3,
-        mean_current_A=_mean(windows, "mean_current_A"), mean_voltage_V=_mean(windows, "mean_voltage_V"),
+        mean_current_A=mean("mean_current_A"), mean_voltage_V=mean("mean_voltage_V"),
         equalising=None if "net_voltage_V" not in windows.column_names else Equalising(
-            _mean(windows, "net_voltage_V"), _mean(windows, "equalising_W"), sums.equalising_J
+            mean("net_voltage_V"), mean("equalising_W"), sums.equalising_J
         ),
         seed=seed, settings=dict(settings), notices=list(notices), edmsim_version=version,
     )  # fmt: skip
 
 
-def _following(windows: pa.Table) -> Following:
+def _following(windows: pa.Table, took_s: Floats) -> Following:
     error2 = column(windows, "following_x_um") ** 2 + column(windows, "following_y_um") ** 2
-    mean2 = _weighted(error2, _took_s(windows))
+    mean2 = _weighted(error2, took_s)
     return Following(
         math.sqrt(float(error2.max())) if len(error2) else None, None if mean2 is None else math.sqrt(mean2)
     )
@@ -493,16 +499,6 @@ def _ratio(value: float, by: float) -> float | None:
 def _rate(area_mm2: float, seconds: float) -> float | None:
     """Return an area per minute; what was never cut has no rate."""
     return 60.0 * area_mm2 / seconds if area_mm2 > 0 else None
-
-
-def _mean(windows: pa.Table, name: str) -> float | None:
-    return _weighted(column(windows, name), _took_s(windows))
-
-
-def _took_s(windows: pa.Table) -> Floats:
-    """Return how long every window took."""
-    pulses = columns(windows, "short", "open", "spark", "arc").sum(axis=1)
-    return durations_s(column(windows, "t_s"), pulses, column(windows, "t_period_us"))
 
 
 def _most(windows: pa.Table, name: str) -> float | None:

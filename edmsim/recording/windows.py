@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from array import array
 from bisect import bisect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -73,13 +73,14 @@ def pause_rows(t_s: Floats) -> NDArray[np.intp]:
     return np.flatnonzero(took > THREADING_S + 2.0 * np.minimum(neighbours[: len(took)], neighbours[2:])) + 1
 
 
-def durations_s(t_s: Floats, pulses: Floats, period_us: Floats) -> Floats:
-    """Return how long windows that end at times (n,) took: where pulses last longer than a period, longer than these.
+def durations_s(values: Mapping[str, Floats]) -> Floats:
+    """Return how long windows took, from their columns: longer than their periods where pulses last longer.
 
     The first window after a pause counts with its periods, as its begin is not in the table.
     """
-    took, after = np.diff(t_s, prepend=0.0), pause_rows(t_s)
-    took[after] = (pulses * period_us)[after] * 1e-6
+    pulses = values["short"] + values["open"] + values["spark"] + values["arc"]
+    took, after = np.diff(values["t_s"], prepend=0.0), pause_rows(values["t_s"])
+    took[after] = (pulses * values["t_period_us"])[after] * 1e-6
     return took
 
 
