@@ -54,8 +54,11 @@ def _is_the_compilers() -> bool:
     """Whether code is being compiled, by a process of its own too, or its cache read or written.
 
     The cache stands in a folder of the user's own; on an empty one the first input that needs the pulse loop waits.
+    Python writes the bytecode of what an input imports first, where its library is the user's own.
     """
     frame = sys._getframe(2)
+    if frame.f_globals.get("__name__") == "importlib._bootstrap_external":
+        return True
     while frame is not None:
         name = frame.f_globals.get("__name__", "")
         if name.startswith("numba.core.") or name in _COMPILERS:
