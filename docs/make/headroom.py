@@ -110,10 +110,10 @@ TASKS = {
     ),
     "ThinWire": Candidates(
         tuple(f"{GAP},period_factor={factor:g}" for factor in (0.25, 0.35, 0.5, 0.7, 1.4)),
-        (f"climb:{GAP.partition(':')[2]}",),
+        tuple(f"climb:{GAP.partition(':')[2]}{change}" for change in ("", ",climb_s=2.5")),
         (),
         ("oracle",),
-        (f"{GAP},period_factor=0.35", f"climb:{GAP.partition(':')[2]}"),
+        (f"{GAP},period_factor=0.35", f"climb:{GAP.partition(':')[2]},climb_s=2.5"),
     ),
     "Trim": Candidates(
         tuple(f"fixed:feed_um_s={feed},offset_um={off}" for feed in (50, 100, 200) for off in (-8, -4, -2, 0, 4)),

@@ -41,8 +41,7 @@ TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
     "ThinWire": (range(100, 124), (
         *(f"{SET_POINT}0.05,period_factor={factor:g}" for factor in (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)),
         *(f"climb:{PACE},period_factor={factor:g}" for factor in (0.7, 1.0, 2.0)),
-        *(f"climb:{PACE},climb_s={seconds:g},step_share={share:g}"
-          for seconds, share in ((2.5, 0.13), (5, 0.25))),
+        *(f"climb:{PACE},climb_s={seconds:g}" for seconds in (2.5, 1.25)),
     )),
     "MaxRate": (range(1, 25), (
         *(f"fixed-period:period_us={period}" for period in (35, 40, 45, 50, 60)),
