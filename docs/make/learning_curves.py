@@ -72,7 +72,7 @@ def lines_to_draw(task: str) -> dict[str, float]:
     figures, lines = leaderboard(DOCS / "leaderboard.jsonl")[env_id, "fast"].figures, lines_of(env_id)
     ends = lines.blind, lines.reference
     laws = [name for name in figures if name not in ends and not name.startswith("policy:")]
-    best = max(laws, key=lambda name: figures[name]["score"].value)
+    best = max(laws, key=lambda name: figures[name]["total_return"].value)
     named = {"score 1": lines.reference, "best law": best, "score 0": lines.blind}
     return {f"{label}: {_short(name)}": figures[name]["total_return"].value for label, name in named.items()}
 
