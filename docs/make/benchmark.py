@@ -36,7 +36,7 @@ Look at the *score* first. It is 0 for the return of one controller and 1 for th
 |---|---|---|
 | GapFeed, HeightStep, Contour | `fixed`, a constant feed | `oracle` |
 | Corner | constant setting that earned most on 48 machines | `lead-oracle`, which knows the wire's true bend |
-| MaxRate | shortest period that broke no wire of 24 | `heat-oracle`, which knows the wire's true temperature |
+| MaxRate | a period of 40 us, which broke no wire of 24 | `heat-oracle`, which knows the wire's true temperature |
 | ThinWire | fastest constant setting that broke no wire of 24 | the best of six periods for each machine |
 | Trim | constant feed and offset that earned most on 48 | the best of twelve such pairs for each machine |
 | Part | the technology | `corrected`, a law without privileged knowledge |

@@ -5,7 +5,7 @@ references, were chosen on machines drawn with seeds below the held-back ones:
 
 - ThinWire: the fastest of seven periods at which no wire broke on 24 machines (100 to 123), and of five settings of
   `climb` the one that earned most on them.
-- MaxRate: the shortest of 35, 40, 45, 50 and 60 us at which none broke on 24 (1 to 24); it is the law's default.
+- MaxRate: the law's default of 40 us, at which no wire broke on 24 (1 to 24), as at 35, 45, 50 and 60 us.
 - MaxRateShift: 0 is the return of MaxRate's best law, `heat-flux`, and 1 that of the best law that finds the wires'
   limits, `adaptive-hold`.
 - ThinWireShift: 0 is the return of ThinWire's constant, and 1 that of its best law, `climb`. Some of the wires of
