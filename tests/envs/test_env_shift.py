@@ -42,7 +42,8 @@ def test_a_lost_wire_costs_its_time_and_nothing_else(make_env, weak):
 
 
 def test_the_threading_of_a_wire_that_breaks_last_is_in_the_rate(weak):
-    task = Task("ThinWireShift", machine=with_values(weak, {"wire.half_strength_K": 460.0}), episode_s=10.0, test_s=0.0)
+    stronger = with_values(weak, {"wire.half_strength_K": 460.0})
+    task = Task("ThinWireShift", machine=stronger, episode_s=10.0, test_s=0.0)
     made = Episode(task, make("fixed", feed_um_s=60.0), 1, "fixed").run()
     assert (made.outcome, made.wires_lost) == ("time", 1)
     assert made.area_mm2 > 0.0
