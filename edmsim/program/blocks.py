@@ -122,7 +122,7 @@ _NOT_READ = {
 """What cannot be a word, by its first characters, and what would be right."""
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _DELETE = re.compile(r"(N\d+)?/\d*")
-"""Block delete, perhaps with the number of its switch; RS-274 has it at the start of a line, some controls behind N."""
+"""Block delete, perhaps with the number of its switch; RS-274 has it first in a line, some controls behind N."""
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _TERM = r"(?:(?:\d+\.?\d*|\.\d+)|[DH]\d{1,4})"
 _OFFSET = re.compile(rf"([DH])(\d{{1,4}})=([+-]?{_TERM}(?:[+-]{_TERM})*)")
