@@ -208,6 +208,8 @@ def read_configuration(text: str, file: str | None = None) -> Configuration:
 def _new(found: Configuration, name: str) -> str:
     if not _NAME.match(name):
         raise InputError(f"{name!r} is not a name: a letter, then letters, digits or _")
+    if name.upper() in _RESERVED:
+        raise InputError(f"{name!r} is a word of the language: choose another name")
     if name.lower() in found.names:
         raise InputError(f"{name} is declared twice")
     return name.lower()
@@ -337,7 +339,8 @@ Expression = tuple["str | int | Expression", ...]
 """An operation on others: ``("*", left, right)``, ``("NOT", other)``, ``("number", 3)``, ``("name", "speed")``,
 ``("member", "axis", "setpos")``, ``("element", "place", recipe, step)``."""
 _COMPARISONS = ("EQ", "NE", "LT", "GT", "LE", "GE")
-_KEYWORDS = ("AND", "OR", "NOT", *_COMPARISONS)
+_OPERATORS = ("AND", "OR", "NOT", *_COMPARISONS)
+_RESERVED = {*_OPERATORS, "IF", "ELSE", "ENDIF", "WAIT", "JUMP", "END"}
 _LEVELS: tuple[tuple[str, ...], ...] = (("OR",), ("AND",), (), _COMPARISONS, ("+", "-"), ("*", "/"))
 """Operators by how tightly they bind, loosest first; NOT stands at the empty place."""
 
@@ -524,7 +527,7 @@ class _Reader:
             return ("-", ("number", 0), value), rest
         if word.isdigit():
             return ("number", whole_number(word)), rest
-        if not re.match(r"[A-Za-z_]", word) or word.upper() in _KEYWORDS:
+        if not re.match(r"[A-Za-z_]", word) or word.upper() in _OPERATORS:
             raise InputError(f"{word!r} is not a value")
         if word.lower() in self._configuration.data:
             return self._element(word, rest)

@@ -185,11 +185,11 @@ def sub_envs_of(engine: Engine) -> SubEnvs:
 
 def picture_of(engine: Engine, renderer: Renderer, index: int) -> NDArray[np.uint8]:
     """Return a sub-environment's picture, uint8 (480, 640, 3)."""
-    if isinstance(engine, Batch):
-        return renderer.picture(engine, index)
     from edmsim.envs.part_picture import picture
+    from edmsim.recording.figures.style import own_style
 
-    return picture(engine.episode(index))
+    with own_style():
+        return renderer.picture(engine, index) if isinstance(engine, Batch) else picture(engine.episode(index))
 
 
 def _first(infos: dict[str, Any]) -> dict[str, Any]:

@@ -43,7 +43,7 @@ ENTRIES = (
     Entry("short", 0.0, 1.0, "short pulses", "pulses of the step"),
     Entry("open", 0.0, 1.0, "open pulses", "pulses of the step"),
     Entry("spark", 0.0, 1.0, "pulses that ignited", "pulses of the step"),
-    Entry("mean_voltage", 0.0, 1.0, "mean gap voltage, V", "open voltage, V"),
+    Entry("mean_voltage", 0.0, 1.0, "mean gap voltage, V", "nominal open voltage, V"),
     Entry("feed", -4.0, 4.0, "log2 of the mean feed over the technology's", "1"),
     Entry("left", -4.0, 4.0, "metal left by the pass, less what it is to leave, um", f"{LEFT_UM:g} um"),
     Entry("gauged", 0.0, 1.0, "1 if that was measured, else 0", "1"),

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import user_code
-from edmsim.envs.part_task import ENTRIES, LEFT_UM
+from edmsim.envs.part_task import ACTIONS, ENTRIES, LEFT_UM
 from edmsim.errors import InputError, one_of
-from edmsim.numeric import named_numbers
+from edmsim.numeric import named_numbers, within
 
 Floats = NDArray[np.float64]
 _AT = {entry.name: k for k, entry in enumerate(ENTRIES)}
@@ -30,12 +30,17 @@ class PassLaw(Protocol):
 
 @dataclass
 class Constant:
-    """The same for every pass: entries of an action by name; all 0 is what the technology has."""
+    """The same for every pass: entries of an action by name, from -1 to 1; all 0 is what the technology has."""
 
     set_point: float = 0.0
     pause: float = 0.0
     on_time: float = 0.0
     offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is beyond an action's range."""
+        for name in ACTIONS:
+            within(name, getattr(self, name), -1.0, 1.0)
 
     def begin(self) -> None:
         """Begin a part: nothing is kept."""

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from sections import table, write_sections
 
-from edmsim.bench.figures import half_cheetah_comparison, settled, spent_s, straight_cuts
+from edmsim.bench.figures import half_cheetah_comparison, settled, straight_cuts
+from edmsim.bench.subject import spent_s
 
 COUNTS, THREADS = (1, 4, 16, 64, 256), (1, 2)
 """Numbers of environments and threads of the table."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
-from edmsim.bench.subject import FEED_UM_S, MAX_FEED_UM_S, new_plant, straight_cut
+from edmsim.bench.subject import FEED_UM_S, MAX_FEED_UM_S, new_plant, spent_s, straight_cut
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import PACK
 from edmsim.controllers import make
@@ -48,14 +48,6 @@ THREAD_S = 1.0
 MEMORY_S = 60.0
 """Machine time over which memory must not grow."""
 _COLD = "import edmsim\nplant = edmsim.Plant(edmsim.Machine.load(), seed=0)\nplant.advance()\n"
-
-
-def spent_s(run: Callable[[], object], times: int = 1, clock: Callable[[], float] = time.process_time) -> float:
-    """Return the processor time, or that of another clock, of some calls together."""
-    started = clock()
-    for _ in range(times):
-        run()
-    return clock() - started
 
 
 def best_s(run: Callable[[], object], times: int = 1) -> float:

@@ -193,18 +193,20 @@ def render(found: dict[str, LoopProfile]) -> ScreenTable:
 def draw(found: dict[str, LoopProfile]) -> "Figure":
     """Return the profiles as a figure: a bar for each part and resolution."""
     from edmsim.recording.figures.palette import BLUE, ORANGE
-    from edmsim.recording.figures.style import LABEL_PT, column_figure, dress, legend
+    from edmsim.recording.figures.style import LABEL_PT, column_figure, dress, legend, own_style
 
-    figure = column_figure(3.2, left_in=0.72, top_in=0.3)
-    axes = figure.add_subplot()
-    high, middles = 0.8 / len(found), np.arange(len(PARTS))
-    for k, (resolution, one) in enumerate(found.items()):
-        places = middles + (k - (len(found) - 1) / 2) * high
-        bars = axes.barh(places, [one.ns(part) for part in PARTS], high, color=(BLUE, ORANGE)[k], label=resolution)
-        axes.bar_label(bars, fmt="%.0f", fontsize=LABEL_PT - 1.5, padding=2)
-    axes.set_yticks(middles, list(PARTS))
-    axes.invert_yaxis()
-    axes.margins(x=0.12)
-    dress(axes, "processor time per pulse, ns", "")
-    legend(axes, above=True, columns=len(found))
-    return figure
+    with own_style():
+        figure = column_figure(3.2, left_in=0.72, top_in=0.3)
+        axes = figure.add_subplot()
+        high, middles = 0.8 / len(found), np.arange(len(PARTS))
+        for k, (resolution, one) in enumerate(found.items()):
+            places = middles + (k - (len(found) - 1) / 2) * high
+            spent_ns = [one.ns(part) for part in PARTS]
+            bars = axes.barh(places, spent_ns, high, color=(BLUE, ORANGE)[k], label=resolution)
+            axes.bar_label(bars, fmt="%.0f", fontsize=LABEL_PT - 1.5, padding=2)
+        axes.set_yticks(middles, list(PARTS))
+        axes.invert_yaxis()
+        axes.margins(x=0.12)
+        dress(axes, "processor time per pulse, ns", "")
+        legend(axes, above=True, columns=len(found))
+        return figure

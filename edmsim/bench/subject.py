@@ -27,6 +27,14 @@ MUJOCO_SHARE, FLEET_SHARE = 50, 4
 hundred times as long, and those of `fast` soon take as long as later ones."""
 
 
+def spent_s(run: Callable[[], object], times: int = 1, clock: Callable[[], float] = time.process_time) -> float:
+    """Return the processor time, or that of another clock, of some calls together."""
+    started = clock()
+    for _ in range(times):
+        run()
+    return clock() - started
+
+
 def rate(
     step: Callable[[], object], spell_s: float, spells: int, now_s: Callable[[], float] = time.process_time
 ) -> float:
@@ -34,18 +42,11 @@ def rate(
 
     It is the best of some spells, as others use the machine too.
     """
-
-    def spent_s(steps: int) -> float:
-        start_s = now_s()
-        for _ in range(steps):
-            step()
-        return now_s() - start_s
-
     steps = 1
-    while (first_s := spent_s(steps)) < 0.2 * spell_s:
+    while (first_s := spent_s(step, steps, now_s)) < 0.2 * spell_s:
         steps *= 2
     steps = max(1, round(steps * spell_s / first_s))
-    return steps / min(spent_s(steps) for _ in range(spells))
+    return steps / min(spent_s(step, steps, now_s) for _ in range(spells))
 
 
 def new_plant(**options: str) -> edmsim.Plant:

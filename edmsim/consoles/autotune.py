@@ -32,7 +32,7 @@ from edmsim.controllers.axis.drive import data_of
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
-from edmsim.recording.figures.style import check_figure, column_figure, dress, legend, write_figure
+from edmsim.recording.figures.style import check_figure, column_figure, dress, in_style, legend, write_figure
 
 # An operator at a drive's serial line: types values, steps or moves the axis, and watches what the drive sends.
 # Both chips send the tracking error: the UHU by the stream for its analyser (rows U-33 to U-36), the servo module
@@ -527,6 +527,7 @@ def _traced(operator: Operator, begin: Callable[[], float]) -> tuple[NDArray[np.
     return rows[rows["time_ns"] * 1e-9 >= start_s], start_s
 
 
+@in_style
 def draw(tuning: Tuning) -> Figure:
     """Draw the answers to a step and the following error of a move, before and after."""
     figure = column_figure(3.9, left_in=0.52, top_in=0.28)

@@ -262,7 +262,7 @@ class PassLog(Snapshots):
         if far_mm > plant.machine.wire_diameter_um * 1e-3:
             self.notices.append(
                 f"the {what} would tip onto the wire: nothing holds it when the cut ends {far_mm:.2f} mm from its "
-                "centre; hold it with after_tab stop, or place the tab nearer to its centre"
+                "centre; hold it with after_tab stop, or begin the contour nearer to it"
             )
         if is_part:
             self.notices.append(

@@ -162,7 +162,7 @@ class Episode:
         self._short = self._open = self._pulses = 0
         self._time_s = self._cut_um = self._area_mm2 = self._return = self._hottest_K = 0.0
         self._near_um = self._error2_um3 = 0.0
-        self._cost, self._controller_stopped = 0.0, False
+        self._cost, self._controller_stopped, self._broke = 0.0, False, False
         task.reset(seed)
         self._record = record
         self._recorder = None if record is None else task.recorder()
@@ -223,7 +223,7 @@ class Episode:
         self._short += truth.short
         self._open += truth.open
         self._pulses += truth.pulses
-        self._hottest_K = max(self._hottest_K, truth.wire_temperature_K)
+        self._hottest_K, self._broke = max(self._hottest_K, truth.wire_temperature_K), truth.broken
         self._time_s = result.observation.time_s
         self._return += result.reward
         self._cost += result.cost
@@ -238,7 +238,8 @@ class Episode:
         return self.task.machine.base.table.threading_s.value
 
     def _result(self, outcome: str) -> Result:
-        lost_s = self._threading_s if outcome in LOST else 0.0
+        # the last window ends before the threading that follows a break
+        lost_s = self._threading_s if self._broke or outcome in LOST else 0.0
         turns = self.task.family.knows_corners or self.task.family.finishes_wall
         error2_um2 = self._error2_um3 / self._near_um if turns and self._near_um else math.nan
         return Result(

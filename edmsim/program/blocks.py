@@ -121,6 +121,8 @@ _NOT_READ = {
 }
 """What cannot be a word, by its first characters, and what would be right."""
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
+_DELETE = re.compile(r"(N\d+)?/\d*")
+"""Block delete, perhaps with the number of its switch; RS-274 has it first in a line, some controls behind N."""
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _TERM = r"(?:(?:\d+\.?\d*|\.\d+)|[DH]\d{1,4})"
 _OFFSET = re.compile(rf"([DH])(\d{{1,4}})=([+-]?{_TERM}(?:[+-]{_TERM})*)")
@@ -162,7 +164,7 @@ class Block:
     """One block of a program, as a rule a line; it is filled word by word."""
 
     line: int  # line in the file, counted from 1
-    deletable: bool  # whether the line begins with the block delete sign ``/``
+    deletable: bool  # whether the line begins with ``/``, block delete
     codes: list[tuple[str, float]] = field(default_factory=list)  # G and M codes in the order they are written
     values: dict[str, float] = field(default_factory=dict)  # all other words but N, as written
     pointed: bool = False  # whether any coordinate (X Y I J R) or offset has a decimal point
@@ -310,9 +312,11 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
     above: str | None = None
     if dialect.upper == "colon" and ":" in bare:
         bare, _, above = bare.partition(":")
-    block = Block(line, bare.startswith("/"))
-    at = int(block.deletable)
-    ended = False
+    delete = _DELETE.match(bare)
+    if delete is not None:
+        bare = (delete[1] or "") + bare[delete.end() :]
+    block = Block(line, delete is not None)
+    at, ended = 0, False
     while at < len(bare) and not ended:
         found = _OFFSET.match(bare, at)
         plane = _PLANE.match(bare, at) if dialect.planes else None

@@ -176,13 +176,28 @@ def check_reach(
     notices = [_notice(place, distance_mm) for place in others[:_MOST_NAMED]]
     if len(others) > _MOST_NAMED:
         notices.append(f"{len(others) - _MOST_NAMED} more inner radii or grooves are too small for the wire")
-    if corners:
-        what = "1 sharp inner corner becomes" if len(corners) == 1 else f"{len(corners)} sharp inner corners become"
-        notices.append(
-            f"{what} an inner radius of {distance_mm:.3f} mm, wire and gap: {'' if len(corners) == 1 else 'up to '}"
-            f"{corners[0].left_mm:.3f} mm of metal stays, {_at(corners[0])}"
-        )
-    return notices
+    return notices + _corner_notices(corners, distance_mm)
+
+
+def _corner_notices(corners: list[Unreachable], distance_mm: float) -> list[str]:
+    if not corners:
+        return []
+    what = "1 sharp inner corner becomes" if len(corners) == 1 else f"{len(corners)} sharp inner corners become"
+    return [
+        f"{what} an inner radius of {distance_mm:.3f} mm, wire and gap: {'' if len(corners) == 1 else 'up to '}"
+        f"{corners[0].left_mm:.3f} mm of metal stays, {_at(corners[0])}"
+    ]
+
+
+def _corners_of_wall(wall: Ruled, wire: Ruled, distance_mm: float) -> list[str]:
+    """Name the sharp inner corners of a tapered wall in the program's plane."""
+    edge = wall.lower_mm
+    moves = np.hypot(*np.diff(edge, axis=0).T) > _ON_RING_MM  # elsewhere the wire turns about a point of the edge
+    lines, elements = (np.array(of)[moves].tolist() for of in (wall.line_numbers, wall.elements))
+    # the plane cuts a leaning wire in an ellipse
+    wide_mm = distance_mm * math.sqrt(1.0 + float(np.square(wall.slope).sum(axis=1).max()))
+    found = unreachable(edge[np.append(True, moves)], wire.lower_mm, wide_mm, lines, elements)
+    return _corner_notices([place for place in found if place.radius_mm == 0], distance_mm)
 
 
 def unreachable(
@@ -316,13 +331,17 @@ def offset_outline(
     return OffsetOutline(outline, path, points, offset_mm)
 
 
-def leaning_outline(outline: Outline, offset_mm: float, guides: GuideHeights | None) -> OffsetOutline:
-    """Return a tapered outline with the wire's way at an offset."""
+def leaning_outline(
+    outline: Outline, offset_mm: float, guides: GuideHeights | None, notices: list[str]
+) -> OffsetOutline:
+    """Return a tapered outline with the wire's way at an offset; adds its sharp inner corners to the notices."""
     with of_outline(outline):
         if guides is None:
             raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
                              "whose file has guides.upper_travel_mm")
         wall, wire = wall_and_wire(outline, offset_mm, guides)
+    if outline.wire_side is not None:
+        notices += _corners_of_wall(wall, wire, offset_mm)
     return OffsetOutline(outline, wire.lower_mm, wall.lower_mm, offset_mm, (wall, wire), guides)
 
 

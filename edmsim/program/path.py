@@ -471,10 +471,10 @@ def _legs(
         register_mm = None if once and mm is not None else outline.offset_mm
         used_mm = next(v for v in (chosen_mm, register_mm, mm, auto_offset_mm) if v is not None)
         own_notices: list[str] = []
+        guide = guides[min(number, len(guides)) - 1] if guides else None
         found.append(
             offset_outline(outline, used_mm, own_notices, found[0].offset_mm if found and once else None)
-            if outline.taper is None
-            else leaning_outline(outline, used_mm, guides[min(number, len(guides)) - 1] if guides else None)
+            if outline.taper is None else leaning_outline(outline, used_mm, guide, own_notices)
         )
         notices += own_notices if number == len(outlines) else []
     if planned and not once and any(outline.offset_mm is None for outline in outlines):
@@ -512,7 +512,7 @@ def _as_first(legs: list[OffsetOutline]) -> OffsetOutline:
     if last.outline is first.outline:
         return last
     if last.surfaces is not None:
-        return leaning_outline(first.outline, last.offset_mm, last.guides)
+        return leaning_outline(first.outline, last.offset_mm, last.guides, [])
     assert first.outline.wire_side is not None
     path = offset_edge(first.outline.points_mm, first.outline.wire_side, last.offset_mm, first.outline.closed)
     return replace(last, outline=first.outline, path=path, nominal=first.outline.points_mm)

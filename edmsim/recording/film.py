@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.Image import Image as Picture
 
-from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.errors import InputError
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
+from edmsim.recording.figures.style import in_style
 from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.logs import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
 from edmsim.recording.rerun.playback import Playback
@@ -242,7 +243,7 @@ _GIF_COLOURS = 96
 _SAME = 255  # colour of a pixel that is as in the picture before; none of `_GIF_COLOURS`
 
 
-@refuses_wrong_types
+@in_style
 def render(recording: str | Path, out: str | Path, seconds: float = SECONDS) -> None:
     """Write a film of a cut.
 

@@ -216,29 +216,30 @@ def _errors(table: pa.Table) -> list[str]:
 def pareto_figure(table: pa.Table) -> "Drawing":
     """Draw the groups of a sweep by rate, roughness and error, and mark the Pareto front."""
     from edmsim.recording.figures.palette import BLUE, LINE, VERMILION
-    from edmsim.recording.figures.style import colour_bar, column_figure, dress, legend, nothing_to_show
+    from edmsim.recording.figures.style import colour_bar, column_figure, dress, legend, nothing_to_show, own_style
 
     goals = goals_of(table)
     found, front = front_of(table)
-    figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
-    if len(goals) < 2 or not found:
-        return nothing_to_show(figure, "No two of rate, roughness and error were measured in a run.")
-    values = {name: np.array([group.figures[name].value for group in found]) for name in goals}
-    x, y = goals[0], goals[1]
-    axes = figure.subplots()
-    order = np.argsort(values[x][front])
-    axes.plot(values[x][front][order], values[y][front][order], color=LINE, lw=1.0, zorder=1)
-    colour: dict[str, Any] = {"c": values[goals[2]], "cmap": "viridis_r"} if len(goals) > 2 else {"c": BLUE}
-    dots = axes.scatter(values[x], values[y], s=14, lw=0, zorder=2, **colour)
-    axes.scatter(
-        values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
-        label="surpassed by none",
-    )
-    dress(axes, _label(x), _label(y))
-    legend(axes)
-    if len(goals) > 2:
-        colour_bar(figure, dots, _label(goals[2]))
-    return figure
+    with own_style():
+        figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
+        if len(goals) < 2 or not found:
+            return nothing_to_show(figure, "No two of rate, roughness and error were measured in a run.")
+        values = {name: np.array([group.figures[name].value for group in found]) for name in goals}
+        x, y = goals[0], goals[1]
+        axes = figure.subplots()
+        order = np.argsort(values[x][front])
+        axes.plot(values[x][front][order], values[y][front][order], color=LINE, lw=1.0, zorder=1)
+        colour: dict[str, Any] = {"c": values[goals[2]], "cmap": "viridis_r"} if len(goals) > 2 else {"c": BLUE}
+        dots = axes.scatter(values[x], values[y], s=14, lw=0, zorder=2, **colour)
+        axes.scatter(
+            values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
+            label="surpassed by none",
+        )
+        dress(axes, _label(x), _label(y))
+        legend(axes)
+        if len(goals) > 2:
+            colour_bar(figure, dots, _label(goals[2]))
+        return figure
 
 
 def _label(name: str) -> str:

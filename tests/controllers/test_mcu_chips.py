@@ -25,6 +25,7 @@ from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
 from edmsim.controllers.mcu.chips.dac import Dac, PulseGeneratorLine, PulseSettings
 from edmsim.controllers.mcu.chips.display import CLEAR, CTRL, READ_KEYS, SHIFT, Kdc8279, write_digit
 from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
 
 BYTES = st.integers(0, 255)
@@ -157,6 +158,57 @@ def test_unread_latches_keep_their_counts_and_the_window_is_missed():  # T-44
     board.bus.read(bus.PORT3B)
     board.counters.count_window(5, 0)
     assert board.bus.read(bus.PORT3A) == 5
+
+
+def test_counting_a_whole_cycle_is_clocking_its_pulses():  # T-39, T-40
+    clocked, counted = PulseAnalyser(), PulseAnalyser()
+    for sc, op in [(True, False)] * 40 + [(False, True)] * 77 + [(False, False)] * 138:
+        clocked.clock(sc, op)
+    assert not counted.buffer_full
+    counted.count_window(40, 77)
+    assert clocked.snapshot() == counted.snapshot()
+    assert counted.buffer_full
+    assert (counted.read(), counted.buffer_full) == ((40, 77), False)
+
+
+def test_unread_result_stays_and_the_new_one_is_missed():  # T-44
+    analyser = PulseAnalyser()
+    analyser.count_window(1, 2)
+    analyser.count_window(3, 4)
+    analyser.count_window(5, 6)
+    assert analyser.missed == 2
+    assert analyser.read() == (1, 2)
+    analyser.count_window(7, 8)
+    assert analyser.missed == 2
+    assert analyser.read() == (7, 8)
+    assert analyser.read() == (7, 8)
+
+
+def test_an_analyser_continues_from_its_snapshot():
+    analyser = PulseAnalyser()
+    analyser.count_window(9, 99)
+    analyser.count_window(9, 99)
+    analyser.clock(True, False)
+    copy = PulseAnalyser()
+    copy.restore(json.loads(json.dumps(analyser.snapshot())))
+    for _ in range(254):
+        analyser.clock(False, True)
+        copy.clock(False, True)
+    assert copy.snapshot() == analyser.snapshot()
+    assert copy.missed == 2
+    assert copy.read() == analyser.read() == (9, 99)
+
+
+def test_pulses_that_cannot_be_are_refused():  # T-38, T-41
+    analyser = PulseAnalyser()
+    with pytest.raises(InputError, match="short and open at once"):
+        analyser.clock(True, True)
+    for short, open_ in [(-1, 0), (0, -1), (128, 128)]:
+        with pytest.raises(InputError, match=f"{short} short and {open_} open pulses"):
+            analyser.count_window(short, open_)
+    analyser.clock(False, False)
+    with pytest.raises(InputError, match="not after 1 pulses"):
+        analyser.count_window(0, 0)
 
 
 def test_line_c7_resets_the_counters():  # T-23

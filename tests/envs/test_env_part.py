@@ -246,7 +246,10 @@ def test_laws_are_made_of_their_names():
     assert law.act(observed) == pytest.approx([0.7, 0.25, 0.0, 4.0 / 20.0])
     observed[[AT["broke"], AT["pass"]]] = 0.0, 1.0
     assert law.act(observed)[3] == pytest.approx(12.0 / 20.0)  # with its path not moved it would have been 12 um
-    for text, named in (("correct", "no law"), ("corrected:speed=1", "speed"), ("technology:pause=1", "none")):
+    for text, named in (
+        ("correct", "no law"), ("corrected:speed=1", "speed"), ("technology:pause=1", "none"),
+        ("constant:pause=9", "pause is 9.0: give a number from -1 to 1"),
+    ):
         with pytest.raises(InputError, match=named):
             pass_laws.from_text(text)
 

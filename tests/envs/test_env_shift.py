@@ -7,9 +7,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import edmsim
+from edmsim.controllers import make
 from edmsim.envs import shift
+from edmsim.envs.episode import Task
 from edmsim.envs.task import Drift
 from edmsim.errors import InputError
+from edmsim.evaluation.episode import Episode
 from edmsim.machine.ranges import with_values
 from edmsim.machine.setting import flushing_Pa
 from edmsim.plant.constants import faces_Pa
@@ -36,6 +39,15 @@ def test_a_lost_wire_costs_its_time_and_nothing_else(make_env, weak):
     assert 150.0 <= info["time_s"] < 182.0
     assert info["dt_s"] > 60.0
     assert observed[-2] == 1.0  # the share of the shift that is over
+
+
+def test_the_threading_of_a_wire_that_breaks_last_is_in_the_rate(weak):
+    stronger = with_values(weak, {"wire.half_strength_K": 460.0})
+    task = Task("ThinWireShift", machine=stronger, episode_s=10.0, test_s=0.0)
+    made = Episode(task, make("fixed", feed_um_s=60.0), 1, "fixed").run()
+    assert (made.outcome, made.wires_lost) == ("time", 1)
+    assert made.area_mm2 > 0.0
+    assert made.rate_mm2_min == pytest.approx(60.0 * made.area_mm2 / (made.time_s + 60.0))
 
 
 def test_a_test_cut_earns_nothing(make_env):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import gymnasium as gym
+import matplotlib.style
 import numpy as np
 import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
@@ -332,6 +333,8 @@ def test_pictures(make_env, env_name, monkeypatch, gl):
     assert picture.shape == (480, 640, 3)
     assert picture.dtype == np.uint8
     assert picture.std() > 5
+    with matplotlib.style.context("dark_background"):  # the user's
+        assert (env.render() == picture).all()
     env.step(env.action_space.sample())
     strip = render.STRIP
     after = env.render()

@@ -121,8 +121,9 @@ def test_stops_feed_registers_and_idle_codes_are_reported_once_each(read):
     assert any("(2 times)" in notice for notice in program.notices if "F12" in notice)
 
 
-def test_block_delete_is_switched_off_and_says_so(read):
-    program = read("G0 X0 Y0\n/G1 X5.5\nG1 Y2\n")
+@pytest.mark.parametrize("begin", ["/", "/2 ", "N10 / ", "N10 /1 "])
+def test_block_delete_is_switched_off_and_says_so(read, begin):
+    program = read(f"G0 X0 Y0\n{begin}G1 X5.5\nG1 Y2\n")
     assert len(only(program).points_mm) == 3
     assert any("line 2" in notice and "block delete" in notice for notice in program.notices)
 

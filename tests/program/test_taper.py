@@ -313,6 +313,17 @@ def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-5.0)
 
 
+@pytest.mark.parametrize("angle_deg", [0.0, 2.0, -2.0])
+def test_sharp_inner_corners_are_named_as_of_upright_walls(tmp_path, angle_deg):
+    file = tmp_path / "corner.ngc"  # one inner corner and five outer ones
+    file.write_text("G21 G90\nG0 X1 Y-1\nG42 D1 G1 X1 Y0\nX9\nY9\nX5\nY4\nX0\nY0\nX1\nG40 Y-1\nM2\n")
+    path = plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=angle_deg, guides=[GUIDES])
+    named = [notice for notice in path.notices if "inner" in notice]
+    assert len(named) == 1
+    assert named[0].startswith("1 sharp inner corner")
+    assert named[0].endswith("at X5.000 Y4.000 (line 8)")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("angle_deg", [-3.0, 0.5])
 def test_a_drawing_without_an_approach_tapers_both_ways(angle_deg):

@@ -41,7 +41,8 @@ def test_a_wrong_declaration_is_refused(line, reason):  # Q-1, Q-83
 @pytest.mark.parametrize(("text", "reason"), [
     ("GLOBAL\na L\nA F", "A is declared twice"), ("SYSTEM\na X", "a has size 'X'; it must be F, B, W, L or S"),
     ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt 10", "'t 10' must be NAME, all on one line"),
-    ("TIMER\nt\nt", "t is declared twice"), ("TIMER\n3t", "'3t' is not a name"),
+    ("TIMER\nt\nt", "t is declared twice"), ("GLOBAL\nnot L", "'not' is a word of the language"),
+    ("TIMER\n3t", "'3t' is not a name"),
     ("DATAGROUP\nSTEP", "STEP comes before the name of its data group"),
     ("DATAGROUP\ng\nplace L", "'place L' comes before DATAPROGRAM"),
     ("DATAGROUP\ng\nSTEP\n4\nplace L", "STEP comes before DATAPROGRAM"),
