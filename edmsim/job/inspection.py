@@ -100,7 +100,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     field, machine = simulation.plant.field, simulation.machine
     profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
-    table = _table(simulation, contours, profiles)
+    table = _table(simulation, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
     left_um = [causes.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
@@ -305,16 +305,13 @@ def holes_mm(stock: Stock) -> NDArray[np.float64]:
     return np.array(stock.holes_um, np.float64).reshape(-1, 3) * 1e-3
 
 
-def _table(
-    simulation: Simulation, contours: tuple[WireContour, ...], profiles: list[ProfileError]
-) -> report.TableShare | None:
+def _table(simulation: Simulation, profiles: list[ProfileError]) -> report.TableShare | None:
     """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
-    machine, elcam = simulation.machine, simulation.elcam
+    machine, elcam, contours = simulation.machine, simulation.elcam, simulation.path.contours
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
     if not compensated and not machine.base.geometry.has_errors:
         return None
-    lengths = [float(np.hypot(*np.diff(k.points_um, axis=0).T).sum()) for k in contours]
-    starts = np.cumsum([0.0, *lengths[:-1]]).tolist()
+    starts = np.cumsum([0.0, *(k.length_um for k in contours[:-1])]).tolist()
     places = zip(contours, profiles, starts, strict=True)
     found = [causes.table_error(machine, k, p, elcam, start_um) for k, p, start_um in places]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
