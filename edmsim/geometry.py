@@ -23,7 +23,7 @@ def arc_lengths(points: ArrayLike) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
-def interpolated(places: Floats, known: Floats | NDArray[np.int64], rows: Floats) -> Floats:
+def interpolated(places: Floats, known: Floats | NDArray[np.int64], rows: Floats | NDArray[np.int64]) -> Floats:
     """Return at places (n,) the rows (n, k) between those (m, k) that are known at others (m,), in rising order."""
     return np.stack([np.interp(places, known, column) for column in rows.T], axis=1)
 

@@ -100,7 +100,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     field, machine = simulation.plant.field, simulation.machine
     profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
-    table = _table(simulation, contours, profiles)
+    table = _table(simulation, profiles)
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
     left_um = [causes.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
@@ -204,14 +204,13 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
     """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour."""
     # a contour begins where a wire was threaded: the longest times between two windows
     commanded, following, lag, time_s, path_um = windows.ways_um()
-    if simulation.passes.records:
-        return _last_ways_um(
-            simulation.passes.records, len(simulation.path.contours), commanded, following, lag, time_s
-        )
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
         off = causes.motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
         commanded, guides = commanded - off.program, guides - off.table
+    if simulation.passes.records:
+        ways_um = (commanded, guides, guides - lag)
+        return _last_ways_um(simulation.passes.records, len(simulation.path.contours), ways_um, time_s)
     threaded = sum(leg.threads for leg in simulation.legs[1 : simulation.leg + 1])
     longest = np.argsort(np.diff(time_s), kind="stable")[::-1][:threaded]
     begins = np.full(len(simulation.path.contours) - 1, len(time_s))
@@ -221,11 +220,10 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
 
 
 def _last_ways_um(
-    records: list[PassRecord], contours: int, commanded: NDArray[np.float64], following: NDArray[np.float64],
-    lag: NDArray[np.float64], time_s: NDArray[np.float64],
+    records: list[PassRecord], contours: int, ways_um: tuple[NDArray[np.float64], ...], time_s: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.float64], ...]]:
     """Return the ways of the last passes, contour by contour: they made the wall."""
-    guides, found = commanded - following, []
+    found = []
     for contour in range(1, contours + 1):
         own = [r for r in records if r.contour == contour]
         last = max([r.number for r in own], default=0)
@@ -233,7 +231,7 @@ def _last_ways_um(
         for record in own:
             if record.number == last:
                 mine |= (time_s > record.begin_s) & (time_s <= record.end_s)
-        found.append(tuple(way[mine] for way in (commanded, guides, guides - lag)))
+        found.append(tuple(way[mine] for way in ways_um))
     return found
 
 
@@ -305,16 +303,13 @@ def holes_mm(stock: Stock) -> NDArray[np.float64]:
     return np.array(stock.holes_um, np.float64).reshape(-1, 3) * 1e-3
 
 
-def _table(
-    simulation: Simulation, contours: tuple[WireContour, ...], profiles: list[ProfileError]
-) -> report.TableShare | None:
+def _table(simulation: Simulation, profiles: list[ProfileError]) -> report.TableShare | None:
     """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
-    machine, elcam = simulation.machine, simulation.elcam
+    machine, elcam, contours = simulation.machine, simulation.elcam, simulation.path.contours
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
     if not compensated and not machine.base.geometry.has_errors:
         return None
-    lengths = [float(np.hypot(*np.diff(k.points_um, axis=0).T).sum()) for k in contours]
-    starts = np.cumsum([0.0, *lengths[:-1]]).tolist()
+    starts = np.cumsum([0.0, *(k.length_um for k in contours[:-1])]).tolist()
     places = zip(contours, profiles, starts, strict=True)
     found = [causes.table_error(machine, k, p, elcam, start_um) for k, p, start_um in places]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut

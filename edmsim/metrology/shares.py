@@ -17,7 +17,7 @@ import shapely
 
 from edmsim.controllers.axis.elcam.file import PATH, PLACES, StepCompensation
 from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.geometry import Floats, Polyline, left_of
+from edmsim.geometry import Floats, Polyline, arc_lengths, interpolated, left_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CORNER_REACH_MM, EDGE_CORNER_DEG, ProfileError
 from edmsim.plant.axes.ways import StillTable
@@ -108,17 +108,19 @@ class TableError:
 def table_error(
     machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0
 ) -> TableError:
-    """Return what the table contributes to a profile error, by its errors where the wire passes."""
+    """Return what the table contributes to a profile error, by its errors where it is as the wire passes."""
     # the table is taken as it comes to rest there, backlash left out; before the contour lie `start_um` of path
-    line = Polyline(contour.nominal_mm, contour.closed)
+    middle, way = contour.at_mid_height(), contour.way
+    line = Polyline(middle.nominal_mm, contour.closed)
     towards_left = left_of(line.tangent(profile.s_mm, _TANGENT_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
-    points_um = profile.points_mm * 1e3
-    way = shapely.LineString(contour.points_um)
-    path_um = start_um + shapely.line_locate_point(way, shapely.points(points_um))  # where the wire passes nearest
+    known = arc_lengths(middle.points_um)
+    passed = shapely.line_locate_point(shapely.LineString(middle.points_um), shapely.points(profile.points_mm * 1e3))
+    places_um = interpolated(passed, known, way.points_um)  # of the lower guide, when the wire is nearest
+    path_um = start_um + np.interp(passed, known, way.along_um)
     return TableError(
-        (_displaced_um(machine, points_um, path_um, None) * away).sum(axis=1),
-        (_displaced_um(machine, points_um, path_um, elcam) * away).sum(axis=1),
+        (_displaced_um(machine, places_um, path_um, None) * away).sum(axis=1),
+        (_displaced_um(machine, places_um, path_um, elcam) * away).sum(axis=1),
     )
 
 

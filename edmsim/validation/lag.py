@@ -117,7 +117,7 @@ def default_lag(seeds: Sequence[int]) -> list[Row]:
         return [servo_cut(machine, seed, seconds=DEFAULT_S).lag_um for seed in seeds]
 
     return [
-        _report("lag of the default cut, 20 mm, at most 3 mJ per discharge", NO_NUMBER, found({})),
+        _report("lag of the default cut, 20 mm, 4 mJ per discharge", NO_NUMBER, found({})),
         *(
             _report(f"lag of the default cut, impulse {impulse:g} N s at 10 mJ", RANGE, found({IMPULSE: impulse}))
             for impulse in impulse_ends(Machine.load())

@@ -42,7 +42,7 @@ def ranges(seeds: Sequence[int]) -> list[Row]:
         _row("frontal gap of drawn machines", FRONT_GAP, 10.0, 30.0, [c.gap_um for c in fed]),
         _row("side gap of drawn machines", SIDE_GAP, 30.0, 60.0, sides),
         _row("lag of drawn machines", LAG, 10.0, 100.0, [c.lag_um for c in fed], note="")
-        .context("the source is about rough cuts; these machines cut with pulses of 3 mJ at most"),
+        .context("the source is about rough cuts; these machines cut with discharges of 4 to 5 mJ"),
     ]
 
 

@@ -10,6 +10,7 @@ import shapely
 
 import edmsim
 from edmsim.controllers import from_text
+from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
@@ -29,13 +30,14 @@ def setups(height_mm=25.4):
     return [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, found, strict=True)]
 
 
-def started(length_mm=0.5, resolution="fast", height_mm=25.4, seed=0):
+def started(length_mm=0.5, resolution="fast", height_mm=25.4, seed=0, **options):
     both = setups(height_mm)
     offsets_mm = technology_for("tool-steel").table(height_mm, 2).offsets_mm
     path = straight_path(offsets_mm, length_mm, both[0].machine)
     return Simulation(
-        both[0].machine, path, both[0].controller, planner="exact", seed=seed, resolution=resolution, setups=both
-    )
+        both[0].machine, path, both[0].controller, planner="exact", seed=seed, resolution=resolution, setups=both,
+        **options,
+    )  # fmt: skip
 
 
 def state_of(simulation):
@@ -84,6 +86,16 @@ def test_no_offset_is_advised_before_the_last_pass_is_cut():
     assert len(stopped.passes.records) == 2
     offset = inspect(stopped, WindowTable()).part.offset
     assert (offset.mean_error_um, offset.to_use_mm) == (None, None)
+
+
+@pytest.mark.slow
+def test_what_a_compensation_does_to_a_trimmed_wall_is_the_drives_share():
+    windows, shift = WindowTable(), ErrorTable("y", "y", np.array([(0.0, 14.0), (65.0, 14.0)]))
+    simulation = started(0.3, compensation=load_tables([shift]), observers=(windows,))
+    simulation.run()
+    planner, drive = inspect(simulation, windows).scene.maps[0].shares_um[1:3, 6:10]  # far from the trim's ends
+    np.testing.assert_allclose(planner, 0.0, atol=0.1)
+    np.testing.assert_allclose(drive, 14.0, atol=0.1)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Shares of the profile error, and errors within reach of a round wire, against closed forms."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,8 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edmsim.geometry import Polyline
+from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import ProfileError, element_errors
-from edmsim.metrology.shares import SHARES, error_shares, mean_error_um, share_stats, unreachable_um, worst_place
+from edmsim.metrology.shares import (
+    SHARES,
+    error_shares,
+    mean_error_um,
+    share_stats,
+    table_error,
+    unreachable_um,
+    worst_place,
+)
+from edmsim.plant.axes.ways import StillTable
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 
@@ -66,6 +77,16 @@ def test_an_inner_corner_the_wire_cannot_reach_belongs_to_the_path():
     shares = error_shares(corner, inner, [dense] * 3)
     assert shares[0, 0] == pytest.approx(OFFSET_UM * (2**0.5 - 1), abs=1e-6)
     assert shares[1:4, 0] == pytest.approx(np.zeros(3), abs=0.1)
+
+
+def test_the_table_errs_by_its_errors_where_the_wire_passes_and_not_where_the_wall_is():
+    machine = Machine.load("worn-table")
+    around = replace(measured(np.zeros(len(NORMALS))), s_mm=4.0 * (np.arange(4)[:, None] + ALONG).ravel())
+    places, table = around.points_mm * 1e3 + OFFSET_UM * NORMALS, StillTable(machine)
+    moved = [((np.array(table.move(place)) - place) @ normal) for place, normal in zip(places, NORMALS, strict=True)]
+    found = table_error(machine, CONTOUR, around, None)
+    np.testing.assert_allclose(found.without_um, moved, atol=0.01)
+    np.testing.assert_array_equal(found.left_um, found.without_um)
 
 
 def test_what_trims_leave_is_the_share_of_their_path_and_its_ends_are_out_of_reach():
