@@ -120,6 +120,13 @@ def test_the_corner_shows_the_wire_behind_its_guides(cut):
         on_edge = (before[:, 0] < -200) & (before[:, 0] > -600)
         np.testing.assert_allclose((before - line(led, name))[on_edge], [[3.0, 0.0]] * on_edge.sum(), atol=1e-9)
     assert error[np.abs(error[:, 0]).argmin(), 1] == pytest.approx(cut.scene.maps[0].error_um[500], abs=1e-9)
+    # a wire that leans is shown at mid height, here 2 mm beside its lower guide
+    scene = dataclasses.replace(cut.scene, lead=np.array([[at, 4.0, 0.0, -10.0, 30.0] for at in (0.0, 1e6)]))
+    place = windows.column_names.index("x_um")
+    beside = pa.array(windows.column("x_um").to_numpy() - 2000.0)
+    leaning = corner_figure(scene, windows.set_column(place, windows.schema.field(place), beside), 1)
+    np.testing.assert_allclose(line(leaning, "guides"), guides, atol=1e-9)
+    np.testing.assert_allclose(line(leaning, "wire"), wire, atol=1e-9)
 
 
 def test_the_kerf_is_drawn_from_wire_to_wall(cut):

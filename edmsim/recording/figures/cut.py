@@ -41,7 +41,7 @@ def shares_figure(scene: Scene) -> Figure:
     figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
     if not split:
-        return style.nothing_to_show(figure, "no shares: no error was measured, or the wire's centre ran on the edge")
+        return style.nothing_to_show(figure, "no shares: no error was measured, the wire is tilted, or its centre follows the contour")
     s_mm, error, shares = _joined(split)
     panels = figure.subplots(1 + len(SHARES), 1, sharex=True, sharey=True, gridspec_kw={"hspace": 0.22})
     names, colours = ("profile error", *SHARES), (palette.INK, *_COLOURS)
@@ -170,7 +170,8 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
             *(1000 * (edge.nominal_mm - place_mm)).T, color=palette.INK, linewidth=0.8, linestyle=(0, (5, 3)),
             zorder=4, label="nominal edge" if number == 0 else None,
         )  # fmt: skip
-    guides = columns(windows, "x_um", "y_um") - columns(windows, "following_x_um", "following_y_um") - 1000 * place_mm
+    following = columns(windows, "following_x_um", "following_y_um")
+    guides = _axis_um(scene, windows) - following - 1000 * place_mm
     wire = guides - columns(windows, "lag_x_um", "lag_y_um")
     away = np.abs(guides).max(axis=1) > 2 * reach  # the lines break between two visits
     guides[away], wire[away] = np.nan, np.nan
@@ -203,17 +204,23 @@ def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Float
             order = np.argsort(s)
             error = edge.error_um[order]
             axes.plot(s[order], error, color="#3d4852", linewidth=1.0, label="profile error (+ metal left)")
-            _draw_lag(axes, windows, edge.points_mm[order], s[order], place_mm, edge.outward()[order])
+            guides = _axis_um(scene, windows) / 1000
+            _draw_lag(axes, windows, guides, edge.points_mm[order], s[order], place_mm, edge.outward()[order])
             break
     axes.set_xlim(-reach, reach)
     style.legend(axes, above=True)
 
 
-def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Floats, s: Floats, place_mm: Floats, outward: Floats) -> None:
+def _axis_um(scene: Scene, windows: pa.Table) -> Floats:
+    return scene.axis_um(columns(windows, "x_um", "y_um"), column(windows, "path_um"))
+
+
+def _draw_lag(
+    axes: Axes, windows: pa.Table, guides: Floats, edge_mm: Floats, s: Floats, place_mm: Floats, outward: Floats
+) -> None:
     """The wire's displacement from its guides, away from the part, at the nearest place of the edge."""
     from scipy.spatial import cKDTree
 
-    guides = columns(windows, "x_um", "y_um") / 1000
     near = np.hypot(*(guides - place_mm).T) < 2 * CORNER_REACH_MM
     if not near.any():
         return

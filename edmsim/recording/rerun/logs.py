@@ -451,6 +451,7 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
 
 def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], factor: float) -> None:
     """Log table, wire and the path cut so far; the wire's deflection is drawn `factor` times as large."""
+    slices = shapes["deflection_um"].shape[1]
     at = np.column_stack([shapes["guides_um"] / 1000.0, np.zeros(len(shapes))])
     when = indexes(shapes["t_s"], shapes["path_um"])
     recording.send_columns("world/cross", when, rr.Transform3D.columns(translation=-at * (1.0, 0.0, 0.0)))
@@ -461,6 +462,7 @@ def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.v
     _log_deflection(recording, scene, shapes, factor)
     look = rr.LineStrips3D.from_fields(colors=[palette.rgb(palette.VERMILION)], radii=on_screen(1.2))
     top = at + np.array([0.0, 0.0, scene.height_mm])
+    top[:, :2] += scene.lead_mm(shapes["path_um"], np.array([scene.height_mm * (1 - 0.5 / slices)]))[:, 0]
     steps = np.stack([np.vstack([top[:1], top[:-1]]), top], axis=1)
     threaded = jump_rows(shapes["guides_um"], shapes["path_um"])  # nothing is cut on the way to the next contour
     steps[threaded, 0] = top[threaded]
@@ -524,11 +526,6 @@ def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeu
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
     n_slices = closeups["deflection_um"].shape[1]
     z_mm = scene.height_mm * (closeups["pulses"]["slice"] + 0.5) / n_slices
-    if scene.lead is not None:  # places are those at mid height
-        led = scene.lead_mm(closeups["path_um"], scene.height_mm * (np.arange(n_slices) + 0.5) / n_slices)
-        led -= scene.lead_mm(closeups["path_um"], np.array([0.5 * scene.height_mm]))
-        at_slice = np.clip(closeups["pulses"]["slice"], 0, n_slices - 1).astype(np.int64)[..., None]
-        place = place + 1e3 * np.take_along_axis(led, at_slice, axis=1)
     points, colours, radii = [], [], []
     lengths = np.zeros(len(closeups), np.int64)
     for i in range(len(closeups)):
