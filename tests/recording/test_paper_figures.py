@@ -158,6 +158,21 @@ def test_the_plane_holds_every_window_and_the_path_between(cut):
     np.testing.assert_array_equal(steps[1:, 0], steps[:-1, 1])
 
 
+@pytest.mark.slow
+def test_the_unit_of_small_currents_is_on_the_figure(cut):
+    place = cut.windows.column_names.index("mean_current_A")
+    small = pa.array(0.2 * cut.windows.column("mean_current_A").to_numpy())  # its ticks have more digits
+    figure = pulses_figure(cut.windows.set_column(place, cut.windows.schema.field(place), small))
+    figure.canvas.draw()
+    assert max(axes.yaxis.label.get_window_extent().x1 for axes in figure.axes) < figure.bbox.x1
+
+
+def test_few_ignitions_are_read_on_more_than_one_tick():
+    below = delay_figure(made_up(np.linspace(0.5, 30.0, 40), 160)).axes[1]
+    low, high = below.get_ylim()
+    assert ((below.get_yticks() >= low) & (below.get_yticks() <= high)).sum() >= 4
+
+
 def test_an_exponential_delay_is_a_straight_line_with_its_mean():
     delay = np.random.default_rng(4).exponential(20.0, 4000)
     lit = delay[delay < 30.0]

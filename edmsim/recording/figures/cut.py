@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.mlab import psd
 from matplotlib.patches import Circle
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from edmsim.cosim.straight import KINDS, PulseSample
 from edmsim.errors import InputError
@@ -41,10 +41,11 @@ def shares_figure(scene: Scene) -> Figure:
     figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
     if not split:
-        return style.nothing_to_show(figure, "no shares: no error was measured, the wire is tilted, or its centre follows the contour")
+        why = "no error was measured, the wire is tilted, or its centre follows the contour"
+        return style.nothing_to_show(figure, f"no shares: {why}")
     s_mm, error, shares = _joined(split)
     panels = figure.subplots(1 + len(SHARES), 1, sharex=True, sharey=True, gridspec_kw={"hspace": 0.22})
-    names, colours = ("profile error", *SHARES), (palette.INK, *_COLOURS)
+    names, colours = ("profile error (mean over height)", *SHARES), (palette.INK, *_COLOURS)
     for axes, name, values, colour in zip(panels, names, (error, *shares), colours, strict=True):
         style.dress(axes, "", "")
         axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
@@ -277,7 +278,7 @@ LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: it
 @in_style
 def pulses_figure(windows: pa.Table) -> Figure:
     """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
-    figure = style.column_figure(5.1, top_in=0.25, right_in=0.42)
+    figure = style.column_figure(5.1, top_in=0.25, right_in=0.55)
     if windows.num_rows == 0:
         return style.nothing_to_show(figure, "no pulses: the cut has no window")
     t_s = column(windows, "t_s")
@@ -395,7 +396,8 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
     style.dress(axes, "", "not yet ignited, %")
     axes.set_yscale("log")
     axes.plot(ordered, 1.0 - np.arange(1, len(ordered) + 1) / (pulses + 1), color=BLUE, linewidth=1.2, label="pulses")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    few_ignite = open_ > 0.2 * pulses  # within a decade 1, 2 and 5 may be two ticks, or one
+    axes.yaxis.set_major_locator(MaxNLocator(5) if few_ignite else LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
     tail = ordered[ordered > TAIL_US]

@@ -100,7 +100,7 @@ ELECTRICAL: tuple[Plot, ...] = (
         Series("mean_delay_us", "ignition delay", palette.SKY), Series("t_on_us", "on-time", palette.ORANGE),
         Series("t_period_us", "period", palette.MUTED),
     )),
-    Plot("position", "guides on the table, µm", (
+    Plot("position", "commanded position on the table, µm", (
         Series("x_um", "X", palette.SKY), Series("y_um", "Y", palette.VERMILION),
     )),
     Plot("following", "following error of the drives, µm", (
@@ -486,8 +486,8 @@ def about(scene: Scene, report: Report, title: str, factor: float, thinning: lis
         "- In the machine view the wire stands and the table moves; the view from above moves with the table.",
         f"- Wire deflection is drawn **× {factor:g}** there, the profile error **× {scene.error_factor():g}** "
         "(blue: too much removed, orange: metal left). All else is to scale, in mm.",
-        "- The view at the wire is to scale, in µm, at mid height; it moves with the guides, whose axis is the "
-        "cross. Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
+        "- The view at the wire is to scale, in µm, at mid height; its cross is the guides' axis as commanded. "
+        "Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
         *(
             ["- The coloured face is the cut face as the last pass that ended left it, where it is off its own mean."]
             if scene.pass_faces else []
