@@ -114,7 +114,8 @@ class Film:
     def _part(self, axes: Axes) -> None:
         s = self._sizes
         middle = (s.x0_mm + s.x1_mm) / 2, (s.y0_mm + s.y1_mm) / 2
-        reach = 0.62 * max(s.x1_mm - s.x0_mm, s.y1_mm - s.y0_mm, 1.0)
+        side = max(s.x1_mm - s.x0_mm, s.y1_mm - s.y0_mm, 1.0)
+        reach = side / 2 + max(0.12 * side, 2e-3 * s.wire_diameter_um)  # small parts have their kerf outside as well
         axes.set_aspect("equal")
         axes.set_xlim(middle[0] - reach, middle[0] + reach)
         axes.set_ylim(middle[1] - reach, middle[1] + reach)
