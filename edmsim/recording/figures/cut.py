@@ -297,6 +297,7 @@ def pulses_figure(windows: pa.Table) -> Figure:
         panels[1].set_zorder(current.get_zorder() + 1)  # the legend before the current
         panels[1].patch.set_visible(False)
         style.legend(panels[1])
+        panels[1].get_legend().set_frame_on(False)
     _draw_band(current, t, t_s, column(windows, "mean_current_A"), VERMILION, "current, A")
     current.spines["right"].set(visible=True, color=LINE)
     current.grid(visible=False)

@@ -380,10 +380,11 @@ def log_errors(recording: rr.RecordingStream, scene: Scene) -> None:
     factor, limit = scene.error_factor(), scene.error_limit_um()
     for index, edge in enumerate(scene.maps):
         shown = np.column_stack([edge.exaggerated_mm(factor), np.full(len(edge.points_mm), scene.height_mm)])
-        good = edge.smooth() & np.isfinite(edge.error_um[:-1]) & np.isfinite(edge.error_um[1:])
+        error_um = edge.reached_um()
+        good = edge.smooth() & np.isfinite(error_um[:-1]) & np.isfinite(error_um[1:])
         if good.any():
             pieces = np.stack([shown[:-1], shown[1:]], axis=1)[good]
-            colours = palette.error_rgb(edge.error_um[:-1][good], limit)
+            colours = palette.error_rgb(error_um[:-1][good], limit)
             lines = rr.LineStrips3D(pieces, colors=colours, radii=on_screen(1.5))
             recording.log(f"world/table/error/{index}", lines, static=True)
 
