@@ -94,9 +94,9 @@ def test_a_stop_is_marked_where_the_wire_was_at_mid_height():
         cut.step()
     low, high = guides_of(cut.machine, (0.0, 0.0)).bends_mm(np.array([[0.0, TAN]]))[0]
     stop_mm, led_mm = inspect(cut, WindowTable()).scene.stop_mm, cut.plant.lead_um[1] * 1e-3
-    beside_mm = np.array(stop_mm) - np.array(cut.commanded_um) * 1e-3
+    ahead_mm = np.array(stop_mm) - np.array(cut.commanded_um) * 1e-3
     assert led_mm > 0.1
-    assert beside_mm == pytest.approx([0.0, led_mm * (HEIGHT_MM / 2 - low) / (high - low)], abs=3e-3)
+    assert ahead_mm == pytest.approx([0.0, led_mm * (HEIGHT_MM / 2 - low) / (high - low)], abs=3e-3)
 
 
 def test_both_walls_lean_and_lie_an_ellipse_apart(finished):

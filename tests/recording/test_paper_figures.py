@@ -123,8 +123,8 @@ def test_the_corner_shows_the_wire_behind_its_guides(cut):
     # a wire that leans is shown at mid height, here 2 mm beside its lower guide
     scene = dataclasses.replace(cut.scene, lead=np.array([[at, 4.0, 0.0, -10.0, 30.0] for at in (0.0, 1e6)]))
     place = windows.column_names.index("x_um")
-    beside = pa.array(windows.column("x_um").to_numpy() - 2000.0)
-    leaning = corner_figure(scene, windows.set_column(place, windows.schema.field(place), beside), 1)
+    shifted = pa.array(windows.column("x_um").to_numpy() - 2000.0)
+    leaning = corner_figure(scene, windows.set_column(place, windows.schema.field(place), shifted), 1)
     np.testing.assert_allclose(line(leaning, "guides"), guides, atol=1e-9)
     np.testing.assert_allclose(line(leaning, "wire"), wire, atol=1e-9)
 
