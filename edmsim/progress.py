@@ -11,6 +11,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Column
 
 from edmsim.compiled import PROGRESS
 
@@ -34,7 +35,8 @@ class ShownProgress:
         self._quiet, self._keep = quiet, keep
         self._bars = Progress(
             TextColumn("{task.description}"), BarColumn(bar_width=12), TextColumn("{task.fields[share]}"),
-            TimeElapsedColumn(), TextColumn("{task.fields[text]}"), console=self._console, transient=not keep,
+            TimeElapsedColumn(), TextColumn("{task.fields[text]}", table_column=Column(no_wrap=True, ratio=1)),
+            console=self._console, transient=not keep, expand=True,
         )  # fmt: skip
         self._tasks: dict[str, TaskID] = {}
         self._display: Any = None

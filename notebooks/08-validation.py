@@ -117,7 +117,7 @@ for voltage, colour in ((80.0, MUTED), (280.0, INK)):
     force = {float(row["gap_um"]): float(row["force_N_per_m"]) for row in closed if float(row["V"]) == voltage}
     pull.plot(list(force), list(force.values()), "s", ms=5, mfc="none", mec=colour, label=f"{voltage:g} V")
     at = np.linspace(4, 50, 24)
-    pull.plot(at, [strings.pull_N_m(voltage, gap) for gap in at], color=BLUE, lw=1)
+    pull.plot(at, [strings.pull_N_m(gap, voltage) for gap in at], color=BLUE, lw=1)
 pull.set(xlabel="gap, µm", ylabel="pull, N/m", yscale="log", title="electrostatic pull (squares: closed form)")
 pull.legend(frameon=False, fontsize=8)
 

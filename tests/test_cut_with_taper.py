@@ -87,6 +87,18 @@ def test_the_upper_guide_leads_by_its_angle(finished):
     assert u == 0.0
 
 
+@pytest.mark.slow
+def test_a_stop_is_marked_where_the_wire_was_at_mid_height():
+    cut = cut_of()
+    while cut.path_um < 100.0:
+        cut.step()
+    low, high = guides_of(cut.machine, (0.0, 0.0)).bends_mm(np.array([[0.0, TAN]]))[0]
+    stop_mm, led_mm = inspect(cut, WindowTable()).scene.stop_mm, cut.plant.lead_um[1] * 1e-3
+    ahead_mm = np.array(stop_mm) - np.array(cut.commanded_um) * 1e-3
+    assert led_mm > 0.1
+    assert ahead_mm == pytest.approx([0.0, led_mm * (HEIGHT_MM / 2 - low) / (high - low)], abs=3e-3)
+
+
 def test_both_walls_lean_and_lie_an_ellipse_apart(finished):
     heights_um = slice_heights_mm(finished.plant.field, HEIGHT_MM) * 1e3
     upright = cut_of(1e-6)

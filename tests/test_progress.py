@@ -1,9 +1,11 @@
 """Progress: lines in a file, one bar in a notebook, nothing before there is anything to say."""
 
+import io
 import sys
 from types import SimpleNamespace
 
 import pytest
+from rich.console import Console
 
 from edmsim import progress
 from edmsim.cosim.simulation import Progress
@@ -35,6 +37,14 @@ def test_what_is_stored_ends_with_its_last_line(now, capsys):
     with ShownProgress(quiet=True, keep=True) as bar:
         bar.show("runs", 2, 2)
     assert capsys.readouterr().err == ""
+
+
+def test_a_narrow_terminal_keeps_share_and_time(monkeypatch):
+    console = Console(file=io.StringIO(), force_terminal=True, width=40, color_system=None)
+    monkeypatch.setattr(progress, "Console", lambda stderr: console)
+    with ShownProgress(keep=True) as bar:
+        bar.show("part.ngc", 1, 8, "12 min 40 s simulated in 45.3 s, 33.3 um/s, short 3 %, open 35 %")
+    assert "12.5 % 0:00:00" in console.file.getvalue()
 
 
 class FakeDisplay:

@@ -105,7 +105,6 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     shares = _shares(simulation, profiles, ways_um)
     left_um = [causes.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
     found = [c for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
-    x, y = simulation.commanded_um
     scene = Scene(
         maps=tuple(
             ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um, split, left, p.error_um)
@@ -126,13 +125,15 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
             tuple(k.at_height(z).nominal_mm for z in (0.0, machine.height_mm)) for k in simulation.path.contours
         ) if _lead(simulation.path) is not None else (),
         pass_faces=_pass_faces(simulation.passes.records, profiles),
-        stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
+    if simulation.cause is not StopCause.FINISHED:
+        x, y = scene.axis_um(np.array([simulation.commanded_um]), np.array([simulation.path_um]))[0].tolist()
+        scene = replace(scene, stop_mm=(x * 1e-3, y * 1e-3))
     in_passes = bool(simulation.passes.records)
     commanded_um = windows.ways_um()[0] if in_passes else np.concatenate([commanded for commanded, _, _ in ways_um])
     part = _part(simulation, profiles, scene, left_um, table)
-    led_mm = scene.lead_mm(windows.ways_um()[-1], np.array([0.5 * machine.height_mm]))[:, 0]
-    return Inspection(part, scene, _error_per_window(commanded_um + 1e3 * led_mm, profiles))
+    axis_um = scene.axis_um(commanded_um, windows.ways_um()[-1])
+    return Inspection(part, scene, _error_per_window(axis_um, profiles))
 
 
 def _pass_faces(records: list[PassRecord], profiles: list[ProfileError]) -> tuple[PassFace, ...]:

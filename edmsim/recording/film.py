@@ -45,6 +45,8 @@ _CURVES = (
 )  # fmt: skip
 """Title and curves of every plot: entity, name, colour. No two curves beside each other share a colour.
 Feed has that of the path cut, lag that of the wire."""
+_WORKPIECE, _VERTICES = "/world/table/workpiece", ("positions", "normals")
+_FACES_UP = 0.5  # least z of the normal of an upper face
 _MOST_POINTS = 1500  # a curve is drawn with about as many points as it has pixels
 
 
@@ -113,7 +115,8 @@ class Film:
     def _part(self, axes: Axes) -> None:
         s = self._sizes
         middle = (s.x0_mm + s.x1_mm) / 2, (s.y0_mm + s.y1_mm) / 2
-        reach = 0.62 * max(s.x1_mm - s.x0_mm, s.y1_mm - s.y0_mm, 1.0)
+        side = max(s.x1_mm - s.x0_mm, s.y1_mm - s.y0_mm, 1.0)
+        reach = side / 2 + max(0.12 * side, 2e-3 * s.wire_diameter_um)  # small parts have their kerf outside as well
         axes.set_aspect("equal")
         axes.set_xlim(middle[0] - reach, middle[0] + reach)
         axes.set_ylim(middle[1] - reach, middle[1] + reach)
@@ -124,22 +127,25 @@ class Film:
         (self._wire,) = axes.plot([], [], "o", color=palette.ORANGE, markersize=5)
         self._move(axes, self._done)
         self._move(axes, self._wire)
-        x, y = self._play.series("/position/x_um"), self._play.series("/position/y_um")
         rows = self._play.rows("/position/x_um", "Scalars:scalars")
         self._path = (rows.t_s, rows.path_um)
-        place_um = np.column_stack([x[1], y[1]])
-        begins = pause_rows(x[0])
-        self._pauses_s = np.column_stack([x[0][begins - 1], x[0][begins]])
-        self._way = (np.insert(x[0], begins, self._pauses_s.mean(axis=1)), broken(place_um / 1000.0, begins))
+        begins = pause_rows(rows.t_s)
+        self._pauses_s = np.column_stack([rows.t_s[begins - 1], rows.t_s[begins]])
+        done = self._play.rows("/world/table/done", "LineStrips3D:strips")
+        ends_mm = np.asarray(done.values.flatten().flatten().flatten()).reshape(-1, 2, 3)[:, 1, :2]
+        middle_s = self._pauses_s.mean(axis=1)
+        begins = np.searchsorted(done.t_s, middle_s)
+        self._way = (np.insert(done.t_s, begins, middle_s), broken(ends_mm, begins))
+        heights_mm, up = (self._play.points(_WORKPIECE, f"Mesh3D:vertex_{name}", 0.0)[:, 2] for name in _VERTICES)
+        self._tops_mm = np.unique(heights_mm[up > _FACES_UP])
 
     def _set_part(self, t_s: float) -> None:
-        entity = "/world/table/workpiece"
-        corners = self._play.points(entity, "Mesh3D:vertex_positions", t_s)
-        normals = self._play.points(entity, "Mesh3D:vertex_normals", t_s)
-        faces = self._play.points(entity, "Mesh3D:triangle_indices", t_s)
+        corners, normals = (self._play.points(_WORKPIECE, f"Mesh3D:vertex_{name}", t_s) for name in _VERTICES)
+        faces = self._play.points(_WORKPIECE, "Mesh3D:triangle_indices", t_s)
         if len(faces):
-            up = normals[faces[:, 0], 2] > 0.5
-            self._metal.set_verts(corners[faces[up]][:, :, :2])
+            # of a wire that leans every layer has an upper face, of which most lie inside the workpiece
+            on_top = (normals[:, 2] > _FACES_UP) & np.isin(corners[:, 2], self._tops_mm)
+            self._metal.set_verts(corners[faces[on_top[faces[:, 0]]]][:, :, :2])
         at = int(np.searchsorted(self._way[0], t_s, side="right"))
         done = self._way[1][:at]
         self._done.set_data(*_thinned(done).T)

@@ -184,6 +184,8 @@ class Spread(Figures):
     @property
     def worst_and_rms(self) -> str:
         """Both as a person reads them."""
+        if self.max is None:
+            return "not measured"
         return f"{self.text('max')} max, {self.text('rms')} rms"
 
     @property

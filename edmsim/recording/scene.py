@@ -104,7 +104,8 @@ class Scene:
     height_mm: float  # greatest height of the workpiece
     guides_z_mm: tuple[float, float]  # heights of the wire guides over the workpiece's bottom; the lower is negative
     wire_diameter_um: float
-    stop_mm: tuple[float, float] | None = None  # place of the wire when the machine stopped; None if the cut finished
+    # place of the wire at mid height when the machine stopped; None if the cut finished
+    stop_mm: tuple[float, float] | None = None
     # levels of a stepped workpiece, from the lowest; empty if its height is constant
     terraces: tuple[Terrace, ...] = ()
     # (n, 3): centres and radii of the holes in the blank before the first spark; a slot is a row of holes
@@ -125,6 +126,10 @@ class Scene:
         u, v, low, high = (np.interp(path_um, along, column)[:, None] for column in known)
         share = (heights_mm[None, :] - low) / (high - low)
         return np.stack([share * u, share * v], axis=2)
+
+    def axis_um(self, guides_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the guides' axis at mid height in um (n, 2), by places of the lower guide and lengths of path."""
+        return np.asarray(guides_um + 1e3 * self.lead_mm(path_um, np.array([0.5 * self.height_mm]))[:, 0])
 
     @property
     def speck_mm2(self) -> float:

@@ -120,6 +120,13 @@ def test_the_corner_shows_the_wire_behind_its_guides(cut):
         on_edge = (before[:, 0] < -200) & (before[:, 0] > -600)
         np.testing.assert_allclose((before - line(led, name))[on_edge], [[3.0, 0.0]] * on_edge.sum(), atol=1e-9)
     assert error[np.abs(error[:, 0]).argmin(), 1] == pytest.approx(cut.scene.maps[0].error_um[500], abs=1e-9)
+    # a wire that leans is shown at mid height, here 2 mm beside its lower guide
+    scene = dataclasses.replace(cut.scene, lead=np.array([[at, 4.0, 0.0, -10.0, 30.0] for at in (0.0, 1e6)]))
+    place = windows.column_names.index("x_um")
+    shifted = pa.array(windows.column("x_um").to_numpy() - 2000.0)
+    leaning = corner_figure(scene, windows.set_column(place, windows.schema.field(place), shifted), 1)
+    np.testing.assert_allclose(line(leaning, "guides"), guides, atol=1e-9)
+    np.testing.assert_allclose(line(leaning, "wire"), wire, atol=1e-9)
 
 
 def test_the_kerf_is_drawn_from_wire_to_wall(cut):
@@ -149,6 +156,21 @@ def test_the_plane_holds_every_window_and_the_path_between(cut):
     steps = np.array(path.get_segments())
     assert len(steps) == 119
     np.testing.assert_array_equal(steps[1:, 0], steps[:-1, 1])
+
+
+@pytest.mark.slow
+def test_the_unit_of_small_currents_is_on_the_figure(cut):
+    place = cut.windows.column_names.index("mean_current_A")
+    small = pa.array(0.2 * cut.windows.column("mean_current_A").to_numpy())  # its ticks have more digits
+    figure = pulses_figure(cut.windows.set_column(place, cut.windows.schema.field(place), small))
+    figure.canvas.draw()
+    assert max(axes.yaxis.label.get_window_extent().x1 for axes in figure.axes) < figure.bbox.x1
+
+
+def test_few_ignitions_are_read_on_more_than_one_tick():
+    below = delay_figure(made_up(np.linspace(0.5, 30.0, 40), 160)).axes[1]
+    low, high = below.get_ylim()
+    assert ((below.get_yticks() >= low) & (below.get_yticks() <= high)).sum() >= 4
 
 
 def test_an_exponential_delay_is_a_straight_line_with_its_mean():

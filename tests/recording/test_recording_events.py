@@ -29,6 +29,14 @@ def test_begin_corners_and_end(cut):
     assert [row for row, *_ in found] == sorted(row for row, *_ in found)
 
 
+def test_a_wire_that_leans_passes_its_corners_at_mid_height(cut):
+    lead = np.array([[0.0, 4.0, 0.0, -10.0, 30.0], [1e6, 4.0, 0.0, -10.0, 30.0]])  # 2 mm at mid height
+    leaning = replace(cut.scene, lead=lead)
+    windows = changed(cut, "x_um", column(cut.windows, "x_um") - 2000.0)
+    upright = [event for event in events_of(cut, cut.windows) if "corner" in event[2]]
+    assert [tuple(e) for e in events(windows, leaning, cut.report) if "corner" in e.text] == upright
+
+
 def test_a_retract_says_how_far_and_why(cut):
     feed, path = (column(cut.windows, name).copy() for name in ("feed_um_s", "path_um"))
     feed[1000:1010] = -30.0

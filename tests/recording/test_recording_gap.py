@@ -1,12 +1,17 @@
 """The gap in the recording: discharges where they were, traces as the model has them, rays and wall."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from edmsim.plant.kernel.state import OPEN
+from edmsim.recording.figures import palette
+from edmsim.recording.film import Film
 from edmsim.recording.rerun.logs import AGES, SCOPE_PULSES, discharges, faded
+from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.windows import traces
 
 
@@ -76,6 +81,38 @@ def test_rays_end_on_the_wall(cut, play):
     np.testing.assert_allclose(np.hypot(*(rays[:, 0] - wire).T), 125.0, atol=1e-3)
     np.testing.assert_allclose(np.hypot(*(rays[:, 1] - wire).T), 140.0, atol=1e-3)
     assert len(play.strips("/top/metal", "LineStrips2D:strips", float(table["t_s"][0]))) == 15
+
+
+@pytest.mark.slow
+def test_a_leaning_wire_has_its_discharges_and_its_path_in_the_kerf(cut, record, play, tmp_path):
+    """The wire leads its lower guide by 0.1 mm per mm of height over -10 mm."""
+    table = cut.closeups.table()[:30].copy()
+    slices = table["deflection_um"].shape[1]
+    pulses, heights = table["pulses"], 20.0 * (np.arange(slices) + 0.5) / slices
+    table["wire_um"][:, 0] += 2000.0
+    pulses["slice"] = np.where(pulses["kind"] == OPEN, -1, np.arange(pulses.shape[1]) % slices)
+    pulses["x_um"] = table["wire_um"][:, :1] + 100.0 * (heights[pulses["slice"]] - 10.0)
+    scene = replace(cut.scene, lead=np.array([[0.0, 4.0, 0.0, -10.0, 30.0], [1e6, 4.0, 0.0, -10.0, 30.0]]))
+    upright, play = play, Playback(record(
+        tmp_path / "cut.rrd", scene=scene, windows=cut.windows.slice(0, 30),
+        closeups=SimpleNamespace(table=lambda: table, stride=1),
+    ))  # fmt: skip
+    t_s = float(table["t_s"][0])
+    x_mm, _, z_mm = play.points("/world/table/discharges", "Points3D:positions", t_s).T
+    wall_mm = table["wire_um"][0, 0] / 1000.0 + 0.1 * (z_mm - 10.0) + 0.125
+    assert set(np.round(x_mm - wall_mm, 3).tolist()) == {0.0, 0.015}  # shorts have no gap, discharges one of 15 um
+    above = play.points("/top/discharges", "Points2D:positions", t_s)
+    gap_um = np.hypot(*(above - play.points("/top/wire", "Points2D:positions", t_s)[0]).T) - 125.0
+    assert set(np.round(gap_um, 1).tolist()) == {0.0, 15.0}
+    done = play.strips("/world/table/done", "LineStrips3D:strips", t_s)[0][-1]
+    led_mm = 0.1 * (heights[-1] + 10.0)
+    np.testing.assert_allclose(done[:2], table["guides_um"][0] / 1000.0 + (led_mm, 0.0), atol=1e-5)
+    leaning, upright = (
+        np.argwhere((Film(of, 60).picture(t_s)[60:250, 20:230] == palette.rgb(palette.ORANGE)).all(axis=2))
+        for of in (play, upright)
+    )
+    part_mm = 0.62 * 2 * 11.0  # width of the part in the film
+    assert leaning[:, 1].mean() - upright[:, 1].mean() == pytest.approx(215 / part_mm * led_mm, rel=0.05)
 
 
 def test_both_timelines_reach_every_part(cut, play):

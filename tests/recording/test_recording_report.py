@@ -166,6 +166,7 @@ def test_terminal_shows_the_figures(cut):
     assert "persistent short" in stopped
     assert "none: nothing was cut beyond a start hole" in stopped
     assert "nan" not in stopped.lower()
+    assert nothing_known().profile_error_um.worst_and_rms == "not measured"
 
 
 def test_the_summary_reads_as_a_person_says_it(cut):

@@ -4,12 +4,13 @@ import dataclasses
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from edmsim.recording.rerun.logs import face_mesh, shapes_of, wire_strips
+from edmsim.recording.rerun.logs import face_mesh, log_errors, shapes_of, wire_strips
 from edmsim.recording.rerun.viewer import RERUN
 from edmsim.recording.rerun.write import ELECTRICAL, PROCESS, group_starts, recording_id
 from edmsim.recording.scene import PassFace, Scene, read_scene, write_scene
@@ -112,6 +113,16 @@ def test_the_part_is_drawn(read):
     assert "/world/table/stop" not in read.entities()
     corners = read.column("/world/table/corners", "Points3D:labels")
     assert corners == [["-9.1", "-8.4", "-10.2", "-7.9"]]
+
+
+def test_out_of_the_wires_reach_no_error_is_drawn(cut):
+    edge = cut.scene.maps[0]
+    away = np.where(np.arange(len(edge.error_um)) < 40, 5.0, 0.0)
+    scene = dataclasses.replace(cut.scene, maps=(dataclasses.replace(edge, unreachable_um=away),))
+    drawn = []
+    log_errors(SimpleNamespace(log=lambda _, lines, static: drawn.append(lines)), scene)
+    points = drawn[0].strips.as_arrow_array().flatten().flatten().to_numpy()
+    assert np.isfinite(points).all()  # NaN also differs from NaN when recordings are compared
 
 
 def test_deflection_is_exaggerated_by_the_factor(cut):

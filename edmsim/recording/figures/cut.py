@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.mlab import psd
 from matplotlib.patches import Circle
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from edmsim.cosim.straight import KINDS, PulseSample
 from edmsim.errors import InputError
@@ -41,10 +41,11 @@ def shares_figure(scene: Scene) -> Figure:
     figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
     if not split:
-        return style.nothing_to_show(figure, "no shares: no error was measured, or the wire's centre ran on the edge")
+        why = "no error was measured, the wire is tilted, or its centre follows the contour"
+        return style.nothing_to_show(figure, f"no shares: {why}")
     s_mm, error, shares = _joined(split)
     panels = figure.subplots(1 + len(SHARES), 1, sharex=True, sharey=True, gridspec_kw={"hspace": 0.22})
-    names, colours = ("profile error", *SHARES), (palette.INK, *_COLOURS)
+    names, colours = ("profile error (mean over height)", *SHARES), (palette.INK, *_COLOURS)
     for axes, name, values, colour in zip(panels, names, (error, *shares), colours, strict=True):
         style.dress(axes, "", "")
         axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
@@ -170,7 +171,8 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
             *(1000 * (edge.nominal_mm - place_mm)).T, color=palette.INK, linewidth=0.8, linestyle=(0, (5, 3)),
             zorder=4, label="nominal edge" if number == 0 else None,
         )  # fmt: skip
-    guides = columns(windows, "x_um", "y_um") - columns(windows, "following_x_um", "following_y_um") - 1000 * place_mm
+    following = columns(windows, "following_x_um", "following_y_um")
+    guides = _axis_um(scene, windows) - following - 1000 * place_mm
     wire = guides - columns(windows, "lag_x_um", "lag_y_um")
     away = np.abs(guides).max(axis=1) > 2 * reach  # the lines break between two visits
     guides[away], wire[away] = np.nan, np.nan
@@ -203,17 +205,23 @@ def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Float
             order = np.argsort(s)
             error = edge.error_um[order]
             axes.plot(s[order], error, color="#3d4852", linewidth=1.0, label="profile error (+ metal left)")
-            _draw_lag(axes, windows, edge.points_mm[order], s[order], place_mm, edge.outward()[order])
+            guides = _axis_um(scene, windows) / 1000
+            _draw_lag(axes, windows, guides, edge.points_mm[order], s[order], place_mm, edge.outward()[order])
             break
     axes.set_xlim(-reach, reach)
     style.legend(axes, above=True)
 
 
-def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Floats, s: Floats, place_mm: Floats, outward: Floats) -> None:
+def _axis_um(scene: Scene, windows: pa.Table) -> Floats:
+    return scene.axis_um(columns(windows, "x_um", "y_um"), column(windows, "path_um"))
+
+
+def _draw_lag(
+    axes: Axes, windows: pa.Table, guides: Floats, edge_mm: Floats, s: Floats, place_mm: Floats, outward: Floats
+) -> None:
     """The wire's displacement from its guides, away from the part, at the nearest place of the edge."""
     from scipy.spatial import cKDTree
 
-    guides = columns(windows, "x_um", "y_um") / 1000
     near = np.hypot(*(guides - place_mm).T) < 2 * CORNER_REACH_MM
     if not near.any():
         return
@@ -270,7 +278,7 @@ LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: it
 @in_style
 def pulses_figure(windows: pa.Table) -> Figure:
     """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
-    figure = style.column_figure(5.1, top_in=0.25, right_in=0.42)
+    figure = style.column_figure(5.1, top_in=0.25, right_in=0.55)
     if windows.num_rows == 0:
         return style.nothing_to_show(figure, "no pulses: the cut has no window")
     t_s = column(windows, "t_s")
@@ -289,6 +297,7 @@ def pulses_figure(windows: pa.Table) -> Figure:
         panels[1].set_zorder(current.get_zorder() + 1)  # the legend before the current
         panels[1].patch.set_visible(False)
         style.legend(panels[1])
+        panels[1].get_legend().set_frame_on(False)
     _draw_band(current, t, t_s, column(windows, "mean_current_A"), VERMILION, "current, A")
     current.spines["right"].set(visible=True, color=LINE)
     current.grid(visible=False)
@@ -388,7 +397,8 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
     style.dress(axes, "", "not yet ignited, %")
     axes.set_yscale("log")
     axes.plot(ordered, 1.0 - np.arange(1, len(ordered) + 1) / (pulses + 1), color=BLUE, linewidth=1.2, label="pulses")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    few_ignite = open_ > 0.2 * pulses  # within a decade 1, 2 and 5 may be two ticks, or one
+    axes.yaxis.set_major_locator(MaxNLocator(5) if few_ignite else LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
     tail = ordered[ordered > TAIL_US]

@@ -380,10 +380,11 @@ def log_errors(recording: rr.RecordingStream, scene: Scene) -> None:
     factor, limit = scene.error_factor(), scene.error_limit_um()
     for index, edge in enumerate(scene.maps):
         shown = np.column_stack([edge.exaggerated_mm(factor), np.full(len(edge.points_mm), scene.height_mm)])
-        good = edge.smooth() & np.isfinite(edge.error_um[:-1]) & np.isfinite(edge.error_um[1:])
+        error_um = edge.reached_um()
+        good = edge.smooth() & np.isfinite(error_um[:-1]) & np.isfinite(error_um[1:])
         if good.any():
             pieces = np.stack([shown[:-1], shown[1:]], axis=1)[good]
-            colours = palette.error_rgb(edge.error_um[:-1][good], limit)
+            colours = palette.error_rgb(error_um[:-1][good], limit)
             lines = rr.LineStrips3D(pieces, colors=colours, radii=on_screen(1.5))
             recording.log(f"world/table/error/{index}", lines, static=True)
 
@@ -451,6 +452,7 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
 
 def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], factor: float) -> None:
     """Log table, wire and the path cut so far; the wire's deflection is drawn `factor` times as large."""
+    slices = shapes["deflection_um"].shape[1]
     at = np.column_stack([shapes["guides_um"] / 1000.0, np.zeros(len(shapes))])
     when = indexes(shapes["t_s"], shapes["path_um"])
     recording.send_columns("world/cross", when, rr.Transform3D.columns(translation=-at * (1.0, 0.0, 0.0)))
@@ -461,6 +463,7 @@ def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.v
     _log_deflection(recording, scene, shapes, factor)
     look = rr.LineStrips3D.from_fields(colors=[palette.rgb(palette.VERMILION)], radii=on_screen(1.2))
     top = at + np.array([0.0, 0.0, scene.height_mm])
+    top[:, :2] += scene.lead_mm(shapes["path_um"], np.array([scene.height_mm * (1 - 0.5 / slices)]))[:, 0]
     steps = np.stack([np.vstack([top[:1], top[:-1]]), top], axis=1)
     threaded = jump_rows(shapes["guides_um"], shapes["path_um"])  # nothing is cut on the way to the next contour
     steps[threaded, 0] = top[threaded]
@@ -524,11 +527,6 @@ def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeu
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
     n_slices = closeups["deflection_um"].shape[1]
     z_mm = scene.height_mm * (closeups["pulses"]["slice"] + 0.5) / n_slices
-    if scene.lead is not None:  # places are those at mid height
-        led = scene.lead_mm(closeups["path_um"], scene.height_mm * (np.arange(n_slices) + 0.5) / n_slices)
-        led -= scene.lead_mm(closeups["path_um"], np.array([0.5 * scene.height_mm]))
-        at_slice = np.clip(closeups["pulses"]["slice"], 0, n_slices - 1).astype(np.int64)[..., None]
-        place = place + 1e3 * np.take_along_axis(led, at_slice, axis=1)
     points, colours, radii = [], [], []
     lengths = np.zeros(len(closeups), np.int64)
     for i in range(len(closeups)):

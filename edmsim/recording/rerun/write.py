@@ -100,7 +100,7 @@ ELECTRICAL: tuple[Plot, ...] = (
         Series("mean_delay_us", "ignition delay", palette.SKY), Series("t_on_us", "on-time", palette.ORANGE),
         Series("t_period_us", "period", palette.MUTED),
     )),
-    Plot("position", "guides on the table, µm", (
+    Plot("position", "commanded position on the table, µm", (
         Series("x_um", "X", palette.SKY), Series("y_um", "Y", palette.VERMILION),
     )),
     Plot("following", "following error of the drives, µm", (
@@ -297,14 +297,14 @@ def events(windows: pa.Table, scene: Scene, report: Report) -> list[Event]:
     """Return the events of a cut in order of time, places in the program's coordinates."""
     if len(windows) == 0:
         return []
-    scene, origin_um = scene.in_program(), 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
+    origin_um = 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
     t_s = column(windows, "t_s")
     place = columns(windows, "x_um", "y_um") - origin_um
     kind = "alarm: " if report.outcome == _ALARM else ""
     found = [
         Event(0, "INFO", f"begins at {_at(place[0])}"),
         *_retracts(windows, place), *_threadings(t_s, place), *_settings(windows), *_passes(t_s, report.passes),
-        *_corners(scene, place),
+        *_corners(scene.in_program(), scene.axis_um(place, column(windows, "path_um"))),
         Event(len(windows) - 1, _LEVELS[report.outcome], kind + outcome_text(report)),
     ]  # fmt: skip
     return sorted(found, key=lambda event: event.row)
@@ -421,11 +421,16 @@ def write_recording(
 
 
 def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]:
-    """Return close-ups whose guides' axis is where a wire that leans would be at mid height without deflection."""
+    """Return close-ups of a wire that leans with the guides' axis and all discharges at mid height."""
     if scene.lead is None:
         return closeups
-    found = closeups.copy()
-    found["guides_um"] += 1e3 * scene.lead_mm(closeups["path_um"], np.array([0.5 * scene.height_mm]))[:, 0]
+    found, slices, path_um = closeups.copy(), closeups["deflection_um"].shape[1], closeups["path_um"]
+    found["guides_um"] = scene.axis_um(closeups["guides_um"], path_um)
+    heights_mm = scene.height_mm * (np.arange(slices) + 0.5) / slices
+    led_um = closeups["guides_um"][:, None] + 1e3 * scene.lead_mm(path_um, heights_mm) - found["guides_um"][:, None]
+    at_slice = np.maximum(closeups["pulses"]["slice"], 0).astype(np.int64)
+    for axis, name in enumerate(("x_um", "y_um")):
+        found["pulses"][name] -= np.take_along_axis(led_um[..., axis], at_slice, axis=1)
     return found
 
 
@@ -481,8 +486,8 @@ def about(scene: Scene, report: Report, title: str, factor: float, thinning: lis
         "- In the machine view the wire stands and the table moves; the view from above moves with the table.",
         f"- Wire deflection is drawn **× {factor:g}** there, the profile error **× {scene.error_factor():g}** "
         "(blue: too much removed, orange: metal left). All else is to scale, in mm.",
-        "- The view at the wire is to scale, in µm, at mid height; it moves with the guides, whose axis is the "
-        "cross. Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
+        "- The view at the wire is to scale, in µm, at mid height; its cross is the guides' axis as commanded. "
+        "Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
         *(
             ["- The coloured face is the cut face as the last pass that ended left it, where it is off its own mean."]
             if scene.pass_faces else []
