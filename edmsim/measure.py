@@ -534,5 +534,7 @@ def _shift_um(profile: ProfileError) -> Floats:
     middle = (profile.points_mm.min(axis=0) + profile.points_mm.max(axis=0)) / 2
     x, y = (profile.points_mm - middle).T
     counted = (np.abs(y) < SIDE_MM / 2 - CORNER_MM) & ~profile.at_lead_in
-    left, right = (np.nanmedian(profile.error_um[:, counted & side], axis=1) for side in (x < 0, x > 0))
-    return np.asarray((left - right) / 2)
+    left, right = (profile.error_um[:, counted & side] for side in (x < 0, x > 0))
+    if not all(np.isfinite(side).any(axis=1).all() for side in (left, right)):
+        raise EdmsimError("the walls of the test block lie too far off to be measured: let them lean less")
+    return np.asarray((np.nanmedian(left, axis=1) - np.nanmedian(right, axis=1)) / 2)

@@ -162,8 +162,12 @@ class RowPlanner:
         self.speed_unit_nm_s, self.max_feed_um_s = kind.speed_unit_nm_s, kind.max_feed_um_s
         self._max_speed = kind.max_speed
         self._course = course
-        self._row = course.row[0]
         self._room = np.zeros((_ROOM, 3), np.int64)
+
+    @property
+    def _row(self) -> np.void:
+        row: np.void = self._course.row[0]
+        return row
 
     @property
     def position_um(self) -> tuple[float, float]:

@@ -354,7 +354,8 @@ class AxisBench:
     ) -> None:
         """Put a home cam under the table between two places; see `edmsim.compiled.axis_rows.MOTOR`."""
         motor, row = self.motor(axis), self._row(axis)
-        low_um, high_um = finite("low_um", low_um), finite("high_um", high_um)
+        low_um = finite("low_um", low_um)
+        high_um = finite("high_um", high_um, low_um)
         times_ns = finite("bounce_s", bounce_s, 0.0) * 1e9, finite("filter_s", filter_s, 0.0) * 1e9
         motor["cam_hysteresis_um"] = finite("hysteresis_um", hysteresis_um, 0.0)
         motor["cam_low_um"], motor["cam_high_um"] = low_um, high_um

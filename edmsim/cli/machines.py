@@ -220,7 +220,10 @@ def _write_delays(set_up: "Machine", file: Path, seed: int) -> None:
 def _write_fmu(settings: "CutSettings", file: Path, gap_um: float) -> None:
     from edmsim.hil.fmu import export_fmu
 
-    step_s = export_fmu(file, resolution=settings.resolution, gap_um=gap_um, name=settings.machine, **settings.set_up)
+    step_s = export_fmu(
+        file, seed=settings.seed, resolution=settings.resolution, gap_um=gap_um, name=settings.machine,
+        **settings.set_up,
+    )  # fmt: skip
     say(f"written: {file}; its step is {step_s:.9g} s")
 
 

@@ -14,8 +14,9 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_names, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.qcl import Control, read_configuration, read_program
-from edmsim.errors import InputError, located, one_of
+from edmsim.errors import InputError, located, methods_refuse_wrong_types, one_of
 from edmsim.files import read_text
+from edmsim.numeric import finite
 from edmsim.plant.axes.drives import AXIS_NAMES
 
 _BYTE_ORDER_MARK = codecs.BOM_UTF8.decode("latin-1")  # which some editors write before a text
@@ -48,6 +49,7 @@ class Contactors:
             self._bench.share_output(list(self._coils), closed)
 
 
+@methods_refuse_wrong_types
 class Station:
     """A control, its program, and its devices, each on its own axis.
 
@@ -179,7 +181,7 @@ class Station:
         InputError
             The program divides by zero, or assigns a value out of range.
         """
-        end_ns = round((self.bench.time_s + seconds) * 1e9)
+        end_ns = round((self.bench.time_s + finite("seconds", seconds, 0.0)) * 1e9)
         while (now_ns := round(self.bench.time_s * 1e9)) < end_ns:
             self.control.now_ms = now_ns // PASS_NS
             with located(self._file):

@@ -372,7 +372,7 @@ class Pulser(Board):
 
     def _begin(self) -> None:
         self._pulses = 0
-        self._delays: list[float] = []
+        self._delays = np.zeros(2)  # sums over ignited pulses, of their delays in us and of the squares
         self._us = np.zeros(4)
         """Pulse, short, open, all of the operating time."""
 
@@ -396,7 +396,8 @@ class Pulser(Board):
         # what the board waits after a short counts as short
         self._us += burns[ignited].sum(), lengths[shorted].sum(), delays[~shorted].sum(), lengths.sum()
         self._pulses += int(ignited.sum())
-        self._delays += np.minimum(delays[ignited], _MOST_IGNITION_US).tolist()
+        counted = np.minimum(delays[ignited], _MOST_IGNITION_US)
+        self._delays += counted.sum(), (counted**2).sum()
 
     def read(self, register: int, count: int = 1) -> bytes:
         """Read registers one after the other; `CKP_N_PULSE` shows a new interval and begins the next."""
@@ -451,11 +452,11 @@ class Pulser(Board):
         for register, share in zip((R_PULSE, R_SHORT, R_OPEN), shares, strict=True):
             self._shown[register] = min(int(255 * share + 0.5), 255)
         self._shown[CKP_N_PULSE] = min(self._pulses, 255)
-        delays = np.array(self._delays)
-        for register, value in ((T_IGNITION, delays.mean()), (T_IGNITION_SD, delays.std())) if len(delays) else ():
-            self._shown[register] = min(math.floor(value / _IGNITION_UNIT_US + 0.5), _INVALID - 1)
-        if not len(delays):
-            self._shown[T_IGNITION] = self._shown[T_IGNITION_SD] = _INVALID
+        self._shown[T_IGNITION] = self._shown[T_IGNITION_SD] = _INVALID
+        if self._pulses:
+            mean, square = (self._delays / self._pulses).tolist()
+            for register, value in ((T_IGNITION, mean), (T_IGNITION_SD, math.sqrt(max(square - mean**2, 0.0)))):
+                self._shown[register] = min(math.floor(value / _IGNITION_UNIT_US + 0.5), _INVALID - 1)
         self._begin()
 
 

@@ -54,7 +54,7 @@ class ExternalMotion:
         self._link, self._time_scale = link, time_scale
         self._run: _Followed | None = None
         self._points: NDArray[np.float64] = np.zeros((0, 2))
-        self._step_um = self._rapid_um_s = 1.0
+        self._step_um = self._rapid_um_s = self._end_um = 1.0
         self._before = deque([(0.0, 0.0)], _FEED_WINDOWS)
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
@@ -62,7 +62,7 @@ class ExternalMotion:
         if self._run is not None:
             raise InputError("another program moves the axes along one contour without dwells: cut the others apart")
         table = machine.base.table
-        self._points, self._step_um = points_um, table.step_um.value
+        self._points, self._step_um, self._end_um = points_um, table.step_um.value, machine.wire_diameter_um
         self._rapid_um_s = table.rapid_um_s.value
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
@@ -73,6 +73,18 @@ class ExternalMotion:
     def path_run(self, planner: str) -> "_Followed | None":
         """Return the path run that follows the other program."""
         return self._run
+
+    @property
+    def emergency(self) -> str | None:
+        """Message if the other program has ended further than the wire's diameter before the end of the path."""
+        run = self._run
+        if run is None or not run.done or run.length_um - run.path_um <= self._end_um:
+            return None
+        at, of = run.path_um / 1e3, run.length_um / 1e3
+        return f"the program that moves the axes ended at {at:.3f} of {of:.3f} mm of the path"
+
+    def open_switch(self, name: str) -> None:
+        """Leave the machine's switches to the other program."""
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Send the window; the feed is the axes' actual one."""
@@ -116,6 +128,11 @@ class _Followed(Snapshots):
     def position_um(self) -> tuple[float, float]:
         """Position counters."""
         return self._counted[0], self._counted[1]
+
+    @property
+    def length_um(self) -> float:
+        """Length of the path."""
+        return float(self._stations[-1])
 
     @property
     def done(self) -> bool:

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pythonfmu3 as fmu
+from pydantic import ValidationError
 from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3Variability
 from pythonfmu3.fmi3slave import Fmi3StepResult
 
 from edmsim import __version__
-from edmsim.errors import EdmsimError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.files import read_arrays
 from edmsim.hil.gap import Gap, Output
 from edmsim.machine.machine import Machine
@@ -24,12 +25,12 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
 
 SETTINGS = "edmsim.json"
-"""File beside this one with the arguments of `Machine.load`, and ``step_s``, ``resolution``, ``gap_um``."""
+"""File beside this one with ``machine``, all its constants, and what `export_fmu` takes besides."""
 INPUTS = {
     "feed_x_um_s": "speed of x", "feed_y_um_s": "speed of y", "t_on_us": "on-time, from the next step on",
     "t_period_us": "period, from the next step on",
 }  # fmt: skip
-PARAMETERS = {"height_mm": "workpiece height", "tension_N": "wire tension; 0 for the wire's usual one"}
+PARAMETERS = {"height_mm": "workpiece height", "tension_N": "wire tension"}
 OUTPUTS = {
     "short_share": "share of pulses that were shorts", "open_share": "share of open pulses",
     "spark_share": "share of pulses that ignited", "mean_voltage_V": "mean gap voltage",
@@ -45,22 +46,33 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self._settings = json.loads((Path(self.resources) / SETTINGS).read_text(encoding="utf-8"))
-        self._load = self._settings["machine"]
+        self._machine = self._packed_machine()
         self.author, self.description = "edmsim", "A wire-EDM gap, simulated discharge by discharge"
         self.version = __version__
         step_s = self._settings["step_s"]
         self.default_experiment = fmu.DefaultExperiment(start_time=0.0, stop_time=400 * step_s, step_size=step_s)
-        machine = Machine.load(**self._load)
         self.time = 0.0
         self.feed_x_um_s = self.feed_y_um_s = 0.0
-        self.t_on_us, self.t_period_us = machine.t_on_us, machine.t_period_us
-        self.height_mm, self.tension_N, self.seed = machine.height_mm, 0.0, 0
+        self.t_on_us, self.t_period_us = self._machine.t_on_us, self._machine.t_period_us
+        self.height_mm, self.tension_N = self._machine.height_mm, self._machine.tension
+        self.seed = self._settings["seed"]
         self.generator_on, self.wire_broken = True, False
         for name in OUTPUTS:
             setattr(self, name, 0.0)
         self._gap: Gap | None = None
         self._start_s = math.nan  # begin of the first step, where the gap's own clock is at 0; NaN before it
         self._register()
+
+    def _packed_machine(self) -> Machine:
+        """Return the set-up in the FMU, with the MJCF that lies beside it if that is not the package's."""
+        constants = self._settings["machine"]
+        mjcf = Path(self.resources) / Path(constants["base"]["model"]).name
+        if mjcf.is_file():
+            constants["base"]["model"] = str(mjcf)
+        try:
+            return Machine.model_validate(constants)
+        except ValidationError:
+            raise InputError("another version of edmsim wrote this FMU: write it again by edmsim gap --fmu") from None
 
     def _register(self) -> None:
         fixed, discrete = Fmi3Variability.fixed, Fmi3Variability.discrete
@@ -81,12 +93,14 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
             self.register_variable(variable)
 
     def exit_initialization_mode(self) -> None:
-        """Make the gap of the parameters."""
-        self._gap = self._new_gap()
+        """Make the gap of the parameters; if they are refused, say why, and let every step fail."""
+        try:
+            self._gap = self._new_gap()
+        except EdmsimError as error:
+            self.log(str(error), Fmi3Status.error)
 
     def _new_gap(self) -> Gap:
-        options = {**self._load, "height_mm": self.height_mm, "tension": self.tension_N or None}
-        machine = Machine.load(**options)
+        machine = self._machine.with_(height_mm=self.height_mm, tension=self.tension_N)
         chosen = {"resolution": self._settings["resolution"], "gap_um": self._settings["gap_um"]}
         return Gap(machine, self.seed, **chosen)
 
@@ -94,7 +108,7 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         """Run the pulses that begin and end within the step; its length is fixed."""
         step_s = self._settings["step_s"]
         if self._gap is None:
-            self.log("a step before the end of the initialization", Fmi3Status.error)
+            self.log("no step: not initialized yet, or its parameters were refused", Fmi3Status.error)
             return Fmi3StepResult(Fmi3Status.error)
         if abs(step_size - step_s) > 1e-6 * step_s:
             self.log(f"steps are {step_s:.9g} s, one window of pulses, not {step_size:.9g}", Fmi3Status.error)

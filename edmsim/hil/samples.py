@@ -28,6 +28,7 @@ LEAST_HZ, MOST_HZ = 1e4, 1e5
 _FINE_US = 1.0  # the filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)
 COUNT_V, COUNT_A = 0.01, 0.01  # a count of a WAV file
 _COUNTS = 32767
+_MOST_SAMPLES = (2**32 - 64) // 4  # in a WAV file, whose header has 32 bits for its length
 READ = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_float), ctypes.c_int64
 )
@@ -225,7 +226,7 @@ class SampleFile(FrameFile):
         if self._kind == ".wav" and sensing.rate_Hz % 1:
             raise InputError("a WAV file has a whole number of samples per second", file)
         self._rows: list[tuple[Array, Array, Array]] = []
-        self._clipped = 0
+        self._clipped = self._left_out = 0
         self.count = 0
         self._sound: BinaryIO | None = None
         super().__init__(file)
@@ -258,22 +259,28 @@ class SampleFile(FrameFile):
     @property
     def notice(self) -> str:
         """Notice about the file for the user; may be empty."""
-        if not self._clipped:
-            return ""
-        most = f"{_COUNTS * COUNT_V:g} V or {_COUNTS * COUNT_A:g} A"
-        return f"{self._clipped} samples are beyond {most}, which is the most a WAV file holds"
+        said = []
+        if self._clipped:
+            most = f"{_COUNTS * COUNT_V:g} V or {_COUNTS * COUNT_A:g} A"
+            said.append(f"{self._clipped} samples are beyond {most}, which is the most a WAV file holds")
+        if self._left_out:
+            said.append(f"it is full, as a WAV file ends at 4 GB: {self._left_out} samples after these are not in it")
+        return "; ".join(said)
 
     def _write(self) -> None:
         if not self._rows:
             return
         time, voltage, current = (np.concatenate(rows) for rows in zip(*self._rows, strict=True))
         self._rows = []
-        self.count += len(time)
         if self._kind == ".wav":
-            counts = np.stack([voltage / COUNT_V, current / COUNT_A], axis=1).round()
+            room = _MOST_SAMPLES - self.count
+            counts = np.stack([voltage[:room] / COUNT_V, current[:room] / COUNT_A], axis=1).round()
+            self.count += len(counts)
+            self._left_out += len(time) - len(counts)
             self._clipped += int((np.abs(counts) > _COUNTS).any(axis=1).sum())
             self._writer.writeframes(np.clip(counts, -_COUNTS, _COUNTS).astype("<i2").tobytes())
             return
+        self.count += len(time)
         import pyarrow as pa
 
         columns = {"t_s": time, "voltage_V": voltage.astype(np.float32), "current_A": current.astype(np.float32)}

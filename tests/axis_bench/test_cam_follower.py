@@ -1,10 +1,13 @@
 """Axes on the bench follow cam tables: interpolation, repetition, gain, master sources, rows; curves and ramps."""
 
+import math
+
 import numpy as np
 import pytest
 
 from edmsim.controllers.axis.elcam.module import CallStatus
 from edmsim.controllers.axis.elcam.table import Error, Function, Mode
+from edmsim.errors import InputError
 
 from .cam_bench import (
     COUNTS,
@@ -293,6 +296,20 @@ def test_a_follower_can_come_in_on_a_ramp():
     assert rig.count("y") / COUNTS == pytest.approx(2.5, abs=0.002)
 
 
+def test_a_ramp_that_was_broken_off_does_not_come_back():
+    rig = rig_of()
+    go(rig, X, 5.0)
+    table(rig, 0, HAT)
+    assert rig.control.cam_in(0, ramp_s=0.2)
+    rig.run(0.05)
+    rig.control.cam_out(0)
+    go(rig, Y, 2.5)
+    assert rig.control.cam_in(0)
+    assert rig.control.in_sync(0)
+    rig.run(0.002)
+    assert rig.control.axes[Y].setpoint == 2.5
+
+
 def test_names_of_plcopen():
     rig = rig_of()
     table(rig, 0, HAT)
@@ -305,6 +322,9 @@ def test_names_of_plcopen():
     assert not read(rig, 0, Function.MODE) & Mode.RUN
     assert rig.control.halt(Y)
     assert not rig.control.cam_in(1)  # a table without points
+    for move in (lambda: rig.control.move_absolute(Y, math.nan, 10.0), lambda: rig.control.halt(9)):
+        with pytest.raises(InputError, match=r"target is nan: give a finite number|no axis 9: this control has 0 to"):
+            move()
 
 
 ROWS = [(x, y) for top in (5.0, 10.0, 30.0) for x, y in ((0.0, 0.0), (50.0, top), (100.0, 0.0))]

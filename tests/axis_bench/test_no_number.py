@@ -53,6 +53,11 @@ def test_an_input_that_is_not_a_finite_number_is_refused_at_once(bench, name):
         assert (bench.axis("x").tobytes(), bench.motor("x").tobytes(), bench.time_s) == before
 
 
+def test_a_cam_that_ends_before_it_begins_is_refused(bench):
+    with pytest.raises(InputError, match="high_um is 500: give a finite number of 900 or more"):
+        bench.home_cam("x", 900, 500)
+
+
 def test_numbers_of_every_kind_are_taken(bench):
     for value in (2, 2.0, np.float32(2), np.int16(2), np.array(2.0)):
         bench.force("x", value)

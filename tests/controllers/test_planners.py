@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -461,6 +462,15 @@ def test_all_axes_run_back_over_where_they_began(name):
     assert np.abs(behind + np.append(POINTS[1] - POINTS[0], LEADS[1] - LEADS[0])).max() <= 2.0 * STEP_UM
     planner.advance(200 * NS, 400 * NS, units)
     assert planner.done
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_a_copy_makes_the_same_steps_however_many_a_window_has(name):
+    planner = make_planner(name, [(0, 0), (300, 100)])
+    again = pickle.loads(pickle.dumps(planner))
+    units = round(30e3 / planner.speed_unit_nm_s)
+    assert again.advance(0, 20 * NS, units) == planner.advance(0, 20 * NS, units)
+    assert again.position_um == planner.position_um == (300, 100)
 
 
 @pytest.mark.parametrize("name", ["exact", "poscal"])

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -64,7 +65,8 @@ def test_the_axes_go_where_the_other_program_is_and_the_cut_is_one_as_any(tmp_pa
     other = Other(60.0, 300.0)
     file = gap.without_words(str(program(tmp_path)), str(tmp_path))
     result = cut(file, ExternalMotion(other, 1e9), generator=generator)
-    assert result.report["outcome"] == "finished"
+    assert result.report["outcome"] == "emergency-stop"
+    assert re.match(r"the program that moves .* ended at 0\.\d+ of 0\.800 mm of the path", result.report["reason"])
     windows = result.windows
     x, path = (windows.column(name).to_numpy() for name in ("x_um", "path_um"))
     assert x[-1] - x[0] == pytest.approx(300.0, abs=4.0)
@@ -87,9 +89,11 @@ def test_axes_that_are_behind_when_the_other_program_ends_go_to_its_end(tmp_path
         def place_um(self):
             return 1000.0 + 60.0 * (len(self.windows) > 3), -500.0
 
-    file = gap.without_words(str(program(tmp_path)), str(tmp_path))
+    file = gap.without_words(str(program(tmp_path, LINE.replace("X0.8", "X0.07"))), str(tmp_path))
     other = Ahead(0.0, 60.0)
-    path_um = cut(file, ExternalMotion(other, 1e9)).windows.column("path_um").to_numpy()
+    result = cut(file, ExternalMotion(other, 1e9))
+    assert result.report["outcome"] == "finished"
+    path_um = result.windows.column("path_um").to_numpy()
     assert path_um[3] == 0.0
     assert path_um[4] < 55.0  # a window at the rapid feed is not enough
     assert path_um[-1] == pytest.approx(60.0, abs=3.0)

@@ -4,6 +4,7 @@ import math
 import shutil
 import zipfile
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -128,7 +129,25 @@ def test_settings_count_from_the_next_step_on_and_time_is_never_lost(file):
 
 
 @pytest.mark.slow
-def test_a_step_of_another_length_and_a_setting_that_cannot_be_are_errors(file):
+def test_it_runs_without_the_files_that_it_was_written_from(tmp_path):
+    models = Path(edmsim.models.__file__).parent
+    for name, written in (("machines/agiecut-dem15.toml", "own.toml"), ("materials/copper.toml", "metal.toml")):
+        text = (models / name).read_text()
+        (tmp_path / written).write_text(text.replace('model = "agiecut_dem15.xml"', 'model = "own.xml"'))
+    shutil.copy(models / "agiecut_dem15.xml", tmp_path / "own.xml")
+    machine = {"name": str(tmp_path / "own.toml"), "material": str(tmp_path / "metal.toml"), "tension": 8.0}
+    export_fmu(tmp_path / "gap.fmu", seed=7, **machine)
+    gap = Gap(edmsim.Machine.load(**machine), 7)
+    for own in (*tmp_path.glob("*.toml"), tmp_path / "own.xml"):
+        own.unlink()
+    with instance(tmp_path / "gap.fmu") as fmu:
+        assert (fmu.get("tension_N"), fmu.get("seed")) == (8.0, 7)
+        window = gap.run(Output(255, True, 30.0, 100.0)).window
+        assert fmu.step(0.0)[2:4] == (window.mean_voltage_V, window.mean_current_A)
+
+
+@pytest.mark.slow
+def test_a_step_of_another_length_and_a_setting_that_cannot_be_are_errors(file, capsys):
     with instance(file) as fmu, pytest.raises(fmpy.fmi1.FMICallException):
         fmu.fmu.doStep(0.0, 0.01)
     with instance(file) as fmu:
@@ -139,6 +158,10 @@ def test_a_step_of_another_length_and_a_setting_that_cannot_be_are_errors(file):
         fmu.step(math.nan)
     with instance(file) as fmu:
         fmu.set("t_period_us", math.nan)
+        with pytest.raises(fmpy.fmi1.FMICallException, match=r"\(error\)"):
+            fmu.step(1.0)
+    with instance(file, height_mm=-1.0) as fmu:
+        assert "workpiece height -1 mm is not within" in capsys.readouterr().out
         with pytest.raises(fmpy.fmi1.FMICallException, match=r"\(error\)"):
             fmu.step(1.0)
 

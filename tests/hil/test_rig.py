@@ -1,5 +1,7 @@
 """The boards without a clock: their lines, registers, ratios and quirks; the axes; what nobody may upset."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -206,9 +208,13 @@ def test_reading_the_count_begins_an_interval_and_the_ratios_are_those_of_time(r
     assert (count, delay, spread) == (1, 50, 0)
     assert (pulse, short, open_) == (round(255 * 500 / 8000), round(255 * 2000 / 8000), round(255 * 750 / 8000))
     assert pulser.read(0x10, 2) == bytes([0, 255])
-    for _ in range(300):
-        pulser.see(frame_of(rig, [SPARK] * 4, 0.0))
-    assert pulser.read(0x10)[0] == 255  # it stays at its most
+    size = len(pickle.dumps(pulser))
+    for on_10_us in (50, 10):
+        rig.send(f"w 4 {on_10_us}")
+        for _ in range(150):
+            pulser.see(frame_of(rig, [SPARK] * 4, 0.0))
+    assert len(pickle.dumps(pulser)) < size + 100  # however long nobody reads
+    assert list(pulser.read(0x10, 3)) == [255, 30, 20]  # the count stays at its most; 250 and 50 us
     assert sum(pulser.read(r)[0] for r in (R_PULSE, R_SHORT, R_OPEN)) <= 255
 
 

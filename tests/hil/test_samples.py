@@ -194,6 +194,18 @@ def test_samples_beyond_what_a_wav_file_holds_are_counted(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_wav_file_that_is_full_ends_there_and_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr("edmsim.hil.samples._MOST_SAMPLES", 400)
+    rig = Rig("powercore-v2", seed=1)
+    with SampleFile(tmp_path / "gap.wav", Sensing()) as file:
+        for _ in range(300):
+            file.frame(rig.frame())
+    assert file.count == 400
+    assert re.search(r"ends at 4 GB: \d+ samples after these", file.notice)
+    with wave.open(str(tmp_path / "gap.wav")) as read:
+        assert read.getnframes() == 400
+
+
 def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
     rows = delay_table(Machine.load(), gaps_um=np.array([6.0, 12.0, 20.0]), voltages_V=(80.0, 120.0), draws=60)
     median = {(row.gap_um, row.open_V): row.us[QUANTILES.index(0.5)] for row in rows}

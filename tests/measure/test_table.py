@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables, read_tables, text_of
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import with_overrides
 from edmsim.machine.parts import Constant
@@ -120,6 +120,12 @@ def test_errors_of_both_guides_are_found_from_a_leaning_block():
 def test_a_block_that_does_not_lean_is_refused(angle, said):
     with pytest.raises(InputError, match=said):
         measure_guides(Machine.load(height_mm=6.0), angle)
+
+
+def test_a_block_whose_walls_are_not_where_they_can_be_measured_is_an_error(monkeypatch):
+    monkeypatch.setattr("edmsim.measure.Simulation.run", lambda *_: "finished")  # all of the metal is left
+    with pytest.raises(EdmsimError, match="lie too far off to be measured: let them lean less"):
+        measure_guides(Machine.load(height_mm=6.0))
 
 
 def test_a_machine_whose_upper_guide_does_not_move_is_refused():

@@ -17,6 +17,7 @@ from edmsim.controllers.axis.drive import axis_row, new_record
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.table import DATA, Function, Mode
 from edmsim.errors import InputError, methods_refuse_wrong_types
+from edmsim.numeric import finite
 
 CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9  # interpolator's cycle
 
@@ -90,14 +91,16 @@ class MotionControl:
         """Move an axis to a position; False if it follows a cam table and so refuses travel commands."""
         if axis in self._release():
             return False
-        self.axes[axis].target, self.axes[axis].speed = target, abs(speed)
+        moved = self._axis(axis)
+        moved.target, moved.speed = finite("target", target), abs(finite("speed", speed))
         return True
 
     def move_velocity(self, axis: int, speed: float) -> bool:
         """Move an axis at a speed until the next command; False if it follows a cam table."""
         if axis in self._release():
             return False
-        self.axes[axis].target, self.axes[axis].speed = None, speed
+        moved = self._axis(axis)
+        moved.target, moved.speed = None, finite("speed", speed)
         return True
 
     def halt(self, axis: int) -> bool:
@@ -123,6 +126,7 @@ class MotionControl:
         if at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) | Mode.RUN):
             return False
         axis = self.elcam.tables[table].axis
+        self._ramps.pop(axis, None)  # one that was broken off
         if ramp_s > 0.0 and axis in (places := self.elcam.follow()):
             self._ramps[axis] = self.axes[axis].setpoint - places[axis], 0.0, ramp_s
         return True
@@ -148,7 +152,7 @@ class MotionControl:
         if number != DATA["elcam"]["compensation_resource"] or not self.elcam.has("resource"):
             first = DATA["since"]["resource"]
             raise InputError(f"this control has no resource {number}; there is 73, with firmware from {first} on")
-        return self.axes[axis].compensation
+        return self._axis(axis).compensation
 
     def turn(self, counts: Sequence[int], auxiliary_counts: Sequence[int] | None = None) -> None:
         """Run one cycle.
@@ -176,11 +180,17 @@ class MotionControl:
             most = axis.compensation_rate * CYCLE_S or math.inf
             axis.compensation += min(max(demand, -most), most)
 
+    def _axis(self, number: int) -> ControlAxis:
+        if not 0 <= number < len(self.axes):
+            raise InputError(f"there is no axis {number}: this control has 0 to {len(self.axes) - 1}")
+        return self.axes[number]
+
     def _release(self) -> set[int]:
         """Let axes go on at their speed that follow no longer; return those that do."""
         cams = {table.axis for table in self.elcam.tables.values() if table.leads}
         for k in self._followers - cams:
             self.axes[k].target, self.axes[k].speed = None, self.axes[k].velocity
+            self._ramps.pop(k, None)
         self._followers &= cams
         return cams
 

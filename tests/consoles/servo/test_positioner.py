@@ -1,5 +1,6 @@
 """``edmsim console positioner``: a QCL program on its axes, from files, inputs pressed by time."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -169,6 +170,8 @@ def test_bad_words_are_refused(tmp_path):
     one = station()
     with pytest.raises(InputError, match="no input 'ifstrat'; there are: ifforward"):
         one.press("ifstrat")
+    with pytest.raises(InputError, match="seconds is nan: give a finite number of 0 or more"):
+        station().run(math.nan)
     with pytest.raises(InputError, match="no device 'Bxis'; there are: axis"):
         one.device("Bxis")
     with pytest.raises(InputError, match=r"a\.cnf: the section INTDEVICE declares 0 devices"):
