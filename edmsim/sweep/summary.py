@@ -29,6 +29,7 @@ GOALS = {"cutting_rate_mm2_min": 1, "ra_um": -1, "error_rms_um": -1}
 """Figures of the Pareto front: more rate, less roughness and error are better."""
 MACHINE = "machine_sample"
 _NO_SETTINGS = {"id", "seed"}
+ORIGINS = "files", "edmsim_version"  # a folder may have runs before and after a program or a controller was changed
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,13 @@ class Group:
 
 
 def varied(table: pa.Table) -> list[str]:
-    """Return the settings, constants among them, that differ between the runs."""
+    """Return what differs between the runs: settings, constants among them; of equal settings the texts of files."""
     names = table.column_names[: table.column_names.index("error")]
-    return [name for name in names if name not in _NO_SETTINGS and len(table[name].unique()) > 1]
+    found = [name for name in names if name not in _NO_SETTINGS and len(table[name].unique()) > 1]
+    for name in (name for name in ORIGINS if name in table.column_names):
+        if table.group_by([*found, name]).aggregate([]).num_rows > table.group_by(found).aggregate([]).num_rows:
+            found.append(name)
+    return found
 
 
 def measured(table: pa.Table) -> list[str]:

@@ -254,6 +254,11 @@ def test_what_was_stored_is_there_once_whenever_the_driver_dies(tmp_path, monkey
     assert len(observed) == 11
 
 
+@pytest.mark.parametrize(("name", "value"), [("technology", "own.toml"), ("guide_errors_mm", [0.01, 0.0])])
+def test_a_setting_has_a_column_of_one_type_whether_or_not_it_is_set(name, value):
+    assert stores.as_table([{name: value}]).schema == stores.as_table([{name: None}]).schema
+
+
 @pytest.mark.slow
 def test_recordings_are_whole_and_play(line, short, tmp_path):
     spec = Specification(program=[str(line)], settings=short, recordings=["windows", "report"])
