@@ -63,7 +63,11 @@ class RunTable:
         self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
         self.file, self._of, self._lock = file, of, threading.Lock()
         if file is not None and file.exists():
-            self.keep(self.rows.values())  # without a last line that was cut off
+            with naming(file), file.open("r+b") as opened:  # in place, as others may add to it
+                whole = opened.read().rfind(b"\n") + 1
+                opened.truncate(whole)  # without a last line that was cut off
+            if not whole:
+                self.keep(())
 
     def add(self, row: Row) -> None:
         """Save a finished run; one with the same id is replaced."""

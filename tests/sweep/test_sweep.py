@@ -81,7 +81,10 @@ def test_jobs_in_processes_are_answered_in_order_and_saved_once(failing, tmp_pat
     )  # fmt: skip
     assert found == [{"id": "a", "job": "x"}, {"id": "b", "job": "made before"}, {"id": "c", "job": "z"}]
     assert counts == [(1, 3), (2, 3), (3, 3)]
-    assert RunTable(tmp_path / "runs.jsonl").rows == table.rows
+    with (tmp_path / "runs.jsonl").open("ab") as other:  # which another process adds to
+        assert RunTable(tmp_path / "runs.jsonl").rows == table.rows
+        other.write(b'{"id": "of another process"}\n')
+    assert "of another process" in RunTable(tmp_path / "runs.jsonl").rows
 
 
 @pytest.mark.slow
