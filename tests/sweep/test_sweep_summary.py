@@ -82,6 +82,24 @@ def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn():
     assert sorted(sensitivities(table)["ra_um"].effects) == ["gap.chosen", "gap.drawn"]
 
 
+def test_a_constant_that_the_first_runs_left_at_its_default_is_a_setting():
+    first = {"id": "0", "task": "a.ngc", "seed": 0, "machine_sample": None, **dict.fromkeys(KEYS), "error": None,
+             "outcome": None, "ra_um": 1.0}  # fmt: skip
+    table = as_table([first, {**first, "id": "1", "gap.chosen": 5.0}])
+    assert [group.settings for group in groups(table)] == [{"gap.chosen": None}, {"gap.chosen": 5.0}]
+
+
+def test_the_interval_of_a_mean_is_that_over_drawn_machines():
+    rows = [
+        {"id": f"{m}-{seed}", "task": "a.ngc", "seed": seed, "machine_sample": m, **dict.fromkeys(KEYS),
+         "error": None, "outcome": None, "ra_um": float(m)}
+        for m in range(4) for seed in range(20)
+    ]  # fmt: skip
+    (group,), one = groups(as_table(rows)), groups(as_table(rows[::20]))[0]
+    assert group.figures["ra_um"] == one.figures["ra_um"]
+    assert (group.runs, one.runs) == (80, 4)
+
+
 def test_runs_of_a_changed_file_are_groups_of_their_own_unless_a_setting_names_it(table):
     texts = [{"counts": "a", "voltage": "b"}[name] for name in table["controller"].to_pylist()]
     assert groups(table.append_column("files", [texts])) == groups(table)
