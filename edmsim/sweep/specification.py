@@ -171,6 +171,8 @@ class Specification(BaseModel, extra="forbid", frozen=True):
                 keys = cls.model_fields
                 known = one_of(name, keys, [*keys, "with options under [settings] and [grid]"])
                 raise InputError(f"a sweep has no '{name}'; it has {known}") from None
+            if first["type"] == "missing":
+                raise InputError(f"{name} is missing") from None
             raise InputError(f"{name} cannot be {first['input']!r}: {reason}") from None
 
     @model_validator(mode="before")

@@ -147,6 +147,12 @@ WORST_SHARE = 0.25
 be a bad one)."""
 
 
+def anywhere(text: str) -> str:
+    """Return the name of a controller or an environment for other processes: of the user's file the whole path."""
+    own = named(text)
+    return text if own is None else f"{Path(own.file).absolute()}:{own.name}"
+
+
 def worst_share_mean(returns: Sequence[float]) -> float:
     """Return the mean of the worst quarter of some returns, of one at the least."""
     ordered = np.sort(np.asarray(returns, float))
@@ -156,14 +162,15 @@ def worst_share_mean(returns: Sequence[float]) -> float:
 def _training(trial: Trial) -> TrialResult:
     from edmsim.learning.train import train
 
-    usual = load(trial.name, trial.algo)
+    env_id = resolve(trial.name)
+    usual = load(env_id, trial.algo)
     changed = usual.model_copy(update={"algorithm": {**usual.algorithm, **trial.values}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         trained = train(
-            trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=changed
+            env_id, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=changed
         )
-        command = f"edmsim tune training {trial.name} --algo {trial.algo}, trial {trial.number}"
+        command = f"edmsim tune training {env_id} --algo {trial.algo}, trial {trial.number}"
         value = judge_policy(trained, command, folder, trial.seeds)
         files = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}
     return TrialResult(value, None, files)
@@ -211,7 +218,7 @@ def tune_training(
     study = open_study(folder, f"{env_id} {algo}", of, trials, within(space, usual.algorithm))
 
     def made(number: int, values: dict[str, float]) -> Trial:
-        return Trial(number, "training", name, values, judged_by, algo, windows)
+        return Trial(number, "training", anywhere(env_id), values, judged_by, algo, windows)
 
     def best(trial: Trial, result: TrialResult) -> None:
         what = f"training: {algo} on {name}, {windows} windows; trial {trial.number}"
@@ -411,7 +418,7 @@ class Spread(NamedTuple):
 
 
 class TunedController(NamedTuple):
-    """Result of `tune_controller`, with spreads on machines that the choice did not use."""
+    """Result of `tune_controller`: the best on machines that no trial had, and the spreads on these."""
 
     values: dict[str, float]  # the most robust settings
     spread: Spread
@@ -459,7 +466,7 @@ def tune_controller(
     if own is not None and not own.name:
         raise InputError(f"'{controller}' names no controller of your own: give FILE.py:CLASS")
     title = controller if own is None else own.name
-    name = title if own is None else f"{Path(own.file).absolute()}:{own.name}"
+    name = anywhere(controller)
     law, space = law_of(controller, {}), bounds_of(controller)
     fresh = tuple(training_seeds(seed, FRESH * seeds))
     first_of_trials = seed + FRESH * seeds

@@ -112,6 +112,7 @@ def test_seeds_of_environments_are_those_held_back():
     ({"sobol": {"samples": 6, "ranges": {"tension": [8, 12]}}}, "4 or 8"),
     ({"sobol": {"samples": 4, "ranges": {"tension": [12, 8]}}}, "[low, high]"),
     ({"sobol": {"samples": 4, "ranges": {"tension": "range"}}}, "published range"),
+    ({"sobol": {"samples": 4}}, "sobol.ranges is missing"),
     ({"recordings": "video"}, "video"), ({"sample_only": ["gap"]}, "give their number as machine_samples"),
 ])  # fmt: skip
 def test_what_is_no_sweep_is_refused_in_one_line(line, options, named):

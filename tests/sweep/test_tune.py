@@ -115,16 +115,18 @@ def test_a_folder_has_one_study(tmp_path):
         tune_training(ENV_ID, tmp_path, algo="sac", trials=1, engine=Peak())
 
 
-def test_a_study_is_of_the_text_of_an_own_environment(tmp_path):
+def test_a_study_is_of_the_text_of_an_own_environment_which_trials_name_by_its_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     file = tmp_path / "own.py"
     file.write_text(
         "from edmsim.envs import register\nfrom edmsim.envs.families import GapFeed\n\n\n"
         "class Own(GapFeed):\n    'Own.'\n\n\nregister('lab/Own-v0', Own)\n"
     )
-    tune_training(f"{file}:lab/Own-v0", tmp_path, trials=1, engine=Peak())
+    tune_training("own.py:lab/Own-v0", tmp_path, trials=1, engine=(made := Peak()))
+    assert made.observed[0].name == f"{file}:lab/Own-v0"
     file.write_text(file.read_text() + "# another\n")
     with pytest.raises(InputError, match="it has the runs of files"):
-        tune_training(f"{file}:lab/Own-v0", tmp_path, trials=1, engine=Peak())
+        tune_training("own.py:lab/Own-v0", tmp_path, trials=1, engine=Peak())
 
 
 @pytest.mark.slow
