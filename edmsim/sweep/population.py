@@ -230,8 +230,8 @@ class Learner(tune.Trainable):  # type: ignore[misc]
         out = Path(tempfile.mkdtemp(dir=self._folder.name))
         done = 0 if self._last is None else json.loads((self._last / "run.json").read_text(encoding="utf-8"))["done"]
         trained = train(
-            resolve(plan["env_id"]), plan["algo"], out, steps=done + plan["windows"], seed=plan["seed"] + self._number,
-            parameters=parameters, begin_from=self._last,
+            resolve(plan["env_id"]), plan["algo"], out, steps=done + plan["windows"],
+            seed=plan["seed"] + self._number, parameters=parameters, begin_from=self._last,
         )  # fmt: skip
         command = f"edmsim tune population {plan['env_id']} --algo {plan['algo']} --learners {plan['population']}"
         score = judge_policy(trained, command, out, plan["seeds"])

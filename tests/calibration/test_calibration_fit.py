@@ -144,6 +144,8 @@ def test_the_command_prints_and_writes_what_was_fitted(known, recovered, log_fil
     assert [list(row["model"].values()) for row in document["stretches"]] == recovered.simulated.tolist()
     assert document["files"] == {"machine": str(out), "material": str(out.with_name("fitted-material.toml"))}
     known.machine.load(str(out), material=document["files"]["material"])
+    said = edmsim("calibrate", log_file, *options[:-1], "--seed", "5").out
+    assert f"Cut with it: edmsim cut PROGRAM --resolution fast --machine {out} --material" in said
 
 
 def test_the_logged_machine_has_the_logs_statistics(known):
