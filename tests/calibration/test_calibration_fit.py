@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate
+from edmsim.calibration import fit as fitting
 from edmsim.calibration.comparison import simulate
 from edmsim.calibration.fit import FittedConstant, machine_of, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
@@ -96,6 +98,28 @@ def test_a_log_made_under_a_gap_controller_is_fitted(steered):
 def test_what_the_log_cannot_tell_keeps_its_value(known, recovered):
     assert recovered.undetermined == {"wire.strength_MPa": "the statistics do not depend on it"}
     assert recovered.machine.wire == known.machine.wire
+
+
+@pytest.mark.slow
+def test_of_constants_that_do_the_same_the_value_is_named_at_which_the_other_holds(known, monkeypatch):
+    class Search:
+        def __init__(self, comparison, names, start):
+            self.names = list(names)
+
+        def run(self):
+            pass
+
+        def standard_errors(self):
+            return np.array([0.5, 0.1])[-len(self.names) :]
+
+    monkeypatch.setattr(fitting, "StretchComparison", lambda machine, *_: SimpleNamespace(machine=machine))
+    monkeypatch.setattr(fitting, "_determined_alone", lambda comparison, names, at: list(names))
+    monkeypatch.setattr(fitting, "_Search", Search)
+    monkeypatch.setattr(fitting, "_result", lambda search, error, undetermined: undetermined)
+    assert calibrate(log_of(known.table), known.machine, list(known.truth)) == {
+        "gap.particle_share":
+            "another value of material.removal_mm3_J does the same; what is fitted holds for 0.05 only",
+    }  # fmt: skip
 
 
 @pytest.mark.slow
