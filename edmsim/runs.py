@@ -16,6 +16,7 @@ import socket
 import subprocess
 import sys
 import threading
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
@@ -62,7 +63,11 @@ class RunTable:
         self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
         self.file, self._of, self._lock = file, of, threading.Lock()
         if file is not None and file.exists():
-            self.keep(self.rows.values())  # without a last line that was cut off
+            with naming(file), file.open("r+b") as opened:  # in place, as others may add to it
+                whole = opened.read().rfind(b"\n") + 1
+                opened.truncate(whole)  # without a last line that was cut off
+            if not whole:
+                self.keep(())
 
     def add(self, row: Row) -> None:
         """Save a finished run; one with the same id is replaced."""
@@ -138,13 +143,24 @@ def _digest(file: str, _time_ns: int, _size: int) -> str:
 
 def digests_of(values: Iterable[Any]) -> dict[str, str]:
     """Return the digests of program, constants, controller, policy and tables, wherever a value names a file."""
-    named = {}
+    named: dict[str, str] = {}
     for value in values:
         if isinstance(value, str):
             file = user_code.file_of(value) or value
             if (found := digest(file)) is not None:
-                named[file] = found
+                named |= {file: found, **digests_of(_mjcf_of(file, found))}
+        elif isinstance(value, Mapping | Sequence):
+            named |= digests_of(value.values() if isinstance(value, Mapping) else value)
     return named
+
+
+@lru_cache(maxsize=1024)
+def _mjcf_of(file: str, _digest: str) -> list[str]:
+    """Return the MJCF that a user's machine names, which lies in its folder."""
+    with suppress(OSError, ValueError, RecursionError):
+        model = tomllib.loads(Path(file).read_text(encoding="utf-8")).get("model") if file.endswith(".toml") else None
+        return [str(Path(file).parent / model)] if isinstance(model, str) else []
+    return []
 
 
 def identity(content: Mapping[str, Any]) -> str:

@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 import edmsim
+from edmsim.calibration import read_log
 from edmsim.errors import InputError
 from edmsim.job.cut import prepared
 from edmsim.job.settings import CutSettings
+from edmsim.recording.windows import write_windows
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "dialects"
 PUNCH, TABLE = EXAMPLES / "punch-sodick.nc", EXAMPLES / "conditions.toml"
@@ -24,6 +26,14 @@ def test_every_pass_has_the_settings_of_its_condition():
     assert [one.controller.name for one in ready.setups] == ["counts", "trim", "trim"]
     assert ready.approach.machine.t_on_us == 1.0  # C000, which the program calls before C001
     assert not any("technology" in notice for notice in ready.path.notices)
+
+
+@pytest.mark.slow
+def test_the_log_of_passes_that_a_program_has_is_none_to_fit_to(tmp_path):
+    result = edmsim.cut(PUNCH, **SET_UP, planner="exact", resolution="fast", max_time_s=0.1)
+    write_windows(result.windows, tmp_path / "log.parquet")
+    with pytest.raises(InputError, match="it is the log of a cut in 3 passes"):
+        read_log(tmp_path / "log.parquet")
 
 
 def test_one_pass_is_cut_with_its_condition(tmp_path):

@@ -224,8 +224,9 @@ def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str],
             return _result(search, error, undetermined)
         name = determined[worst]
         determined = [other for other in determined if other != name]
-        others = ", ".join(determined)
-        undetermined[name] = f"another value of {others} does the same" if determined else "the noise hides it"
+        at = choose(comparison.machine, [name])[name].value
+        others = f"another value of {', '.join(determined)} does the same; what is fitted holds for {at:g} only"
+        undetermined[name] = others if determined else "the noise hides it"
     reasons = "; ".join(f"{name}: {reason}" for name, reason in undetermined.items())
     raise InputError(f"the log tells none of the constants ({reasons})", log_name)
 

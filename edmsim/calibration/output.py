@@ -93,7 +93,7 @@ def render(fit: Fit, resolution: str) -> Group:
         Text(f"the log does not determine {name}: {reason}", "yellow") for name, reason in fit.undetermined.items()
     ]
     warnings = [Text(line, "yellow") for line in (*causes(fit, resolution), *correlated(fit), *refusal(fit))]
-    over = f"per degree of freedom over {len(fit.stretches)} stretches; noise alone makes about 1"
+    over = f"per degree of freedom over {len(fit.stretches)} stretches; noise alone makes 1 or less"
     misfit = Text(f"misfit {fit.misfit:.2f} {over}")
     return Group(table, *undetermined, misfit, *warnings, _comparison_table(fit))
 

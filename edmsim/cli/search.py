@@ -90,6 +90,7 @@ def _specification(
 ) -> "Specification":
     """Return the specification of a file, or of the short form."""
     from edmsim.sweep.specification import Specification, read_specification
+    from edmsim.user_code import named
 
     over = {"seeds": seeds, "machine_samples": machine_samples, "recordings": record or None}
     chosen = {name: value for name, value in over.items() if value is not None}
@@ -97,7 +98,8 @@ def _specification(
         if superfluous := [*(_FLAGS[name] for name in chosen), *words]:
             raise InputError(f"a specification has all settings: leave out {' '.join(superfluous)}")
         return read_specification(what)
-    kind = "program" if Path(what).is_file() or Path(what).suffix not in ("", ".py") else "environment"
+    is_program = named(what) is None and (Path(what).is_file() or Path(what).suffix)
+    kind = "program" if is_program else "environment"
     return Specification.model_validate({kind: what, "grid": _options(words), **chosen})
 
 

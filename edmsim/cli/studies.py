@@ -45,6 +45,7 @@ def calibrate(
     from edmsim import calibration
     from edmsim.calibration import comparison, output
     from edmsim.calibration import fit as fitting
+    from edmsim.job.settings import CutSettings
     from edmsim.numeric import listed
     from edmsim.runs import RunTable
 
@@ -73,7 +74,9 @@ def calibrate(
         sys.stdout.write(output.as_json(found, files) + "\n")
         return
     OUT.print(output.render(found, settings.resolution))
-    fitted = " ".join(f"--{part} {shlex.quote(str(file))}" for part, file in files.items())
+    usual, of_set_up = CutSettings(), ("material", "wire", "generator", "resolution")
+    others = {name: now for name in of_set_up if (now := getattr(settings, name)) != getattr(usual, name)}
+    fitted = " ".join(f"--{part} {shlex.quote(str(value))}" for part, value in {**others, **files}.items())
     print_line(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR")
 
 

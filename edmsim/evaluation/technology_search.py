@@ -16,6 +16,7 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
+from edmsim import __version__
 from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassRecord, PassSetup
 from edmsim.cosim.simulation import Simulation
@@ -30,7 +31,7 @@ from edmsim.program.offset import OffsetOutline, offset_edge
 from edmsim.program.outline import Outline
 from edmsim.program.passes import CutPass, PassPlan, on_grid, ways_of
 from edmsim.program.path import CutPath, WireContour
-from edmsim.runs import RunTable, identity
+from edmsim.runs import RunTable, digests_of, identity
 
 
 class PassTarget(NamedTuple):
@@ -190,7 +191,10 @@ class Search:
         self._known = () if known is None else known.passes
         self._first_mm = 0.5
         self._made_with: dict[str, Any] = {}  # setting and offset of the last cut
-        self._runs = RunTable(journal, {name: value for name, value in asdict(job).items() if name != "passes"})
+        self._runs = RunTable(journal, {
+            **{name: value for name, value in asdict(job).items() if name != "passes"},
+            "files": sorted(digests_of(asdict(job).values()).values()), "edmsim": __version__,
+        })  # fmt: skip
 
     def run(self) -> AtHeight:
         """Search, and return the passes. After Ctrl-C, the same search resumes behind the runs in the journal."""

@@ -257,9 +257,10 @@ def result_of(
         found.part, windows, totals(simulation, recorders.windows, wall_time_s), outcome=simulation.outcome,
         reason=simulation.reason, notices=notices, seed=settings.seed, settings=made_with, version=__version__,
     )
-    whose = cut_id(report)
+    whose, passes = cut_id(report), simulation.path.passes
+    logged = settings if passes == 1 else settings.model_copy(update={"passes": passes})  # also those of the program
     return CutResult(
-        report, windows.replace_schema_metadata({METADATA_KEY: settings.model_dump_json(), CUT_KEY: whose}),
+        report, windows.replace_schema_metadata({METADATA_KEY: logged.model_dump_json(), CUT_KEY: whose}),
         simulation.path, simulation.plant.field, recorders.frames, replace(found.scene, cut=whose),
         recorders.closeups, simulation.machine,
     )  # fmt: skip

@@ -26,9 +26,9 @@ from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.numeric import whole_from
-from edmsim.runs import ATTEMPTS, Cluster, RunTable
+from edmsim.runs import ATTEMPTS, Cluster, RunTable, digests_of
 from edmsim.sweep.specification import Bound
-from edmsim.sweep.tune import judge_policy, training_seeds, training_space, within, write_found
+from edmsim.sweep.tune import anywhere, judge_policy, training_seeds, training_space, within, write_found
 
 try:
     from ray import tune
@@ -51,7 +51,8 @@ _CHECKPOINTS = 3
 class Plan:
     """Identity of a population; a folder resumes only the same."""
 
-    env_id: str
+    env_id: str  # or ``FILE.py:ID``, which every computer has
+    files: tuple[str, ...]  # digest of that file
     algo: str
     population: int
     generations: int
@@ -101,7 +102,11 @@ def _plan(name: str, algo: str, population: int, generations: int, steps: int | 
     if total < generations:
         raise InputError(f"{total} windows are fewer than {generations} generations: give more steps")
     windows = math.ceil(total / generations)
-    return Plan(env_id, algo, population, generations, windows, seed, judged_by, parameters.model_dump(mode="json"))
+    files = tuple(sorted(digests_of([name]).values()))
+    return Plan(
+        anywhere(name), files, algo, population, generations, windows, seed, judged_by,
+        parameters.model_dump(mode="json"),
+    )  # fmt: skip
 
 
 def _run(folder: Path, plan: Plan, journal: RunTable, watch: Callable[[PopulationResult], None] | None) -> Any:
@@ -225,8 +230,8 @@ class Learner(tune.Trainable):  # type: ignore[misc]
         out = Path(tempfile.mkdtemp(dir=self._folder.name))
         done = 0 if self._last is None else json.loads((self._last / "run.json").read_text(encoding="utf-8"))["done"]
         trained = train(
-            plan["env_id"], plan["algo"], out, steps=done + plan["windows"], seed=plan["seed"] + self._number,
-            parameters=parameters, begin_from=self._last,
+            resolve(plan["env_id"]), plan["algo"], out, steps=done + plan["windows"],
+            seed=plan["seed"] + self._number, parameters=parameters, begin_from=self._last,
         )  # fmt: skip
         command = f"edmsim tune population {plan['env_id']} --algo {plan['algo']} --learners {plan['population']}"
         score = judge_policy(trained, command, out, plan["seeds"])

@@ -171,6 +171,8 @@ class Specification(BaseModel, extra="forbid", frozen=True):
                 keys = cls.model_fields
                 known = one_of(name, keys, [*keys, "with options under [settings] and [grid]"])
                 raise InputError(f"a sweep has no '{name}'; it has {known}") from None
+            if first["type"] == "missing":
+                raise InputError(f"{name} is missing") from None
             raise InputError(f"{name} cannot be {first['input']!r}: {reason}") from None
 
     @model_validator(mode="before")
@@ -225,6 +227,8 @@ class Specification(BaseModel, extra="forbid", frozen=True):
                 raise InputError(f"{name} is one value under [settings], not {value}: several to try go under [grid]")
         if self.environment and (self.machine_samples or self.sample_only):
             raise InputError("an environment draws its machines itself (randomise): machine_samples is for programs")
+        if self.sample_only is not None and not self.machine_samples:
+            raise InputError("sample_only says what is drawn of machines: give their number as machine_samples")
         if self.environment and self.recordings:
             raise InputError("an environment leaves no recordings: recordings is for programs")
         return self

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import rich.console
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError, refuse_unknown, refuses_wrong_types
-from edmsim.evaluation.compare import Figure, mean
+from edmsim.evaluation.compare import Figure, ratio
 from edmsim.screen import ScreenTable
 from edmsim.sweep.run import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, sensitivity
@@ -28,7 +28,8 @@ KEYS = {
 GOALS = {"cutting_rate_mm2_min": 1, "ra_um": -1, "error_rms_um": -1}
 """Figures of the Pareto front: more rate, less roughness and error are better."""
 MACHINE = "machine_sample"
-_NO_SETTINGS = {"id", "seed"}
+ORIGINS = "files", "edmsim_version"  # a folder may have runs before and after a program or a controller was changed
+_NO_SETTINGS = {"id", "seed", "error", "outcome", *FIGURES, "report", *ORIGINS, "wall_time_s", "host"}
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,20 @@ class Group:
     runs: int
     failed: int  # with an error
     finished: int  # that finished the cut
-    figures: dict[str, Figure]  # means over the runs without error, with 95 % intervals, by the names of `KEYS`
+    # means over the runs without error, by the names of `KEYS`; their 95 % intervals are over machines if several
+    # were drawn, else over runs
+    figures: dict[str, Figure]
 
 
 def varied(table: pa.Table) -> list[str]:
-    """Return the settings, constants among them, that differ between the runs."""
-    names = table.column_names[: table.column_names.index("error")]
-    return [name for name in names if name not in _NO_SETTINGS and len(table[name].unique()) > 1]
+    """Return what differs between the runs: settings, constants among them; of equal settings the texts of files."""
+    # constants that the first runs did not set come behind all other columns
+    names = (name for name in table.column_names if name not in _NO_SETTINGS)
+    found = [name for name in names if len(table[name].unique()) > 1]
+    for name in (name for name in ORIGINS if name in table.column_names):
+        if table.group_by([*found, name]).aggregate([]).num_rows > table.group_by(found).aggregate([]).num_rows:
+            found.append(name)
+    return found
 
 
 def measured(table: pa.Table) -> list[str]:
@@ -67,13 +75,13 @@ def groups(table: pa.Table, by: Iterable[str] | None = None) -> list[Group]:
     for row, key in enumerate(keys):
         members.setdefault(key, []).append(row)
     columns = {name: _values(table, name) for name in measured(table)}
-    errors, outcomes = table["error"].to_pylist(), table["outcome"].to_pylist()
+    errors, outcomes, machines = (table[name].to_pylist() for name in ("error", "outcome", MACHINE))
     ordered = sorted(members, key=lambda key: tuple((value is not None, str(type(value)), value) for value in key))
     return [
         Group(
             dict(zip(chosen, key, strict=True)), len(rows), sum(errors[row] is not None for row in rows),
             sum(outcomes[row] == "finished" for row in rows),
-            {name: _mean(values[rows]) for name, values in columns.items()},
+            {name: _mean(values[rows], [machines[row] for row in rows]) for name, values in columns.items()},
         )
         for key in ordered for rows in [members[key]]
     ]  # fmt: skip
@@ -141,8 +149,14 @@ def _values(table: pa.Table, name: str) -> NDArray[np.float64]:
     return np.array([math.nan if value is None else value for value in table[name].to_pylist()], np.float64)
 
 
-def _mean(values: NDArray[np.float64]) -> Figure:
-    return mean(values[np.isfinite(values)])
+def _mean(values: NDArray[np.float64], machines: Sequence[Any]) -> Figure:
+    """Return the mean of the known values, with its interval over machines where there are several."""
+    # the runs of a machine are alike: taken as independent, they would make the interval too narrow
+    units = machines if len(set(machines)) > 1 else range(len(values))
+    numbers: dict[Any, int] = {}
+    known = np.isfinite(values)
+    unit = np.array([numbers.setdefault(units[int(row)], len(numbers)) for row in np.flatnonzero(known)], int)
+    return ratio(np.bincount(unit, values[known]).astype(np.float64), np.bincount(unit).astype(np.float64))
 
 
 MOST_LINES = 40  # groups and settings listed on a terminal (ours); all are in the dataset

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple, Self, get_args
+from typing import Any, NamedTuple, Self
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of, locked, replacing
 from edmsim.job.settings import CutSettings
+from edmsim.machine.options import kind_of
 from edmsim.recording.cut_folder import RECORDING
 from edmsim.runs import RunTable, read_rows
 from edmsim.sweep.specification import SweepRun
@@ -27,10 +28,10 @@ RESULTS = "results"  # folder of the parquet dataset, a folder ``task=...`` in i
 JOURNAL = "journal.jsonl"
 ROW_TEXTS = "id", "task"  # what the rows of a journal must have
 _WHOLE = {"seed", "machine_sample"}
-_KINDS = {name: {field.annotation, *get_args(field.annotation)} for name, field in CutSettings.model_fields.items()}
+_NUMBERS = {"int", "int | None", "float", "float | None"}
 _TEXTS = {
-    "id", "task", "error", "outcome", "report", "edmsim_version", "host",
-    *(name for name, kinds in _KINDS.items() if str in kinds),
+    "id", "task", "error", "outcome", "report", "files", "edmsim_version", "host",
+    *(name for name, field in CutSettings.model_fields.items() if kind_of(field.annotation) not in _NUMBERS),
 }  # fmt: skip
 
 
@@ -73,7 +74,7 @@ def read(out: str | Path) -> pa.Table:
     pyarrow.Table
         One row per run, ordered by id: id, task, seed, settings, constants, ``error`` (null if the run succeeded),
         ``outcome``, the figures of `edmsim.sweep.run.FIGURES`, ``report`` (JSON, of cuts),
-        ``edmsim_version``, ``wall_time_s`` and ``host``.
+        ``files`` (names and digests of program and own files), ``edmsim_version``, ``wall_time_s`` and ``host``.
 
     Raises
     ------

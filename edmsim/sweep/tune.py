@@ -12,8 +12,12 @@ those that do well on the worst machines, and tests them once more on other mach
 import inspect
 import json
 import math
+import os
+import secrets
+import socket
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
@@ -143,6 +147,12 @@ WORST_SHARE = 0.25
 be a bad one)."""
 
 
+def anywhere(text: str) -> str:
+    """Return the name of a controller or an environment for other processes: of the user's file the whole path."""
+    own = named(text)
+    return text if own is None else f"{Path(own.file).absolute()}:{own.name}"
+
+
 def worst_share_mean(returns: Sequence[float]) -> float:
     """Return the mean of the worst quarter of some returns, of one at the least."""
     ordered = np.sort(np.asarray(returns, float))
@@ -152,14 +162,15 @@ def worst_share_mean(returns: Sequence[float]) -> float:
 def _training(trial: Trial) -> TrialResult:
     from edmsim.learning.train import train
 
-    usual = load(trial.name, trial.algo)
+    env_id = resolve(trial.name)
+    usual = load(env_id, trial.algo)
     changed = usual.model_copy(update={"algorithm": {**usual.algorithm, **trial.values}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         trained = train(
-            trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=changed
+            env_id, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=changed
         )
-        command = f"edmsim tune training {trial.name} --algo {trial.algo}, trial {trial.number}"
+        command = f"edmsim tune training {env_id} --algo {trial.algo}, trial {trial.number}"
         value = judge_policy(trained, command, folder, trial.seeds)
         files = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}
     return TrialResult(value, None, files)
@@ -203,11 +214,11 @@ def tune_training(
     usual = load(name, algo)
     windows = usual.steps if steps is None else whole_from("steps", steps, 1)
     folder = folder_of(out)
-    of = {"seed": seed, "seeds": seeds, "steps": windows}
+    of = {"seed": seed, "seeds": seeds, "steps": windows, "files": sorted(digests_of([env_id]).values())}
     study = open_study(folder, f"{env_id} {algo}", of, trials, within(space, usual.algorithm))
 
     def made(number: int, values: dict[str, float]) -> Trial:
-        return Trial(number, "training", name, values, judged_by, algo, windows)
+        return Trial(number, "training", anywhere(env_id), values, judged_by, algo, windows)
 
     def best(trial: Trial, result: TrialResult) -> None:
         what = f"training: {algo} on {name}, {windows} windows; trial {trial.number}"
@@ -231,7 +242,9 @@ def within(space: Mapping[str, Bound], values: Mapping[str, Any]) -> dict[str, f
     return {key: float(values[key]) for key, b in space.items() if key in values and b.low <= values[key] <= b.high}
 
 
-_INTERRUPTED = "interrupted"  # the error of a trial that Ctrl-C ended
+_INTERRUPTED = "interrupted"  # the error of a trial that Ctrl-C ended; one whose driver was killed has none
+_DRIVER = "driver"  # attribute of a trial: computer and process that look after it
+_MARK = secrets.token_hex(4)  # of this process: after a restart another may have its number
 
 
 def run_study(
@@ -246,7 +259,9 @@ def run_study(
         while made_in(study) + len(under_way) < trials:
             trial = study.ask()
             under_way[trial.number] = trial
-            yield make_trial(trial.number, {key: _suggested(trial, key, bound) for key, bound in space.items()})
+            values = {key: _suggested(trial, key, bound) for key, bound in space.items()}
+            trial.set_user_attr(_DRIVER, [socket.gethostname(), os.getpid(), _MARK])
+            yield make_trial(trial.number, values)
 
     try:
         for trial, answer in engine.done(judge_trial, new_trials()):
@@ -282,7 +297,9 @@ def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, firs
         raise InputError(f"a search needs {error.name}: pip install 'edmsim[tune]'") from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     file = str(folder / JOURNAL)
-    storage = JournalStorage(JournalFileBackend(file, lock_obj=JournalFileOpenLock(file)))
+    lock = JournalFileOpenLock(file)
+    _without_a_cut_off_line(Path(file), lock)
+    storage = JournalStorage(JournalFileBackend(file, lock_obj=lock))
     for other in optuna.get_all_study_names(storage):
         if other != name:
             raise InputError(f"the study in this folder is of {other}, not of {name}", folder)
@@ -290,12 +307,45 @@ def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, firs
     judged_by = json.loads(json.dumps(of))
     check_same(study.user_attrs.get("of", judged_by), judged_by, Path(file))
     study.set_user_attr("of", judged_by)
+    _repeat_killed(study)
     # processes that join must not suggest what another has; parallel trials are taken to be as bad as any
     drawn_from = (of["seed"] + len(study.trials)) % 2**32
     study.sampler = optuna.samplers.TPESampler(seed=drawn_from, constant_liar=True, n_startup_trials=8)
     if not study.trials:
         study.enqueue_trial(dict(first))
     return study
+
+
+def _without_a_cut_off_line(journal: Path, lock: Any) -> None:
+    """Remove what a full disk left of a last line: a journal with more behind it cannot be read."""
+    lock.acquire()
+    try:
+        if journal.exists():
+            os.truncate(journal, journal.read_bytes().rfind(b"\n") + 1)
+    finally:
+        lock.release()
+
+
+def _repeat_killed(study: Any) -> None:
+    """Have the trials repeated whose driver was killed on this computer."""
+    for trial in study.trials:
+        host, process, mark = trial.user_attrs.get(_DRIVER, (None, 0, ""))
+        if trial.state.name == "RUNNING" and host == socket.gethostname() and _has_ended(process, mark):
+            study.tell(trial.number, state=type(trial.state).FAIL)
+            study.enqueue_trial(trial.params)
+
+
+def _has_ended(process: int, mark: str) -> bool:
+    """Say whether a process of this computer has ended."""
+    if process == os.getpid():
+        return mark != _MARK
+    try:
+        with suppress(PermissionError):
+            if os.name == "posix":
+                os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    return False
 
 
 def _result_of(answer: Any) -> TrialResult:
@@ -305,7 +355,8 @@ def _result_of(answer: Any) -> TrialResult:
 def made_in(study: Any, *states: str) -> int:
     """Return how many trials have ended, or ended so; those that were interrupted are made again."""
     return sum(
-        trial.state.name in (states or ("COMPLETE", "FAIL")) and trial.user_attrs.get("error") != _INTERRUPTED
+        trial.state.name in (states or ("COMPLETE", "FAIL"))
+        and (trial.state.name == "COMPLETE" or trial.user_attrs.get("error", _INTERRUPTED) != _INTERRUPTED)
         for trial in study.get_trials(deepcopy=False)
     )
 
@@ -367,7 +418,7 @@ class Spread(NamedTuple):
 
 
 class TunedController(NamedTuple):
-    """Result of `tune_controller`, with spreads on machines that the choice did not use."""
+    """Result of `tune_controller`: the best on machines that no trial had, and the spreads on these."""
 
     values: dict[str, float]  # the most robust settings
     spread: Spread
@@ -415,7 +466,7 @@ def tune_controller(
     if own is not None and not own.name:
         raise InputError(f"'{controller}' names no controller of your own: give FILE.py:CLASS")
     title = controller if own is None else own.name
-    name = title if own is None else f"{Path(own.file).absolute()}:{own.name}"
+    name = anywhere(controller)
     law, space = law_of(controller, {}), bounds_of(controller)
     fresh = tuple(training_seeds(seed, FRESH * seeds))
     first_of_trials = seed + FRESH * seeds
@@ -425,7 +476,7 @@ def tune_controller(
     folder = folder_of(out)
     in_use = {key: _value_in_use(law, key) for key in space}
     first = {key: min(max(in_use[key], bound.low), bound.high) for key, bound in space.items()}
-    of = {"seed": seed, "seeds": seeds, "options": options, "files": sorted(digests_of([name]).values())}
+    of = {"seed": seed, "seeds": seeds, "options": options, "files": sorted(digests_of([name, options]).values())}
     study = open_study(folder, title, of, trials, first)
     machines = engine or Processes()
 
@@ -487,7 +538,7 @@ def _judged_again(
     """Return values and spread of trials by number, on machines that they were not chosen by."""
     again = {}
     for trial in (replace(trial, seeds=fresh) for trial in trials):
-        files = sorted(digests_of([trial.name]).values())
+        files = sorted(digests_of([trial.name, trial.options]).values())
         again[identity({"edmsim": __version__, "files": files, **asdict(trial)})] = trial
     ids = {trial.number: name for name, trial in again.items()}
     missing = [trial for name, trial in again.items() if name not in table.rows]

@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate
+from edmsim.calibration import fit as fitting
 from edmsim.calibration.comparison import simulate
 from edmsim.calibration.fit import FittedConstant, machine_of, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
@@ -99,6 +101,28 @@ def test_what_the_log_cannot_tell_keeps_its_value(known, recovered):
 
 
 @pytest.mark.slow
+def test_of_constants_that_do_the_same_the_value_is_named_at_which_the_other_holds(known, monkeypatch):
+    class Search:
+        def __init__(self, comparison, names, start):
+            self.names = list(names)
+
+        def run(self):
+            pass
+
+        def standard_errors(self):
+            return np.array([0.5, 0.1])[-len(self.names) :]
+
+    monkeypatch.setattr(fitting, "StretchComparison", lambda machine, *_: SimpleNamespace(machine=machine))
+    monkeypatch.setattr(fitting, "_determined_alone", lambda comparison, names, at: list(names))
+    monkeypatch.setattr(fitting, "_Search", Search)
+    monkeypatch.setattr(fitting, "_result", lambda search, error, undetermined: undetermined)
+    assert calibrate(log_of(known.table), known.machine, list(known.truth)) == {
+        "gap.particle_share":
+            "another value of material.removal_mm3_J does the same; what is fitted holds for 0.05 only",
+    }  # fmt: skip
+
+
+@pytest.mark.slow
 def test_the_fitted_set_up_can_be_cut_with(known, recovered, tmp_path):
     files = write(recovered, "known.parquet", tmp_path / "fitted.toml")
     assert {part: file.name for part, file in files.items()} == {
@@ -144,6 +168,8 @@ def test_the_command_prints_and_writes_what_was_fitted(known, recovered, log_fil
     assert [list(row["model"].values()) for row in document["stretches"]] == recovered.simulated.tolist()
     assert document["files"] == {"machine": str(out), "material": str(out.with_name("fitted-material.toml"))}
     known.machine.load(str(out), material=document["files"]["material"])
+    said = edmsim("calibrate", log_file, *options[:-1], "--seed", "5").out
+    assert f"Cut with it: edmsim cut PROGRAM --resolution fast --machine {out} --material" in said
 
 
 def test_the_logged_machine_has_the_logs_statistics(known):

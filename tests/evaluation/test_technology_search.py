@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from edmsim import models
 from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology_search
@@ -148,6 +149,12 @@ def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path, monk
     assert {number for number, _, _ in cuts[2:]} == {3}
     with pytest.raises(InputError, match=r"it has the runs of height_mm 25\.4, not 30"):
         Search(Job("tool-steel", height_mm=30.0, passes=3), messages.append, journal).run()
+    steel, own = tmp_path / "steel.toml", tmp_path / "own.runs.jsonl"
+    steel.write_text(models.path("materials/tool-steel.toml").read_text())
+    Search(Job(str(steel), passes=1), messages.append, own).run()
+    steel.write_text(steel.read_text() + "\n")
+    with pytest.raises(InputError, match="it has the runs of files"):
+        Search(Job(str(steel), passes=1), messages.append, own)
     journal.write_text("{\n")
     with pytest.raises(InputError, match="the journal is damaged"):
         Search(Job("tool-steel", passes=3), messages.append, journal).run()

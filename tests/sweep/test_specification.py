@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from edmsim import models
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK
 from edmsim.machine.machine import Machine
@@ -40,6 +41,23 @@ def test_a_run_is_known_by_what_decides_its_result(line, short):
     moved.parent.mkdir()
     moved.write_text("G21 G90\nG0 X0 Y0\nG1 X0.3\nM2\n")
     assert ids(program=str(moved)) == same
+
+
+def test_a_run_is_known_by_files_in_lists_and_by_the_mjcf_of_a_machine(line, tmp_path):
+    machine, steel, mjcf = (tmp_path / name for name in ("own.toml", "steel.toml", "own.xml"))
+    machine.write_text('like = "production"\nmodel = "own.xml"\n')
+    steel.write_text(models.path("materials/tool-steel.toml").read_text())
+    mjcf.write_text("<mujoco/>")
+
+    def ids():
+        of_cut = Specification.model_validate({"program": str(line), "settings": {"machine": str(machine)}})
+        of_env = {"environment": "edmsim/GapFeed-v2", "settings": {"materials": [str(steel)]}}
+        return [run.id for spec in (of_cut, Specification.model_validate(of_env)) for run in runs_of(spec)]
+
+    before = ids()
+    for file in (steel, mjcf):
+        file.write_text(file.read_text() + "\n")
+    assert not set(before) & set(ids())
 
 
 def test_everything_is_combined_with_everything(line, short):
@@ -94,7 +112,8 @@ def test_seeds_of_environments_are_those_held_back():
     ({"sobol": {"samples": 6, "ranges": {"tension": [8, 12]}}}, "4 or 8"),
     ({"sobol": {"samples": 4, "ranges": {"tension": [12, 8]}}}, "[low, high]"),
     ({"sobol": {"samples": 4, "ranges": {"tension": "range"}}}, "published range"),
-    ({"recordings": "video"}, "video"),
+    ({"sobol": {"samples": 4}}, "sobol.ranges is missing"),
+    ({"recordings": "video"}, "video"), ({"sample_only": ["gap"]}, "give their number as machine_samples"),
 ])  # fmt: skip
 def test_what_is_no_sweep_is_refused_in_one_line(line, options, named):
     start = {} if options in ({}, {"program": "none.ngc"}) else {"program": str(line)}

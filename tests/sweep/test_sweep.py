@@ -81,7 +81,10 @@ def test_jobs_in_processes_are_answered_in_order_and_saved_once(failing, tmp_pat
     )  # fmt: skip
     assert found == [{"id": "a", "job": "x"}, {"id": "b", "job": "made before"}, {"id": "c", "job": "z"}]
     assert counts == [(1, 3), (2, 3), (3, 3)]
-    assert RunTable(tmp_path / "runs.jsonl").rows == table.rows
+    with (tmp_path / "runs.jsonl").open("ab") as other:  # which another process adds to
+        assert RunTable(tmp_path / "runs.jsonl").rows == table.rows
+        other.write(b'{"id": "of another process"}\n')
+    assert "of another process" in RunTable(tmp_path / "runs.jsonl").rows
 
 
 @pytest.mark.slow
@@ -252,6 +255,11 @@ def test_what_was_stored_is_there_once_whenever_the_driver_dies(tmp_path, monkey
     observed = pyarrow.dataset.dataset(tmp_path / "results", partitioning="hive").to_table()
     assert set(observed["task"].to_pylist()) == {"edmsim/GapFeed-v2"}
     assert len(observed) == 11
+
+
+@pytest.mark.parametrize(("name", "value"), [("technology", "own.toml"), ("guide_errors_mm", [0.01, 0.0])])
+def test_a_setting_has_a_column_of_one_type_whether_or_not_it_is_set(name, value):
+    assert stores.as_table([{name: value}]).schema == stores.as_table([{name: None}]).schema
 
 
 @pytest.mark.slow

@@ -82,6 +82,32 @@ def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn():
     assert sorted(sensitivities(table)["ra_um"].effects) == ["gap.chosen", "gap.drawn"]
 
 
+def test_a_constant_that_the_first_runs_left_at_its_default_is_a_setting():
+    first = {"id": "0", "task": "a.ngc", "seed": 0, "machine_sample": None, **dict.fromkeys(KEYS), "error": None,
+             "outcome": None, "ra_um": 1.0}  # fmt: skip
+    table = as_table([first, {**first, "id": "1", "gap.chosen": 5.0}])
+    assert [group.settings for group in groups(table)] == [{"gap.chosen": None}, {"gap.chosen": 5.0}]
+
+
+def test_the_interval_of_a_mean_is_that_over_drawn_machines():
+    rows = [
+        {"id": f"{m}-{seed}", "task": "a.ngc", "seed": seed, "machine_sample": m, **dict.fromkeys(KEYS),
+         "error": None, "outcome": None, "ra_um": float(m)}
+        for m in range(4) for seed in range(20)
+    ]  # fmt: skip
+    (group,), one = groups(as_table(rows)), groups(as_table(rows[::20]))[0]
+    assert group.figures["ra_um"] == one.figures["ra_um"]
+    assert (group.runs, one.runs) == (80, 4)
+
+
+def test_runs_of_a_changed_file_are_groups_of_their_own_unless_a_setting_names_it(table):
+    texts = [{"counts": "a", "voltage": "b"}[name] for name in table["controller"].to_pylist()]
+    assert groups(table.append_column("files", [texts])) == groups(table)
+    changed = [text if seed < 10 else "c" for text, seed in zip(texts, table["seed"].to_pylist(), strict=True)]
+    found = groups(table.append_column("files", [changed]))
+    assert [(group.settings["files"], group.runs) for group in found[:4]] == [(text, 10) for text in "acbc"]
+
+
 def test_the_front_is_what_nothing_surpasses(table):
     points = np.array([[1.0, 5.0], [2.0, 4.0], [1.5, 4.0], [2.0, 4.0], [0.0, 6.0]])
     assert pareto_front(points).tolist() == [True, True, False, True, True]
@@ -120,6 +146,7 @@ def test_the_command_sweeps_shows_and_goes_on(line, giving_up, tmp_path, monkeyp
     (("line.ngc", "--out", "o", "--processes", "0"), "--processes is 0: give a whole number, 1 or more"),
     (("line.ngc", "--out", "o", "--processes", "1", "--ray", "auto"), "leave them out"),
     (("edmsim/Pond-v0", "--out", "o"), "edmsim/Pond-v0"),
+    (("none.py:Pond-v0", "--out", "o"), "none.py: no such file"),
     (("line.ngc", "--out", "o", "--height", "5,abc"), "with height_mm abc"),
 ])  # fmt: skip
 def test_bad_usage_is_one_line(line, words, named, monkeypatch, edmsim):

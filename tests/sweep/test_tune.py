@@ -9,6 +9,7 @@ from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.learning.hyperparameters import load
 from edmsim.runs import LostJob
+from edmsim.sweep import tune
 from edmsim.sweep.tune import Trial, TrialResult, judge_trial, tune_controller, tune_training
 
 ENV_ID = "edmsim/GapFeed-v2"
@@ -61,6 +62,22 @@ def test_settings_in_use_are_tried_again_if_their_trial_was_interrupted(tmp_path
     assert (found.trials, found.failed, found.first_value) == (1, 0, found.value)
 
 
+def test_a_trial_of_a_killed_process_is_made_again_behind_a_journal_cut_off(tmp_path, monkeypatch):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as dying:
+        dying.setattr(tune, "_tell", killed)
+        with pytest.raises(KeyboardInterrupt):
+            tune_training(ENV_ID, tmp_path, trials=1, engine=Peak())
+    monkeypatch.setattr(tune, "_MARK", "another process with the same number")
+    with (tmp_path / tune.JOURNAL).open("ab") as journal:
+        journal.write(b'{"op_code": 4, "wor')
+    found = tune_training(ENV_ID, tmp_path, trials=1, engine=(again := Peak()))
+    assert (found.trials, found.failed, found.first_value) == (1, 0, found.value)
+    assert [trial.number for trial in again.observed] == [1]
+
+
 def test_processes_share_a_study(tmp_path):
     other = Peak()
     one = Peak(then=lambda: tune_training(ENV_ID, tmp_path, trials=8, engine=other))
@@ -96,6 +113,20 @@ def test_a_folder_has_one_study(tmp_path):
     tune_training(ENV_ID, tmp_path, trials=1, engine=Peak())
     with pytest.raises(InputError, match="GapFeed-v2 ppo, not of edmsim/GapFeed-v2 sac"):
         tune_training(ENV_ID, tmp_path, algo="sac", trials=1, engine=Peak())
+
+
+def test_a_study_is_of_the_text_of_an_own_environment_which_trials_name_by_its_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "own.py"
+    file.write_text(
+        "from edmsim.envs import register\nfrom edmsim.envs.families import GapFeed\n\n\n"
+        "class Own(GapFeed):\n    'Own.'\n\n\nregister('lab/Own-v0', Own)\n"
+    )
+    tune_training("own.py:lab/Own-v0", tmp_path, trials=1, engine=(made := Peak()))
+    assert made.observed[0].name == f"{file}:lab/Own-v0"
+    file.write_text(file.read_text() + "# another\n")
+    with pytest.raises(InputError, match="it has the runs of files"):
+        tune_training("own.py:lab/Own-v0", tmp_path, trials=1, engine=Peak())
 
 
 @pytest.mark.slow
