@@ -234,6 +234,7 @@ def pareto_figure(table: pa.Table) -> "Drawing":
         values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
         label="surpassed by none",
     )
+    axes.ticklabel_format(useOffset=False)  # values that hardly differ are read as they are
     dress(axes, _label(x), _label(y))
     legend(axes)
     if len(goals) > 2:
