@@ -220,9 +220,9 @@ def pareto_figure(table: pa.Table) -> "Drawing":
 
     goals = goals_of(table)
     found, front = front_of(table)
-    figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
     if len(goals) < 2 or not found:
-        return nothing_to_show(figure, "No two of rate, roughness and error were measured in a run.")
+        return nothing_to_show("No two of rate, roughness and error were measured in a run.")
+    figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
     values = {name: np.array([group.figures[name].value for group in found]) for name in goals}
     x, y = goals[0], goals[1]
     axes = figure.subplots()
