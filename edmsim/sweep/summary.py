@@ -232,7 +232,7 @@ def pareto_figure(table: pa.Table) -> "Drawing":
     dots = axes.scatter(values[x], values[y], s=14, lw=0, zorder=2, **colour)
     axes.scatter(
         values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
-        label="surpassed by none",
+        label="Pareto-optimal",
     )
     axes.ticklabel_format(useOffset=False)  # values that hardly differ are read as they are
     dress(axes, _label(x), _label(y))
