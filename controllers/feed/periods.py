@@ -644,7 +644,7 @@ class GuardedHold(AdaptiveHold):
     # kerf holds clean water, in which the gap is unsteady and bursts are larger, until debris has gathered.
     gentle_s: float = 20.0
     gentle_share: float = 0.65
-    # ramp_s, ramp_per_s: time in which the first wire finds its limit, before `AdaptiveHold` decides, and growth of
+    # ramp_s, ramp_per_s: time in which the first wire finds its limit, before Bayes' rule decides, and growth of
     # the logarithm of what is held there
     ramp_s: float = 0.0
     ramp_per_s: float = 0.05

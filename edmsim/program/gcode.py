@@ -518,7 +518,7 @@ def read_gcode(
     if control.called and not settings:
         names = ", ".join(control.called)
         dialect_notices.append(
-            f"no settings for the conditions {names}: those of the cut are used; --conditions gives a table"
+            f"no settings for the conditions {names}: they have no effect; --conditions takes a table of settings"
         )
     dialect_notices += _plane_notices(outlines, control)
     notices = [*dialect_notices, *unit_notices, *control.notices.texts(), *notices]

@@ -566,7 +566,7 @@ class Interpreter:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True
         if self.side is not None and self.registers.uncalled:
-            self.notices.add("compensation without D or H: the offset is the one given for the cut", block.line)
+            self.notices.add("compensation without D or H: the offset is that of the cut or its passes", block.line)
         if self.lean and not self.angle_stated:
             self.notices.add("the taper has no angle: the wire is vertical", block.line)
         arc = self._arc(block, end) if self.motion in (2, 3) else None

@@ -109,7 +109,7 @@ class OffsetRegisters:
             raise InputError(f"the offset register {names[0]} is not in the table: there are {there}")
         return [
             f"offset register {name} is {self._table[name]:g} mm" if name in known
-            else f"offset register {name} is not in the program: the offset is the one given for the cut"
+            else f"offset register {name} is not in the program: the offset is that of the cut or its passes"
             for name in names if name in known or not known
         ]  # fmt: skip
 

@@ -251,7 +251,7 @@ class Offset(Figures):
         left = "metal left" if mean > 0 else "undercut"
         if self.applied_mm is None or better is None:
             return f"different ones by contour, {mean:+.1f} µm in the mean ({left})"
-        if abs(mean) < _RIGHT_UM:
+        if abs(mean) < _RIGHT_UM or self.text("to_use_mm") == applied:
             return f"{applied}, right within {_RIGHT_UM:g} µm in the mean"
         advice = f"use --offset {better:.3f}" if better > 0 else "more than the whole offset"
         return f"{applied}, {mean:+.1f} µm in the mean ({left}): {advice}"

@@ -235,9 +235,9 @@ def pareto_figure(table: pa.Table) -> "Drawing":
     goals = goals_of(table)
     found, front = front_of(table)
     with own_style():
-        figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
         if len(goals) < 2 or not found:
-            return nothing_to_show(figure, "No two of rate, roughness and error were measured in a run.")
+            return nothing_to_show("No two of rate, roughness and error were measured in a run.")
+        figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
         values = {name: np.array([group.figures[name].value for group in found]) for name in goals}
         x, y = goals[0], goals[1]
         axes = figure.subplots()
@@ -247,8 +247,9 @@ def pareto_figure(table: pa.Table) -> "Drawing":
         dots = axes.scatter(values[x], values[y], s=14, lw=0, zorder=2, **colour)
         axes.scatter(
             values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
-            label="surpassed by none",
+            label="Pareto-optimal",
         )
+        axes.ticklabel_format(useOffset=False)  # values that hardly differ are read as they are
         dress(axes, _label(x), _label(y))
         legend(axes)
         if len(goals) > 2:

@@ -45,6 +45,11 @@ def text_of(report):
     return written.getvalue()
 
 
+def test_the_same_offset_is_not_advised_again():
+    assert str(Offset(0.164, 0.537, 0.1635)) == "0.164 mm, right within 0.5 µm in the mean"
+    assert str(Offset(0.164, 0.9, 0.1631)) == "0.164 mm, +0.9 µm in the mean (metal left): use --offset 0.163"
+
+
 def nothing_known():
     totals = Totals(NAN, 0.0, Sums(), NAN, 0.0, 0.0, 0.0)
     return made_of(

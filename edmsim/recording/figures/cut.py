@@ -38,11 +38,12 @@ _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may
 @in_style
 def shares_figure(scene: Scene) -> Figure:
     """Draw the profile error and its shares over the distance along the nominal edges, a panel each, on one scale."""
-    figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
     if not split:
-        why = "no error was measured, the wire is tilted, or its centre follows the contour"
-        return style.nothing_to_show(figure, f"no shares: {why}")
+        return style.nothing_to_show(
+            "no shares: no error was measured, the wire is tilted, or its centre follows the contour"
+        )
+    figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
     s_mm, error, shares = _joined(split)
     panels = figure.subplots(1 + len(SHARES), 1, sharex=True, sharey=True, gridspec_kw={"hspace": 0.22})
     names, colours = ("profile error (mean over height)", *SHARES), (palette.INK, *_COLOURS)
@@ -85,7 +86,7 @@ LABELLED = 6  # corners whose error is written beside them: the worst ones
 def error_figure(scene: Scene) -> Figure:
     """Draw the profile error along the nominal edge, exaggerated, with colours for sign and size."""
     if not len(scene.known_errors()):
-        return style.nothing_to_show(style.column_figure(2.0), "no profile error: no edge of the part was measured")
+        return style.nothing_to_show("no profile error: no edge of the part was measured")
     scene = scene.in_program()
     points = np.concatenate([edge.nominal_mm for edge in scene.maps])
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
@@ -126,9 +127,9 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     InputError
         If there is no such corner.
     """
-    figure = style.column_figure(5.2, top_in=0.55)
     if not scene.corners and corner is None:
-        return style.nothing_to_show(figure, "no corner: the edge as drawn has none")
+        return style.nothing_to_show("no corner: the edge as drawn has none")
+    figure = style.column_figure(5.2, top_in=0.55)
     chosen = _chosen_corner(scene, corner)
     detail, below = figure.subplots(2, 1, height_ratios=[2.6, 1.0], gridspec_kw={"hspace": 0.5})
     place = np.array([chosen.x_mm, chosen.y_mm])
@@ -240,11 +241,11 @@ def kerf_figure(report: Report) -> Figure:
     The band covers nine tenths of the measured places. The gap between wire and walls is enlarged, and the wire left
     out.
     """
-    figure = style.column_figure(2.9, top_in=0.36)
     slices = report.kerf_section
     section = [row for row in slices if row.places]
     if not section:
-        return style.nothing_to_show(figure, "no kerf: there was no place to measure its width")
+        return style.nothing_to_show("no kerf: there was no place to measure its width")
+    figure = style.column_figure(2.9, top_in=0.36)
     radius = report.settings["wire_diameter_um"] / 2
     z = np.array([row.height_mm for row in section])
     panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.1})
@@ -278,9 +279,9 @@ LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: it
 @in_style
 def pulses_figure(windows: pa.Table) -> Figure:
     """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
-    figure = style.column_figure(5.1, top_in=0.25, right_in=0.55)
     if windows.num_rows == 0:
-        return style.nothing_to_show(figure, "no pulses: the cut has no window")
+        return style.nothing_to_show("no pulses: the cut has no window")
+    figure = style.column_figure(5.1, top_in=0.25, right_in=0.55)
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]))
     t = t_s / seconds
@@ -327,9 +328,9 @@ def plane_figure(windows: pa.Table) -> Figure:
 
     Dots are windows; the line is their mean over equal spans of time.
     """
-    figure = style.column_figure(3.3, top_in=0.49)
     if windows.num_rows == 0:
-        return style.nothing_to_show(figure, "no pulses: the cut has no window")
+        return style.nothing_to_show("no pulses: the cut has no window")
+    figure = style.column_figure(3.3, top_in=0.49)
     pulses = np.sum([column(windows, kind) for kind in KINDS], axis=0)
     short, open_ = (100.0 * column(windows, kind) / np.maximum(pulses, 1.0) for kind in ("short", "open"))
     t_s = column(windows, "t_s")
@@ -363,10 +364,10 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
     Survival is the share of pulses, without shorts, that have not ignited yet (Laue's plot); an exponential delay is
     a straight line. With a cut's windows, the histogram has their mean delays as well.
     """
-    figure = style.column_figure(3.9, top_in=0.25)
     delay = sample.delay_us[np.isfinite(sample.delay_us)]
     if not len(delay):
-        return style.nothing_to_show(figure, "no ignition delay: none of the pulses looked at ignited")
+        return style.nothing_to_show("no ignition delay: none of the pulses looked at ignited")
+    figure = style.column_figure(3.9, top_in=0.25)
     above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"hspace": 0.08})
     edges = np.linspace(0.0, max(float(delay.max()), 1.0), 41)
     style.dress(above, "", "density, 1/µs")
@@ -556,8 +557,7 @@ def passes_figure(report: Report) -> Figure:
     """Draw the result of each pass of a cut in passes: wall over the height, time, stock and roughness."""
     rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
     if not rows:
-        none = "no passes: the cut was made in one, or none was finished"
-        return style.nothing_to_show(style.column_figure(2.0), none)
+        return style.nothing_to_show("no passes: the cut was made in one, or none was finished")
     rows = [row for row in rows if row.contour == rows[0].contour]
     figure = style.column_figure(4.4, top_in=0.3)
     grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0], hspace=0.42, wspace=0.62)
@@ -589,7 +589,7 @@ def face_figure(scene: Scene) -> Figure:
     """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
     faces = [(edge, um) for edge in scene.maps if (um := edge.face_um) is not None and np.isfinite(um).any()]
     if not faces:
-        return style.nothing_to_show(style.column_figure(2.0), "no face: no edge of the part was measured")
+        return style.nothing_to_show("no face: no edge of the part was measured")
     shown = faces[:4]
     figure = style.column_figure(0.95 + 1.05 * len(shown), top_in=0.55)
     known = np.concatenate([np.abs(error_um[np.isfinite(error_um)]) for _, error_um in shown])

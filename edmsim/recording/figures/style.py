@@ -2,6 +2,7 @@
 
 import io
 import pathlib
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
@@ -154,7 +155,8 @@ def legend(
         axes.legend(loc=loc, ncols=columns, facecolor="white", edgecolor="none", framealpha=0.85, **style)
 
 
-def nothing_to_show(figure: Figure, why: str) -> Figure:
-    """Say on an empty figure why it is empty."""
-    figure.text(0.5, 0.5, why, ha="center", va="center", fontsize=LABEL_PT, color=MUTED, wrap=True)
+def nothing_to_show(why: str) -> Figure:
+    """Return a low figure that says why it is empty."""
+    figure = column_figure(1.0)
+    figure.text(0.5, 0.5, textwrap.fill(why, 50), ha="center", va="center", fontsize=LABEL_PT, color=MUTED)
     return figure
