@@ -295,7 +295,6 @@ class Drawn:
         self._count = 0
         self._refuse_unknown_layers()
         self._take_turns()
-        self._unmoved = {block.name: _taken_out(block) for block in document.blocks}
 
     def __iter__(self) -> Iterator[Any]:
         """Go through them, in the order of the file."""
@@ -318,14 +317,15 @@ class Drawn:
         if frozen or _property(entity, "invisible", 0):
             self.left_out["INSERT on a layer that is off"] += 1
             return
-        copies = entity.multi_insert() if entity.mcount > 1 else [entity]
-        for copy in copies:
-            for part in (*copy.virtual_entities(), *self._unmoved[entity.block().name]):
+        for copy in entity.multi_insert() if entity.mcount > 1 else [entity]:
+            place = copy.matrix44()
+            for part in entity.block():
                 self._count += 1
                 if self._count > MOST_POINTS:
                     raise InputError(f"its blocks hold more than {MOST_POINTS} entities, more than any cut has")
                 own = _property(part, "layer", "0")
-                yield from self._parts(part, layer if own == "0" else own, depth + 1)
+                for drawn in self._parts(part, layer if own == "0" else own, depth + 1):
+                    yield from _moved(drawn, place)
 
     def _is_cut(self, entity: Any, kind: str, layer: str) -> bool:
         layers, name = self._document.layers, layer.lower()
@@ -369,16 +369,24 @@ class Drawn:
             raise InputError(f"the drawing has no layer {missing}; there are: {listed}")
 
 
-def _taken_out(block: Any) -> list[Any]:
-    """Take out of a block what is not cut: the library drops, explodes or fails on some of it when it moves it."""
-    others = [] if block.is_any_layout else [
-        entity for entity in block
-        if entity.dxftype() not in entities.CUT | {"INSERT"}
-        or (entity.dxftype() in ("ARC", "CIRCLE") and abs(entity.dxf.radius) < _EQUAL)
-    ]
-    for entity in others:
-        block.unlink_entity(entity)
-    return others
+def _moved(entity: Any, place: Any) -> Iterator[Any]:
+    """Return what an entity of a block is where the block lies: stretched, an arc is an ellipse."""
+    # the library misplaces turned blocks in a stretched one, and drops, explodes or fails on what is not cut
+    from ezdxf.entities.ellipse import Ellipse
+    from ezdxf.math.transformtools import NonUniformScalingError
+
+    kind = entity.dxftype()
+    if kind not in entities.CUT or (kind in ("ARC", "CIRCLE") and abs(entity.dxf.radius) < _EQUAL):
+        yield entity
+        return
+    try:
+        yield entity.copy().transform(place)
+    except NonUniformScalingError:
+        if kind in entities.POLYLINES:
+            for piece in entity.virtual_entities():
+                yield from _moved(piece, place)
+        else:
+            yield Ellipse.from_arc(entity).transform(place)
 
 
 def _property(entity: Any, name: str, default: Any) -> Any:

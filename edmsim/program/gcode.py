@@ -317,14 +317,13 @@ def _condition_change_notices(moves: Sequence[CutMove]) -> list[str]:
     return [f"line {line}: the condition changes within a contour, {names}: that of its longest part is taken"]
 
 
-def closes_on_itself(moves: Sequence[CutMove], start: complex, join_mm: float) -> bool:
-    """Say whether moves make a loop that is more than a way and the same way back, written with some rounding."""
-    vertices = [start, *(move.points[-1] for move in moves)]
-    loop = first_loop(vertices, moves, 0, len(moves), join_mm)
+def closes_on_itself(run: Run) -> bool:
+    """Say whether a run makes a loop that is more than a way and the same way back, written with some rounding."""
+    run, loop = closed_run(run, 0, len(run.moves))
     if loop is None:
         return False
-    begin, around = vertices[loop[0]], moves[loop[0] : loop[1]]
-    return _enclosed_mm2(begin, around) > join_mm * length_of(begin, around)
+    begin, around = vertices_of(run)[loop[0]], run.moves[loop[0] : loop[1]]
+    return _enclosed_mm2(begin, around) > run.join_mm * length_of(begin, around)
 
 
 def _overlap(run: Run, begin: int, end: int) -> int:
@@ -605,7 +604,8 @@ def _run_of(motions: Motions, absolute: bool | None, control: Interpreter) -> Ru
     join_mm = control.rounding.join_mm
     readings = [reading_of(motion, absolute, control.rounding) for motion in motions.motions]
     if any(reading.full is None for reading in readings):  # what closes without the circle is not an approach to it
-        closes = closes_on_itself([_cut_move(reading) for reading in readings], motions.motions[0].start, join_mm)
+        without = tuple(_cut_move(reading) for reading in readings)
+        closes = closes_on_itself(Run(motions.motions[0].start, False, without, (), join_mm))
         readings = [reading.decided(not closes) if reading.full is None else reading for reading in readings]
     for reading in readings:
         for notice in reading.notices:

@@ -39,7 +39,7 @@ def offset_edge(edge: Floats, side: Side, distance_mm: float, closed: bool, past
     path = (_ring if closed else _line)(edge, side, distance_mm, past_mm)
     if past_mm is not None:
         blunt = _blunted(path, edge, past_mm, closed=closed)
-        if blunt is None:
+        if blunt is None or not _keeps(shapely.LineString(blunt), shapely.LineString(edge), distance_mm):
             return offset_edge(edge, side, distance_mm, closed)
         path = blunt
     if closed:
@@ -77,6 +77,11 @@ def _line(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -
 
 def _join(past_mm: float | None) -> dict[str, Any]:
     return {"join_style": "round"} if past_mm is None else {"join_style": "mitre", "mitre_limit": _MOST_MITRE}
+
+
+def _keeps(path: shapely.LineString, edge: shapely.LineString, distance_mm: float) -> bool:
+    """Say whether a path keeps its distance from an edge and does not cross itself."""
+    return bool(path.is_simple and path.distance(edge) >= distance_mm - SIMPLIFY_MM)
 
 
 def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Floats | None:

@@ -383,7 +383,7 @@ def _pieces(outline: Outline) -> list[_Piece]:
     found = []
     for a, b in pairwise(firsts.tolist()):
         piece = _Piece(outline.points_mm[a : b + 1], int(marks[a]), outline.line_numbers[a], a, float(tangents[a]))
-        circle = _circle(piece.points) if b - a > 2 else None
+        circle = _circle(piece.points) if b - a > 1 else None
         if circle is not None:
             piece = piece._replace(centre=circle[0], radius_mm=circle[1], swept=circle[2])
         elif b - a > 1 and is_straight(piece.points, _STRAIGHT_MM):
@@ -405,7 +405,8 @@ def _circle(points: Floats) -> tuple[Floats, float, float] | None:
         return None
     angles = np.unwrap(np.arctan2(off[:, 1], off[:, 0]))
     steps = np.diff(angles)
-    if not ((steps > 0).all() or (steps < 0).all()):
+    far = radius * (1 - math.cos(np.abs(steps).max() / 2)) > ROUND_MM  # chords of a corner, not of an arc
+    if far or not ((steps > 0).all() or (steps < 0).all()):
         return None
     return centre + middle, radius, float(angles[-1] - angles[0])
 
@@ -481,6 +482,8 @@ def _offset_line(
     line = []
     for k, piece in enumerate(pieces):
         line += [_inside(piece, left[k], begins[k], ends[k + 1], chords[k]), rounded[k + 1]]
+    if len(rounded[-1]):  # the corner at which it began is a cone
+        line.append(line[0][:1])
     return np.concatenate(line)
 
 
@@ -544,8 +547,9 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
         corner = most + k + 1 if following.chords else piece.element
         elements += [piece.element] * chords[k] + [corner] * after
         numbers += [piece.line] * (chords[k] + after)
+    last = len(lines[0]) - 1
     ruled = [
-        Ruled(a, b, low, high, tuple(elements[:-1]), tuple(numbers[:-1]), (*vertices, len(a) - 1))
+        Ruled(a, b, low, high, tuple(elements[:last]), tuple(numbers[:last]), (*vertices, last))
         for a, b in (lines[:2], lines[2:])
     ]
     wall, wire = ruled if outline.wire_side is not None else ruled[::-1]

@@ -244,10 +244,21 @@ def test_blocks_are_cut_where_they_are_inserted(tmp_path):
     assert program.notices == ("6 TEXT left out",)
 
 
+def test_a_turned_block_in_a_stretched_block_is_stretched_across(drawing):
+    def draw(space):
+        bar, turned = space.doc.blocks.new("BAR"), space.doc.blocks.new("TURNED")
+        bar.add_lwpolyline([(0, 0), (10, 0), (10, 1), (0, 1)], close=True)
+        turned.add_blockref("BAR", (0, 0), dxfattribs={"rotation": 90})
+        space.add_blockref("TURNED", (0, 0), dxfattribs={"xscale": 3})
+
+    (outline,) = drawing(draw).outlines
+    assert np.ptp(outline.points_mm, axis=0) == pytest.approx([3, 10])
+
+
 def test_only_the_layers_requested_are_cut_also_within_blocks(tmp_path):
     grid, rest = (read_plate(tmp_path, layers=layers) for layers in (["GRID"], ["0", "slots"]))
     assert [len(program.outlines) for program in (grid, rest)] == [4, 3]
-    assert "1 ELLIPSE on a layer not asked for left out" in grid.notices
+    assert "3 CIRCLE on a layer not asked for left out" in grid.notices
     with pytest.raises(InputError, match="no layer nix; there are: 0, Defpoints, grid, slots"):
         read_plate(tmp_path, layers=["nix"])
 

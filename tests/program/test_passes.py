@@ -323,6 +323,15 @@ def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_ro
     np.testing.assert_allclose(places, rough.offset_um * 1e-3, atol=2e-3)
 
 
+def test_a_planned_trim_does_not_cut_into_the_part_at_a_notch_in_an_outer_corner(tmp_path):
+    notched = SQUARE.format("Y4\nX2\nX2.13 Y3.74\nX2.22 Y3.87\nX3 Y1\nX0\nY2\n")
+    contour = plan(tmp_path, notched, passes=PassPlan(OFFSETS_MM, tab_mm=0.0)).contours[0]
+    edge = shapely.LineString(contour.nominal_mm)
+    for one in contour.passes:
+        way = shapely.LineString(one.points_um[one.approach_moves :] * 1e-3)
+        assert way.distance(edge) > one.offset_um * 1e-3 - 2e-3
+
+
 def test_a_programs_own_trims_go_round_as_its_rough_pass_does(tmp_path):
     contour = plan(tmp_path, twice(0.25, 0.2)).contours[0]
     edge = shapely.LineString(contour.nominal_mm)

@@ -80,8 +80,10 @@ def test_a_circle_whose_ends_differ_by_rounding_is_full(read, end):
     assert has_notice(program, "it is read as a full circle") == (end != "X.5 Y0.0")
 
 
-def test_a_short_arc_of_a_contour_that_closes_without_a_circle_is_one(read):
-    program = read("G21\nG0 X0 Y-3.\nG1 Y0.\nX10.\nG3 X10.003 Y0.001 I-0.5 J3.\nG1 Y8.\nX0.\nY0.\nM2\n")
+@pytest.mark.parametrize("begin", ["X0 Y-3.\nG1 Y0.", "X4. Y-3.\nG1 Y0."])  # in the second one a move goes over it
+def test_a_short_arc_of_a_contour_that_closes_without_a_circle_is_one(read, begin):
+    rest = "G3 X10.003 Y0.001 I-0.5 J3.\nG1 Y8.\nX0.\nY0.\nX5.\nM2\n"
+    program = read(f"G21\nG0 {begin}\nX10.\n{rest}")
     (outline,) = program.outlines
     assert np.ptp(outline.points_mm, axis=0) == pytest.approx((10.003, 8))
     assert has_notice(program, "line 5: the arc's ends are 3.2 um apart: it is read as the short arc")

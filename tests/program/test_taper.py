@@ -132,6 +132,20 @@ def test_a_corner_that_opens_becomes_an_arc_of_radius_d(corners):
     np.testing.assert_allclose(np.hypot(*(wall.at(10.0)[fan] - corner).T), d, atol=1e-9)
     away = shapely.LinearRing(wall.at(5.0)).distance(shapely.points(wire.at(5.0)))
     assert away.min() > OFFSET - 1e-3
+    for ruled in (wall, wire):
+        np.testing.assert_allclose(ruled.at(10.0)[0], ruled.at(10.0)[-1])
+
+
+def test_an_arc_so_small_that_it_has_two_chords_becomes_a_cone():
+    fine = rounded_square(-5.0, "conical", radius=0.02)
+    chosen = [91 * quarter + i for quarter in range(4) for i in (0, 45, 90)]
+    outline = replace(
+        fine, points_mm=fine.points_mm[[*chosen, -1]], line_numbers=(0,) * 12, taper=Taper((-5.0,) * 12),
+        elements=tuple(fine.elements[i] for i in chosen),
+    )  # fmt: skip
+    wall, _ = wall_and_wire(outline, OFFSET, GUIDES)
+    of_arc = wall.at(10.0)[np.flatnonzero(np.array(wall.elements) == 1)]
+    np.testing.assert_allclose(np.hypot(*(of_arc - (2.98, -2.98)).T), 0.02 + 10.0 * math.tan(math.radians(5.0)))
 
 
 def test_an_arc_that_meets_a_line_at_a_corner_is_cut_off_where_they_meet():
