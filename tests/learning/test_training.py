@@ -221,6 +221,7 @@ def test_same_seed_same_policy(short_training, tmp_path):
         (("edmsim/GapFeed-v2", "--seed", -1), "-1"),
         (("edmsim/GapFeed-v2", "--seed", 2**32), "from 0 to 4294967295"),
         (("edmsim/GapFeed-v2", "--score", 1), "2 or more"),
+        (("edmsim/GapFeed-v2", "--algo", "sac", "--steps", 5000), "sac learns after 5000 steps (learning_starts)"),
         (("edmsim/GapFeed-v2", "--resume"), "no training to resume"),
         (("edmsim/GapFeed-v2", "--start", "policy:MaxRateShift-adapt"), "give one that has, as Corner-lag"),
         (("edmsim/GapFeed-v2", "--algo", "sac", "--start", "policy:GapFeed-ppo"), "choose its algorithm and network"),
