@@ -163,6 +163,7 @@ def train(
     check(run.env_id, algo, parameters)
     with locked(out, "edmsim train"), noted() as signals:
         signals.at_once()
+        torch.set_num_threads(1)  # more only wait for each other, and begin with other weights
         trained = _begin(run, parameters, last, before)
         _learn(trained, out, watch, callbacks, signals, reset=before is None)
     return trained
@@ -174,7 +175,6 @@ def _learn(
 ) -> None:
     """Learn up to the run's steps, with checkpoints on the way and at the end, however it ends."""
     keeper = _Keeper(trained, out, watch)
-    torch.set_num_threads(1)  # more only wait for each other
     left = trained.run.steps - trained.model.num_timesteps
     try:
         with _room(out):
