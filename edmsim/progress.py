@@ -23,8 +23,8 @@ NOTEBOOK_EVERY_S = 0.3
 class ShownProgress:
     """One bar for each name that is shown; none is drawn before the first, so that bad input prints its line alone.
 
-    With `quiet` nothing is shown, with `keep` the bars stay on the terminal when all is done; in a file or a pipe, the
-    last line of each.
+    With `quiet` nothing is shown. With `keep` the bars stay on the terminal when all is done, and in a file or a pipe
+    the last line of each.
 
     >>> with ShownProgress(quiet=True) as bar:
     ...     bar.show("cutting", 3, 10, "12 um/s")

@@ -80,7 +80,7 @@ class Network(BaseModel, extra="forbid", frozen=True):
 class Lagrangian(BaseModel, extra="forbid", frozen=True):
     """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`)."""
 
-    multiplier: Annotated[Number, Field(ge=0, allow_inf_nan=False)]  # initial reduction of the reward per unit of cost
+    multiplier: Annotated[Number, Field(ge=0, allow_inf_nan=False)]  # first reduction of the reward per unit of cost
     rate: Positive  # change of the multiplier per rollout and unit of cost above the limit
 
 
