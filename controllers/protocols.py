@@ -175,6 +175,11 @@ class SeesBreaks(Protocol):
         """Return the command for the first window of the next wire; controllers without this method are reset."""
 
 
+def next_wire(controller: FeedController, max_feed_um_s: float) -> FeedCommand:
+    """Let a controller continue with the next wire; returns the command for its first window."""
+    return controller.wire_lost() if isinstance(controller, SeesBreaks) else controller.reset(max_feed_um_s)
+
+
 @runtime_checkable
 class DrivesSteps(Protocol):
     """A controller with lines to the motors: a planner's steps pass through it."""

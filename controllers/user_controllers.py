@@ -162,9 +162,8 @@ class _Rehearsal:
 
     def lose_wire(self) -> protocols.FeedCommand:
         """Return the command for the first window of the next wire."""
-        again = self.controller
-        lost = again.wire_lost() if isinstance(again, protocols.SeesBreaks) else again.reset(self._max_feed_um_s)
-        self.command = protocols.check_command(again.name, lost)
+        lost = protocols.next_wire(self.controller, self._max_feed_um_s)
+        self.command = protocols.check_command(self.controller.name, lost)
         return self.command
 
     def _show(self, short: int, open_: int) -> None:

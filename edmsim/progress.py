@@ -24,7 +24,8 @@ NOTEBOOK_EVERY_S = 0.3
 class ShownProgress:
     """One bar for each name that is shown; none is drawn before the first, so that bad input prints its line alone.
 
-    With `quiet` nothing is shown, with `keep` the bars stay on the terminal when all is done.
+    With `quiet` nothing is shown. With `keep` the bars stay on the terminal when all is done, and in a file or a pipe
+    the last line of each.
 
     >>> with ShownProgress(quiet=True) as bar:
     ...     bar.show("cutting", 3, 10, "12 um/s")
@@ -41,7 +42,7 @@ class ShownProgress:
         self._tasks: dict[str, TaskID] = {}
         self._display: Any = None
         self._drawn_s = time.monotonic()
-        self._line = ""
+        self._name = self._line = ""
 
     def __enter__(self) -> "ShownProgress":
         return self
@@ -71,6 +72,9 @@ class ShownProgress:
             if at_once or self._display is None or self._is_due(NOTEBOOK_EVERY_S):
                 self._draw_in_notebook(name, done / total if total else None, text)
         else:
+            if self._keep and self._line and name != self._name:
+                self._print()
+            self._name = name
             self._line = " ".join(word for word in (name, share, text) if word)
             if self._is_due(LINE_EVERY_S):
                 self._print()

@@ -22,7 +22,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
+from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, tell
 from edmsim.controllers.user_controllers import check_is_controller, rehearsed
 from edmsim.envs.arguments import checked_actions, checked_options, plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
@@ -131,15 +131,12 @@ class AttachedController:
 
     def command(self) -> FeedCommand:
         """Return what it commands for the next window, after all that the sub-environment has had."""
-        sub_envs, index, controller = self._sub_envs, self._index, self._controller
+        sub_envs, index = self._sub_envs, self._index
         if self._leg != sub_envs.leg[index]:
             return self.begin()
         if self._lost != sub_envs.rows[index]["wires_lost"]:
             self._lost = int(sub_envs.rows[index]["wires_lost"])
-            if isinstance(controller, SeesBreaks):
-                self._take(controller.wire_lost())
-            else:
-                self._take(controller.reset(self._family.greatest_feed_um_s))
+            self._take(next_wire(self._controller, self._family.greatest_feed_um_s))
         return self.latest
 
     def action(self) -> NDArray[np.float32]:

@@ -32,6 +32,7 @@ seed = 1  # of the networks
 # %%
 import os
 import platform
+import shutil
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
@@ -64,6 +65,7 @@ torch.set_num_threads(1);  # more only wait for each other
 # records`. A broken wire ends an episode, and costs the time of threading another.
 
 # %%
+shutil.rmtree("records", ignore_errors=True)  # of an earlier run of this cell
 recorded = record(ENV, ["fixed", "counts", "voltage"], steps, Path("records"))
 os.environ["MINARI_DATASETS_PATH"] = str(Path("records").resolve())
 sets = {one.dataset_id: minari.load_dataset(one.dataset_id) for one in recorded}

@@ -33,7 +33,8 @@ def test_what_is_stored_ends_with_its_last_line(now, capsys):
         with ShownProgress(keep=keep) as bar:
             bar.show("runs", 1, 2)
             bar.of("runs")(2, 2)
-    assert capsys.readouterr().err == "runs 100.0 %\n"
+            bar.show("score", 1, 1)
+    assert capsys.readouterr().err == "runs 100.0 %\nscore 100.0 %\n"
     with ShownProgress(quiet=True, keep=True) as bar:
         bar.show("runs", 2, 2)
     assert capsys.readouterr().err == ""

@@ -21,7 +21,6 @@ from edmsim.screen import ScreenTable
 
 BANDIT = "bandit"
 """The algorithm that has no learner of stable-baselines3: see `edmsim.learning.bandit_training`."""
-CURVE_POINTS = 200  # points of the learning curve that is put into words (ours)
 
 
 class TrainOptions(NamedTuple):
@@ -100,14 +99,15 @@ def run(
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
     parameters = None if resume else options.hyperparameters(named, algo)
-    returns: list[tuple[int, float]] = []
+    if parameters is not None:
+        total, first = parameters.steps if steps is None else steps, parameters.algorithm.get("learning_starts", -1)
+        if total <= first:
+            raise InputError(f"{algo} learns after {first} steps (learning_starts): give more than {total}")
     with ShownProgress(keep=True) as bar:
 
         def watch(progress: TrainingProgress) -> None:
             shown_return = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
             bar.show("train", min(progress.steps, progress.total), progress.total, shown_return)
-            if not returns or progress.steps >= returns[-1][0] + progress.total / CURVE_POINTS:
-                returns.append((progress.steps, progress.mean_return))
 
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
@@ -120,8 +120,8 @@ def run(
         # an interrupted comparison must not leave a policy that was not accepted
         written = file if options.safe is None else file.with_name("candidate.json")
         policy_file.write(card, packed, written)
-        if returns:
-            bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
+        curve = in_words(*np.array(trained.curve).reshape(-1, 2).T.tolist())
+        bar.show("train", done.steps, done.steps, f"return {curve}")
         if options.safe is not None and options.start is not None:
             verdict = safe.accept(done.env_id, written, options.start, options.safe, bar.show)
             bar.show("accept", 1, 1, verdict.words())

@@ -5,6 +5,7 @@ During the recording every episode is a separate file, so you can resume an inte
 assembled from these files at the end.
 """
 
+import inspect
 import json
 import math
 import os
@@ -12,7 +13,7 @@ import re
 import shutil
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,11 +31,14 @@ from edmsim.evaluation.compare import check_controllers
 from edmsim.evaluation.episode import HELD_BACK, is_part
 from edmsim.files import folder_of, locked, replacing
 from edmsim.numeric import whole_from, whole_within
+from edmsim.runs import digests_of
 from edmsim.user_code import policy_of
 
 SAVED_INFOS = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wires_lost")
 """Entries of ``info`` that a data set has, as float64."""
 UNFINISHED = "unfinished"
+MADE_WITH = "made_with.json"
+"""File of a controller's unfinished episodes that says what they are of."""
 
 
 class Recorded(NamedTuple):
@@ -76,8 +80,8 @@ def record(
     Raises
     ------
     InputError
-        If an environment or controller is unknown or missing, `steps` is below 1, the folder has another recording,
-        or Minari is not installed.
+        If an environment or controller is unknown or missing, `steps` is below 1, the folder has such a data set or
+        another recording of that name, or Minari is not installed.
     """
     minari = _minari()
     whole_from("steps", steps, 1)
@@ -91,15 +95,24 @@ def record(
     for name in controllers:
         check_acts(family, name)
     env: Any = gym.make(env_id_of(env_id), **feeds, disable_env_checker=True)
-    arguments = plain(find(env_id)[1])
     out = folder_of(out)
+    ids = {name: f"edmsim/{type(family).__name__.lower()}/{_plain(name)}-v0" for name in controllers}
+    folders = {name: out / UNFINISHED / _plain(name) for name in controllers}
+    made_with = {name: _made_with(env_id, name, seed) for name in controllers}
     with locked(out, "edmsim dataset"):
-        _keep_to(out / UNFINISHED, {**arguments, "env_id": env_id, "seed": seed, "edmsim_version": __version__})
+        for name, folder in folders.items():
+            _refuse_others(folder / MADE_WITH, made_with[name], out / ids[name])
         made = []
-        for name in controllers:
-            files = _episodes(env, name, steps, seed, out / UNFINISHED / _plain(name), watch)
-            made.append(_assemble(minari, env, type(family).__name__, name, files, out))
-        shutil.rmtree(out / UNFINISHED)
+        for name, folder in folders.items():
+            folder.mkdir(parents=True, exist_ok=True)
+            with replacing(folder / MADE_WITH) as partial:
+                partial.write_text(json.dumps(made_with[name]), encoding="utf-8")
+            files = _episodes(env, name, steps, seed, folder, watch)
+            made.append(_assemble(minari, env, ids[name], name, files, out))
+        for folder in folders.values():
+            shutil.rmtree(folder)
+        with suppress(OSError):  # others are unfinished
+            (out / UNFINISHED).rmdir()
     return made
 
 
@@ -112,23 +125,29 @@ def _minari() -> Any:
     return minari
 
 
-def _keep_to(folder: Path, made_with: dict[str, Any]) -> None:
-    """Raise `InputError` if the folder has episodes of another recording."""
-    file = folder / "made_with.json"
-    if file.is_file():
-        if json.loads(file.read_text(encoding="utf-8")) != made_with:
-            raise InputError("an interrupted recording of something else is in this folder: give another", folder)
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    with replacing(file) as partial:
-        partial.write_text(json.dumps(made_with), encoding="utf-8")
+def _made_with(env_id: str, name: str, seed: int) -> dict[str, Any]:
+    """Return what decides on a controller's episodes, for JSON."""
+    family, arguments = find(env_id)
+    files = digests_of([name, inspect.getfile(family), *arguments.values()])
+    return {
+        **plain(arguments), "env_id": env_id, "controller": name, "seed": seed, "edmsim_version": __version__,
+        "files": sorted(files.values()),
+    }  # fmt: skip
+
+
+def _refuse_others(file: Path, made_with: dict[str, Any], dataset: Path) -> None:
+    """Raise `InputError` if a controller's folder has episodes of another recording, or its data set is finished."""
+    if not file.is_file():
+        if dataset.exists():
+            raise InputError("this data set would be replaced: record into another folder, or delete it", dataset)
+    elif json.loads(file.read_text(encoding="utf-8")) != made_with:
+        raise InputError("an interrupted recording of something else is in this folder: give another", file.parent)
 
 
 def _episodes(
     env: Any, name: str, steps: int, seed: int, folder: Path, watch: Callable[[str, int, int], None] | None
 ) -> list[Path]:
     """Return the files of a controller's episodes; makes those that are missing."""
-    folder.mkdir(exist_ok=True)
     files: list[Path] = []
     done = 0
     while done < steps:
@@ -171,8 +190,8 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
     }
 
 
-def _assemble(minari: Any, env: Any, task: str, name: str, files: list[Path], out: Path) -> Recorded:
-    """Write a controller's data set; one that is there is replaced."""
+def _assemble(minari: Any, env: Any, dataset_id: str, name: str, files: list[Path], out: Path) -> Recorded:
+    """Write a controller's data set, in place of what an interruption has left of it."""
     buffers, returns, breaks = [], [], 0
     for k, file in enumerate(files):
         with np.load(file, allow_pickle=False) as archive:
@@ -185,7 +204,6 @@ def _assemble(minari: Any, env: Any, task: str, name: str, files: list[Path], ou
                 rewards=archive["rewards"].tolist(), terminations=archive["terminations"].tolist(),
                 truncations=archive["truncations"].tolist(), infos=infos,
             ))  # fmt: skip
-    dataset_id = f"edmsim/{task.lower()}/{_plain(name)}-v0"
     shutil.rmtree(out / dataset_id, ignore_errors=True)
     with _datasets_in(out), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # author and code are for its publisher to name

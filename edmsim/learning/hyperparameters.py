@@ -32,7 +32,8 @@ Count = Annotated[WholeNumber, Field(gt=0)]
 def _entropy(value: object) -> object:
     """Check SAC's weight of the entropy."""
     number = real(value)
-    if re.fullmatch(r"auto(_\d*\.?\d+)?", str(value)) or (number is not None and 0 <= number < math.inf):
+    first = re.fullmatch(r"auto(?:_(\d*\.?\d+))?", str(value))
+    if (number is not None and 0 <= number < math.inf) or (first and float(first[1] or 1) > 0):
         return value
     raise ValueError("must be a number of 0 or more, or 'auto_0.1'")
 
@@ -79,7 +80,7 @@ class Network(BaseModel, extra="forbid", frozen=True):
 class Lagrangian(BaseModel, extra="forbid", frozen=True):
     """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`)."""
 
-    multiplier: Annotated[Number, Field(ge=0)]  # initial reduction of the reward per unit of cost
+    multiplier: Annotated[Number, Field(ge=0, allow_inf_nan=False)]  # first reduction of the reward per unit of cost
     rate: Positive  # change of the multiplier per rollout and unit of cost above the limit
 
 
@@ -173,6 +174,8 @@ def _check(env_id: str, algo: str, found: Hyperparameters) -> None:
         raise InputError("recurrent-ppo needs an LSTM: give network.lstm its number of cells")
     if network.lstm is not None and algo not in RECURRENT:
         raise InputError(f"network.lstm is for {' and '.join(RECURRENT)}; the algorithm is {algo}")
+    if isinstance(found.algorithm.get("ent_coef"), str) and algo not in REPLAYS:
+        raise InputError(f"algorithm.ent_coef is a number; {' and '.join(REPLAYS)} find one, the algorithm is {algo}")
     if found.num_envs * found.algorithm.get("n_steps", 2) < 2:
         raise InputError("a rollout of num_envs * n_steps is 1 step: give 2 or more")
     try:

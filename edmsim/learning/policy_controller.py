@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
-from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, tell
 from edmsim.envs import knobs, path_follower, servo
 from edmsim.envs.observation import EXACT
 from edmsim.envs.observation_builder import ObservationBuilder, window_of
@@ -125,7 +125,9 @@ class PolicyController(Snapshots):
         self._setting_us = tuple(self._first_us.tolist())
         self._feed_um_s = self._family.first_feed_um_s
         servo.begin(self._servo[0], self._feed_um_s)
-        if self._family.counts_threading:  # threading ends a step of the environment
+        if self._law is not None:
+            self._law_um_s = next_wire(self._law, self._limit_um_s).feed_um_s
+        if self._family.counts_threading or self._family.decision_s is None:  # a step of the environment ends
             if self._builder.sums[0]["duration_ns"]:
                 self._end_step()
             self._decide()

@@ -45,6 +45,7 @@ KINDS: dict[str, Any] = {
 CRITICS = ("ppo", "ppo-lag")  # algorithms whose critic may be privileged
 _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 CHECKPOINTS = 20  # checkpoints over a whole training (ours: at most a twentieth of it is lost)
+CURVE_POINTS = 200  # points of the learning curve (ours)
 
 
 class TrainingProgress(NamedTuple):
@@ -72,6 +73,7 @@ class _Saved(TrainingRun, frozen=True):
     done: int
     multiplier: float | None
     hyperparameters: Hyperparameters
+    curve: list[tuple[int, float]] = []  # see `Trained`
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ class Trained(NamedTuple):
     model: Any
     normalise: Any  # environments with the statistics of the policy's observations
     vec_env: TrainingEnvs
+    curve: list[tuple[int, float]]  # steps, and the mean return of the last hundred episodes, also before a break
 
     def export(self, command: str) -> tuple[Card, bytes]:
         """Return the policy for `policy_file.write`; `command` is the command of the training."""
@@ -160,6 +163,7 @@ def train(
     check(run.env_id, algo, parameters)
     with locked(out, "edmsim train"), noted() as signals:
         signals.at_once()
+        torch.set_num_threads(1)  # more only wait for each other, and begin with other weights
         trained = _begin(run, parameters, last, before)
         _learn(trained, out, watch, callbacks, signals, reset=before is None)
     return trained
@@ -171,7 +175,6 @@ def _learn(
 ) -> None:
     """Learn up to the run's steps, with checkpoints on the way and at the end, however it ends."""
     keeper = _Keeper(trained, out, watch)
-    torch.set_num_threads(1)  # more only wait for each other
     left = trained.run.steps - trained.model.num_timesteps
     try:
         with _room(out):
@@ -214,7 +217,7 @@ def _begin(
     if isinstance(last, Policy):
         start_sb3(*made, last)
     vec_env.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
-    return Trained(run, parameters, *made, vec_env)
+    return Trained(run, parameters, *made, vec_env, [] if before is None else before.curve)
 
 
 class _Keeper(BaseCallback):
@@ -230,10 +233,13 @@ class _Keeper(BaseCallback):
         self._report()  # the first step of a part takes a minute
 
     def _report(self) -> None:
+        returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
+        mean = float(np.mean(returns)) if returns else float("nan")
+        steps, total, curve = self.model.num_timesteps, self._trained.run.steps, self._trained.curve
+        if returns and (not curve or steps >= curve[-1][0] + total / CURVE_POINTS):
+            curve.append((steps, mean))
         if self._watch is not None:
-            returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
-            mean = float(np.mean(returns)) if returns else float("nan")
-            self._watch(TrainingProgress(self.model.num_timesteps, self._trained.run.steps, mean))
+            self._watch(TrainingProgress(steps, total, mean))
 
     def _on_step(self) -> bool:
         self._report()
@@ -278,7 +284,7 @@ class _Keeper(BaseCallback):
         saved = _Saved(
             **dict(trained.run), done=trained.model.num_timesteps,
             multiplier=None if trained.vec_env.costs is None else trained.vec_env.costs.multiplier,
-            hyperparameters=trained.hyperparameters,
+            hyperparameters=trained.hyperparameters, curve=trained.curve,
         )
         (folder / "run.json").write_text(saved.model_dump_json(), encoding="utf-8")
 

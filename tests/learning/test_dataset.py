@@ -10,6 +10,7 @@ from edmsim.envs.families import GapFeed
 from edmsim.envs.registry import register
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import cut
+from edmsim.learning import policy_file
 
 minari = pytest.importorskip("minari")
 pytest.importorskip("h5py")
@@ -55,11 +56,14 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
         dataset.record(ENV, ["counts"], 30, tmp_path / "a", seed=3, watch=stop)
     with pytest.raises(InputError, match="recording of something else"):
         dataset.record(ENV, ["counts"], 30, tmp_path / "a", seed=4)
+    dataset.record(ENV, ["fixed"], 1, tmp_path / "a", seed=4)  # leaves the episodes of the other
     seeds = []
     made = dataset._episode
     monkeypatch.setattr(dataset, "_episode", lambda env, name, seed: seeds.append(seed) or made(env, name, seed))
     first = dataset.record(ENV, ["counts"], 30, tmp_path / "a", seed=3)
     assert seeds == [4]  # the other one was there
+    with pytest.raises(InputError, match=r"counts-v0: this data set would be replaced"):
+        dataset.record(ENV, ["counts"], 30, tmp_path / "a", seed=3)
     assert dataset.record(ENV, ["counts"], 30, tmp_path / "b", seed=3) == first
     a, b = (loaded(tmp_path / name, monkeypatch, first[0].dataset_id) for name in "ab")
     for one, other in zip(a.iterate_episodes(), b.iterate_episodes(), strict=True):
@@ -82,6 +86,22 @@ def test_bad_input_is_refused(tmp_path, options, named):
     with pytest.raises(InputError, match=named):
         dataset.record(**{"env_id": ENV, "controllers": ["fixed"], "steps": 20, "out": tmp_path, **options})
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_episodes_of_another_policy_of_the_same_name_are_not_taken(tmp_path):
+    file = tmp_path / "policy.json"
+    for suffix in (".json", ".npz"):
+        shutil.copy(policy_file.locate("GapFeed-ppo").with_suffix(suffix), file.with_suffix(suffix))
+
+    def stop(name, done, steps):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        dataset.record(ENV, [f"policy:{file}"], 30, tmp_path / "out", watch=stop)
+    file.write_text(file.read_text().replace('"seed": 1,', '"seed": 2,'))
+    with pytest.raises(InputError, match="recording of something else"):
+        dataset.record(ENV, [f"policy:{file}"], 30, tmp_path / "out")
 
 
 def test_two_controllers_of_one_data_set_are_refused(tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -123,6 +124,18 @@ def test_a_policy_goes_on_with_the_next_wire(make_policy):
     assert controller.observation[-4:] == pytest.approx(expected)
     assert controller.reset(33.0) == controller.reset(33.0)
     assert controller.observation[-4] == 0.0
+
+
+def test_the_law_that_a_policy_adds_to_goes_on_with_the_next_wire_as_in_training(make_policy):
+    policy = policy_file.load(str(make_policy("ThinWire", action="speed", decision_s=None, knobs=[])))
+    residual = policy_file.Residual(law="voltage", range_um_s=1e-3)
+    controller = PolicyController(replace(policy, card=policy.card.model_copy(update={"residual": residual})))
+    tell(controller, edmsim.Machine.load(), np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
+    first = controller.reset(33.0)
+    window = WindowObservation(1.0, 0.0255, 255, 0, 0.0, 1.0, 9.0, 5.0, 0.0)
+    retreat = [controller.update(window) for _ in range(10)][-1]
+    assert retreat.feed_um_s < 0.0
+    assert controller.wire_lost().feed_um_s == pytest.approx(first.feed_um_s, abs=0.01)
 
 
 def test_a_snapshot_goes_on_bit_for_bit(make_policy):

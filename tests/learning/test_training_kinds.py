@@ -242,16 +242,21 @@ def test_costs_beyond_the_limit_raise_their_price():
 
 
 @pytest.mark.slow
-def test_the_bound_of_a_checkpoint_is_taken_up(short_training, tmp_path):
+def test_the_bound_and_the_curve_of_a_checkpoint_are_taken_up(short_training, tmp_path):
     from edmsim.learning.train import train
 
-    trained = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1)
+    short = tmp_path / "short.toml"
+    short.write_text("[environment]\nepisode_s = 0.4\n")
+    parameters = hyperparameters.load("edmsim/GapFeed-v2", "ppo-lag", short)
+    trained = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1, parameters=parameters)
     assert trained.vec_env.costs.multiplier != 7.0
     (run,) = tmp_path.glob("checkpoint-*/run.json")
     document = json.loads(run.read_text())
     run.write_text(json.dumps({**document, "multiplier": 7.0}))
     again = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1, resume=True)
     assert again.vec_env.costs.multiplier == 7.0
+    assert again.curve == trained.curve
+    assert [steps for steps, _ in again.curve] == [*range(34, 65, 2)]
 
 
 def test_settings_of_a_search_are_those_of_a_training(tmp_path):
@@ -275,6 +280,8 @@ def test_settings_of_a_search_are_those_of_a_training(tmp_path):
         ("ppo", "[algorithm]\nbatch_size = 1", "algorithm.batch_size"),
         ("ppo", "num_envs = 1\n[algorithm]\nn_steps = 1", "a rollout of num_envs * n_steps is 1 step"),
         ("sac", "[algorithm]\nent_coef = 'automatic'", "algorithm.ent_coef"),
+        ("sac", "[algorithm]\nent_coef = 'auto_0'", "algorithm.ent_coef"),
+        ("ppo", "[algorithm]\nent_coef = 'auto'", "algorithm.ent_coef is a number; sac and tqc find one"),
         ("ppo", "[network]\nwidths = [0]", "network.widths"),
         ("ppo", "[network]\nlog_std_init = 9", "network.log_std_init"),
         ("ppo", "[network]\nfirst_action = [0.1, 0.2]", "network.first_action has 2 entries; an action has feed"),
