@@ -71,7 +71,7 @@ class CountsController(Snapshots):
     dwell_s: float = 1.0  # wait at the end of a retract that did not clear the short
     return_feed_um_s: float = 10.0  # largest feed on the way back to the place of the short
     progress_um: float = 20.0  # distance along the path from which the next short counts as a new one
-    max_tries: int = 8  # retracts for one short before the alarm
+    max_tries: int = 8  # retracts, and waits of `dwell_s`, for one short before the alarm
 
     _state: State = field(default_factory=State, init=False, repr=False)
     _cpu: Occupation = field(default_factory=Occupation, init=False, repr=False)
@@ -243,6 +243,13 @@ class McuController(CountsController):
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the generator's setting and the path; called before every leg of the cut."""
         self._setup = _Setup.of(machine, points_um, start_um)
+        drawn_A = self._setup.pulses.pulse_A * machine.t_on_us / machine.t_period_us
+        if self.corner_um and drawn_A > LIMIT_A + 1e-9:  # no pair of codes means this setting
+            raise InputError(
+                f"corner_um of the {self.name} controller needs a setting of at most {LIMIT_A:g} A, but t_on "
+                f"{machine.t_on_us:g} us in t_period {machine.t_period_us:g} us draws {drawn_A:.2f} A: leave "
+                "corner_um out, or lengthen t_period"
+            )
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a new cut: INIT, position and settings as MAIN gets them, start."""

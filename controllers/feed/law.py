@@ -107,7 +107,7 @@ class GapServo(Part):
             error = self.error
         short = shorted(window)
         self.shorted_s = self.shorted_s + window.duration_s if short else 0.0
-        if self.shorted_s >= self.give_up_s:
+        if short and self.shorted_s >= self.give_up_s:
             return protocols.FeedCommand(0.0, PERSISTENT_SHORT)
         if short and self.shorted_s >= self.patience_s:
             self.retracting = True

@@ -58,7 +58,7 @@ class NormalPulses(PeriodRule):
     # high takes 46 um/s and 1.63 A (562), with the production machine 40 mm high 35 um/s and 8.1 A (176).
     height_factor: float = 562.0
     height_filter_s: float = 0.5  # time constant of the low-pass filter on the thickness
-    # shortest_factor, longest_factor: shortest and longest period, divided by the operator's
+    # shortest_factor, longest_factor: shortest and longest period, divided by the operator's: 1 or less, 1 or more
     shortest_factor: float = 1.0
     longest_factor: float = 5.0
 
@@ -176,8 +176,8 @@ class HoldHeat(RisingPeriod):
     # difference from the target
     proportional_share: float = 0.3
     integral_per_s: float = 1.0
-    # shortest_us, longest_us: limits of the period (ours). If hardly a pulse ignites there is no heat to hold, and
-    # the period falls to the shortest one.
+    # shortest_us, longest_us: limits of the period (ours); the proportional part and the slow start of a wire may
+    # exceed the longest. If hardly a pulse ignites there is no heat to hold, and the period falls to the shortest one.
     shortest_us: float = 25.0
     longest_us: float = 150.0
     # if above 0, shorts do not shorten the period (the discharges that clear a short could break the wire at the

@@ -11,6 +11,7 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.windows import WindowTable
@@ -177,6 +178,14 @@ def test_it_knows_the_corners_of_a_later_leg():
         commands.append([whole.update(window(10, 30, place)).t_on_us for place in places])
     assert commands[0] == commands[1]
     assert min(commands[0]) < commands[0][0]
+
+
+def test_less_energy_at_a_corner_is_refused_beyond_what_the_codes_mean():  # T-34
+    points = np.array([(30_000, 30_000), (30_300, 30_000), (30_300, 30_200)])
+    machine = Machine.load(generator="powercore-v3")
+    make("mcu").set_up(machine, points, 0.0)
+    with pytest.raises(InputError, match=r"corner_um .* at most 2 A, but t_on 10 us in t_period 100 us"):
+        make("mcu", corner_um=50.0).set_up(machine, points, 0.0)
 
 
 def test_nothing_survives_a_reset():

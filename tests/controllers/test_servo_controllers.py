@@ -77,6 +77,12 @@ def test_a_short_that_never_clears_stops_the_machine(name):
     assert commands[first].feed_um_s == 0.0
 
 
+def test_giving_up_at_once_takes_a_short():
+    controller = started("voltage", give_up_s=0.0)
+    assert {command.alarm for command in after(controller, 5, **WIDE)} == {None}
+    assert after(controller, 1, **SHORTED)[0].alarm == "persistent short"
+
+
 @pytest.mark.parametrize("name", SERVOS)
 def test_a_window_without_numbers_leaves_finite_feeds(name):
     controller = started(name)
