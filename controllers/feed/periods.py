@@ -177,7 +177,8 @@ class HoldHeat(RisingPeriod):
     proportional_share: float = 0.3
     integral_per_s: float = 1.0
     # shortest_us, longest_us: limits of the period (ours); the proportional part and the slow start of a wire may
-    # exceed the longest. If hardly a pulse ignites there is no heat to hold, and the period falls to the shortest one.
+    # exceed the longest. If hardly a pulse ignites there is no heat to hold, and the period falls to the shortest
+    # one.
     shortest_us: float = 25.0
     longest_us: float = 150.0
     # if above 0, shorts do not shorten the period (the discharges that clear a short could break the wire at the
