@@ -618,7 +618,6 @@ class TrueBend(Corners):
 
     bent_um: tuple[float, float] = field(default=(0.0, 0.0), init=False)
     mean_um: Floats = field(default_factory=lambda: np.zeros(2), init=False)
-    last_s: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -635,7 +634,7 @@ class TrueBend(Corners):
 
     def begin(self) -> None:
         """Begin with a straight wire."""
-        self.mean_um, self.last_s = np.zeros(2), 0.0
+        self.mean_um = np.zeros(2)
 
     def see(self, truth: PulseWindow) -> None:
         """Read the true deflection of a window."""
@@ -643,9 +642,8 @@ class TrueBend(Corners):
 
     def look(self, window: WindowObservation) -> None:
         """Average the deflection."""
-        weight = low_pass_weight(window.time_s - self.last_s, self.average_s)
+        weight = low_pass_weight(window.duration_s, self.average_s)
         self.mean_um = self.mean_um + weight * (np.array(self.bent_um) - self.mean_um)
-        self.last_s = window.time_s
 
     def offset(self, path_um: float) -> float:
         """Return the offset that brings the wire back onto the path."""

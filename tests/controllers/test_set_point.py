@@ -109,10 +109,10 @@ def test_the_oracle_of_leads_brings_the_bent_wire_on_the_path(machine):
     tell(controller, machine, LEFT, START_UM)
     assert controller.reset(33.0).offset_um == 1.0
     controller.see(SimpleNamespace(deflection_um=(6.0, -4.0)))
-    weight = 1.0 - math.exp(-1.0 / 0.5)  # the first window is seen at 1 s
     along, across = (controller.update(window(START_UM + path_um)).offset_um for path_um in (299.0, 300.0))
-    assert along == pytest.approx(1.0 + 4.0 * weight)  # left of +x is +y
-    assert across == pytest.approx(1.0 + 6.0 * weight)  # left of +y is -x
+    # left of +x is +y, left of +y is -x; a leg or wire may begin at any time, here 1 s
+    assert along == pytest.approx(1.0 + 4.0 * (1.0 - math.exp(-0.0255 / 0.5)))
+    assert across == pytest.approx(1.0 + 6.0 * (1.0 - math.exp(-2 * 0.0255 / 0.5)))
     other = make("lead-oracle", average_s=0.5, offset_um=1.0)
     tell(other, machine, LEFT, START_UM)
     other.reset(33.0)
