@@ -36,6 +36,7 @@ from edmsim.program.passes import (
     Stretch,
     begins_elsewhere,
     grouped,
+    holds,
     on_grid,
     ways_of,
     ways_of_group,
@@ -419,6 +420,11 @@ def plan_path(
         contours = [
             _contour_of(of_group, lead, [None, *ways], passes, grid_um)
             for of_group, lead, ways in zip(legs, leads, later, strict=True)
+        ]
+        notices += [
+            f"the rough pass leaves nothing of the tab of {of_group[0].outline.name}, so the piece is loose before "
+            "the tab is cut: give a longer tab, or begin the contour further from a corner"
+            for of_group, contour in zip(legs, contours, strict=True) if contour.passes and not holds(contour.passes)
         ]
         shift = _shift_um(contours, table_um, grid_um, program.source)
         placed = tuple(_placed(contour, shift) for contour in contours)
