@@ -409,6 +409,7 @@ def plan_path(
             _lead([of_group[0], *upper], edges, lead_in_mm, start_hole_radius_mm, notices)
             for of_group, *upper in zip(legs, *faces[1:], strict=True)
         ]
+        notices += _crossed(faces[0], leads)
         if heights:
             for face in faces:
                 for leg, lead in zip(face, leads, strict=True):
@@ -652,6 +653,21 @@ def _on_grid(
         closed=outline.closed, part_side=outline.part_side, dwells=stops, line_numbers=tuple(lines.tolist()),
         elements=elements, offset_um=leg.offset_mm * 1000, compensated=outline.wire_side is not None, lean=way.lean,
     )
+
+
+def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[_Lead]) -> list[str]:
+    """Name the ways to contours that cut into the edge of another contour; its piece may have been taken out."""
+    found = []
+    for leg, lead in zip(legs, leads, strict=True):
+        way = np.concatenate([lead.points, leg.path[:1]])
+        found += [
+            f"{leg.outline.name}: the wire cuts into {other.outline.name} on its way from X{way[0, 0]:.3f} "
+            f"Y{way[0, 1]:.3f}; thread it elsewhere, or take that piece out before"
+            for other in legs
+            if other is not leg and other.outline.closed and other.outline.wire_side and len(lead.points)
+            and not _clears(way, other.edge, leg.offset_mm)
+        ]
+    return found
 
 
 def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:
