@@ -388,10 +388,14 @@ def plan_path(
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = file if isinstance(file, Program) else load_program(file)
     with located(program.source):
+        own_taper = next((outline for outline in program.outlines if outline.taper is not None), None)
         program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
         drawn = [part for one in program.outlines for part in (one.approach_mm, one.points_mm)]
         _check_fits("what is drawn", np.concatenate(drawn) * 1000, MOST_TABLES * table_um, table_um, program.source)
         notices = list(program.notices)
+        if own_taper is not None and (taper_deg != 0 or corners != "conical"):
+            notices.append(f"{own_taper.name} is tapered by the program itself: the requested angle and corners have "
+                           "no effect on it")
         fixed_mm = None if offset == "auto" else chosen_mm
         if fixed_mm is not None:
             others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, chosen_mm)})
