@@ -308,7 +308,10 @@ class _Line:
         turns, rest = divmod(place_mm, self.length) if self._closed else (0.0, place_mm)
         if rest == 0.0 or (not self._closed and rest >= self.length):
             return float(turns * self._path.length if rest == 0.0 else self._path.length)
-        return float(turns * self._path.length) + float(self._path.project(self.edge.interpolate(rest)))
+        share = float(self._path.project(self.edge.interpolate(rest))) / self._path.length
+        if self._closed:  # beside an inner corner where they meet, the path's end and its begin are one place
+            share += round(rest / self.length - share)
+        return float((turns + share) * self._path.length)
 
 
 def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
@@ -388,6 +391,19 @@ def on_grid(
         )
         before, waits = way.points[-1:], ()
     return tuple(passes)
+
+
+def holds(passes: Sequence[CutPass]) -> bool:
+    """Say whether a tab, if there is one, still holds the piece when the rough pass is at its end."""
+    ways = [shapely.LineString(one.way.at_mid_height()) for one in passes if one.number == 1]
+    around, parted = (_inside_um2(some, passes[0].offset_um) for some in (ways[:1], ways))
+    return len(ways) == 1 or 2 * around <= parted
+
+
+def _inside_um2(ways: Sequence[shapely.LineString], offset_um: float) -> float:
+    """Return the area of the largest piece of metal that cuts along some ways surround."""
+    cuts = shapely.get_parts(shapely.MultiLineString(ways).buffer(offset_um))
+    return float(max((shapely.Polygon(ring).area for cut in cuts for ring in cut.interiors), default=0.0))
 
 
 def _guided(known_mm: Floats, way: Stretch, leads: int, before: CutPass | None, grid_um: int) -> Way:

@@ -36,6 +36,7 @@ from edmsim.program.passes import (
     Stretch,
     begins_elsewhere,
     grouped,
+    holds,
     on_grid,
     ways_of,
     ways_of_group,
@@ -387,10 +388,14 @@ def plan_path(
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = file if isinstance(file, Program) else load_program(file)
     with located(program.source):
+        own_taper = next((outline for outline in program.outlines if outline.taper is not None), None)
         program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
         drawn = [part for one in program.outlines for part in (one.approach_mm, one.points_mm)]
         _check_fits("what is drawn", np.concatenate(drawn) * 1000, MOST_TABLES * table_um, table_um, program.source)
         notices = list(program.notices)
+        if own_taper is not None and (taper_deg != 0 or corners != "conical"):
+            notices.append(f"{own_taper.name} is tapered by the program itself: the requested angle and corners have "
+                           "no effect on it")
         fixed_mm = None if offset == "auto" else chosen_mm
         if fixed_mm is not None:
             others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, chosen_mm)})
@@ -408,6 +413,7 @@ def plan_path(
             _lead([of_group[0], *upper], edges, lead_in_mm, start_hole_radius_mm, notices)
             for of_group, *upper in zip(legs, *faces[1:], strict=True)
         ]
+        notices += _crossed(faces[0], leads)
         if heights:
             for face in faces:
                 for leg, lead in zip(face, leads, strict=True):
@@ -419,6 +425,11 @@ def plan_path(
         contours = [
             _contour_of(of_group, lead, [None, *ways], passes, grid_um)
             for of_group, lead, ways in zip(legs, leads, later, strict=True)
+        ]
+        notices += [
+            f"the rough pass leaves nothing of the tab of {of_group[0].outline.name}, so the piece is loose before "
+            "the tab is cut: give a longer tab, or begin the contour further from a corner"
+            for of_group, contour in zip(legs, contours, strict=True) if contour.passes and not holds(contour.passes)
         ]
         shift = _shift_um(contours, table_um, grid_um, program.source)
         placed = tuple(_placed(contour, shift) for contour in contours)
@@ -646,6 +657,21 @@ def _on_grid(
         closed=outline.closed, part_side=outline.part_side, dwells=stops, line_numbers=tuple(lines.tolist()),
         elements=elements, offset_um=leg.offset_mm * 1000, compensated=outline.wire_side is not None, lean=way.lean,
     )
+
+
+def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[_Lead]) -> list[str]:
+    """Name the ways to contours that cut into the edge of another contour; its piece may have been taken out."""
+    found = []
+    for leg, lead in zip(legs, leads, strict=True):
+        way = np.concatenate([lead.points, leg.path[:1]])
+        found += [
+            f"{leg.outline.name}: the wire cuts into {other.outline.name} on its way from X{way[0, 0]:.3f} "
+            f"Y{way[0, 1]:.3f}; thread it elsewhere, or take that piece out before"
+            for other in legs
+            if other is not leg and other.outline.closed and other.outline.wire_side and len(lead.points)
+            and not _clears(way, other.edge, leg.offset_mm)
+        ]
+    return found
 
 
 def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:

@@ -323,6 +323,15 @@ def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_ro
     np.testing.assert_allclose(places, rough.offset_um * 1e-3, atol=2e-3)
 
 
+def test_a_tab_that_the_rough_pass_cuts_through_is_named(tmp_path):
+    """At an inner corner the wire passes an edge of 0.2 mm without a move."""
+    inside = "G21 G90\nG0 X2 Y2\nG42 G1 X0 Y0\nY4\nX4\nY0\nX0\nG40\nM2\n"
+    for tab_mm, held in ((1.5, True), (0.6, False), (0.2, False)):
+        path = plan(tmp_path, inside, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm))
+        named = "the rough pass leaves nothing of the tab of the contour from X0.000 Y0.000"
+        assert any(named in notice for notice in path.notices) is not held
+
+
 def test_a_planned_trim_does_not_cut_into_the_part_at_a_notch_in_an_outer_corner(tmp_path):
     notched = SQUARE.format("Y4\nX2\nX2.13 Y3.74\nX2.22 Y3.87\nX3 Y1\nX0\nY2\n")
     contour = plan(tmp_path, notched, passes=PassPlan(OFFSETS_MM, tab_mm=0.0)).contours[0]

@@ -286,6 +286,13 @@ def test_an_approach_through_the_part_is_refused(plan, old, new, word, offset):
     assert word in caught.value.reason
 
 
+@pytest.mark.parametrize(("thread", "crosses"), [("X2 Y2", True), ("X7 Y2", False)])
+def test_a_way_to_a_contour_through_another_ones_part_is_named(plan, thread, crosses):
+    first, second = ("G41 G1 X{0} Y2\nY4\nX{1}\nY0\nX{0}\nY2\nG40\n".format(*sides) for sides in ((0, 4), (10, 14)))
+    notices = plan(f"G21 G90\nG0 X-1.5 Y2\n{first}G0 {thread}\n{second}M2\n").notices
+    assert any("wire cuts into the contour from X0.000 Y2.000" in notice for notice in notices) is crosses
+
+
 @pytest.mark.parametrize(("settings", "word"), [
     ({"offset": "wide"}, "'wide'"), ({"offset": -0.1}, "-0.1"), ({"offset": math.nan}, "nan"),
     ({"auto_offset_mm": math.inf}, "inf"), ({"lead_in_mm": 0.0}, "lead_in_mm is 0.0"),

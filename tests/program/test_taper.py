@@ -157,6 +157,14 @@ def test_an_arc_that_meets_a_line_at_a_corner_is_cut_off_where_they_meet():
     np.testing.assert_allclose(np.hypot(*(notch - (5.0, 6.0)).T), 0.8 + d, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("requested", "said"), [({"corners": "sharp"}, True), ({"taper_deg": 2.0}, True), ({}, False)]
+)
+def test_a_requested_taper_that_the_programs_own_replaces_is_named(requested, said):
+    path = plan_path(Program((square(3.0),), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES], **requested)
+    assert any("tapered by the program itself" in notice for notice in path.notices) is said
+
+
 def test_a_die_opens_upwards_where_its_part_is_smaller_above():
     outline = leaning(load_program(EXAMPLES / "die.ngc").outlines, 3.0, "conical")[0]
     wall, _ = wall_and_wire(outline, OFFSET, GUIDES)
