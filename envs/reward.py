@@ -10,7 +10,7 @@ from edmsim.envs.path_follower import DONE, RUNNING
 from edmsim.numeric import keep_plain, within
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
-REFERENCE_MM2_MIN = 30.0  # cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)
+REFERENCE_MM2_MIN = 30.0  # cutting rate that earns 1 per reference window (ours)
 REFERENCE_S = 0.0255  # the reference window: 255 pulses of 100 us, the standard setting
 REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S  # area cut in a reference window at the reference rate
 MOST_WEIGHT = 1e9  # greatest weight of a term (ours: beyond all use; rewards stay finite)

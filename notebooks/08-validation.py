@@ -159,7 +159,7 @@ Markdown("\n".join(rows_table(failing, base="notebooks")))
 # %% [markdown]
 # If you want to use the model, these differences matter most; most are of whole cuts, and on the page "validation":
 #
-# - **The lag.** Real wires lag by 10 to 100 µm. A rough cut of 30 mm does so in the model: by 17 µm in tool steel
+# - **The lag.** Real wires lag by 10 to 100 µm. A rough cut of 30 mm does so in the model: by 16 µm in tool steel
 #   and by 28 µm in austenitic steel. In high workpieces the field between wire and metal outweighs the push of the
 #   discharges, and the wire leads: by 3 µm in the default cut of 80 mm. The push was derived, never measured, and
 #   its range is a factor of six. Trust the changes of the lag with tension and height, but neither its size nor the
@@ -167,7 +167,7 @@ Markdown("\n".join(rows_table(failing, base="notebooks")))
 # - **Production rates.** Production cutting needs four to five times the energy per volume that textbooks give. The
 #   model comes near both, because short pulses remove less per joule. That law was chosen from both figures, so the
 #   rows of production cutting are a calibration and prove nothing.
-# - **Wire rupture.** On 80 mm the model's wire breaks at 25 A; the machine of the publication cut at 29 A. In still
+# - **Wire rupture.** On 80 mm the model's wire breaks at 27 A; the machine of the publication cut at 29 A. In still
 #   water it does not break, but every wire of the publication did. Wires of 0.1 mm cut two to three times as fast
 #   before they break as in practice.
 # - **Flow.** A stream does not delay the ignition in clean water, and neither flow nor the running wire reduces its

@@ -202,10 +202,8 @@ for label in policies:
 # %% [markdown]
 # Both networks are worse than the best law of the records. Both earn about a third of `voltage`'s return, less
 # than `fixed`: a third of the records are of a constant feed, and where a network is slower than the records it
-# meets windows that are in no record. This depends on the records: with those of another model of the gap the
-# weighted network earned three quarters. The return of a window depends on the machine at least as much as on the
-# feed, and the observation does not show the machine. So a high advantage often means an easy machine, not a good
-# action.
+# meets windows that are in no record. The return of a window depends on the machine at least as much as on the feed,
+# and the observation does not show the machine. So a high advantage often means an easy machine, not a good action.
 #
 # ## Limits
 #

@@ -125,7 +125,8 @@ cuts[numbers[-1]].plot("face")
 # ## Results
 #
 # A single pass meets the drawing on average, but its edge scatters by some µm. Ra falls with the energy of the
-# pulses; from the fifth pass on the fine generator is used, and Ra falls to a third at once. Each trim takes about
-# half the time of the rough pass. The offsets are within 15 % of the shop's: the model's trims leave a wider gap.
+# pulses; from the fifth pass on the fine generator is used, and Ra falls to a quarter at once. A trim takes
+# 60 to 75 % of the time of the rough pass. The offsets are within 15 % of the shop's: the model's trims leave a wider
+# gap.
 # The error does not fall as on the trade page: the model's single pass is better than a shop's, as its table is
 # perfect and its lag small, and trims also undercut outer corners.

@@ -147,7 +147,7 @@ def mean_resistance(a: Arrays, c: Constants, gas: GasLaw, film: float) -> float:
 @compiled
 def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
     """A film's force (um kg/s2) towards the metal is at most the ambient pressure on the wire: then it cavitates."""
-    # what the mean film resists is not limited: it takes 0.25 m/s at a gap of 3 um to be as much
+    # what the mean film resists is not limited: it takes 0.7 m/s at a gap of 3 um to be as much
     return float(min(force, c.suction_N * 1e6 * (1.0 - a.covered[s]) * a.metal[s]))
 
 
