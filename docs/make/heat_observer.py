@@ -1,8 +1,9 @@
-"""What a network with memory can find out of MaxRate's wire: `python docs/make/heat_observer.py` prints two tables.
+"""What a network with memory can find out of MaxRate's wire: `python docs/make/heat_observer.py` makes two tables.
 
-They are those of tasks/max-rate.md. `heat-flux` cuts machines drawn with training seeds, each with a share of the
-critical flux drawn for it. A recurrent network learns the wire's true temperature from what the machine shows, window
-by window. Then a law holds what the network says, and cuts other machines beside `heat-flux`. Needs the extra `rl`.
+They are those of tasks/max-rate.md, of 20 minutes of one processor. `heat-flux` cuts machines drawn with training
+seeds, each with a share of the critical flux drawn for it. A recurrent network learns the wire's true temperature
+from what the machine shows, window by window. Then a law holds what the network says, and cuts other machines beside
+`heat-flux`. Needs the extra `rl`.
 """
 
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from sections import table
+from sections import table, write_sections
 
 from edmsim.controllers import FeedController
 from edmsim.controllers.feed.law import Gauge, OpenShare, ServoLaw
@@ -214,7 +215,7 @@ def holding(network: Network, superheat: float) -> FeedController:
 
 
 def main() -> None:
-    """Record, fit, and print both tables."""
+    """Record, fit, cut, and write both tables."""
     torch.set_num_threads(1)
     with ThreadPoolExecutor(2) as threads:
         learned, tested = (list(threads.map(record, seeds)) for seeds in (LEARNED, TESTED))
@@ -228,7 +229,8 @@ def main() -> None:
         ),
     }  # fmt: skip
     shares = [[name, *map("{:.0%}".format, explained(tested, values))] for name, values in predicted.items()]
-    print(table(("superheat explained by", "from window to window", "between machines"), shares), flush=True)
+    heads = "superheat explained by", "from window to window", "between machines"
+    write_sections("tasks/max-rate.md", {"observed superheat": table(heads, shares)})
     rows = []
     laws: dict[str, Callable[[], FeedController]] = {"`heat-flux`": HeatFluxController}
     laws |= {
@@ -239,7 +241,8 @@ def main() -> None:
             made = list(threads.map(partial(cut_with, make), CUT))
         rate, lost = np.mean([result.rate_mm2_min for result in made]), sum(result.wires_lost for result in made)
         rows.append((name, f"{rate:.1f}", str(lost)))
-    print(table(("law", "mean rate, mm2/min", "wires lost in 96 cuts"), rows))
+    heads = "law", "mean rate, mm2/min", f"wires lost in {len(CUT)} cuts"
+    write_sections("tasks/max-rate.md", {"held superheat": table(heads, rows)})
 
 
 if __name__ == "__main__":
