@@ -98,22 +98,26 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
 
 
 def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Let a function refuse anything but True or False for a bool; if it fails, name its first wrong argument."""
-    switches = {name for name, kind in function.__annotations__.items() if _shown(kind) == "bool"} - {"return"}
+    """Let a function refuse all but True or False for a bool, texts for lists; if it fails, name a wrong argument."""
+    kinds = {name: _shown(kind) for name, kind in function.__annotations__.items() if name != "return"}
+    switches = {name for name, kind in kinds.items() if kind == "bool"}
+    lists = {name for name, kind in kinds.items() if re.fullmatch(r"(Sequence|Iterable)\[str\]( \| None)?", kind)}
 
     def arguments(args: tuple[object, ...], options: dict[str, object]) -> Iterator[tuple[str, object]]:
         yield from (*zip(function.__code__.co_varnames, args, strict=False), *options.items())
 
     @wraps(function)
     def run(*args: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
-        for name, value in arguments(args, options) if switches else ():
+        for name, value in arguments(args, options) if switches or lists else ():
             if name in switches and type(value).__name__ != "bool":  # Python's or numpy's; others count as one, too
                 raise WrongTypeError(f"{name} is {value!r}: give True or False")
+            if name in lists and isinstance(value, str):
+                raise WrongTypeError(f"{name} is the text {value!r}: give a list, as [{value!r}]")
         try:
             return function(*args, **options)
         except (AttributeError, LookupError, TypeError, ValueError, WrongTypeError):
             for name, value in arguments(args, options):
-                kind = _shown(function.__annotations__.get(name, "Any"))
+                kind = kinds.get(name, "Any")
                 if not _may_be(value, kind, function.__globals__):
                     shown = one_line(repr(value), LONGEST_PLACE)
                     raise WrongTypeError(f"{name} cannot be {shown}: give {kind}") from None

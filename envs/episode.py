@@ -119,10 +119,7 @@ class Task:
         InputError
             Before the first `reset`.
         """
-        scenario = self._sub_envs.scenarios[0]
-        if scenario is None:
-            raise InputError("the task has no episode yet: call reset() first")
-        return scenario
+        return self._sub_envs.scenario(0)
 
     @property
     def wires_lost(self) -> int:

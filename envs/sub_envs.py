@@ -99,7 +99,8 @@ class SubEnvs:
     def scenario(self, index: int) -> Scenario:
         """Return the present episode of a sub-environment that has begun one."""
         scenario = self.scenarios[index]
-        assert scenario is not None
+        if scenario is None:
+            raise InputError("no episode has begun: call reset() first")
         return scenario
 
     def _take_constants(self, index: int, machine: Machine) -> None:

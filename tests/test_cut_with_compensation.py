@@ -179,7 +179,7 @@ def test_measure_table_writes_what_cut_reads(edmsim, tmp_path):
     shown = edmsim(*words, "--out", made, "--plot", picture)
     assert shown.status == 0
     assert "out of square" in shown.out
-    assert f"--compensation '{made}'" in shown.out.replace("\n", "")
+    assert f"--machine worn-table --compensation '{made}'" in shown.out.replace("\n", "")
     assert picture.stat().st_size > 10_000
     assert {(t.axis, t.master) for t in read_tables(made)} == {("x", "x"), ("y", "y"), ("x", "y"), ("y", "x")}
     document = json.loads(edmsim(*words, "--compensation", made, "--out", left, "--json").out)

@@ -17,7 +17,7 @@ from edmsim.controllers import axis
 from edmsim.evaluation.compare import evaluate
 from edmsim.hil.rig import Rig
 from edmsim.measure import measure_guides, measure_table
-from edmsim.program.path import plan_path
+from edmsim.program.path import load_program, plan_path
 from edmsim.program.tables import read_offsets
 
 HEAVY = ("rerun", "matplotlib", "torch", "numba", "mujoco", "scipy", "pyarrow", "ezdxf", "shapely", "pydantic")
@@ -58,6 +58,8 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else():
     (lambda: edmsim.Machine("worn-table"), r"read from its files: edmsim.Machine.load\('worn-table'\)$"),
     (lambda: edmsim.Machine.load().sample(1), "rng cannot be 1: give np.random.Generator"),
     (lambda: edmsim.Machine.load().sample(None, only=5), "rng cannot be None"),
+    (lambda: edmsim.Machine.load().sample(np.random.default_rng(), "gap"), "only is the text 'gap': give a list, as"),
+    (lambda: load_program("part.ngc", ignore="QT"), r"ignore is the text 'QT': give a list, as \['QT'\]$"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), drives=5), r"drives cannot be 5: give Mapping\[str, AxisDrive\]"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), seed=None), "seed is None"),
     (lambda: edmsim.Plant(edmsim.Machine.load(), seed=-1), "seed is -1: give a whole number, 0 or more"),

@@ -64,7 +64,8 @@ def table(
         return
     OUT.print(render(found))
     if out is not None and compensation is None:
-        print_line(f"Cut with it: edmsim cut PROGRAM --compensation {shlex.quote(str(out))} --out DIR")
+        use = f"--machine {shlex.quote(settings.machine)} --compensation {shlex.quote(str(out))}"
+        print_line(f"Cut with it: edmsim cut PROGRAM {use} --out DIR")
 
 
 @takes(
@@ -95,7 +96,8 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
         return
     for name, error, own in (("lower", found.lower_mm, lower_mm), ("upper", found.upper_mm, upper_mm)):
         OUT.print(f"the {name} guide is {error:+.3f} mm higher than its file says, ±{own:.3f} mm", highlight=False)
-    print_line(f"Cut with it: edmsim cut PROGRAM --guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}")
+    errors = f"--guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}"
+    print_line(f"Cut with it: edmsim cut PROGRAM --machine {shlex.quote(settings.machine)} {errors} --out DIR")
 
 
 @takes("machine", SET_UP, "resolution", "seed", resolution="fast",

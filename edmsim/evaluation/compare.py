@@ -233,8 +233,6 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
     if resolution is not None:
         check_resolution(resolution)
     base_of(find(env_id)[0])
-    if isinstance(controllers, str):
-        raise InputError(f"controllers is the text {controllers!r}: give a list of them, as [{controllers!r}]")
     check_controllers(controllers, env_id)
     whole_from("seeds", seeds, 2)  # one gives no interval
 

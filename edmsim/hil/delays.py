@@ -9,6 +9,7 @@ import numpy as np
 from edmsim.cosim.straight import begin
 from edmsim.errors import InputError
 from edmsim.files import replacing
+from edmsim.hil.gap import check_gap
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant
 from edmsim.plant.workpiece.blanks import started_slot
@@ -54,10 +55,12 @@ def delay_table(
     Raises
     ------
     InputError
-        If a voltage cannot be used, or there is nothing to draw.
+        If a gap or a voltage cannot be used, or there is nothing to draw.
     """
     if draws < 1 or not len(gaps_um) or not len(voltages_V):
         raise InputError("a table of delays needs gaps, voltages, and 1 or more pulses of each")
+    for gap_um in gaps_um:
+        check_gap(machine, gap_um)
     rows: list[Delays] = []
     for open_V in voltages_V:
         patient = _patient(machine, open_V)

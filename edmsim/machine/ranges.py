@@ -84,8 +84,6 @@ def _sections(machine: SetUp) -> dict[str, Part]:
 
 def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     """Names of the constants that `only` means, by section or one by one."""
-    if isinstance(only, str):
-        raise InputError(f"only is the text '{only}': give a list of sections or constants, as ['{only}']")
     only = set(only)
     if only <= known.keys():
         return only

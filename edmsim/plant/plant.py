@@ -405,7 +405,8 @@ class Plant:
         steps : sequence of (time_ns, axis, direction)
             Motor steps of the window in order of time: machine time in ns, 0 for x, 1 for y, 2 for u, 3 for v,
             +1 or -1. For a drive with a loop a step is an edge at its input; then 4, 5 and 6 are the drives' input
-            lines stop, fault and enable, and the last number is the line's level, 0 or 1.
+            lines stop, fault and enable, and the last number is the line's level, 0 or 1. Steps at or after the
+            window's end are not made: pass those again that are still to be made.
         pulses : int
             1 to 255. Craters are carved at a window's end: the same pulses in shorter windows give other results.
 

@@ -440,7 +440,7 @@ class Interpreter:
 
     def _note_words(self, block: Block) -> None:
         for word in block.ignored:
-            self.notices.add(f"{word} is left out, as requested", block.line)
+            self.notices.add(f"{word} is left out", block.line)
         for word in block.idle:
             self.notices.add(f"the word {word.rstrip('+-.0123456789')} has no effect on the contour", block.line)
         if "F" in block.values:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import rich.console
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError, refuse_unknown, refuses_wrong_types
+from edmsim.errors import refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.compare import Figure, ratio
 from edmsim.screen import ScreenTable
 from edmsim.sweep.run import FIGURES
@@ -65,8 +65,6 @@ def measured(table: pa.Table) -> list[str]:
 def groups(table: pa.Table, by: Iterable[str] | None = None) -> list[Group]:
     """Return runs grouped by settings, in the settings' order, by default by those with 2 to `MOST_VALUES` values."""
     few = [name for name in _chosen(table) if len(table[name].unique()) <= MOST_VALUES]
-    if isinstance(by, str):
-        raise InputError(f"by is the text {by!r}: give a list of settings, as [{by!r}]")
     chosen = few if by is None else [*by]
     for name in chosen:
         refuse_unknown("setting", name, table.column_names)

@@ -38,6 +38,11 @@ def recorded(make_env, tmp_path_factory):
     return made, played(make_env("HeightStep", **options), 100), env.recordings
 
 
+def test_before_an_episode_there_is_nothing_to_record(make_env):
+    with pytest.raises(InputError, match=r"no episode has begun: call reset\(\) first"):
+        make_env("GapFeed").unwrapped.recorder()
+
+
 def test_recording_changes_nothing(recorded) -> None:
     made, plain, folders = recorded
     assert made == plain

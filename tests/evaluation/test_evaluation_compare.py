@@ -268,7 +268,7 @@ def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means():
     ("edmsim/Gap-v1", ["fixed"], 3, "fast", "no environment 'edmsim/Gap-v1'; choose one of edmsim/GapFeed-v2"),
     (GAP_FEED, ["pid"], 3, "fast", "no feed controller 'pid'"),
     (GAP_FEED, [], 3, "fast", "no controller is named"),
-    (GAP_FEED, "fixed", 3, "fast", "controllers is the text 'fixed': give a list of them, as ['fixed']"),
+    (GAP_FEED, "fixed", 3, "fast", "controllers is the text 'fixed': give a list, as ['fixed']"),
     (GAP_FEED, ["fixed"], 1, "fast", "seeds is 1: give a whole number, 2 or more"),
     (GAP_FEED, ["fixed"], 3, "best", "best"),
 ])  # fmt: skip

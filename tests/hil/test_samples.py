@@ -218,6 +218,8 @@ def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
     assert len(lines) == 7
     with pytest.raises(InputError, match="20 V ignite nothing"):
         delay_table(Machine.load(), voltages_V=(20.0,))
+    with pytest.raises(InputError, match="the gap is 1 to 250 um, a wire's diameter, not -10"):
+        delay_table(Machine.load(), gaps_um=(10.0, -10.0))
 
 
 def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, edmsim):

@@ -278,7 +278,7 @@ def test_all_unknown_words_of_a_file_stand_in_one_list(read):
     assert found.words == {"G51": [2], "A2": [2], "U1.": [3], "V2": [3], "M77": [4], "U2": [5]}
     program = read(text, ignore=["g51", "A", "u", "V", "M77"])
     assert only(program).points_mm.tolist() == [[0, 0], [5.5, 0], [9, 0]]
-    assert "line 2: G51 is left out, as requested" in program.notices
+    assert "line 2: G51 is left out" in program.notices
 
 
 @pytest.mark.parametrize(("word", "what"), [("X", "X: the contour"), ("G1", "G1: the"), ("$", "letters or words")])

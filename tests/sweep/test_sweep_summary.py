@@ -28,7 +28,7 @@ def table():
 
 def test_settings_to_group_by_may_be_any_names_but_one_text(table):
     assert len(groups(table, (name for name in ["height_mm"]))) == 3
-    with pytest.raises(InputError, match=r"by is the text 'height_mm': give a list of settings, as \['height_mm'\]"):
+    with pytest.raises(InputError, match=r"by is the text 'height_mm': give a list, as \['height_mm'\]"):
         groups(table, "height_mm")
 
 
