@@ -128,29 +128,34 @@ def run(
 
     family, arguments = find(env_id)
 
-    def identity_of(job: tuple[str, int]) -> str:
-        files = digests_of([job[0], inspect.getfile(family), *arguments.values()])
-        return identity({
-            **plain(arguments), "edmsim": __version__, "env_id": env_id, "controller": job[0], "seed": job[1],
-            "resolution": resolution, "record": record and str(record), "files": sorted(files.values()),
-        })  # fmt: skip
+    def made_with(name: str) -> dict[str, Any]:
+        files = digests_of([name, inspect.getfile(family), *arguments.values()])
+        return {
+            **plain(arguments), "edmsim": __version__, "env_id": env_id, "controller": name,
+            "resolution": resolution, "files": sorted(files.values()),
+        }  # fmt: skip
 
-    table, ids = table or RunTable(), [identity_of(job) for job in jobs]
+    of_cuts = {name: made_with(name) for name in controllers}
+    versions = {name: identity(content) for name, content in of_cuts.items()}
+    ids = [identity({**of_cuts[name], "seed": seed, "record": record and str(record)}) for name, seed in jobs]
+    table = table or RunTable()
     for name in ids:
         if name in table.rows:  # a damaged one is refused before the first cut
             _result_of(table.rows[name], table.file)
     rows = perform(
-        partial(_row, env_id, resolution, record), jobs, watch, engine=engine_of(env_id, len(jobs)), table=table,
-        ids=ids,
+        partial(_row, env_id, resolution, record, versions), jobs, watch, engine=engine_of(env_id, len(jobs)),
+        table=table, ids=ids,
     )  # fmt: skip
     made = {job: _result_of(row, table.file) for job, row in zip(jobs, rows, strict=True)}
     return {name: [made[name, seed] for seed in held_back(seeds)] for name in controllers}
 
 
-def _row(env_id: str, resolution: str, record: Path | None, job: tuple[str, int]) -> dict[str, Any]:
+def _row(
+    env_id: str, resolution: str, record: Path | None, versions: Mapping[str, str], job: tuple[str, int]
+) -> dict[str, Any]:
     """Make a controller's cut of a seed."""
     result = cut(env_id, job[1], job[0], resolution, record)
-    return {"env_id": env_id, "resolution": resolution, **result._asdict()}
+    return {"env_id": env_id, "resolution": resolution, "version": versions[job[0]], **result._asdict()}
 
 
 def _result_of(row: Mapping[str, Any], file: str | Path | None) -> Result:
@@ -175,8 +180,8 @@ CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # what the rows of a t
 def leaderboard(file: str | Path) -> dict[tuple[str, str], Comparison]:
     """Return the comparisons of a table of cuts, by environment id and resolution; none if there is no such file.
 
-    If a cut was repeated, the last one counts. A comparison has the seeds of its references; a controller
-    without cuts of all of them is left out.
+    If a cut was repeated, the last one counts, and if a controller's text or edmsim's version changed, only its cuts
+    with the last. A comparison has the seeds of its references; a controller without cuts of all of them is left out.
 
     Raises
     ------
@@ -184,10 +189,13 @@ def leaderboard(file: str | Path) -> dict[tuple[str, str], Comparison]:
         If the file is not a table of cuts, or is damaged.
     """
     cuts: dict[tuple[str, str], dict[str, dict[int, Result]]] = {}
-    for row in read_rows(file, texts=CUT_TEXTS):
-        made_cut = _result_of(row, file)
-        of_env = cuts.setdefault((row["env_id"], row["resolution"]), {})
-        of_env.setdefault(row["controller"], {})[row["seed"]] = made_cut
+    rows = read_rows(file, texts=CUT_TEXTS)
+    last = {tuple(row[name] for name in CUT_TEXTS[1:]): row["version"] for row in rows if "version" in row}
+    for row in rows:
+        made_cut, of_env = _result_of(row, file), cuts.setdefault((row["env_id"], row["resolution"]), {})
+        version = last.get(tuple(row[name] for name in CUT_TEXTS[1:]))
+        if row.get("version", version) == version:
+            of_env.setdefault(row["controller"], {})[row["seed"]] = made_cut
     found = {}
     for (env_id, resolution), made in sorted(cuts.items()):
         try:

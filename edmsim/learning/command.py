@@ -100,9 +100,7 @@ def run(
     named = resolve(env_id)
     parameters = None if resume else options.hyperparameters(named, algo)
     if parameters is not None:
-        total, first = parameters.steps if steps is None else steps, parameters.algorithm.get("learning_starts", -1)
-        if total <= first:
-            raise InputError(f"{algo} learns after {first} steps (learning_starts): give more than {total}")
+        hyperparameters.steps_of(parameters, algo, steps)
     with ShownProgress(keep=True) as bar:
 
         def watch(progress: TrainingProgress) -> None:

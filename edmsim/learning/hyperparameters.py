@@ -15,7 +15,7 @@ from edmsim.errors import InputError, invalid_entry, located, one_of, refuse_unk
 from edmsim.evaluation.episode import ORACLE
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import read_toml
-from edmsim.numeric import Number, WholeNumber, real
+from edmsim.numeric import Number, WholeNumber, real, whole_from
 
 CHECKPOINT = "checkpoint-*/run.json"
 """Where a folder has the state of a training, as a pattern: the last checkpoint."""
@@ -144,6 +144,15 @@ def load(env_id: str, algo: str, settings: str | Path | None = None) -> Hyperpar
     with located(settings):
         _check(env_id, algo, found)
     return found
+
+
+def steps_of(parameters: Hyperparameters, algo: str, steps: int | None) -> int:
+    """Return a training's steps, by default those of its hyperparameters; refuse so few that nothing is learnt."""
+    total = parameters.steps if steps is None else whole_from("steps", steps, 1)
+    first = parameters.algorithm.get("learning_starts", -1)
+    if total <= first:
+        raise InputError(f"{algo} learns after {first} steps (learning_starts): give more than {total}")
+    return total
 
 
 def _changed(usual: Hyperparameters, file: str | Path) -> Hyperparameters:

@@ -268,7 +268,8 @@ class _Keeper(BaseCallback):
             shutil.rmtree(partial, ignore_errors=True)  # what found no room
         for old in self._out.glob("checkpoint-*"):
             if old != folder:
-                shutil.rmtree(old)
+                old.rename(partial)  # what a kill leaves of it is no checkpoint
+                shutil.rmtree(partial)
         self._saved = done
 
     def _write(self, folder: Path) -> None:

@@ -98,7 +98,7 @@ def _plan(name: str, algo: str, population: int, generations: int, steps: int | 
     env_id = resolve(name)
     training_space(algo)  # refuses an algorithm of which nothing is searched
     parameters = hyperparameters.load(env_id, algo)
-    total = parameters.steps if steps is None else whole_from("steps", steps)
+    total = hyperparameters.steps_of(parameters, algo, steps)
     if total < generations:
         raise InputError(f"{total} windows are fewer than {generations} generations: give more steps")
     windows = math.ceil(total / generations)

@@ -33,7 +33,7 @@ from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.evaluation.episode import HELD_BACK, Episode, cut
 from edmsim.files import folder_of, make_writable, replacing
 from edmsim.learning import policy_file
-from edmsim.learning.hyperparameters import load
+from edmsim.learning.hyperparameters import load, steps_of
 from edmsim.numeric import real, whole_from
 from edmsim.runs import Engine, LostJob, Processes, RunTable, check_same, digests_of, identity
 from edmsim.sweep.run import said
@@ -212,7 +212,7 @@ def tune_training(
     """
     space, judged_by, name = training_space(algo), tuple(training_seeds(seed, seeds)), resolve(env_id)
     usual = load(name, algo)
-    windows = usual.steps if steps is None else whole_from("steps", steps, 1)
+    windows = steps_of(usual, algo, steps)
     folder = folder_of(out)
     of = {"seed": seed, "seeds": seeds, "steps": windows, "files": sorted(digests_of([env_id]).values())}
     study = open_study(folder, f"{env_id} {algo}", of, trials, within(space, usual.algorithm))

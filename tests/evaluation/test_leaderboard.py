@@ -72,6 +72,20 @@ def test_an_interrupted_evaluation_resumes_to_the_same_leaderboard(tmp_path, edm
     assert {file.name for file in tmp_path.iterdir()} == {"board.jsonl", "whole.jsonl"}
 
 
+@pytest.mark.slow
+def test_cuts_of_another_text_of_an_own_controller_are_not_mixed(tmp_path, monkeypatch):
+    file, own = tmp_path / "board.jsonl", tmp_path / "own.py"
+    made = Result(0, "", "time", 1.0, 1.0, 1.0, 1.0, 1.0, 0, 0.0, 0.0, 0.0, math.nan, math.nan, 300.0)
+    monkeypatch.setattr("edmsim.evaluation.compare.cut", lambda _, seed, name, *__: made._replace(
+        seed=seed, controller=name
+    ))
+    law = "from edmsim.controllers import CountsController\n\nclass Mine(CountsController):\n    pass\n"
+    for text, seeds, counted in ((law, 3, True), (f"{law}\n", 2, False), (f"{law}\n", 3, True)):
+        own.write_text(text)
+        evaluate(GAP_FEED, [f"{own}:Mine"], seeds, table=RunTable(file))
+        assert (f"{own}:Mine" in leaderboard(file)[GAP_FEED, "fast"].results) == counted
+
+
 @pytest.mark.parametrize(("change", "said"), [
     ({"seed": None}, "seed of the cut .* is None, and must be a whole number"),
     ({"total_return": "5"}, "total_return of the cut .* is '5', and must be a number"),

@@ -3,6 +3,7 @@
 import errno
 import importlib.util
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -139,6 +140,27 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(short_training, tmp_path, e
         assert f"{checkpoint}: the checkpoint is damaged" in err
         file.write_bytes(whole)
     assert edmsim(*words, "--resume").status == 0
+
+
+@pytest.mark.slow
+@needs_rl
+def test_a_kill_while_the_former_checkpoint_is_removed_leaves_the_last_one(short_training, tmp_path, monkeypatch):
+    from edmsim.learning.train import train
+
+    train("edmsim/GapFeed-v2", "ppo", tmp_path, steps=64)
+    remove = shutil.rmtree
+
+    def killed(folder, **options):
+        if folder.exists():
+            (folder / "model.zip").unlink()
+            raise KeyboardInterrupt
+        remove(folder, **options)
+
+    monkeypatch.setattr("edmsim.learning.train.shutil.rmtree", killed)
+    with pytest.raises(KeyboardInterrupt):
+        train("edmsim/GapFeed-v2", "ppo", tmp_path, resume=True)  # nothing is left to learn
+    monkeypatch.undo()
+    assert train("edmsim/GapFeed-v2", "ppo", tmp_path, resume=True).model.num_timesteps == 64
 
 
 @pytest.mark.slow

@@ -20,7 +20,8 @@ ENV = "edmsim/GapFeed-v2"
     ({"population": 3}, "population is 3: give a whole number, 4 or more"), ({"generations": 0}, "1 or more"),
     ({"steps": 9}, "fewer than 10 generations"), ({"algo": "dqn"}, "ppo, sac"),
     ({"seed": 1_000_000}, "training seeds"), ({"algo": "imitation"}, "algorithm 'imitation'"),
-    ({"seeds": 0}, "1 or more"), ({"population": math.nan}, "population is nan"),
+    ({"algo": "tqc", "steps": 5000}, "tqc learns after 5000 steps"), ({"seeds": 0}, "1 or more"),
+    ({"population": math.nan}, "population is nan"),
 ])  # fmt: skip
 def test_what_cannot_be_bred_is_refused(options, named, tmp_path):
     with pytest.raises(InputError, match=named):

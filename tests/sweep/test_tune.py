@@ -101,6 +101,7 @@ def test_settings_are_judged_by_training_seeds():
     ({"controller": "genius"}, "counts"), ({"controller": "fixed", "trials": 0}, "1 or more"),
     ({"env_id": "edmsim/GapFeed-v2", "algo": "dqn"}, "ppo, sac"), ({"controller": "fixed", "seeds": 0}, "1 or more"),
     ({"env_id": "edmsim/GapFeed-v2", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
+    ({"env_id": "edmsim/GapFeed-v2", "algo": "sac", "steps": 5000}, "sac learns after 5000 steps"),
     ({"env_id": "edmsim/GapFeed-v2", "steps": 0}, "steps is 0: give a whole number, 1 or more"),
 ])  # fmt: skip
 def test_what_cannot_be_searched_is_refused(options, named, tmp_path):
