@@ -308,10 +308,10 @@ class _Line:
         turns, rest = divmod(place_mm, self.length) if self._closed else (0.0, place_mm)
         if rest == 0.0 or (not self._closed and rest >= self.length):
             return float(turns * self._path.length if rest == 0.0 else self._path.length)
-        share = float(self._path.project(self.edge.interpolate(rest))) / self._path.length
+        along = float(self._path.project(self.edge.interpolate(rest)))
         if self._closed:  # beside an inner corner where they meet, the path's end and its begin are one place
-            share += round(rest / self.length - share)
-        return float((turns + share) * self._path.length)
+            turns += round(rest / self.length - along / self._path.length)
+        return float(turns * self._path.length) + along
 
 
 def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
