@@ -367,7 +367,7 @@ class AxisBench:
         row = self._row(axis)
         row["cam"], row["cam_ns"] = closed, self._now_ns
 
-    def share_output(self, axes: Sequence[str], connected: str | None = None) -> None:
+    def share_output(self, axes: str | Sequence[str], connected: str | None = None) -> None:
         """Let drives share an analogue output; a contactor connects it to the motor of one axis, or of none."""
         for name in axes:
             row = self._row(name)
