@@ -36,6 +36,14 @@ def naming(file: Path) -> Iterator[None]:
         raise
 
 
+def remove_unfinished_line(file: Path) -> int:
+    """Remove a last line that a kill or a full disk cut off; return the bytes that are left."""
+    with naming(file), file.open("r+b") as opened:  # in place, as others may add to it
+        whole = opened.read().rfind(b"\n") + 1
+        opened.truncate(whole)
+    return whole
+
+
 @contextmanager
 def replacing(file: str | Path) -> Iterator[Path]:
     """Give a path beside a file to write to; it takes the file's place when all is written, or else is removed."""

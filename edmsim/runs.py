@@ -28,7 +28,7 @@ from typing import Any, BinaryIO, Protocol
 
 from edmsim import user_code
 from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types, refuses_wrong_types
-from edmsim.files import naming, replacing
+from edmsim.files import naming, remove_unfinished_line, replacing
 from edmsim.numeric import whole_from
 
 Row = dict[str, Any]
@@ -62,12 +62,8 @@ class RunTable:
         file = None if file is None else Path(file)
         self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
         self.file, self._of, self._lock = file, of, threading.Lock()
-        if file is not None and file.exists():
-            with naming(file), file.open("r+b") as opened:  # in place, as others may add to it
-                whole = opened.read().rfind(b"\n") + 1
-                opened.truncate(whole)  # without a last line that was cut off
-            if not whole:
-                self.keep(())
+        if file is not None and file.exists() and not remove_unfinished_line(file):
+            self.keep(())
 
     def add(self, row: Row) -> None:
         """Save a finished run; one with the same id is replaced."""

@@ -31,7 +31,7 @@ from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.evaluation.episode import HELD_BACK, Episode, cut
-from edmsim.files import folder_of, make_writable, replacing
+from edmsim.files import folder_of, make_writable, remove_unfinished_line, replacing
 from edmsim.learning import policy_file
 from edmsim.learning.hyperparameters import load, steps_of
 from edmsim.numeric import real, whole_from
@@ -298,7 +298,12 @@ def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, firs
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     file = str(folder / JOURNAL)
     lock = JournalFileOpenLock(file)
-    _without_a_cut_off_line(Path(file), lock)
+    lock.acquire()
+    try:
+        if Path(file).exists():  # a journal with more behind an unfinished line cannot be read
+            remove_unfinished_line(Path(file))
+    finally:
+        lock.release()
     storage = JournalStorage(JournalFileBackend(file, lock_obj=lock))
     for other in optuna.get_all_study_names(storage):
         if other != name:
@@ -314,16 +319,6 @@ def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, firs
     if not study.trials:
         study.enqueue_trial(dict(first))
     return study
-
-
-def _without_a_cut_off_line(journal: Path, lock: Any) -> None:
-    """Remove what a full disk left of a last line: a journal with more behind it cannot be read."""
-    lock.acquire()
-    try:
-        if journal.exists():
-            os.truncate(journal, journal.read_bytes().rfind(b"\n") + 1)
-    finally:
-        lock.release()
 
 
 def _repeat_killed(study: Any) -> None:
