@@ -10,6 +10,7 @@ import logging
 import math
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -82,6 +83,11 @@ def train_population(
     The folder must be at the same path on every computer of the cluster; an interrupted training in it is resumed.
     The windows of `steps` are those of a learner over all generations, each rounded up to whole updates.
     """
+    if " " in sys.executable:
+        raise InputError(
+            f"Ray Tune cannot start learners with '{sys.executable}', as the path has a space: "
+            "install edmsim in a folder without one"
+        )
     plan = _plan(name, algo, population, generations, steps, seed, seeds)
     Cluster(address)
     folder = make_writable(out).absolute()
