@@ -23,7 +23,6 @@ from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
 from edmsim.plant.kernel import state as loop
-from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
     import shapely
 
 MECHANICS = ("modal", "mujoco")  # integrators of table and wire
-_OF_WIRE, _CHANGING = lasting(loop.Arrays, CHANGING), lasting(loop.Arrays, WALL, CHANGING)
+_OF_WIRE, _CHANGING = loop.lasting(loop.Arrays, loop.CHANGING), loop.lasting(loop.Arrays, loop.WALL, loop.CHANGING)
 _OVERRUN_UM = 2000.0  # a table may stand so far behind its end switches, where it is braked (ours)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
@@ -116,7 +115,7 @@ class Plant:
         self.mechanics = mechanics
         self.resolution = res = named_resolution(resolution)
         coordinates = _coordinates(res, mechanics)
-        self._sizes = sizes_of(res.slices, res.rays, coordinates)
+        self._sizes = loop.sizes_of(res.slices, res.rays, coordinates)
         self._memory = Memory(self._sizes)
         self._state: NDArray[np.void] = np.zeros(1, loop.STATE)
         self._window: NDArray[np.void] = np.zeros(1, loop.WINDOW)
@@ -126,8 +125,9 @@ class Plant:
         self._call[0] = self._memory.address
         self._call_address: int = call.ctypes.data
         self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
-        self._arrays, self._propagators = allocate(loop.Arrays, self._sizes), allocate(loop.Propagators, self._sizes)
-        for group in (self._arrays, self._propagators, allocate(loop.Scratch, self._sizes)):
+        self._arrays = loop.allocate(loop.Arrays, self._sizes)
+        self._propagators = loop.allocate(loop.Propagators, self._sizes)
+        for group in (self._arrays, self._propagators, loop.allocate(loop.Scratch, self._sizes)):
             self._memory.put(group)
         self._pulses: NDArray[np.void] = np.zeros(0, loop.PULSE)
         self._memory.put_own(pulses=self._pulses)

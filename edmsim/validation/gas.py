@@ -14,8 +14,7 @@ from edmsim.plant.constants import constants, gap_law, modal_model, wire_setup
 from edmsim.plant.gap import breakdown, coverage
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import GRID, Arrays
+from edmsim.plant.kernel.state import GRID, Arrays, allocate, sizes_of
 from edmsim.plant.mechanics.film import added_mass_kg_m, drag_N_s_m2, film_sum, suction_limited
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.plant import Plant

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from edmsim.compiled.jit import compiled
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing
+from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing, allocate, sizes_of
 from edmsim.plant.mechanics.modal import project
 from edmsim.plant.mechanics.model import WireSetup
 from edmsim.plant.mechanics.mujoco_loop import LOST, move_full

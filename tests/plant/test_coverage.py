@@ -21,8 +21,7 @@ from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.pulse_outcome import sum_rays
 from edmsim.plant.gap.rays import pack_rays, rays_of
 from edmsim.plant.gap.water import AMBIENT_PA, surface_tension_N_m, viscosity_ratio
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import GRID, Arrays
+from edmsim.plant.kernel.state import GRID, Arrays, allocate, sizes_of
 from edmsim.plant.mechanics.film import edge_loss_kg_m2, mean_resistance
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.blanks import started_slot

@@ -22,8 +22,7 @@ from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import Arrays, Propagators
+from edmsim.plant.kernel.state import Arrays, Propagators, allocate, sizes_of
 from edmsim.plant.mechanics.film import (
     added_mass_kg_m,
     drag_N_s_m2,

@@ -17,8 +17,7 @@ from edmsim.plant.axes.encoder import LONG_AGO_NS, draw_pause, mark_below, watch
 from edmsim.plant.axes.shaft import check_motor, longest_step_ns
 from edmsim.plant.axes.steps import MOVE, rapid_constants, run_moves, straight_moves, time_left_s
 from edmsim.plant.axes.ways import no_ways, taken_up
-from edmsim.plant.kernel.declare import ArraySizes, allocate
-from edmsim.plant.kernel.state import Axes
+from edmsim.plant.kernel.state import ArraySizes, Axes, allocate
 
 AXIS_NAMES = ("x", "y", "u", "v")
 """The machine's axes: x and y of the lower guide, u and v of the upper guide relative to it."""

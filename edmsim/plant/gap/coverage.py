@@ -17,8 +17,7 @@ import numpy as np
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, counted, highest, load, lowest, spread, store
 from edmsim.plant.gap.water import AMBIENT_PA
-from edmsim.plant.kernel.declare import Stored
-from edmsim.plant.kernel.state import GRID, Array, Arrays, Constants
+from edmsim.plant.kernel.state import GRID, Array, Arrays, Constants, Stored
 
 LEAST_POCKET = 1e-6
 """Half the least length that debris is spread over, in heights of a slice (ours): without steam it stays there."""

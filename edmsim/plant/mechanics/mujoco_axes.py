@@ -13,8 +13,7 @@ from edmsim.compiled.jit import compiled
 from edmsim.compiled.memory_views import call_with_two
 from edmsim.plant.axes.encoder import position, see_edges, watch_cam
 from edmsim.plant.axes.shaft import energise, rubbed_rotor, rubbed_table, screw_damping
-from edmsim.plant.kernel.declare import CHANGING, Stored
-from edmsim.plant.kernel.state import Array, Axes
+from edmsim.plant.kernel.state import CHANGING, Array, Axes, Stored
 
 
 class FullLink(NamedTuple):
