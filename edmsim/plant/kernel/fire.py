@@ -13,11 +13,10 @@ from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.axes.advance import LOST, advance_axes, apply_geometric_errors, indicate
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.gap.bubble import BubbleLaw
-from edmsim.plant.gap.coverage import GasLaw, blow, fade
-from edmsim.plant.gap.debris import mean_of_slices
+from edmsim.plant.gap.gas import BubbleLaw, GasLaw, blow, fade
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.rays import OVERLAP_UM, pack_rays, rays_of, retrace, tilt_rays, weigh
+from edmsim.plant.gap.water import mean_of_slices
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
     ARC,

@@ -16,8 +16,7 @@ from edmsim.compiled.jit import compiled
 from edmsim.compiled.memory_views import GroupField, group_of, rows_of
 from edmsim.compiled.specialised import specialised
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.gap.bubble import BubbleLaw
-from edmsim.plant.gap.coverage import GasLaw
+from edmsim.plant.gap.gas import BubbleLaw, GasLaw
 from edmsim.plant.kernel import state
 from edmsim.plant.kernel.fire import fire_window
 from edmsim.plant.mechanics.mujoco_axes import FullLink
