@@ -24,8 +24,8 @@ from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
 from edmsim.plant.kernel import state as loop
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
-from edmsim.plant.mechanics.model import ModalModel
-from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
+from edmsim.plant.mechanics.full_model import FullMechanics
+from edmsim.plant.mechanics.model import N_NODES, ModalModel
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.snapshot import check_snapshot, digest_of

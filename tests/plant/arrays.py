@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from edmsim.plant.constants import fill_model, lay_to_rest
 from edmsim.plant.kernel.state import Arrays, ArraySizes, allocate
+from edmsim.plant.mechanics.full_model import FullMechanics
 from edmsim.plant.mechanics.model import ModalModel
-from edmsim.plant.mechanics.mujoco_table import FullMechanics
 
 
 def arrays(

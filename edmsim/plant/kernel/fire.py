@@ -43,9 +43,8 @@ from edmsim.plant.kernel.state import (
     Timing,
 )
 from edmsim.plant.mechanics.film import find_films, is_narrow, mean_film, mean_resistance, scale_film, squeeze
+from edmsim.plant.mechanics.full_model import FullLink, move_full
 from edmsim.plant.mechanics.modal import copy, kick, lean, mean_deflection, move, place_wire, project, ring, ringing
-from edmsim.plant.mechanics.mujoco_axes import FullLink
-from edmsim.plant.mechanics.mujoco_loop import move_full
 from edmsim.plant.wire import HeatLaw
 from edmsim.plant.workpiece.craters import carve
 

@@ -19,7 +19,7 @@ from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.gas import BubbleLaw, GasLaw
 from edmsim.plant.kernel import state
 from edmsim.plant.kernel.fire import fire_window
-from edmsim.plant.mechanics.mujoco_axes import FullLink
+from edmsim.plant.mechanics.full_model import FullLink
 from edmsim.plant.wire import HeatLaw
 
 _GROUPS: dict[str, Any] = {
