@@ -5,9 +5,10 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
@@ -17,8 +18,7 @@ from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from, whole_within
 from edmsim.plant import constants
-from edmsim.plant.axes import faults
-from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives, reason, reason_of_delay
+from edmsim.plant.axes.drives import AXIS_NAMES, FAULTS, AxisDrive, Drives, break_axis, reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
@@ -40,9 +40,6 @@ from edmsim.plant.window import (
 )
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
-
-if TYPE_CHECKING:
-    import shapely
 
 MECHANICS = ("modal", "mujoco")  # integrators of table and wire
 _OF_WIRE, _CHANGING = loop.lasting(loop.Arrays, loop.CHANGING), loop.lasting(loop.Arrays, loop.WALL, loop.CHANGING)
@@ -383,12 +380,12 @@ class Plant:
         return taken_um2 * self._constants.slice_um * 1e-9
 
     def break_axis(self, axis: str, fault: str) -> None:
-        """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.faults.FAULTS`."""
+        """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.drives.FAULTS`."""
         if axis not in self.own_step_um:
             raise InputError(f"there is no axis {axis!r} whose drive has a loop")
-        if fault not in faults.FAULTS:
-            raise InputError(f"there is no fault {fault!r}; there are: {one_of(fault, faults.FAULTS)}")
-        faults.break_axis(self._drives.axes, AXIS_NAMES.index(axis), fault)
+        if fault not in FAULTS:
+            raise InputError(f"there is no fault {fault!r}; there are: {one_of(fault, FAULTS)}")
+        break_axis(self._drives.axes, AXIS_NAMES.index(axis), fault)
 
     def watch_pulses(self) -> None:
         """Record every pulse from the next window on (`last_pulses`); the cut stays the same, bit for bit."""
