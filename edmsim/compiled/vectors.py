@@ -21,6 +21,7 @@ from edmsim.compiled.numba_internals import cgutils, datamodel
 
 GAPS, COORDINATES = 16, 4  # numbers of a vector of float32, and of float64
 PACK, EACH = 5, 3  # slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none
+_FAST = tuple(sorted(FAST))
 
 
 @compiled
@@ -155,7 +156,7 @@ def _lane_by_lane(combine: Callable[[Any, Any, Any], Any]) -> Any:
 
 def _arithmetic(instruction: str, *signs: Any) -> None:
     apply = _lane_by_lane(
-        lambda builder, left, right: getattr(builder, instruction)(left, right, flags=tuple(sorted(FAST)))
+        lambda builder, left, right: getattr(builder, instruction)(left, right, flags=_FAST)
     )
 
     def operation(a: Any, b: Any) -> Callable[[Any, Any], Any] | None:
@@ -195,11 +196,10 @@ def power_of_half(_typing: Any, vector: Any) -> Any:
         x = builder.select(builder.fcmp_ordered("<", arguments[0], most), arguments[0], most)
         whole = builder.fptosi(x, whole_kind)
         part = builder.fsub(x, builder.sitofp(whole, kind))
-        flags = tuple(sorted(FAST))
         series = ir.Constant(kind, [_HALVES[-1]] * vector.count)
         for coefficient in _HALVES[-2::-1]:
             series = builder.fadd(
-                builder.fmul(series, part, flags=flags), ir.Constant(kind, [coefficient] * vector.count), flags=flags
+                builder.fmul(series, part, flags=_FAST), ir.Constant(kind, [coefficient] * vector.count), flags=_FAST
             )
         exponent = builder.shl(whole, ir.Constant(whole_kind, [23] * vector.count))
         return builder.bitcast(builder.sub(builder.bitcast(series, whole_kind), exponent), kind)
@@ -216,7 +216,7 @@ def total(_typing: Any, vector: Any) -> Any:
         name = f"llvm.vector.reduce.fadd.v{vector.count}f{vector.element.bitwidth}"
         kind = ir.FunctionType(scalar, [scalar, arguments[0].type])
         function = cgutils.get_or_insert_function(builder.module, kind, name)
-        return builder.call(function, [ir.Constant(scalar, -0.0), arguments[0]], fastmath=tuple(sorted(FAST)))
+        return builder.call(function, [ir.Constant(scalar, -0.0), arguments[0]], fastmath=_FAST)
 
     return vector.element(vector), generate
 
@@ -254,13 +254,13 @@ def counted(_typing: Any, first: Any) -> Any:
 
 def _rows(builder: Any, vectors: Any) -> list[Any]:
     """Sums of four vectors over the lanes of each slice, as a vector of float64 for each slice."""
-    flags, sums = tuple(sorted(FAST)), []
+    sums = []
     for vector in vectors:
         first, second, third = (
             _shuffled(builder, vector, vector, [min(EACH * k + lane, GAPS - 1) for k in range(GAPS // 2)])
             for lane in range(EACH)
         )
-        sums.append(builder.fadd(builder.fadd(first, second, flags=flags), third, flags=flags))
+        sums.append(builder.fadd(builder.fadd(first, second, flags=_FAST), third, flags=_FAST))
     ab, cd = (_shuffled(builder, low, high, list(range(GAPS))) for low, high in (sums[:2], sums[2:]))
     half = GAPS // 2
     rows = [_shuffled(builder, ab, cd, [k, half + k, GAPS + k, GAPS + half + k]) for k in range(PACK)]
@@ -282,7 +282,7 @@ def store_sums(_typing: Any, sums: Any, first: Any, a: Any, b: Any, c: Any, d: A
             with builder.if_then(builder.icmp_signed("<", slice_, slices), likely=True):
                 place = cgutils.get_item_pointer(context, builder, sums, view, [slice_, ir.Constant(at.type, 0)])
                 builder.store(row, builder.bitcast(place, row.type.as_pointer()), align=8)
-            everything = row if everything is None else builder.fadd(everything, row, flags=tuple(sorted(FAST)))
+            everything = row if everything is None else builder.fadd(everything, row, flags=_FAST)
         return everything
 
     return kind(sums, first, a, b, c, d), generate

@@ -335,35 +335,44 @@ def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:
     last.wrap_site("upper_guide")
 
 
+class _Nodes(NamedTuple):
+    """A wire's nodes: heights, masses, dampings, and the stiffness of the segments between them."""
+
+    heights_m: Array
+    mass_kg: Array
+    damping_N_s_m: Array
+    segment_N_m: float
+
+
+def _nodes_of(wire: WireSetup, count: int) -> _Nodes:
+    """Return a number of nodes of a wire."""
+    spacing_m = wire.guide_distance_m / (count + 1)
+    return _nodes_at(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
+
+
+def _nodes_at(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
+    # a node has the mass of its length of wire, and of the water that moves with what of it is in the slot
+    low, high = (wire.guide_distance_m - wire.slot_m) / 2, (wire.guide_distance_m + wire.slot_m) / 2
+    slot_m = np.minimum(heights_m + spacing_m / 2, high) - np.maximum(heights_m - spacing_m / 2, low)
+    mass_kg = wire.line_density * spacing_m + np.maximum(slot_m, 0.0) * wire.slot_mass_kg_m
+    # damping in proportion to the mass: the wire's first mode has the ratio asked for
+    count = len(heights_m)
+    omega_1 = 2 / (wire.guide_distance_m / (count + 1)) * wire.wave_speed * math.sin(math.pi / (2 * (count + 1)))
+    return _Nodes(heights_m, mass_kg, 2 * wire.damping_ratio * omega_1 * mass_kg, wire.tension / spacing_m)
+
+
 def _fit_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
     """Give the chain's nodes and segments the wire's mass, damping and tension."""
-    spacing = wire.guide_distance_m / (len(nodes) + 1)
-    heights = np.asarray(spacing * np.arange(1, len(nodes) + 1), np.float64)
-    masses_kg = node_mass_kg(wire, heights, spacing)
-    dampings_N_s_m = node_damping_N_s_m(wire, masses_kg)
-    for node, height, mass_kg, damping in zip(nodes, heights, masses_kg, dampings_N_s_m, strict=True):
+    fitted = _nodes_of(wire, len(nodes))
+    for node, height, mass_kg, damping in zip(nodes, *fitted[:3], strict=True):
         node.frame.pos = [0.0, 0.0, 0.0]
         node.pos = [0.0, 0.0, height]
         node.mass = mass_kg
         for joint in node.joints:
             joint.damping = [damping, 0.0, 0.0]
     for segment in segments:
-        segment.stiffness = [wire.tension / spacing, 0.0, 0.0]  # its rest length is 0
+        segment.stiffness = [fitted.segment_N_m, 0.0, 0.0]  # its rest length is 0
         segment.width = wire.diameter_m / 2
-
-
-def node_mass_kg(wire: WireSetup, heights_m: Array, spacing_m: float) -> Array:
-    """Mass of every node: of its length of wire, and of the water that moves with what of it is in the slot."""
-    low, high = (wire.guide_distance_m - wire.slot_m) / 2, (wire.guide_distance_m + wire.slot_m) / 2
-    slot_m = np.minimum(heights_m + spacing_m / 2, high) - np.maximum(heights_m - spacing_m / 2, low)
-    return np.asarray(wire.line_density * spacing_m + np.maximum(slot_m, 0.0) * wire.slot_mass_kg_m)
-
-
-def node_damping_N_s_m(wire: WireSetup, masses_kg: Array) -> Array:
-    """Damping of every node, in proportion to its mass: the wire's first mode has the ratio asked for."""
-    n, spacing_m = len(masses_kg), wire.guide_distance_m / (len(masses_kg) + 1)
-    omega_1 = 2 / spacing_m * wire.wave_speed * math.sin(math.pi / (2 * (n + 1)))
-    return np.asarray(2 * wire.damping_ratio * omega_1 * masses_kg)
 
 
 def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
@@ -507,32 +516,12 @@ _REFERENCE_WIRE = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
 _ANCHORED = 1e-6  # share of a node's stiffness that may hold it where its neighbours are not
 
 
-class _Nodes(NamedTuple):
-    """A wire's nodes: heights, masses, dampings, and the stiffness of the segments between them."""
-
-    heights_m: Array
-    mass_kg: Array
-    damping_N_s_m: Array
-    segment_N_m: float
-
-
 class _Reference(NamedTuple):
     """A file's table, as fields of a `ModalModel`; one direction of the reference wire at rest, and its nodes."""
 
     table: dict[str, Any]
     across: Linear
     nodes: _Nodes
-
-
-def _nodes_at(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
-    mass_kg = node_mass_kg(wire, heights_m, spacing_m)
-    return _Nodes(heights_m, mass_kg, node_damping_N_s_m(wire, mass_kg), wire.tension / spacing_m)
-
-
-def _nodes_of(wire: WireSetup, count: int) -> _Nodes:
-    """Return a number of nodes of a wire."""
-    spacing_m = wire.guide_distance_m / (count + 1)
-    return _nodes_at(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
 
 
 @functools.lru_cache(maxsize=8)

@@ -318,20 +318,13 @@ def _even_parts(stock: Stock, tx: int, ty: int, cell_um: float) -> NDArray[np.ui
 
 def _rings(pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.float64]:
     """Return the outlines of pieces as rows (piece, x, y)."""
-    if not pieces:
-        return np.empty((0, 3))
-    rows = [
-        np.column_stack([np.full(len(ring), float(k)), ring])
-        for k, ring in enumerate(shapely.get_coordinates(piece.exterior) for piece in pieces)
-    ]
-    return np.concatenate(rows)
+    corners, numbers = shapely.get_coordinates([piece.exterior for piece in pieces], return_index=True)
+    return np.column_stack([numbers, corners])
 
 
 def _pieces(rows: NDArray[np.generic]) -> tuple[shapely.Polygon, ...]:
     """Return the pieces of `_rings`."""
     table = np.asarray(rows, np.float64)
-    if not len(table):
-        return ()
     return tuple(shapely.Polygon(table[table[:, 0] == k, 1:]) for k in np.unique(table[:, 0]))
 
 
