@@ -29,7 +29,7 @@ from slit import (
     strip,
 )
 
-from edmsim.plant.gap import bubble
+from edmsim.plant.gap import gas
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.figures.style import write_figure
 
@@ -41,24 +41,24 @@ DEFAULT, ROUGH, TRIM = Pulse(145.0, 20.0), Pulse(7000.0, 1.4), Pulse(200.0, 0.5)
 PULSES = {"default, 2.9 mJ in 20 us": DEFAULT, "rough, 9.8 mJ in 1.4 us": ROUGH, "trim, 0.1 mJ in 0.5 us": TRIM}
 
 
-def impulse_10mJ_Ns(slit: Slit, share: float = SHARE, heat_ratio: float = bubble.HEAT_RATIO) -> float:
+def impulse_10mJ_Ns(slit: Slit, share: float = SHARE, heat_ratio: float = gas.HEAT_RATIO) -> float:
     """Return the law's constant from the rough pulse: the impulse of the water driven out, the gas gone at once."""
     driven = grow(ROUGH, GAP_UM, Gas(share, AT_ONCE, heat_ratio), slit).impulse_Ns
-    confined_us = bubble.vent_time_us(ROUGH.power_W, GAP_UM, bubble.bubble_law(WIRE_UM, 0.0, share))
-    return driven / math.sqrt(ROUGH.power_W * min(ROUGH.burn_us, confined_us) * 1e-6 / bubble.REFERENCE_J)
+    confined_us = gas.vent_time_us(ROUGH.power_W, GAP_UM, gas.bubble_law(WIRE_UM, 0.0, share))
+    return driven / math.sqrt(ROUGH.power_W * min(ROUGH.burn_us, confined_us) * 1e-6 / gas.REFERENCE_J)
 
 
 def law_uNs(pulse: Pulse, gap_um: float, constant_Ns: float, diameter_um: float = WIRE_UM) -> float:
     """Impulse by the law of the pulse loop, in uN s."""
-    law = bubble.bubble_law(diameter_um, constant_Ns, SHARE)
-    return 1e6 * float(bubble.bubble_impulse_Ns(pulse.power_W, pulse.burn_us, gap_um, law))
+    law = gas.bubble_law(diameter_um, constant_Ns, SHARE)
+    return 1e6 * float(gas.bubble_impulse_Ns(pulse.power_W, pulse.burn_us, gap_um, law))
 
 
 def impulses(slit: Slit, constant_Ns: float) -> str:
     """Return the table of impulses: pulses and gaps against shares, shapes and speeds of escape."""
     columns = [(slit, LEAST_SHARE), (slit, SHARE), (slit, GREATEST_SHARE), (DISC, SHARE)]
     head = ["pulse", "gap, um", *(f"{'disc' if s is DISC else 'strip'}, share {share:g}" for s, share in columns)]
-    head += [f"strip, {bubble.ESCAPE_M_S:g} m/s", "law", "vent, us", "peak, bar", "bubble, m/s"]
+    head += [f"strip, {gas.ESCAPE_M_S:g} m/s", "law", "vent, us", "peak, bar", "bubble, m/s"]
     rows = []
     for (name, pulse), gap_um in itertools.product(PULSES.items(), GAPS_UM):
         spans = [
@@ -120,7 +120,7 @@ def figure(slit: Slit, constant_Ns: float) -> Figure:
         ):
             hot, wet, disc = (
                 [grow(p, g, Gas(escape_m_s=v), shape, d).impulse_Ns * 1e6 for p, g, d in cases]
-                for v, shape in ((HOT, slit), (WET, slit), (bubble.ESCAPE_M_S, DISC))
+                for v, shape in ((HOT, slit), (WET, slit), (gas.ESCAPE_M_S, DISC))
             )
             axes.fill_between(at, hot, wet, color=colour, alpha=0.25, lw=0, label="strip, 150 .. 480 m/s")
             axes.plot(at, disc, color=colour, ls=":", label="disc, 270 m/s")

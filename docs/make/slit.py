@@ -17,10 +17,10 @@ from scipy.interpolate import CubicSpline
 from scipy.special import j1
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap import bubble, water
+from edmsim.plant.gap import gas, water
 
 GAP_UM, WIRE_UM, RHO, P0 = (
-    bubble.REFERENCE_GAP_UM, bubble.REFERENCE_DIAMETER_UM, water.DENSITY_KG_M3, bubble.AMBIENT_PA
+    gas.REFERENCE_GAP_UM, gas.REFERENCE_DIAMETER_UM, water.DENSITY_KG_M3, gas.AMBIENT_PA
 )  # fmt: skip
 VISCOSITY_PA_S = 1.0e-3
 """Water at 20 C."""
@@ -57,8 +57,8 @@ class Gas(NamedTuple):
     """What becomes of the discharge's energy: the share that goes into the gas, and how fast the gas escapes."""
 
     share: float = SHARE
-    escape_m_s: float = bubble.ESCAPE_M_S
-    heat_ratio: float = bubble.HEAT_RATIO
+    escape_m_s: float = gas.ESCAPE_M_S
+    heat_ratio: float = gas.HEAT_RATIO
 
 
 class Pulse(NamedTuple):

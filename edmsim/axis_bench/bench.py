@@ -21,9 +21,8 @@ from edmsim.plant.axes.drives import AXIS_NAMES, Drives
 from edmsim.plant.axes.encoder import LONG_AGO_NS, read_phases
 from edmsim.plant.axes.steps import DIR_OPEN, MOVE, STEP_OPEN, move
 from edmsim.plant.constants import screws, table_mechanics
-from edmsim.plant.kernel.declare import sizes_of
-from edmsim.plant.kernel.state import STATE
-from edmsim.plant.mechanics.mujoco_table import TableMechanics
+from edmsim.plant.kernel.state import STATE, sizes_of
+from edmsim.plant.mechanics.full_model import TableMechanics
 
 _TURN_NS = 10_000_000  # a drive is asked for what it sends unasked so often (ours)
 _QUIET_NS, _LONGEST_TALK_NS = 20_000_000, 1_000_000_000

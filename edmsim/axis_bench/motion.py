@@ -9,7 +9,7 @@ from edmsim.plant.axes.board import NOBODY, first_due, serve
 from edmsim.plant.axes.shaft import coast_all
 from edmsim.plant.axes.steps import make_steps
 from edmsim.plant.kernel.state import Axes
-from edmsim.plant.mechanics.mujoco_axes import FullLink, coast_table, lay_out_axes
+from edmsim.plant.mechanics.full_model import FullLink, coast_table, lay_out_axes
 
 SAMPLE_ROW = np.dtype(
     [

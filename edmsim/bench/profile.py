@@ -41,7 +41,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "swings": ("kernel.fire._move_wire", *(
         f"mechanics.modal.{name}" for name in ("place_wire", "project", "kick", "ring")
     )),
-    "gas": tuple(f"gap.coverage.{name}" for name in ("fade", "blow")),
+    "gas": tuple(f"gap.gas.{name}" for name in ("fade", "blow")),
     "heat": ("kernel.discharge.propagate_heat",),
     "retrace": ("gap.rays.retrace",),
     "carve": ("kernel.fire._carve",),

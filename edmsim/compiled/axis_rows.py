@@ -12,10 +12,10 @@ own (`DRIVE`) and its axis' (`AXIS`). It reads setpoint, encoder and switches an
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numba import carray, cfunc, from_dtype, types  # type: ignore[attr-defined]
+from numba import carray, cfunc, from_dtype, types
 
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.numba_internals import in_cache
@@ -215,24 +215,16 @@ MOTOR = np.dtype(
 """Constants of a direct-current motor with its supply, what it moves, and its encoder."""
 
 
-class SampleFunction(Protocol):
-    """A drive's sample in machine code."""
-
-    @property
-    def address(self) -> int:
-        """Where the machine code is."""
-
-
-class _Sample:
-    """A sample that is compiled when its address is asked for: who names drives need not wait for machine code."""
+class SampleFunction:
+    """A drive's sample, compiled when its address is asked for: who names drives need not wait for machine code."""
 
     def __init__(self, function: Callable[[Any, Any], None]) -> None:
         self._function = function
 
     @cached_property
     def address(self) -> int:
-        pointer: Any = types.CPointer
-        signature = types.void(pointer(from_dtype(DRIVE)), pointer(from_dtype(AXIS)))
+        """Where the machine code is."""
+        signature = types.void(types.CPointer(from_dtype(DRIVE)), types.CPointer(from_dtype(AXIS)))
         # kept beside the address: numba frees the machine code with it
         self._made = in_cache(cfunc(signature, cache=True, error_model="numpy"), self._function)
         return int(self._made.address)
@@ -254,7 +246,7 @@ def sample(function: Callable[[Any, Any], None]) -> SampleFunction:
         Takes pointers to the drive's and the axis' row, ``carray(pointer, 1)[0]`` is the row. It may call what
         `edmsim.compiled.jit.compiled` made, and allocates nothing.
     """
-    return _Sample(function)
+    return SampleFunction(function)
 
 
 @compiled

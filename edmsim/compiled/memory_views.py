@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import from_dtype
+from numba import from_dtype, types
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, register_model
 
-from edmsim.compiled.numba_internals import AttributeTemplate, cgutils, datamodel, populate_array, types
+from edmsim.compiled.numba_internals import AttributeTemplate, cgutils, datamodel, populate_array
 
 
 class GroupField(NamedTuple):
@@ -20,7 +20,7 @@ class GroupField(NamedTuple):
 
 def rows_of(dtype: np.dtype[Any]) -> Any:
     """Return what makes an array of such elements, in compiled code, of an address and a shape."""
-    of: Any = from_dtype(dtype)
+    of = from_dtype(dtype)
 
     @intrinsic
     def rows(_context: Any, address: Any, shape: Any) -> Any:
@@ -64,7 +64,7 @@ class _Group(types.Type):  # type: ignore[misc]
     def __init__(
         self, name: str, table: np.dtype[np.void], fields: dict[str, GroupField], lengths: Sequence[str]
     ) -> None:
-        self.table: Any = from_dtype(table)
+        self.table = from_dtype(table)
         self.fields = fields
         self.lengths = lengths
         super().__init__(name=name)
@@ -72,7 +72,7 @@ class _Group(types.Type):  # type: ignore[misc]
     def kind(self, field: str) -> Any:
         """Return the type of a field."""
         dtype, shape = self.fields[field]
-        of: Any = from_dtype(dtype)
+        of = from_dtype(dtype)
         return of if shape is None else types.Array(of, len(shape), "C")
 
 
@@ -91,7 +91,7 @@ class _GroupFields(AttributeTemplate):  # type: ignore[misc]
         return group.kind(field) if field in group.fields else None
 
 
-@lower_getattr_generic(_Group)  # type: ignore[no-untyped-call]
+@lower_getattr_generic(_Group)
 def _field(context: Any, builder: Any, group: Any, value: Any, field: str) -> Any:
     """Read a number, or the address of an array, in the record."""
     parts, kind = cgutils.create_struct_proxy(group)(context, builder, value=value), group.kind(field)
@@ -119,8 +119,9 @@ def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[An
     return view._getvalue()
 
 
-def _calling(typingctx: Any, function: Any, first: Any, second: Any) -> Any:
-    """Machine code for a call of ``void function(first, second)``, all three given as addresses."""
+@intrinsic
+def call_with_two(_context: Any, _function: Any, _first: Any, _second: Any) -> Any:
+    """Call ``void function(void *first, void *second)``, all three given as addresses (int64)."""
     # the addresses are values at run time, so machine code kept between runs stays right
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         address = ir.IntType(8).as_pointer()
@@ -131,5 +132,3 @@ def _calling(typingctx: Any, function: Any, first: Any, second: Any) -> Any:
 
     return types.void(types.int64, types.int64, types.int64), generate
 
-
-call_with_two: Any = intrinsic(_calling)  # call ``void function(void *, void *)``; takes three addresses (int64)

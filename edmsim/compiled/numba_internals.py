@@ -1,6 +1,7 @@
 """Everything that edmsim uses of numba beyond its documented interface: a release of numba may change it."""
 
 import functools
+import gc
 import io
 import secrets
 from collections.abc import Callable, Iterator
@@ -12,45 +13,53 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from edmsim.compiled import cache
-from edmsim.compiled.start import garbage_left, replaced
 
-with garbage_left():
+
+@contextmanager
+def garbage_left() -> Iterator[None]:
+    """Let the garbage collector wait: it takes a tenth of the time to compile, and finds little."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            if gc.get_freeze_count() == 0:  # otherwise a program keeps objects of its own out of reach
+                gc.freeze()  # these two count all that there is as old, which is looked through only now and then
+                gc.unfreeze()
+            gc.enable()
+
+
+_NOTHING = object()
+
+
+@contextmanager
+def replaced(owner: Any, **values: Any) -> Iterator[None]:
+    """Replace attributes of an object, a class or a module for a while; `unittest.mock` would load asyncio."""
+    before = {name: vars(owner).get(name, _NOTHING) for name in values}
+    for name, value in values.items():
+        setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is _NOTHING:
+                delattr(owner, name)
+            else:
+                setattr(owner, name, value)
+
+
+with garbage_left():  # numba makes a hundred thousand objects that stay
     import numba
-    from numba import types as untyped_types
-    from numba.core import caching
-    from numba.core import cgutils as untyped_cgutils
-    from numba.core import codegen as untyped_codegen
-    from numba.core import compiler as untyped_compiler
-    from numba.core import datamodel as untyped_datamodel
-    from numba.core import dispatcher as untyped_dispatcher
-    from numba.core import postproc as untyped_postproc
-    from numba.core import registry as untyped_registry
-    from numba.core import sigutils as untyped_sigutils
-    from numba.core import transforms as untyped_transforms
-    from numba.core.annotations.type_annotations import TypeAnnotation
-    from numba.core.compiler_lock import global_compiler_lock as untyped_lock
-    from numba.core.targetconfig import TargetConfig
-    from numba.core.typing.templates import AttributeTemplate as UntypedTemplate
+    from numba import core, types
     from numba.extending import intrinsic
     from numba.np import arrayobj, linalg
-    from numba.np.arrayobj import populate_array as untyped_populate_array
 
     with replaced(linalg, ensure_blas=lambda: None):  # it is there, and to load it takes a tenth of a start
         import_module("numba.np.arraymath")
 
-cgutils: Any = untyped_cgutils
-datamodel: Any = untyped_datamodel
-dispatcher: Any = untyped_dispatcher
-codegen: Any = untyped_codegen
-compiler: Any = untyped_compiler
-postproc: Any = untyped_postproc
-registry: Any = untyped_registry
-sigutils: Any = untyped_sigutils
-transforms: Any = untyped_transforms
-_lock: Any = untyped_lock
-AttributeTemplate: Any = UntypedTemplate
-populate_array: Any = untyped_populate_array
-types: Any = untyped_types
+cgutils, datamodel, populate_array = core.cgutils, core.datamodel, arrayobj.populate_array
+AttributeTemplate = core.typing.templates.AttributeTemplate
 
 INLINED: dict[str, Any] = {"forceinline": True, "_nrt": False}
 """Options of a function that is inlined where it is called. Arrays are not reference-counted in it: their owner
@@ -59,26 +68,26 @@ UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": Tru
 """Options of a function that only compiled code calls: each wrapper is compiled with a copy of its function."""
 
 
-class _SignedFiles(caching.IndexDataCacheFile):
+class _SignedFiles(core.caching.IndexDataCacheFile):  # type: ignore[misc]
     """Files of a function's machine code, each with its digest at its end; a damaged one is ignored."""
 
     def save(self, key: Any, data: Any) -> None:
         with suppress(OSError):  # what cannot be kept, on a full disk say, is compiled again the next time
-            super().save(key, data)  # type: ignore[no-untyped-call]
+            super().save(key, data)
 
     def _data_name(self, _: int) -> Any:
         # numbered in turn, two processes that compile at once would take the same name for different code
-        return super()._data_name(secrets.randbits(48))  # type: ignore[no-untyped-call]
+        return super()._data_name(secrets.randbits(48))
 
     def _load_index(self) -> Any:
         whole = cache.read_signed(Path(self._index_path)) is not None
-        return super()._load_index() if whole else {}  # type: ignore[no-untyped-call]
+        return super()._load_index() if whole else {}
 
     def _load_data(self, name: str) -> Any:
-        path = self._data_path(name)  # type: ignore[no-untyped-call]
+        path = self._data_path(name)
         if cache.read_signed(Path(path)) is None:
             raise FileNotFoundError(path)
-        return super()._load_data(name)  # type: ignore[no-untyped-call]
+        return super()._load_data(name)
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
@@ -91,8 +100,7 @@ class _SignedFiles(caching.IndexDataCacheFile):
 @contextmanager
 def _in_folder() -> Iterator[None]:
     """Let what numba caches be in the folder of these sources."""
-    config: Any = numba.config
-    with replaced(config, CACHE_DIR=str(cache.folder)), replaced(caching, IndexDataCacheFile=_SignedFiles):
+    with replaced(numba.config, CACHE_DIR=str(cache.folder)), replaced(core.caching, IndexDataCacheFile=_SignedFiles):
         yield
 
 
@@ -110,7 +118,7 @@ def _link_with_parts(self: Any, library: Any) -> None:
     self._linking_libraries = [*(linked for linked in self._linking_libraries if linked not in added), *added]
 
 
-class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
+class _PartLibrary(core.codegen.JITCodeLibrary):  # type: ignore[misc]
     """A function translated into LLVM's language and no further."""
 
     # as it stands numba optimises each function with all it calls and makes machine code of it, again for each
@@ -136,7 +144,7 @@ class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
         pass
 
 
-class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
+class _WholeLibrary(core.codegen.JITCodeLibrary):  # type: ignore[misc]
     """A function with its parts, in machine code, which are optimised together, and not each before as well."""
 
     # what runs a few times per window gains nothing from LLVM's other passes, which take as long as the rest of it
@@ -155,14 +163,14 @@ class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
         passes.run(self._final_module, self._codegen._pass_builder(opt=1))
 
 
-class _PartCompiler(compiler.Compiler):  # type: ignore[misc]
+class _PartCompiler(core.compiler.Compiler):  # type: ignore[misc]
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.state.library = _PartLibrary(self.state.targetctx.codegen(), "part")
         self.state.flags.no_cpython_wrapper = True
 
 
-class _WholeCompiler(compiler.Compiler):  # type: ignore[misc]
+class _WholeCompiler(core.compiler.Compiler):  # type: ignore[misc]
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.state.library = _WholeLibrary(self.state.targetctx.codegen(), "whole")
@@ -175,7 +183,7 @@ def _by_type(self: Any, arguments: Any, named: Any) -> Any:
     return _resolve(self, plain, {name: types.unliteral(kind) for name, kind in named.items()})
 
 
-_resolve = dispatcher._DispatcherBase.get_call_template
+_resolve = core.dispatcher._DispatcherBase.get_call_template
 
 _resolved: dict[tuple[Any, ...], Any] = {}
 _resolve_function = types.Function.get_call_type
@@ -196,7 +204,7 @@ def _resolve_once(self: Any, context: Any, arguments: Any, named: Any) -> Any:
 
 
 @functools.cache
-def _usual(kind: type[TargetConfig]) -> dict[str, Any]:
+def _usual(kind: type[core.targetconfig.TargetConfig]) -> dict[str, Any]:
     return {name: kind.options[name].default for name in sorted(kind.options)}
 
 
@@ -205,7 +213,7 @@ def _values(self: Any) -> dict[str, Any]:
     return {**_usual(self.__class__), **self._values}
 
 
-_process_fully = postproc.PostProcessor.run
+_process_fully = core.postproc.PostProcessor.run
 
 
 def _process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
@@ -214,8 +222,8 @@ def _process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False)
     if emit_dels or translated.is_generator:
         _process_fully(self, emit_dels, extend_lifetimes)
         return
-    translated.blocks = transforms.canonicalize_cfg(translated.blocks)
-    translated.variable_lifetime = postproc.VariableLifetime(translated.blocks)
+    translated.blocks = core.transforms.canonicalize_cfg(translated.blocks)
+    translated.variable_lifetime = core.postproc.VariableLifetime(translated.blocks)
     translated.generator_info = None
 
 
@@ -223,13 +231,15 @@ def _process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False)
 def _quickly() -> Iterator[None]:
     """Let numba do once what it does again and again while it compiles, and leave out what nobody reads."""
     with (
-        replaced(types.Function, get_call_type=_resolve_once), replaced(TargetConfig, values=_values),
-        replaced(postproc.PostProcessor, run=_process), replaced(TypeAnnotation, __str__=lambda _: ""),
+        replaced(types.Function, get_call_type=_resolve_once),
+        replaced(core.targetconfig.TargetConfig, values=_values),
+        replaced(core.postproc.PostProcessor, run=_process),
+        replaced(core.annotations.type_annotations.TypeAnnotation, __str__=lambda _: ""),
     ):
         yield
 
 
-class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
+class CompiledFunction(core.registry.CPUDispatcher):  # type: ignore[misc]
     """A function that gets machine code of its own only when Python calls it, not when compiled code does."""
 
     # nine of ten are parts of others. But what is compiled with liberties always gets it: rounded otherwise within
@@ -243,8 +253,8 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
 
     def compile(self, signature: Any) -> Any:
         """Compile for some types, or take what was kept."""
-        kinds = tuple(sigutils.normalize_signature(signature)[0])
-        with _lock, garbage_left(), _quickly():
+        kinds = tuple(core.sigutils.normalize_signature(signature)[0])
+        with core.compiler_lock.global_compiler_lock, garbage_left(), _quickly():
             if not self.cached:  # only now, as most functions are nothing but parts of others
                 with _in_folder():
                     self.enable_caching()
@@ -265,7 +275,7 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
             return super().compile(signature)
         self._compiler.pipeline_class = _PartCompiler
         self.translated.add(kinds)
-        with replaced(self, _cache=caching.NullCache(), _insert=lambda *_: None):  # Python does not find it
+        with replaced(self, _cache=core.caching.NullCache(), _insert=lambda *_: None):  # Python does not find it
             return super().compile(signature)
 
 
@@ -283,7 +293,7 @@ def address_of(function: Any, *kinds: Any) -> int:
     return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
 
 
-def call_returning(kind: Any) -> Callable[..., Any]:
+def call_returning(kind: Any) -> Any:
     """Return what calls, in compiled code, a function at an `address_of` with a tuple of its arguments."""
     # code that calls a large function in this way is compiled without it. The arguments must have the types that the
     # address is for
@@ -312,7 +322,7 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         self._raise_if_finalized()
         self._finalized = True
 
-    translate = dispatcher._FunctionCompiler.compile
+    translate = core.dispatcher._FunctionCompiler.compile
 
     def translate_and_report(self: Any, *arguments: Any) -> Any:
         done = translate(self, *arguments)
@@ -320,11 +330,11 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         return done
 
     with (
-        replaced(codegen.CPUCodeLibrary, finalize=finalize, _optimize_functions=lambda *_: None),
-        replaced(codegen.JITCodeLibrary, get_pointer_to_function=lambda *_: 0),
-        replaced(codegen.JITCPUCodegen, set_env=lambda *_: None),
-        replaced(dispatcher._FunctionCompiler, compile=translate_and_report),
-        replaced(dispatcher._DispatcherBase, get_call_template=_by_type),
+        replaced(core.codegen.CPUCodeLibrary, finalize=finalize, _optimize_functions=lambda *_: None),
+        replaced(core.codegen.JITCodeLibrary, get_pointer_to_function=lambda *_: 0),
+        replaced(core.codegen.JITCPUCodegen, set_env=lambda *_: None),
+        replaced(core.dispatcher._FunctionCompiler, compile=translate_and_report),
+        replaced(core.dispatcher._DispatcherBase, get_call_template=_by_type),
         _quickly(),
     ):
         yield

@@ -31,12 +31,11 @@ def uniform(key: np.uint64, count: np.uint64) -> float:
     return (np.float64(bits) + 0.5) * 1.1102230246251565e-16
 
 
-def _counting(_typing: Any, bits: Any) -> Any:
+@intrinsic
+def _heads(_typing: Any, bits: Any) -> Any:
     """How many bits of a whole number are set."""
     return types.int64(bits), lambda _context, builder, _signature, arguments: builder.ctpop(arguments[0])
 
-
-_heads: Any = intrinsic(_counting)
 
 _COINS = 48
 _PART_BITS = np.uint64(64 - _COINS)

@@ -10,7 +10,7 @@ In compiled code a vector is made by `load`, goes back by `store`, and knows ``+
 
 import operator
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from llvmlite import ir
 from numba import types
@@ -21,6 +21,7 @@ from edmsim.compiled.numba_internals import cgutils, datamodel
 
 GAPS, COORDINATES = 16, 4  # numbers of a vector of float32, and of float64
 PACK, EACH = 5, 3  # slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none
+_FAST = tuple(sorted(FAST))
 
 
 @compiled
@@ -47,12 +48,7 @@ def packed_lanes(rays: int) -> int:
     return (rays + EACH - 1) // EACH * GAPS
 
 
-def _operation(generator: Callable[..., Any]) -> Callable[..., Any]:
-    """Make an operation of compiled code of what types and generates it."""
-    return cast("Callable[..., Any]", intrinsic(generator))
-
-
-class Vector(types.Type):
+class Vector(types.Type):  # type: ignore[misc]
     """Type of a vector in compiled code: that of its elements decides how many there are."""
 
     def __init__(self, element: types.Float) -> None:
@@ -86,7 +82,7 @@ def _place(context: Any, builder: Any, array: Any, of: Any, index: Any, index_of
     return builder.bitcast(pointer, _llvm(context, _VECTORS[of.dtype]).as_pointer())
 
 
-@_operation
+@intrinsic
 def load(_typing: Any, array: Any, index: Any) -> Any:
     """Vector of an array's elements from an index (a tuple) on."""
     kind = _VECTORS[array.dtype]
@@ -98,7 +94,7 @@ def load(_typing: Any, array: Any, index: Any) -> Any:
     return kind(array, index), generate
 
 
-@_operation
+@intrinsic
 def store(_typing: Any, array: Any, index: Any, vector: Any) -> Any:
     """Write a vector to an array's elements from an index (a tuple) on."""
 
@@ -121,7 +117,7 @@ def _spread(context: Any, builder: Any, value: Any, of: Any, kind: Any) -> Any:
     return builder.shuffle_vector(single, single, mask)
 
 
-@_operation
+@intrinsic
 def spread(_typing: Any, number: Any) -> Any:
     """Vector of a float32 or float64 in every lane."""
     kind = _VECTORS[number]
@@ -140,10 +136,10 @@ def _kind_of(a: Any, b: Any) -> Any:
     return None
 
 
-def _lane_by_lane(combine: Callable[[Any, Any, Any], Any]) -> Callable[..., Any]:
+def _lane_by_lane(combine: Callable[[Any, Any, Any], Any]) -> Any:
     """Operation on two vectors, or a vector and a number, from what it builds of the two (builder, left, right)."""
 
-    @_operation
+    @intrinsic
     def apply(_typing: Any, a: Any, b: Any) -> Any:
         kind = _kind_of(a, b)
 
@@ -160,7 +156,7 @@ def _lane_by_lane(combine: Callable[[Any, Any, Any], Any]) -> Callable[..., Any]
 
 def _arithmetic(instruction: str, *signs: Any) -> None:
     apply = _lane_by_lane(
-        lambda builder, left, right: getattr(builder, instruction)(left, right, flags=tuple(sorted(FAST)))
+        lambda builder, left, right: getattr(builder, instruction)(left, right, flags=_FAST)
     )
 
     def operation(a: Any, b: Any) -> Callable[[Any, Any], Any] | None:
@@ -190,7 +186,7 @@ _MOST_HALVES = 125.0
 """Numbers below 2 to the power of minus 126 are no normal ones, with which processors take longer."""
 
 
-@_operation
+@intrinsic
 def power_of_half(_typing: Any, vector: Any) -> Any:
     """``2^-x`` of the elements x of a vector of float32, 0 or more, to 8e-5; that of 125 beyond it."""
 
@@ -200,11 +196,10 @@ def power_of_half(_typing: Any, vector: Any) -> Any:
         x = builder.select(builder.fcmp_ordered("<", arguments[0], most), arguments[0], most)
         whole = builder.fptosi(x, whole_kind)
         part = builder.fsub(x, builder.sitofp(whole, kind))
-        flags = tuple(sorted(FAST))
         series = ir.Constant(kind, [_HALVES[-1]] * vector.count)
         for coefficient in _HALVES[-2::-1]:
             series = builder.fadd(
-                builder.fmul(series, part, flags=flags), ir.Constant(kind, [coefficient] * vector.count), flags=flags
+                builder.fmul(series, part, flags=_FAST), ir.Constant(kind, [coefficient] * vector.count), flags=_FAST
             )
         exponent = builder.shl(whole, ir.Constant(whole_kind, [23] * vector.count))
         return builder.bitcast(builder.sub(builder.bitcast(series, whole_kind), exponent), kind)
@@ -212,7 +207,7 @@ def power_of_half(_typing: Any, vector: Any) -> Any:
     return vector(vector), generate
 
 
-@_operation
+@intrinsic
 def total(_typing: Any, vector: Any) -> Any:
     """Sum of a vector's elements."""
 
@@ -221,7 +216,7 @@ def total(_typing: Any, vector: Any) -> Any:
         name = f"llvm.vector.reduce.fadd.v{vector.count}f{vector.element.bitwidth}"
         kind = ir.FunctionType(scalar, [scalar, arguments[0].type])
         function = cgutils.get_or_insert_function(builder.module, kind, name)
-        return builder.call(function, [ir.Constant(scalar, -0.0), arguments[0]], fastmath=tuple(sorted(FAST)))
+        return builder.call(function, [ir.Constant(scalar, -0.0), arguments[0]], fastmath=_FAST)
 
     return vector.element(vector), generate
 
@@ -231,7 +226,7 @@ def _shuffled(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
     return builder.shuffle_vector(a, b, mask)
 
 
-@_operation
+@intrinsic
 def packed(_typing: Any, four: Any, fifth: Any) -> Any:
     """Vector of float32 with the number of each slice of a pack in its lanes, from those of four and of the fifth."""
     kind = _VECTORS[types.float32]
@@ -245,7 +240,7 @@ def packed(_typing: Any, four: Any, fifth: Any) -> Any:
     return kind(four, fifth), generate
 
 
-@_operation
+@intrinsic
 def counted(_typing: Any, first: Any) -> Any:
     """Vector of float64 that counts up from a number by one."""
     kind = _VECTORS[types.float64]
@@ -259,20 +254,20 @@ def counted(_typing: Any, first: Any) -> Any:
 
 def _rows(builder: Any, vectors: Any) -> list[Any]:
     """Sums of four vectors over the lanes of each slice, as a vector of float64 for each slice."""
-    flags, sums = tuple(sorted(FAST)), []
+    sums = []
     for vector in vectors:
         first, second, third = (
             _shuffled(builder, vector, vector, [min(EACH * k + lane, GAPS - 1) for k in range(GAPS // 2)])
             for lane in range(EACH)
         )
-        sums.append(builder.fadd(builder.fadd(first, second, flags=flags), third, flags=flags))
+        sums.append(builder.fadd(builder.fadd(first, second, flags=_FAST), third, flags=_FAST))
     ab, cd = (_shuffled(builder, low, high, list(range(GAPS))) for low, high in (sums[:2], sums[2:]))
     half = GAPS // 2
     rows = [_shuffled(builder, ab, cd, [k, half + k, GAPS + k, GAPS + half + k]) for k in range(PACK)]
     return [builder.fpext(row, ir.VectorType(ir.DoubleType(), COORDINATES)) for row in rows]
 
 
-@_operation
+@intrinsic
 def store_sums(_typing: Any, sums: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Write the sums of four vectors of float32 over each slice's lanes to its row of `sums` (slices, 4)."""
     # returns the sum of the rows. Slices that the array does not have are left out
@@ -287,13 +282,13 @@ def store_sums(_typing: Any, sums: Any, first: Any, a: Any, b: Any, c: Any, d: A
             with builder.if_then(builder.icmp_signed("<", slice_, slices), likely=True):
                 place = cgutils.get_item_pointer(context, builder, sums, view, [slice_, ir.Constant(at.type, 0)])
                 builder.store(row, builder.bitcast(place, row.type.as_pointer()), align=8)
-            everything = row if everything is None else builder.fadd(everything, row, flags=tuple(sorted(FAST)))
+            everything = row if everything is None else builder.fadd(everything, row, flags=_FAST)
         return everything
 
     return kind(sums, first, a, b, c, d), generate
 
 
-@_operation
+@intrinsic
 def element(_typing: Any, vector: Any, lane: Any) -> Any:
     """One element of a vector."""
 
@@ -303,7 +298,7 @@ def element(_typing: Any, vector: Any, lane: Any) -> Any:
     return vector.element(vector, lane), generate
 
 
-@_operation
+@intrinsic
 def running(_typing: Any, vector: Any) -> Any:
     """Sums of a vector's elements up to each lane, itself included."""
 
@@ -325,7 +320,7 @@ def _flags(builder: Any, vector: Vector, flags: Any) -> Any:
     return builder.zext(builder.bitcast(flags, ir.IntType(vector.count)), ir.IntType(64))
 
 
-@_operation
+@intrinsic
 def passed(_typing: Any, vector: Any, number: Any) -> Any:
     """How many lanes do not exceed a number."""
 
@@ -337,7 +332,7 @@ def passed(_typing: Any, vector: Any, number: Any) -> Any:
     return types.int64(vector, number), generate
 
 
-@_operation
+@intrinsic
 def least(_typing: Any, vector: Any) -> Any:
     """Least element of a vector, and the first lane it stands in."""
 
@@ -353,5 +348,4 @@ def least(_typing: Any, vector: Any) -> Any:
         place = builder.cttz(flags, ir.Constant(ir.IntType(1), 0))
         return context.make_tuple(builder, signature.return_type, [smallest, place])
 
-    pair: Any = types.Tuple
-    return pair([vector.element, types.int64])(vector), generate
+    return types.Tuple([vector.element, types.int64])(vector), generate

@@ -28,8 +28,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import held_period_us
-from edmsim.plant.axes.drives import AxisDrive
-from edmsim.plant.axes.faults import AxisFault
+from edmsim.plant.axes.drives import AxisDrive, AxisFault
 from edmsim.plant.axes.steps import rapid_constants, time_left_s
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError

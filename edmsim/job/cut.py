@@ -35,7 +35,7 @@ from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.options import show
 from edmsim.machine.setting import guide_bends
 from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
-from edmsim.plant.axes.faults import parse_fault
+from edmsim.plant.axes.drives import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.height_steps import LowerRegion

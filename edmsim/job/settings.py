@@ -145,7 +145,7 @@ class CutSettings(SetUpOptions, MachineOption):
     """The wire sensor is stuck: it misses a break, and the machine goes on without a wire."""
     axis_faults: Annotated[
         Words, Flag("axis-fault", "AXIS:FAULT@SECONDS", many=True),
-        Names(registered("edmsim.plant.axes.faults:FAULTS"), "several at several times"),
+        Names(registered("edmsim.plant.axes.drives:FAULTS"), "several at several times"),
     ] = ()
     """Fault of an axis under a drive with a loop, and its time in s: ``x:stuck@2.5``."""
     seed: Annotated[WholeNumber, pydantic.Field(ge=0)] = 0
@@ -222,7 +222,7 @@ class CutSettings(SetUpOptions, MachineOption):
     @classmethod
     def _check_axis_faults(cls, texts: tuple[str, ...]) -> tuple[str, ...]:
         for text in texts:
-            resolve_name("edmsim.plant.axes.faults:parse_fault")(text)
+            resolve_name("edmsim.plant.axes.drives:parse_fault")(text)
         return texts
 
     @pydantic.field_validator("guide_errors_mm", mode="before")

@@ -213,7 +213,7 @@ class Discharge(Part):
 
 
 class Gas(Part):
-    """The gas of the discharges in the gap: see `edmsim.plant.gap.coverage`."""
+    """The gas of the discharges in the gap: see `edmsim.plant.gap.gas`."""
 
     steam_share: Annotated[Constant, _within(0, 1)]
     permanent_share: Annotated[Constant, _within(0, 1)]

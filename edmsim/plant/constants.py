@@ -11,25 +11,15 @@ from numpy.typing import NDArray
 from edmsim.machine import setting
 from edmsim.machine.machine import Machine, mjcf_version
 from edmsim.machine.parts import BOILING_K, Part
+from edmsim.plant.gap import gas
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
-from edmsim.plant.gap.coverage import GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
-from edmsim.plant.gap.debris import Jets, jets, kerf_jets
 from edmsim.plant.gap.generator import crater_um3, switched_off, timing
-from edmsim.plant.gap.water import (
-    AMBIENT_PA,
-    DENSITY_KG_M3,
-    face_Pa,
-    permittivity_ratio,
-    surface_tension_N_m,
-    viscosity_ratio,
-)
+from edmsim.plant.gap.water import AMBIENT_PA, Jets, face_Pa, jets, kerf_jets, permittivity_ratio, viscosity_ratio
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
-from edmsim.plant.mechanics.mjcf import screw_constants
-from edmsim.plant.mechanics.modal import fill_fading, fill_table, fill_wire
-from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, modes_with
-from edmsim.plant.mechanics.mujoco_table import DriveSetup, FullMechanics, TableMechanics
+from edmsim.plant.mechanics.full_model import DriveSetup, FullMechanics, TableMechanics
+from edmsim.plant.mechanics.modal import fill_table, fill_wire
+from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, modes_with, screw_constants
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
@@ -130,7 +120,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         film_spans=res.film_spans,
         film_pull_um2=pull_sum_um2(radius, front, side, res.rays),
         jet_kg_um=1e-6
-        * edge_loss_kg_m2(radius, water.side_gap_um.value, water.edge_loss.value, DENSITY_KG_M3)
+        * edge_loss_kg_m2(radius, water.side_gap_um.value, water.edge_loss.value)
         * slice_m,
         suction_N=AMBIENT_PA * machine.wire_diameter_um * 1e-6 * slice_m,
         magnetic_N_A2=machine.material.magnetic_share.value
@@ -181,25 +171,26 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
     )
 
 
-def gas_law(machine: Machine, timing: Timing) -> GasLaw:
+def gas_law(machine: Machine, timing: Timing) -> gas.GasLaw:
     """Gas of the discharges of one setting; its life is that of the gas of the longest of them."""
-    gas, water, kerf = machine.base.gas, machine.base.dielectric, _kerf_um(machine)
-    steam, permanent = (math.sqrt(cover_um2_J(share.value, kerf)) for share in (gas.steam_share, gas.permanent_share))
+    law, water, kerf = machine.base.gas, machine.base.dielectric, _kerf_um(machine)
+    shares = law.steam_share.value, law.permanent_share.value
+    steam, permanent = (math.sqrt(gas.cover_um2_J(share, kerf)) for share in shares)
     energy_J = max(timing.burning_V * timing.current_A * timing.on_us * 1e-6, LEAST_ENERGY_J)
-    life_us = steam_life_us(steam * math.sqrt(energy_J), gas.steam_periods.value, DENSITY_KG_M3)
-    filled_us = refill_us(
-        math.pi / 4 * machine.wire_diameter_um, REFERENCE_GAP_UM, _gap_viscosity_Pa_s(machine), DENSITY_KG_M3,
-        surface_tension_N_m(water.gap_temperature_K.value), gas.wetting.value,
+    life_us = gas.steam_life_us(steam * math.sqrt(energy_J), law.steam_periods.value)
+    filled_us = gas.refill_us(
+        math.pi / 4 * machine.wire_diameter_um, gas.REFERENCE_GAP_UM, _gap_viscosity_Pa_s(machine),
+        water.gap_temperature_K.value, law.wetting.value,
     )  # fmt: skip
     fading = np.empty((GRID + 1, 2))
-    fill_fading(fading, max(life_us, 1.0), max(filled_us, 1.0), timing.grid_us)
-    return GasLaw(steam, permanent, refill_um_s(water.side_gap_um.value, life_us), fading)
+    gas.fill_fading(fading, max(life_us, 1.0), max(filled_us, 1.0), timing.grid_us)
+    return gas.GasLaw(steam, permanent, gas.refill_um_s(water.side_gap_um.value, life_us), fading)
 
 
-def push_law(machine: Machine) -> BubbleLaw:
+def push_law(machine: Machine) -> gas.BubbleLaw:
     """Push of the discharges' bubbles on this wire."""
     spark = machine.base.discharge
-    return bubble_law(machine.wire_diameter_um, spark.impulse_10mJ_Ns.value, spark.bubble_share.value)
+    return gas.bubble_law(machine.wire_diameter_um, spark.impulse_10mJ_Ns.value, spark.bubble_share.value)
 
 
 def wire_setup(machine: Machine) -> WireSetup:
@@ -212,7 +203,7 @@ def wire_setup(machine: Machine) -> WireSetup:
         damping_ratio=machine.base.guides.damping_ratio.value,
         slot_m=machine.height_mm * 1e-3,
         slot_mass_kg_m=added_mass_kg_m(
-            machine.wire_diameter_um / 2, REFERENCE_GAP_UM, machine.base.dielectric.side_gap_um.value, DENSITY_KG_M3
+            machine.wire_diameter_um / 2, gas.REFERENCE_GAP_UM, machine.base.dielectric.side_gap_um.value
         ),
     )
 
@@ -388,7 +379,7 @@ class GeneratorSetting(NamedTuple):
 
     timing: Timing
     gap: GapLaw
-    gas: GasLaw
+    gas: gas.GasLaw
     machine: Machine
     on: bool
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
@@ -17,16 +18,14 @@ from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from, whole_within
 from edmsim.plant import constants
-from edmsim.plant.axes import faults
-from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives, reason, reason_of_delay
+from edmsim.plant.axes.drives import AXIS_NAMES, FAULTS, AxisDrive, Drives, break_axis, reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
 from edmsim.plant.kernel import state as loop
-from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
-from edmsim.plant.mechanics.model import ModalModel
-from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
+from edmsim.plant.mechanics.full_model import FullMechanics
+from edmsim.plant.mechanics.model import N_NODES, ModalModel
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.snapshot import check_snapshot, digest_of
@@ -42,11 +41,8 @@ from edmsim.plant.window import (
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
-if TYPE_CHECKING:
-    import shapely
-
 MECHANICS = ("modal", "mujoco")  # integrators of table and wire
-_OF_WIRE, _CHANGING = lasting(loop.Arrays, CHANGING), lasting(loop.Arrays, WALL, CHANGING)
+_OF_WIRE, _CHANGING = loop.lasting(loop.Arrays, loop.CHANGING), loop.lasting(loop.Arrays, loop.WALL, loop.CHANGING)
 _OVERRUN_UM = 2000.0  # a table may stand so far behind its end switches, where it is braked (ours)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
@@ -116,7 +112,7 @@ class Plant:
         self.mechanics = mechanics
         self.resolution = res = named_resolution(resolution)
         coordinates = _coordinates(res, mechanics)
-        self._sizes = sizes_of(res.slices, res.rays, coordinates)
+        self._sizes = loop.sizes_of(res.slices, res.rays, coordinates)
         self._memory = Memory(self._sizes)
         self._state: NDArray[np.void] = np.zeros(1, loop.STATE)
         self._window: NDArray[np.void] = np.zeros(1, loop.WINDOW)
@@ -126,8 +122,9 @@ class Plant:
         self._call[0] = self._memory.address
         self._call_address: int = call.ctypes.data
         self._fire = window_function(res.slices, res.rays, coordinates, mechanics == "mujoco")
-        self._arrays, self._propagators = allocate(loop.Arrays, self._sizes), allocate(loop.Propagators, self._sizes)
-        for group in (self._arrays, self._propagators, allocate(loop.Scratch, self._sizes)):
+        self._arrays = loop.allocate(loop.Arrays, self._sizes)
+        self._propagators = loop.allocate(loop.Propagators, self._sizes)
+        for group in (self._arrays, self._propagators, loop.allocate(loop.Scratch, self._sizes)):
             self._memory.put(group)
         self._pulses: NDArray[np.void] = np.zeros(0, loop.PULSE)
         self._memory.put_own(pulses=self._pulses)
@@ -383,12 +380,12 @@ class Plant:
         return taken_um2 * self._constants.slice_um * 1e-9
 
     def break_axis(self, axis: str, fault: str) -> None:
-        """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.faults.FAULTS`."""
+        """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.drives.FAULTS`."""
         if axis not in self.own_step_um:
             raise InputError(f"there is no axis {axis!r} whose drive has a loop")
-        if fault not in faults.FAULTS:
-            raise InputError(f"there is no fault {fault!r}; there are: {one_of(fault, faults.FAULTS)}")
-        faults.break_axis(self._drives.axes, AXIS_NAMES.index(axis), fault)
+        if fault not in FAULTS:
+            raise InputError(f"there is no fault {fault!r}; there are: {one_of(fault, FAULTS)}")
+        break_axis(self._drives.axes, AXIS_NAMES.index(axis), fault)
 
     def watch_pulses(self) -> None:
         """Record every pulse from the next window on (`last_pulses`); the cut stays the same, bit for bit."""

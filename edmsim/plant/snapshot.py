@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.vectors import GAPS
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine, own_mjcf_text
-from edmsim.plant.kernel.declare import ArraySizes
-from edmsim.plant.kernel.state import BARE
+from edmsim.plant.kernel.state import BARE, ArraySizes
 from edmsim.plant.workpiece.kerf_field import FULL
 
 _Snapshot = Mapping[str, NDArray[Any]]

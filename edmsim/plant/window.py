@@ -10,8 +10,7 @@ from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.axes.drives import Drives
-from edmsim.plant.kernel.declare import FREE
-from edmsim.plant.kernel.state import BROKEN, GRID, INSIDE, NOT_FINITE, OPEN, OUTSIDE, PULSE, WINDOW, Timing
+from edmsim.plant.kernel.state import BROKEN, FREE, GRID, INSIDE, NOT_FINITE, OPEN, OUTSIDE, PULSE, WINDOW, Timing
 
 _NAMES = tuple(name for name in WINDOW.names or () if name != FREE)
 _KINDS = [WINDOW[name] for name in _NAMES]

@@ -11,11 +11,9 @@ from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import constants, gap_law, modal_model, wire_setup
-from edmsim.plant.gap import breakdown, coverage
+from edmsim.plant.gap import breakdown, gas
 from edmsim.plant.gap.rays import rays_with
-from edmsim.plant.gap.water import DENSITY_KG_M3
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import GRID, Arrays
+from edmsim.plant.kernel.state import GRID, Arrays, allocate, sizes_of
 from edmsim.plant.mechanics.film import added_mass_kg_m, drag_N_s_m2, film_sum, suction_limited
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.plant import Plant
@@ -50,11 +48,11 @@ def steady_coverage(covers: float) -> float:
     a.metal.fill(1.0)
     c = constants(Machine.load(), res)
     spans_us = np.arange(GRID + 1)[:, None] * PERIOD_US / GRID
-    law = coverage.GasLaw(covers / 2 * c.slice_um, 0.0, 0.0, np.exp(-spans_us / np.array([LIFE_US, 1.0])))
+    law = gas.GasLaw(covers / 2 * c.slice_um, 0.0, 0.0, np.exp(-spans_us / np.array([LIFE_US, 1.0])))
     values = []
     for _ in range(round(8 * LIFE_US / PERIOD_US)):
-        coverage.fade(a, law, GRID)
-        coverage.blow(a, c, law, 0, 0.5, 1.0, GRID // 2, 0.0)
+        gas.fade(a, law, GRID)
+        gas.blow(a, c, law, 0, 0.5, 1.0, GRID // 2, 0.0)
         values.append(float(a.steam[0]))
     return float(np.mean(values[len(values) // 2 :]))
 
@@ -201,7 +199,7 @@ def check_added_mass(seeds: Sequence[int]) -> list[Row]:
     modes = reduce_model(build_model(wire, machine.base.model), 1, [machine.guide_distance_mm * 0.5e-3])
     return [
         Row.band("film", "added mass in a slot over the wire's, a gap of 20 um", ANNULUS, low=annulus / 2,
-                 high=annulus, simulated=added_mass_kg_m(125.0, 20.0, 20.0, DENSITY_KG_M3) / wire.line_density),
+                 high=annulus, simulated=added_mass_kg_m(125.0, 20.0, 20.0) / wire.line_density),
         Row.value("film", "first frequency in the slot, 20 mm high", SLOTTED, published=slot_frequency_Hz(machine),
                   simulated=float(modes.wire_omega[0]) / math.tau, within=0.01, unit="Hz"),
     ]

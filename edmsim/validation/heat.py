@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import heat_law, height_share
-from edmsim.plant.kernel import declare, discharge, state
+from edmsim.plant.kernel import discharge, state
 from edmsim.plant.resolution import resolution
 from edmsim.plant.wire import HeatLaw, add_currents, area_m2, heat_step, heat_transfer_W_m2K
 from edmsim.validation.rows import Check, Row
@@ -27,7 +27,7 @@ SETTLE_S = 0.5  # over twenty time constants of the thickest wire
 def _wire(machine: Machine, law: HeatLaw) -> state.Arrays:
     """Return slices of a wire at the water's temperature, in water that stands."""
     res = resolution("default")
-    a = declare.allocate(state.Arrays, declare.sizes_of(res.slices, res.rays, res.modes))
+    a = state.allocate(state.Arrays, state.sizes_of(res.slices, res.rays, res.modes))
     a.temperature_K[:] = law.water_K
     a.convection_W_m2K[:] = machine.base.cooling.convection_W_m2K.value
     a.critical_W_m2[:] = machine.base.cooling.critical_W_m2.value

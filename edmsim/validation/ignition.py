@@ -16,7 +16,7 @@ from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Gap
 from edmsim.machine.pulse_window import PulseWindow
-from edmsim.plant.gap.debris import flow_speed_m_s
+from edmsim.plant.gap.water import flow_speed_m_s
 from edmsim.plant.plant import Plant
 from edmsim.validation.rows import Check, Row, differences
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap.debris import bridged_probability, flush, jets
+from edmsim.plant.gap.water import bridged_probability, flush, jets
 from edmsim.plant.resolution import resolution
 from edmsim.validation.rows import Check, Row, differences
 from edmsim.validation.setups import STILL, altered, in_a_hole

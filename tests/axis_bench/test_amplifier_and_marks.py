@@ -9,7 +9,7 @@ from edmsim.controllers.axis.drive import axis_row
 from edmsim.errors import InputError
 from edmsim.plant.axes.drives import Drives
 from edmsim.plant.axes.encoder import BOUNCES
-from edmsim.plant.kernel.declare import sizes_of
+from edmsim.plant.kernel.state import sizes_of
 from tests.axis_bench.puppet import Puppet, command, put_out
 
 VOLT = 2 * np.pi * 1000 / 60 / 10

@@ -93,11 +93,11 @@ def _part(kind: str) -> Read:
 
 
 def _mjcf(data: bytes, folder: Path) -> object:
-    from edmsim.plant.mechanics.mjcf import _read
+    from edmsim.plant.mechanics.model import _read_mjcf
 
     file = folder / "own.xml"
     file.write_bytes(data)
-    return _read.__wrapped__(str(file), 0)  # not kept: every input is another
+    return _read_mjcf.__wrapped__(str(file), 0)  # not kept: every input is another
 
 
 def _log(name: str) -> Read:

@@ -18,7 +18,7 @@ from edmsim.controllers.axis.elcam.table import CamTable
 from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import LONGEST_REASON, InputError
 from edmsim.files import read_arrays
-from edmsim.plant.mechanics import mjcf
+from edmsim.plant.mechanics.model import read_mjcf
 from edmsim.program.path import load_program, plan_path
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.windows import read_windows
@@ -207,7 +207,7 @@ def test_names_of_a_mjcf_that_are_no_text_are_refused(tmp_path):
     assert b"\xff" in text
     (tmp_path / "own.xml").write_bytes(text)
     with pytest.raises(InputError) as caught:
-        mjcf.read(str(tmp_path / "own.xml"))
+        read_mjcf(str(tmp_path / "own.xml"))
     one_line(caught)
 
 

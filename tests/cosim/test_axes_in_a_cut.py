@@ -12,7 +12,7 @@ from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError
-from edmsim.plant.axes.faults import FAULTS, AxisFault, parse_fault
+from edmsim.plant.axes.drives import FAULTS, AxisFault, parse_fault
 from tests.test_cosim import contour, run, simulation
 
 LINE = contour([(0, 0), (120, 90)])

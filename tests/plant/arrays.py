@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.plant.constants import fill_model, lay_to_rest
-from edmsim.plant.kernel.declare import ArraySizes, allocate
-from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.kernel.state import Arrays, ArraySizes, allocate
+from edmsim.plant.mechanics.full_model import FullMechanics
 from edmsim.plant.mechanics.model import ModalModel
-from edmsim.plant.mechanics.mujoco_table import FullMechanics
 
 
 def arrays(

@@ -5,12 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from edmsim.compiled.jit import compiled
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing
+from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propagators, Timing, allocate, sizes_of
+from edmsim.plant.mechanics.full_model import LOST, DriveSetup, FullMechanics, move_full
 from edmsim.plant.mechanics.modal import project
-from edmsim.plant.mechanics.model import WireSetup
-from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
-from edmsim.plant.mechanics.mujoco_table import N_NODES, DriveSetup, FullMechanics
+from edmsim.plant.mechanics.model import N_NODES, WireSetup
 from tests.plant.arrays import arrays
 
 BRASS = WireSetup(0.25e-3, 8400.0, 10.0, 0.040, 0.2)

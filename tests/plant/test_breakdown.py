@@ -16,8 +16,7 @@ from edmsim.plant.constants import carried_per_us, flow_m_s, gap_law
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, slice_sums, weibull
 from edmsim.plant.gap.pulse_outcome import _await
 from edmsim.plant.gap.rays import rays_with
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import ARC, SHORT, SPARK, STATE, Arrays
+from edmsim.plant.kernel.state import ARC, SHORT, SPARK, STATE, Arrays, allocate, sizes_of
 from edmsim.plant.resolution import resolution
 
 FAST = resolution("fast")

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.special import j1
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap.bubble import (
+from edmsim.plant.gap.gas import (
     ESCAPE_AREA,
     ESCAPE_EDGE,
     LEAST_GAP_UM,

@@ -7,7 +7,7 @@ import pytest
 
 import edmsim
 from edmsim.plant.constants import constants, gap_law, gas_law
-from edmsim.plant.gap.coverage import (
+from edmsim.plant.gap.gas import (
     GasLaw,
     blow,
     cover_um2_J,
@@ -16,13 +16,11 @@ from edmsim.plant.gap.coverage import (
     refill_us,
     steam_life_us,
 )
-from edmsim.plant.gap.debris import kerf_jets, mean_of_slices
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.pulse_outcome import sum_rays
 from edmsim.plant.gap.rays import pack_rays, rays_of
-from edmsim.plant.gap.water import AMBIENT_PA, surface_tension_N_m, viscosity_ratio
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import GRID, Arrays
+from edmsim.plant.gap.water import AMBIENT_PA, kerf_jets, mean_of_slices, viscosity_ratio
+from edmsim.plant.kernel.state import GRID, Arrays, allocate, sizes_of
 from edmsim.plant.mechanics.film import edge_loss_kg_m2, mean_resistance
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.blanks import started_slot
@@ -69,7 +67,7 @@ def test_gas_of_a_discharge_is_a_disc_across_the_kerf(share, kerf_um, joule):
 def test_steam_lives_so_many_collapses():
     rayleigh_us = 0.915 * 1e-3 * math.sqrt(998.0 / AMBIENT_PA) * 1e6
     assert rayleigh_us == pytest.approx(90.8, abs=0.1)
-    assert steam_life_us(1_000.0, 2.0, 998.0) == pytest.approx(2 * rayleigh_us)
+    assert steam_life_us(1_000.0, 2.0) == pytest.approx(2 * rayleigh_us)
 
 
 @pytest.mark.parametrize(("gap", "life"), [(31.0, 400.0), (45.0, 90.0)])
@@ -79,7 +77,7 @@ def test_pockets_damp_as_a_wire_that_drives_the_same_water_through_its_edges(gap
     through_m_s = math.pi * radius / (life * 1e-6)
     per_speed = loss * density * through_m_s * (radius / (gap * 1e-6)) * 2 * radius
     speed_m_s = refill_um_s(gap, life) * 1e-6
-    assert edge_loss_kg_m2(125.0, gap, loss, density) * speed_m_s == pytest.approx(per_speed)
+    assert edge_loss_kg_m2(125.0, gap, loss) * speed_m_s == pytest.approx(per_speed)
     assert refill_um_s(gap, 0.0) == refill_um_s(gap, 1.0)  # no gas, no life
 
 
@@ -94,11 +92,11 @@ def test_steam_damps_the_wire_by_its_mean_share(machine):
 
 def test_water_creeps_back_against_friction_and_its_own_mass():
     """Over a quarter girth at 20 um and 20 C: 0.08 ms by Washburn, and 0.05 ms by inertia."""
-    filled = refill_us(200.0, 20.0, 1e-3, 998.0, 0.0728, 1.0)
+    filled = refill_us(200.0, 20.0, 1e-3, 293.15, 1.0)
     assert filled == pytest.approx(82.4 + 52.4, abs=0.5)
-    slow = refill_us(200.0, 20.0, 1e-3, 998.0, 0.0728, 0.3) / filled
+    slow = refill_us(200.0, 20.0, 1e-3, 293.15, 0.3) / filled
     assert 1 / 0.3 > slow > 1 / math.sqrt(0.3)  # friction goes with the driving pressure, inertia with its root
-    assert refill_us(200.0, 5.0, 1e-3, 998.0, 0.0728, 1.0) > 2 * filled
+    assert refill_us(200.0, 5.0, 1e-3, 293.15, 1.0) > 2 * filled
 
 
 def test_the_law_of_a_setting_has_the_lives_of_its_longest_discharge(machine):
@@ -108,12 +106,12 @@ def test_the_law_of_a_setting_has_the_lives_of_its_longest_discharge(machine):
     assert law.steam_um_J == pytest.approx(math.sqrt(cover_um2_J(gas.steam_share.value, kerf_um)))
     assert law.gas_um_J == pytest.approx(math.sqrt(cover_um2_J(gas.permanent_share.value, kerf_um)))
     half_um = law.steam_um_J * math.sqrt(22.0 * setting.current_A * 30e-6)
-    life_us = steam_life_us(half_um, gas.steam_periods.value, 998.0)
+    life_us = steam_life_us(half_um, gas.steam_periods.value)
     np.testing.assert_array_equal(law.fading[0], 1.0)
     assert law.fading[GRID, 0] == pytest.approx(math.exp(-machine.t_period_us / life_us))
     assert law.refill_um_s == pytest.approx(refill_um_s(39.0, life_us))
-    eta_Pa_s, tension_N_m = 1e-3 * viscosity_ratio(323.0), surface_tension_N_m(323.0)
-    filled_us = refill_us(math.pi / 4 * 250.0, 20.0, eta_Pa_s, 998.0, tension_N_m, gas.wetting.value)
+    eta_Pa_s = 1e-3 * viscosity_ratio(323.0)
+    filled_us = refill_us(math.pi / 4 * 250.0, 20.0, eta_Pa_s, 323.0, gas.wetting.value)
     assert law.fading[GRID, 1] == pytest.approx(math.exp(-machine.t_period_us / filled_us))
 
 

@@ -9,8 +9,17 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.plant.constants import constants, faces_Pa, flow_m_s, flushing, wake_m_s
-from edmsim.plant.gap.debris import Jets, bridged_probability, flow_speed_m_s, flush, jets, kerf_jets
-from edmsim.plant.gap.water import permittivity_ratio, surface_tension_N_m, viscosity_ratio
+from edmsim.plant.gap.water import (
+    Jets,
+    bridged_probability,
+    flow_speed_m_s,
+    flush,
+    jets,
+    kerf_jets,
+    permittivity_ratio,
+    surface_tension_N_m,
+    viscosity_ratio,
+)
 from edmsim.plant.resolution import resolution
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=15)

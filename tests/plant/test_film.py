@@ -22,8 +22,7 @@ from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
-from edmsim.plant.kernel.declare import allocate, sizes_of
-from edmsim.plant.kernel.state import Arrays, Propagators
+from edmsim.plant.kernel.state import Arrays, Propagators, allocate, sizes_of
 from edmsim.plant.mechanics.film import (
     added_mass_kg_m,
     drag_N_s_m2,
@@ -75,11 +74,11 @@ def test_the_water_of_a_uniform_gap_weighs_as_the_closed_form(gap):
     turn = 2 / root * math.atan(math.sqrt((outer + R_UM) / gap))
     behind = outer**2 / R_UM**2 * turn - 1 / R_UM - outer * math.pi / (2 * R_UM**2)
     expected = DENSITY_KG_M3 * (R_UM * 1e-6) ** 2 * R_UM * (math.pi / 2 / gap + 2 * behind)
-    assert added_mass_kg_m(R_UM, gap, gap, DENSITY_KG_M3) == pytest.approx(expected, rel=1e-4)
+    assert added_mass_kg_m(R_UM, gap, gap) == pytest.approx(expected, rel=1e-4)
 
 
 def test_the_water_in_the_slot_weighs_about_half_of_the_wire():
-    shares = [added_mass_kg_m(R_UM, front, side, DENSITY_KG_M3) / BRASS_KG_M for front, side in ((20, 35), (8, 24))]
+    shares = [added_mass_kg_m(R_UM, front, side) / BRASS_KG_M for front, side in ((20, 35), (8, 24))]
     assert shares == pytest.approx([0.42, 0.67], abs=0.01)  # front 0.26 and 0.46, sides 0.16 and 0.21
 
 
@@ -92,7 +91,7 @@ def test_random_motion_meets_the_linearised_loss_at_the_film_s_edges():
 
     quadratic = loss * 998.0 * R_UM * 1e-6 * (R_UM / SIDE_UM) ** 2
     dissipated = 2 * quadratic * quad(lambda v: v**3 * density(v), 0, 10 * spread)[0]
-    linear = edge_loss_kg_m2(R_UM, SIDE_UM, loss, 998.0) * spread
+    linear = edge_loss_kg_m2(R_UM, SIDE_UM, loss) * spread
     assert linear * spread**2 == pytest.approx(dissipated, rel=1e-6)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from edmsim.errors import InputError
+from edmsim.plant.mechanics.full_model import DriveSetup
 from edmsim.plant.mechanics.model import WireSetup, build_model, reduce_model
-from edmsim.plant.mechanics.mujoco_table import DriveSetup
 from tests.plant.full_rig import ALL_MODES, BRASS, PERIOD_NS, SMOOTH, Rig, frequency, slice_heights, stepping
 from tests.plant.oscillators import propagator_table
 

@@ -24,7 +24,6 @@ from edmsim.plant.mechanics.model import (
     linearise,
     modes_with,
     reduce_model,
-    string_modes,
 )
 from edmsim.plant.mechanics.model import _reference as reference
 from tests.plant.oscillators import propagator_table
@@ -104,22 +103,13 @@ def test_first_mode_has_the_requested_damping_and_none_is_neglected(wire):
 @pytest.mark.parametrize("wire", [*WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)])
 def test_a_wire_modelled_by_formula_has_the_modes_of_its_own_model(wire):
     heights = slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9)
-    built, by_formula = reduce_model(build_model(wire), 8, heights), string_modes(wire, MODEL_FILE, 8, heights)
+    built, by_formula = reduce_model(build_model(wire), 8, heights), modes_with(wire, MODEL_FILE, 8, tuple(heights))
     for field in dataclasses.fields(ModalModel):
         expected = np.asarray(getattr(built, field.name))
         scale = np.abs(expected).max()
         np.testing.assert_allclose(
             getattr(by_formula, field.name), expected, rtol=1e-6, atol=1e-6 * scale, err_msg=field.name
         )
-
-
-def test_wires_one_after_another_have_the_modes_of_each_modelled_alone():
-    for wire in (BRASS, *WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)):
-        heights = tuple(slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9))
-        alone, one_of_many = string_modes(wire, MODEL_FILE, 8, heights), modes_with(wire, MODEL_FILE, 8, heights)
-        for field in dataclasses.fields(ModalModel):
-            expected, found = (np.asarray(getattr(modes, field.name)) for modes in (alone, one_of_many))
-            assert found.tobytes() == expected.tobytes(), field.name
 
 
 def test_our_machine_is_cached_and_read_without_mujoco_the_next_time(tmp_path, monkeypatch):

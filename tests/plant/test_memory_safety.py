@@ -13,9 +13,8 @@ from edmsim.errors import InputError
 from edmsim.machine import parts
 from edmsim.machine.parts import Part
 from edmsim.machine.ranges import with_values
-from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.memory import Memory
-from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.kernel.state import Arrays, allocate, sizes_of
 from edmsim.plant.window import PlantError, WireBrokenError
 
 PARTS = [kind for kind in vars(parts).values() if isinstance(kind, type) and issubclass(kind, Part)]

@@ -8,7 +8,7 @@ import pytest
 import edmsim
 from edmsim.machine.setting import discharge_current_A
 from edmsim.plant.constants import modal_model, push_law
-from edmsim.plant.gap.bubble import bubble_impulse_Ns
+from edmsim.plant.gap.gas import bubble_impulse_Ns
 from edmsim.plant.resolution import resolution
 from edmsim.plant.window import NotFiniteError, PlantError, WireInMetalError, WireLostError
 from tests.plant.oscillators import propagator_table

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.compiled.vectors import EACH, GAPS, packed_lanes
-from edmsim.plant.gap.rays import Rays, face, narrowest, pack_rays, packed_lane, places
+from edmsim.compiled.vectors import EACH, GAPS, filled, packed_lanes
+from edmsim.plant.gap.rays import Rays, face, narrowest, pack_rays, packed_lane
 from edmsim.plant.kernel.state import NO_METAL_UM
 
 COUNT, RANGE_UM = 22, 80.0
@@ -16,7 +16,8 @@ edges = st.lists(st.one_of(st.just(NO_METAL_UM), st.floats(-5.0, 79.0, width=32)
 
 def laid_out(edge_um):
     """Two slices, the second with these edges."""
-    laid, packed = np.zeros((3, 2, places(COUNT)), np.float32), np.zeros((3, 1, packed_lanes(COUNT)), np.float32)
+    laid = np.zeros((3, 2, filled(COUNT, GAPS)), np.float32)
+    packed = np.zeros((3, 1, packed_lanes(COUNT)), np.float32)
     laid[0] = NO_METAL_UM
     rays = Rays(*laid, *np.full((3, 2), -1), *packed, np.full(1, -1))
     table = np.array([np.full(COUNT, NO_METAL_UM), edge_um], np.float32)

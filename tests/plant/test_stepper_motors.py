@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from edmsim.plant.mechanics.mujoco_table import DriveSetup
+from edmsim.plant.mechanics.full_model import DriveSetup
 from tests.plant.full_rig import PERIOD_NS, START_UM, Rig, frequency, stepping
 
 

@@ -22,9 +22,8 @@ from edmsim.plant.constants import (
 )
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.rays import rays_with
-from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.discharge import feed_current
-from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.kernel.state import Arrays, allocate, sizes_of
 from edmsim.plant.resolution import Resolution, resolution
 from edmsim.plant.wire import (
     VACUUM_PERMITTIVITY_F_M,

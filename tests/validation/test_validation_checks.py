@@ -13,8 +13,8 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import PROFILE_STEP_MM
 from edmsim.plant.constants import gap_law
-from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.plant.gap.generator import timing
+from edmsim.plant.gap.water import flow_speed_m_s
 from edmsim.plant.resolution import resolution
 from edmsim.validation import (
     corners,

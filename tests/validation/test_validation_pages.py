@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[2]
 THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
-    "axes/drives", "axes/steps", "constants", "fleet", "kernel/declare", "kernel/memory",
-    "kernel/state", "mechanics/mjcf", "plant", "resolution", "snapshot", "window",
+    "axes/drives", "axes/steps", "constants", "fleet", "kernel/memory",
+    "kernel/state", "plant", "resolution", "snapshot", "window",
 }
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),

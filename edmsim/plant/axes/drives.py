@@ -1,9 +1,9 @@
-"""A plant's drives: their rows in the memory of the pulse loop, their part of a snapshot, and why they stopped."""
+"""A plant's drives: their rows in the memory of the pulse loop, their part of a snapshot, stops, and faults."""
 
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,12 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.advance import apply_geometric_errors, indicate, take_line
-from edmsim.plant.axes.board import NEVER, NOWHERE_UM
+from edmsim.plant.axes.board import NEVER, NOWHERE_UM, hold_in_reset
 from edmsim.plant.axes.encoder import LONG_AGO_NS, draw_pause, mark_below, watch_cam
 from edmsim.plant.axes.shaft import check_motor, longest_step_ns
 from edmsim.plant.axes.steps import MOVE, rapid_constants, run_moves, straight_moves, time_left_s
 from edmsim.plant.axes.ways import no_ways, taken_up
-from edmsim.plant.kernel.declare import ArraySizes, allocate
-from edmsim.plant.kernel.state import Axes
+from edmsim.plant.kernel.state import ArraySizes, Axes, allocate
 
 AXIS_NAMES = ("x", "y", "u", "v")
 """The machine's axes: x and y of the lower guide, u and v of the upper guide relative to it."""
@@ -372,3 +371,63 @@ def reason_of_delay(drives: Drives, away_um: NDArray[np.float64], near_um: float
         texts.append(f"{AXIS_NAMES[k]} is {away_um[k]:.1f} um from its place{f' ({why})' if why else ''}")
     rest = "not coming nearer" if math.isinf(late_s) else f"{late_s:.0f} s more until within {near_um:g} um"
     return f"{' and '.join(texts)}, {rest}" + "".join(_of_supply(drives, k) for k in far)
+
+
+# Faults of an axis under a drive with a loop, while the machine runs.
+
+class AxisFault(NamedTuple):
+    """A fault of an axis from a time on."""
+
+    axis: str  # ``x`` or ``y``
+    fault: str  # one of `FAULTS`
+    at_s: float  # machine time from which on it is there; from the cut's begin, for 0
+
+
+FAULTS = ("stuck", "swapped", "unplugged", "supply-off", "logic-off", "fault-line", "stalled")
+"""The rotor is held; the encoder's wires are exchanged, so that the loop turns the wrong way; they are unplugged; the
+motor has no supply, and the capacitor at its bridge is discharged; the drive's logic has none; its fault input is
+pulled low; it computes no more."""
+
+
+def break_axis(axes: Axes, k: int, fault: str) -> None:
+    """Give an axis one of `FAULTS`; done twice it is as done once."""
+    row = axes.rows[k : k + 1]
+    match fault:
+        case "stuck":
+            row["locked"] = 1
+        case "swapped":
+            row["swapped"] = 1
+        case "unplugged":
+            row["unplugged"] |= axis_rows.PHASE_A | axis_rows.PHASE_B
+        case "supply-off":
+            axes.motors["supply_V"][k] = row["link_V"] = 0.0
+        case "logic-off":
+            hold_in_reset(axes, k)
+        case "fault-line":
+            row["hand_lines"] |= axis_rows.FAULT_IN
+        case "stalled":
+            axes.drives["stalled_until_ns"][k] = NEVER
+
+
+_FORM = "an axis' fault is AXIS:FAULT@SECONDS, x:stuck@2.5 say"
+
+
+def parse_fault(text: str) -> AxisFault:
+    """Parse a fault; raises `InputError` if it is invalid.
+
+    >>> parse_fault("x:stuck@2.5")
+    AxisFault(axis='x', fault='stuck', at_s=2.5)
+    """
+    where, _, at = text.partition("@")
+    axis, _, fault = where.partition(":")
+    if axis not in ("x", "y"):
+        raise InputError(f"{text!r} names no axis x or y; {_FORM}")
+    if fault not in FAULTS:
+        raise InputError(f"{text!r} names no fault; choose one of {', '.join(FAULTS)}; {_FORM}")
+    try:
+        at_s = float(at)
+    except ValueError:
+        at_s = math.nan
+    if not 0 <= at_s < math.inf:
+        raise InputError(f"{text!r} has no time of 0 s or more behind @; {_FORM}")
+    return AxisFault(axis, fault, at_s)

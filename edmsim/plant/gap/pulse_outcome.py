@@ -10,8 +10,8 @@ from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.random import normal, uniform
 from edmsim.compiled.vectors import GAPS, PACK, element, highest, load, packed, spread, total
 from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_pack, weibull
-from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.rays import gap_of, meets_metal, moved, narrowest_now, place_of, rays_of
+from edmsim.plant.gap.water import bridged_probability
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import place_slice, place_wire, push_out
 

@@ -36,12 +36,6 @@ class Rays(NamedTuple):
     packed_blocks: NDArray[np.int64]  # (packs of slices,)
 
 
-@compiled
-def places(rays: int) -> int:
-    """Places of the arrays for a number of rays: whole vectors."""
-    return filled(rays, GAPS)
-
-
 _PACK, _EACH, _OTHERS = np.uint64(PACK), np.uint64(EACH), np.uint64(GAPS - EACH)  # unsigned: divisions cost half
 
 
@@ -144,7 +138,8 @@ def pack_rays(rays: Rays) -> None:
 def rays_with(gaps_um: ArrayLike, angles: ArrayLike) -> Rays:
     """Rays of one slice with given gaps in um, along given angles in rad, all of which meet metal."""
     count = np.size(gaps_um)
-    laid, packed = np.zeros((3, 1, places(count)), np.float32), np.zeros((3, 1, packed_lanes(count)), np.float32)
+    laid = np.zeros((3, 1, filled(count, GAPS)), np.float32)
+    packed = np.zeros((3, 1, packed_lanes(count)), np.float32)
     laid[0] = NO_METAL_UM
     laid[:, 0, :count] = np.stack(np.broadcast_arrays(gaps_um, np.cos(angles), np.sin(angles)))
     first, blocks, unbroken, packed_blocks = np.array([[0], [-(-count // GAPS)], [count], [0]])

@@ -1,6 +1,18 @@
-"""Water: its properties at the temperature of the gap, and its pressure under a flushing nozzle."""
+"""The water in the gap: its properties there, its pressure under a flushing nozzle, and the debris it carries.
+
+Two jets push fresh water in from below and above. It travels towards the place where they meet, leaving backwards
+through the kerf on its way, so the flow past a slice falls linearly from the nozzle to that place: mid-height, where
+both push alike. Debris is a volume share of the gap's water, one number per slice.
+"""
 
 import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.compiled.vectors import COORDINATES, load, spread, total
 
 REFERENCE_K = 293.15  # temperature for which a machine file gives permittivity and viscosity
 DENSITY_KG_M3 = 998.0  # water at 20 C
@@ -42,3 +54,117 @@ def face_Pa(set_Pa: float, standoff_mm: float, bore_mm: float, flow_l_min: float
     flow_m3_s = flow_l_min * M3_S_OF_L_MIN
     escapes_m_s, jet_m_s = flow_m3_s / curtain_m2, flow_m3_s / (math.pi / 4 * bore_m**2)
     return min(set_Pa, DENSITY_KG_M3 / 2 * (escapes_m_s * escapes_m_s + jet_m_s * jet_m_s))
+
+
+class Jets(NamedTuple):
+    """Water of two nozzles in the gap."""
+
+    # height at which the jets meet, as a share of the workpiece's: 0 where the lower one is off, 1 where the upper
+    lower_share: float
+    # mean axial speed of the water at each nozzle
+    lower_m_s: float
+    upper_m_s: float
+
+    def past_m_s(self, height_share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Speed at heights over the lower face, given as shares of the workpiece's."""
+        above = height_share - self.lower_share
+        below_slope = self.lower_m_s / self.lower_share if self.lower_share > 0.0 else 0.0
+        above_slope = self.upper_m_s / (1.0 - self.lower_share) if self.lower_share < 1.0 else 0.0
+        return below_slope * np.maximum(-above, 0.0) + above_slope * np.maximum(above, 0.0)
+
+    def flow_share(self, slices: int) -> NDArray[np.float64]:
+        """Water that enters each slice from the lower and the upper nozzle, of what leaves that nozzle: (2, slices).
+
+        The slice in which the jets meet has of either as much as lies on its side.
+        """
+        share = np.zeros((2, slices))
+        for side, reach in enumerate((self.lower_share * slices, (1.0 - self.lower_share) * slices)):
+            k = np.arange(math.ceil(reach))
+            entering = (1.0 - k / reach) * np.minimum(1.0, reach - k) if len(k) else k
+            share[side, k if side == 0 else slices - 1 - k] = entering
+        return share
+
+
+def _meeting_share(lower_Pa: float, upper_Pa: float) -> float:
+    """Height at which two jets meet, as a share of the workpiece's: ``(z / (h - z))^2`` is the pressures' ratio."""
+    # as much water leaves through the kerf at every height (ours), so the flows fall with one slope
+    lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
+    return lower / (lower + upper) if lower + upper > 0.0 else 0.5
+
+
+def jets(lower_Pa: float, upper_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float) -> Jets:
+    """Return what two nozzles drive through the gap."""
+    share = _meeting_share(lower_Pa, upper_Pa)
+    return Jets(
+        share,
+        flow_speed_m_s(lower_Pa, viscosity_Pa_s, side_gap_um, share * height_mm),
+        flow_speed_m_s(upper_Pa, viscosity_Pa_s, side_gap_um, (1.0 - share) * height_mm),
+    )
+
+
+def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, way_mm: float) -> float:
+    """Mean axial speed of the water at a nozzle, 0 for no way: slot Poiseuille flow, ``dp g^2 / (12 eta z)``."""
+    if way_mm == 0.0:
+        return 0.0
+    return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * way_mm * 1e-3)
+
+
+KERF_LOSS, KERF_FRICTION = 1.5, 0.04
+"""Velocity heads lost at a sharp entry and exit of the kerf, and friction factor of a turbulent flow in a slot at
+Reynolds numbers of some 10 000 (handbook)."""
+
+
+def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float) -> Jets:
+    """Return what two nozzles drive down the kerf behind the wire, whose flow is turbulent."""
+    # ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet, the same as in the gap
+    share = _meeting_share(lower_Pa, upper_Pa)
+
+    def speed_m_s(pressure_Pa: float, way: float) -> float:
+        loss = KERF_LOSS + KERF_FRICTION * way * height_mm / (2 * kerf_um * 1e-3)
+        return math.sqrt(2 * pressure_Pa / DENSITY_KG_M3 / loss)
+
+    return Jets(share, speed_m_s(lower_Pa, share), speed_m_s(upper_Pa, 1.0 - share))
+
+
+EINSTEIN = 2.5  # rise of a liquid's viscosity with its share of particles, over the clean one's (Einstein, 1906)
+
+
+@compiled
+def mean_of_slices(shares: NDArray[np.float64], slices: int) -> float:
+    """Mean over the height of a share that every slice has, and none beyond: of debris in its water, of gas."""
+    sum_ = spread(0.0)
+    for s in range(0, shares.shape[0], COORDINATES):
+        sum_ += load(shares, (s,))
+    return float(total(sum_) / slices)
+
+
+@compiled
+def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArray[np.float64]) -> None:
+    """Carry debris to where the jets meet and out."""
+    # implicit upwind, so that no interval is too long. The slice in which the jets meet takes from both sides
+    n = share.shape[1]
+    for side in range(2):
+        changes = lower if side == 0 else upper
+        upstream = 0.0
+        for k in range(n):
+            s = k if side == 0 else n - 1 - k
+            if share[side, s] == 0.0:
+                break
+            flow = changes * share[side, s]
+            stays = 1.0 / (1.0 + flow)  # a division that need not wait for the slice upstream
+            debris[s] = (debris[s] + flow * upstream) * stays
+            upstream = debris[s]
+
+
+@compiled
+def bridged_probability(
+    debris: float, gap_um: float, base: float, per_um: float, ceiling: float, steepness: float
+) -> float:
+    """Probability that debris bridges a gap: a sigmoid around the critical share (form and values: SPARC)."""
+    critical = min(ceiling, base + per_um * gap_um)
+    x = steepness * (debris - critical)
+    if x > 30.0:
+        return 1.0
+    if x < -30.0:
+        return 0.0
+    return 1.0 / (1.0 + math.exp(-x))

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.random import normal, uniform
-from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
-from edmsim.plant.gap.debris import EINSTEIN, flush, mean_of_slices
+from edmsim.plant.gap.gas import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
 from edmsim.plant.gap.pulse_outcome import draw, draw_normal
 from edmsim.plant.gap.rays import closed_side, gap_of, ray_at
+from edmsim.plant.gap.water import EINSTEIN, flush, mean_of_slices
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import project
 from edmsim.plant.wire import HeatLaw, add_currents, heat_step, spot_K, strength_share

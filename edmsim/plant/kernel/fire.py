@@ -13,40 +13,16 @@ from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.axes.advance import LOST, advance_axes, apply_geometric_errors, indicate
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.gap.bubble import BubbleLaw
-from edmsim.plant.gap.coverage import GasLaw, blow, fade
-from edmsim.plant.gap.debris import mean_of_slices
+from edmsim.plant.gap.gas import BubbleLaw, GasLaw, blow, fade
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.rays import OVERLAP_UM, pack_rays, rays_of, retrace, tilt_rays, weigh
+from edmsim.plant.gap.water import mean_of_slices
+from edmsim.plant.kernel import state as loop
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
-from edmsim.plant.kernel.state import (
-    ARC,
-    BROKEN,
-    FINE,
-    GRID,
-    INSIDE,
-    ISO_ENERGETIC,
-    ISO_PULSE,
-    NO_TILES,
-    NOT_FINITE,
-    OPEN,
-    OUTSIDE,
-    SHORT,
-    STEP_EARLY,
-    STEP_WRONG,
-    TILED_UM,
-    Array,
-    Arrays,
-    Axes,
-    Constants,
-    Propagators,
-    Scratch,
-    Timing,
-)
+from edmsim.plant.kernel.state import Array, Arrays, Axes, Constants, Propagators, Scratch, Timing
 from edmsim.plant.mechanics.film import find_films, is_narrow, mean_film, mean_resistance, scale_film, squeeze
+from edmsim.plant.mechanics.full_model import FullLink, move_full
 from edmsim.plant.mechanics.modal import copy, kick, lean, mean_deflection, move, place_wire, project, ring, ringing
-from edmsim.plant.mechanics.mujoco_axes import FullLink
-from edmsim.plant.mechanics.mujoco_loop import move_full
 from edmsim.plant.wire import HeatLaw
 from edmsim.plant.workpiece.craters import carve
 
@@ -126,7 +102,8 @@ def _lacks_tiles(state: NDArray[np.void]) -> bool:
     for d in range(2):
         low = state[0].axis_um[d] + state[0].deflection_um[d]
         high = low + state[0].axis_um[2 + d]
-        far = far or abs(low - state[0].tiled_um[d]) > TILED_UM or abs(high - state[0].tiled_um[2 + d]) > TILED_UM
+        far = far or abs(low - state[0].tiled_um[d]) > loop.TILED_UM
+        far = far or abs(high - state[0].tiled_um[2 + d]) > loop.TILED_UM
     return far
 
 
@@ -169,12 +146,12 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     for axis in range(N_AXES):
         places += state[0].axis_um[axis]
     if not abs(x + y + places + warmth + w.debris + w.voltage_us + gas) < FINITE:
-        return NOT_FINITE
+        return loop.NOT_FINITE
     if math.hypot(x, y) > MOST_DEFLECTION_UM:
-        return OUTSIDE
+        return loop.OUTSIDE
     if deepest_um == LOST_UM:
-        return OUTSIDE
-    return INSIDE if deepest_um < -DEEPEST_UM else FINE
+        return loop.OUTSIDE
+    return loop.INSIDE if deepest_um < -DEEPEST_UM else loop.FINE
 
 
 @compiled_apart
@@ -186,11 +163,11 @@ def _check_events(events: NDArray[np.int64], now_ns: int, drives: bool) -> int:
         step = 0 <= channel < N_AXES and (value == 1 or value == -1)
         line = drives and N_AXES <= channel < N_CHANNELS and (value == 0 or value == 1)
         if not (step or line):
-            return STEP_WRONG
+            return loop.STEP_WRONG
         if events[k, 0] < before:
-            return STEP_EARLY
+            return loop.STEP_EARLY
         before = events[k, 0]
-    return FINE
+    return loop.FINE
 
 
 @compiled
@@ -244,11 +221,11 @@ def fire_window(
     # moves wire and table through it, otherwise the modes move by `p`; numba leaves out what the other would need.
     # Returns how the window ended (`FINE` and its neighbours in `state`)
     if state[0].broken != 0:
-        return BROKEN
+        return loop.BROKEN
     if _lacks_tiles(state):
-        return NO_TILES
+        return loop.NO_TILES
     status = _check_events(events, state[0].time_ns, axes.loops != 0)
-    if status != FINE:
+    if status != loop.FINE:
         return status
     position, load, held = scratch.position, scratch.load, scratch.held
     sums, contact, films = scratch.sums, scratch.contact, scratch.films
@@ -279,12 +256,12 @@ def fire_window(
             since_us = (state[0].time_ns - window[0].start_ns) * 1e-3
             log_pulse(log, n, a, position, since_us, open_V, outcome, delay, s, k)
         burn = energy = impulse = removed = 0.0
-        if outcome == SHORT:
+        if outcome == loop.SHORT:
             impulse = short_circuit(state, window, a, c, t, heat, bubble, position, s, k)
-        elif outcome != OPEN:
+        elif outcome != loop.OPEN:
             # an iso-pulse ends with the switch, so that the delay shortens its discharge
-            burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
-            burn *= t.arc_share if outcome == ARC else 1.0
+            burn = t.on_us - delay if t.mode == loop.ISO_PULSE else t.on_us
+            burn *= t.arc_share if outcome == loop.ARC else 1.0
             energy, impulse, removed = discharge(state, window, a, c, t, heat, bubble, position, outcome, s, k, burn)
             window[0].delay_us += delay
             window[0].ignitions += 1
@@ -294,13 +271,13 @@ def fire_window(
         window[0].counts[outcome] += 1
         window[0].voltage_us += open_V * delay + t.burning_V * burn
 
-        conducting = t.on_us if outcome == SHORT else burn
+        conducting = t.on_us if outcome == loop.SHORT else burn
         if log.shape[0] > n:
             log[n].conducting_us = conducting
-        period_ns, k_period = t.period_ns, GRID
-        if t.mode == ISO_ENERGETIC:
+        period_ns, k_period = t.period_ns, loop.GRID
+        if t.mode == loop.ISO_ENERGETIC:
             # delay and discharge stretch the period, which ends on a step of the time grid
-            k_period = _grid_steps((delay + conducting + t.pause_us) * per_grid, GRID)
+            k_period = _grid_steps((delay + conducting + t.pause_us) * per_grid, loop.GRID)
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
         film = mean_film(state, totals[3], totals[4], sums.shape[0])

@@ -2,7 +2,7 @@
 
 A call with some sixty arguments would cost a tenth of a window; a call with one address costs next to nothing. The
 sizes are constants of the compiled code, one version per resolution, so that its short loops are unrolled. The table
-and the way back from it to the groups follow from the declarations (see `declare`).
+and the way back from it to the groups follow from their declarations in `state`.
 """
 
 import functools
@@ -15,26 +15,25 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.memory_views import GroupField, group_of, rows_of
 from edmsim.compiled.specialised import specialised
-from edmsim.compiled.vectors import GAPS, filled, filled_packs, packed_lanes, packs
 from edmsim.plant.gap.breakdown import GapLaw
-from edmsim.plant.gap.bubble import BubbleLaw
-from edmsim.plant.gap.coverage import GasLaw
-from edmsim.plant.kernel.declare import ArraySizes, Field, check, entries_of, fields_of, numbers_of
+from edmsim.plant.gap.gas import BubbleLaw, GasLaw
+from edmsim.plant.kernel import state
 from edmsim.plant.kernel.fire import fire_window
-from edmsim.plant.kernel.state import Arrays, Axes, Constants, Own, Propagators, Scratch, Timing
-from edmsim.plant.mechanics.mujoco_axes import FullLink
+from edmsim.plant.mechanics.full_model import FullLink
 from edmsim.plant.wire import HeatLaw
 
 _GROUPS: dict[str, Any] = {
-    "own": Own, "arrays": Arrays, "propagators": Propagators, "scratch": Scratch, "axes": Axes, "link": FullLink,
-    "law": GapLaw, "gas": GasLaw,
+    "own": state.Own, "arrays": state.Arrays, "propagators": state.Propagators, "scratch": state.Scratch,
+    "axes": state.Axes, "link": FullLink, "law": GapLaw, "gas": GasLaw,
 }
-_RECORDS: dict[str, Any] = {"constants": Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": Timing}
+_RECORDS: dict[str, Any] = {
+    "constants": state.Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": state.Timing,
+}
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
 _COUNTED = "tiles", "index_side", "pulses", "levels"  # lengths of `ArraySizes` that change while a plant is at work
 _TABLE = np.dtype(
     [(name, "i8") for name in _COUNTED]
-    + [(name, entries_of(kind)) for name, kind in _GROUPS.items()]
+    + [(name, state.entries_of(kind)) for name, kind in _GROUPS.items()]
     + [(name, "i8") for name in _RECORDS]
 )
 
@@ -42,7 +41,7 @@ _TABLE = np.dtype(
 class Memory:
     """The arrays a plant's loop works on; they live as long as their addresses are in the table at `address`."""
 
-    def __init__(self, sizes: ArraySizes) -> None:
+    def __init__(self, sizes: state.ArraySizes) -> None:
         self._sizes = sizes
         self._table = np.zeros(1, _TABLE)
         self.address: int = self._table.ctypes.data
@@ -53,10 +52,10 @@ class Memory:
         kind = type(group)
         name = _NAMES[kind]
         if name in _RECORDS:
-            record = np.array([tuple(group)], numbers_of(kind))
+            record = np.array([tuple(group)], state.numbers_of(kind))
             self._table[name], self._alive[name, ""] = record.ctypes.data, record
         else:
-            fields = zip(fields_of(kind), group, strict=True)
+            fields = zip(state.fields_of(kind), group, strict=True)
             self._table[name] = tuple([self._entry(name, field, value) for field, value in fields])
 
     def put_own(self, **arrays: NDArray[Any]) -> None:
@@ -70,47 +69,41 @@ class Memory:
         for length in _COUNTED:
             self._table[length] = getattr(self._sizes, length)
         entries = self._table["own"]
-        for field in fields_of(Own):
+        for field in state.fields_of(state.Own):
             if field.name in arrays:
                 entries[field.name] = self._entry("own", field, arrays[field.name])
 
-    def _entry(self, name: str, field: Field, value: Any) -> Any:
+    def _entry(self, name: str, field: state.Field, value: Any) -> Any:
         """Return what the table has for a field: the number, or the address of the array, which is kept alive."""
         if field.stored is None:
             return value
-        check(field, value, self._sizes)
+        state.check(field, value, self._sizes)
         self._alive[name, field.name] = value
         return value.ctypes.data  # the array's interface would describe the type of its records every time
 
 
 def _group_of(group: Any) -> Any:
     """In compiled code, a declared group by its record in the table and the numbers of `ArraySizes`."""
-    fields = {f.name: GroupField(f.dtype, None if f.stored is None else f.stored.shape) for f in fields_of(group)}
-    return group_of(group.__name__, entries_of(group), fields, ArraySizes._fields)
+    fields = {
+        field.name: GroupField(field.dtype, None if field.stored is None else field.stored.shape)
+        for field in state.fields_of(group)
+    }  # fmt: skip
+    return group_of(group.__name__, state.entries_of(group), fields, state.ArraySizes._fields)
 
 
 _rows, _table = rows_of(np.dtype("i8")), rows_of(_TABLE)
-_constants, _heat, _bubble, _timing = (rows_of(numbers_of(record)) for record in _RECORDS.values())
-_own_of: Callable[..., Own]
-_arrays_of: Callable[..., Arrays]
-_propagators_of: Callable[..., Propagators]
-_scratch_of: Callable[..., Scratch]
-_axes_of: Callable[..., Axes]
+_constants, _heat, _bubble, _timing = (rows_of(state.numbers_of(record)) for record in _RECORDS.values())
+_own_of: Callable[..., state.Own]
+_arrays_of: Callable[..., state.Arrays]
+_propagators_of: Callable[..., state.Propagators]
+_scratch_of: Callable[..., state.Scratch]
+_axes_of: Callable[..., state.Axes]
 _link_of: Callable[..., FullLink]
 _law_of: Callable[..., GapLaw]
 _gas_of: Callable[..., GasLaw]
 _own_of, _arrays_of, _propagators_of, _scratch_of, _axes_of, _link_of, _law_of, _gas_of = (
     _group_of(group) for group in _GROUPS.values()
 )
-
-
-@compiled
-def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ...]:
-    """Numbers of `ArraySizes` for a plant's table."""
-    return (
-        slices, filled_packs(slices), packs(slices), rays, filled(rays, GAPS), packed_lanes(rays),
-        filled(coordinates), coordinates, 2 * coordinates + 4, at.tiles, at.index_side, at.pulses, at.levels,
-    )
 
 
 CALL = 5
@@ -144,7 +137,7 @@ def _fire(calls: int, count: int, slices: int, rays: int, coordinates: int, link
     rows = _rows(calls, (count, CALL))
     for k in range(count):
         at = _table(rows[k, 0], (1,))[0]
-        lengths = _lengths(slices, rays, coordinates, at)
+        lengths = state.sizes_of(slices, rays, coordinates, at.tiles, at.index_side, at.pulses, at.levels)
         own = _own_of(at.own, lengths)
         rows[k, 4] = fire_window(
             own.state, own.window, _arrays_of(at.arrays, lengths), own.tiles, own.tile_index, own.levels,

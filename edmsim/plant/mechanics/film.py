@@ -15,9 +15,9 @@ from edmsim.compiled.elementary import cube_root
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, total
 from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
-from edmsim.plant.gap.coverage import GasLaw
-from edmsim.plant.gap.debris import EINSTEIN, mean_of_slices
+from edmsim.plant.gap.gas import GasLaw
 from edmsim.plant.gap.rays import Rays, facing_blocks, gaps_of, moved, rays_of
+from edmsim.plant.gap.water import DENSITY_KG_M3, EINSTEIN, mean_of_slices
 from edmsim.plant.kernel.state import Array, Arrays, Constants, Propagators
 
 LEAST_PULL = 0.2
@@ -40,18 +40,18 @@ def drag_N_s_m2(radius_um: float, front_um: float, side_um: float, viscosity_Pa_
     return float(12 * viscosity_Pa_s * radius_um**3 * (front + behind))
 
 
-def edge_loss_kg_m2(radius_um: float, side_um: float, loss: float, density_kg_m3: float) -> float:
+def edge_loss_kg_m2(radius_um: float, side_um: float, loss: float) -> float:
     """Force per metre over the mean square speed of a wire that drives water round its sides, linearised."""
     # water leaves the film at ``u = v r / g`` and loses ``loss rho u^2 / 2``, on the wire's diameter; random motion
     # of the mean square speed s^2 meets ``sqrt(8 / pi) s v`` in place of ``v |v|``
-    return loss * density_kg_m3 * radius_um * 1e-6 * (radius_um / side_um) ** 2 * math.sqrt(8 / math.pi)
+    return loss * DENSITY_KG_M3 * radius_um * 1e-6 * (radius_um / side_um) ** 2 * math.sqrt(8 / math.pi)
 
 
-def added_mass_kg_m(radius_um: float, front_um: float, side_um: float, density_kg_m3: float) -> float:
+def added_mass_kg_m(radius_um: float, front_um: float, side_um: float) -> float:
     """Mass per metre of the water a wire moves when it moves towards its front, in the flow of `drag_N_s_m2`."""
     front = 2 * np.trapezoid(np.sin(_ANGLES) ** 2 / _gaps_um(front_um, side_um), _ANGLES)
     behind = 2 * np.trapezoid(np.cos(_ANGLES) ** 2 / (side_um + radius_um * (1 - np.cos(_ANGLES))), _ANGLES)
-    return float(density_kg_m3 * (radius_um * 1e-6) ** 2 * radius_um * (front + behind))
+    return float(DENSITY_KG_M3 * (radius_um * 1e-6) ** 2 * radius_um * (front + behind))
 
 
 def pull_sum_um2(radius_um: float, front_um: float, side_um: float, rays: int) -> float:

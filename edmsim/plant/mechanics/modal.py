@@ -216,12 +216,3 @@ def fill_table(t11: Array, t12: Array, t21: Array, t22: Array, omega: Array, zet
             for k in range(1, t11.shape[0]):
                 t11[k, axis, m], t12[k, axis, m], t21[k, axis, m], t22[k, axis, m] = p11, p12, p21, p22
                 p11, p12, p21, p22 = a * p11 + b * p21, a * p12 + b * p22, c * p11 + d * p21, c * p12 + d * p22
-
-
-@exactly_compiled
-def fill_fading(fading: Array, life_us: float, filled_us: float, grid_us: float) -> None:
-    """Fill `coverage.GasLaw.fading` for the lives of steam and of permanent gas."""
-    steam, gas = math.exp(-grid_us / life_us), math.exp(-grid_us / filled_us)
-    fading[0, 0] = fading[0, 1] = 1.0
-    for k in range(1, fading.shape[0]):
-        fading[k, 0], fading[k, 1] = fading[k - 1, 0] * steam, fading[k - 1, 1] * gas

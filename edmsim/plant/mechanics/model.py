@@ -1,7 +1,8 @@
 """The machine's mechanics: the MuJoCo model of table and wire, and its exact modal reduction.
 
-`build_model` fits ``agiecut_dem15.xml`` to a wire; `reduce_model` linearises that model at its tensioned
-equilibrium and returns its modes. Every number of the modal plant is read from the model, none typed twice.
+A machine's MJCF is read once, with a check of the names that the plant needs. `build_model` fits it to a wire;
+`reduce_model` linearises that model at its tensioned equilibrium and returns its modes. Every number of the modal
+plant is read from the model, none typed twice.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import pickle
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from importlib.metadata import version
 from importlib.util import find_spec, module_from_spec
@@ -28,15 +29,86 @@ from edmsim.compiled import cache
 from edmsim.errors import InputError
 from edmsim.machine.machine import mjcf_version
 from edmsim.machine.setting import TENSION_N
-from edmsim.plant.mechanics import mjcf
 
 if TYPE_CHECKING:
     import mujoco
 
+Array = NDArray[np.float64]
+
+NEEDED: dict[str, tuple[str, ...]] = {
+    "body": ("x_carriage", "y_carriage", "upper_arm"),
+    "joint": ("x", "y", "x_rotor", "y_rotor"),
+    "site": ("lower_guide", "upper_guide"),
+    "geom": ("workpiece", "clamp_left", "clamp_right"),
+    "tendon": ("x_screw", "y_screw"),
+    "actuator": ("x_stepper", "y_stepper"),
+    "numeric": ("rotor_teeth",),
+    "camera": ("overview",),
+}
+"""Names that plant, playback and pictures ask for, by kind; the chain of the wire has names of its own."""
+N_NODES = 25
+"""Nodes of the wire, the fewest whose first four modes are within 1 % of the string's: a time step costs what
+its nodes cost, and fewer nodes allow a longer one."""
+
+
+def read_mjcf(model_file: str) -> mujoco.MjSpec:
+    """Return a machine's MJCF, with all that the plant asks for by name; it is to be copied, not changed."""
+    return _read_mjcf(model_file, mjcf_version(model_file))
+
+
+@functools.lru_cache(maxsize=8)  # reading takes four times as long as fitting a wire and compiling
+def _read_mjcf(model_file: str, _version: int) -> mujoco.MjSpec:
+    import mujoco
+
+    try:
+        spec = mujoco.MjSpec.from_file(str(models.path(model_file)))
+        spec.copy().compile()
+    except ValueError as error:
+        raise InputError(f"MuJoCo cannot use this MJCF: {' '.join(str(error).split())}", model_file) from None
+    try:
+        missing = _lacking(spec)
+    except UnicodeDecodeError:
+        raise InputError("this MJCF has names that are not UTF-8: save it as UTF-8", model_file) from None
+    if missing:
+        raise InputError(f"this MJCF has no {', no '.join(missing)}", model_file)
+    return spec
+
+
+def _lacking(spec: mujoco.MjSpec) -> list[str]:
+    """Return what a MJCF lacks, each as kind and name."""
+    listed: dict[str, Any] = {
+        "body": spec.bodies, "joint": spec.joints, "site": spec.sites, "geom": spec.geoms, "tendon": spec.tendons,
+        "actuator": spec.actuators, "numeric": spec.numerics, "camera": spec.cameras,
+    }  # fmt: skip
+    there = {kind: {item.name for item in items} for kind, items in listed.items()}
+    missing = [f"{kind} {name}" for kind, names in NEEDED.items() for name in names if name not in there[kind]]
+    nodes = max(N_NODES, sum(name.startswith("wire_") for name in there["body"]))
+    wire = {
+        "body": [f"wire_{i:02d}" for i in range(nodes)],
+        "joint": [f"wire_{axis}{i:02d}" for i in range(nodes) for axis in "xy"],
+        "tendon": [f"segment_{i:02d}" for i in range(nodes + 1)],
+    }
+    return missing + [f"{kind} {name}" for kind, names in wire.items() for name in names if name not in there[kind]]
+
+
+def screw_constants(model: mujoco.MjModel) -> tuple[dict[str, float], dict[str, float]]:
+    """Return screws and tables of x and y as constants of `edmsim.compiled.axis_rows.MOTOR`."""
+    found = []
+    for axis in "xy":
+        carriage, screw = model.joint(axis), model.tendon(f"{axis}_screw").id
+        first = int(model.tendon_adr[screw])
+        coefficients = model.wrap_prm[first : first + int(model.tendon_num[screw])]
+        found.append({
+            "um_per_rad": float(-coefficients.min() / coefficients.max()) * 1e6,
+            "screw_N_m": float(model.tendon_stiffness[screw].flat[0]),
+            "screw_N_s_m": float(model.tendon_damping[screw].flat[0]),
+            "table_kg": float(model.body_subtreemass[carriage.bodyid[0]]),
+            "way_N_s_m": float(model.dof_damping[carriage.dofadr[0]]),
+        })
+    return found[0], found[1]
+
 
 # A MuJoCo model as a linear system at rest: mass, damping, stiffness, and the modes of its blocks.
-
-Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-6  # m, rad, m/s or rad/s: far below a node's spacing, far above the rounding of a force
 _COUPLING_MAX = 1e-6  # share of the diagonal up to which two blocks count as independent
@@ -81,27 +153,20 @@ def linearise(model: mujoco.MjModel) -> Linear:
                          "it must be in equilibrium there")
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    return Linear(
-        mass=mass,
-        damping=-_force_slope(model, data, data.qvel),
-        stiffness=-_force_slope(model, data, data.qpos),
-        input=_force_slope(model, data, data.ctrl),
-    )
 
-
-def _force_slope(model: mujoco.MjModel, data: mujoco.MjData, of: Array) -> Array:
-    """Return d force / d `of` (nv, len(of)) by central differences; `of` is a view into `data`."""
-    import mujoco
-
-    def force(i: int, change: float) -> Array:
+    def force(of: Array, i: int, change: float) -> Array:
         rest = of[i]
         of[i] = rest + change
         mujoco.mj_forward(model, data)
         of[i] = rest
         return np.asarray(data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias)
 
-    columns = [(force(i, _DIFFERENCE) - force(i, -_DIFFERENCE)) / (2 * _DIFFERENCE) for i in range(len(of))]
-    return np.stack(columns, axis=1)
+    def slope(of: Array) -> Array:
+        """Return d force / d `of` (nv, len(of)) by central differences; `of` is a view into `data`."""
+        ends = [(force(of, i, _DIFFERENCE), force(of, i, -_DIFFERENCE)) for i in range(len(of))]
+        return np.stack([(up - down) / (2 * _DIFFERENCE) for up, down in ends], axis=1)
+
+    return Linear(mass, damping=-slope(data.qvel), stiffness=-slope(data.qpos), input=slope(data.ctrl))
 
 
 def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
@@ -247,7 +312,7 @@ def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel
 
 def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | None = None) -> mujoco.MjSpec:
     """Return what `build_model` compiles, perhaps with fewer nodes of the wire than the file has."""
-    spec = mjcf.read(model_file).copy()
+    spec = read_mjcf(model_file).copy()
     if n_nodes is not None:
         _thin_out(spec, n_nodes)
     nodes = [body for body in spec.bodies if body.name.startswith("wire_")]
@@ -270,35 +335,44 @@ def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:
     last.wrap_site("upper_guide")
 
 
+class _Nodes(NamedTuple):
+    """A wire's nodes: heights, masses, dampings, and the stiffness of the segments between them."""
+
+    heights_m: Array
+    mass_kg: Array
+    damping_N_s_m: Array
+    segment_N_m: float
+
+
+def _nodes_of(wire: WireSetup, count: int) -> _Nodes:
+    """Return a number of nodes of a wire."""
+    spacing_m = wire.guide_distance_m / (count + 1)
+    return _nodes_at(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
+
+
+def _nodes_at(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
+    # a node has the mass of its length of wire, and of the water that moves with what of it is in the slot
+    low, high = (wire.guide_distance_m - wire.slot_m) / 2, (wire.guide_distance_m + wire.slot_m) / 2
+    slot_m = np.minimum(heights_m + spacing_m / 2, high) - np.maximum(heights_m - spacing_m / 2, low)
+    mass_kg = wire.line_density * spacing_m + np.maximum(slot_m, 0.0) * wire.slot_mass_kg_m
+    # damping in proportion to the mass: the wire's first mode has the ratio asked for
+    count = len(heights_m)
+    omega_1 = 2 / (wire.guide_distance_m / (count + 1)) * wire.wave_speed * math.sin(math.pi / (2 * (count + 1)))
+    return _Nodes(heights_m, mass_kg, 2 * wire.damping_ratio * omega_1 * mass_kg, wire.tension / spacing_m)
+
+
 def _fit_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
     """Give the chain's nodes and segments the wire's mass, damping and tension."""
-    spacing = wire.guide_distance_m / (len(nodes) + 1)
-    heights = np.asarray(spacing * np.arange(1, len(nodes) + 1), np.float64)
-    masses_kg = node_mass_kg(wire, heights, spacing)
-    dampings_N_s_m = node_damping_N_s_m(wire, masses_kg)
-    for node, height, mass_kg, damping in zip(nodes, heights, masses_kg, dampings_N_s_m, strict=True):
+    fitted = _nodes_of(wire, len(nodes))
+    for node, height, mass_kg, damping in zip(nodes, *fitted[:3], strict=True):
         node.frame.pos = [0.0, 0.0, 0.0]
         node.pos = [0.0, 0.0, height]
         node.mass = mass_kg
         for joint in node.joints:
             joint.damping = [damping, 0.0, 0.0]
     for segment in segments:
-        segment.stiffness = [wire.tension / spacing, 0.0, 0.0]  # its rest length is 0
+        segment.stiffness = [fitted.segment_N_m, 0.0, 0.0]  # its rest length is 0
         segment.width = wire.diameter_m / 2
-
-
-def node_mass_kg(wire: WireSetup, heights_m: Array, spacing_m: float) -> Array:
-    """Mass of every node: of its length of wire, and of the water that moves with what of it is in the slot."""
-    low, high = (wire.guide_distance_m - wire.slot_m) / 2, (wire.guide_distance_m + wire.slot_m) / 2
-    slot_m = np.minimum(heights_m + spacing_m / 2, high) - np.maximum(heights_m - spacing_m / 2, low)
-    return np.asarray(wire.line_density * spacing_m + np.maximum(slot_m, 0.0) * wire.slot_mass_kg_m)
-
-
-def node_damping_N_s_m(wire: WireSetup, masses_kg: Array) -> Array:
-    """Damping of every node, in proportion to its mass: the wire's first mode has the ratio asked for."""
-    n, spacing_m = len(masses_kg), wire.guide_distance_m / (len(masses_kg) + 1)
-    omega_1 = 2 / spacing_m * wire.wave_speed * math.sin(math.pi / (2 * (n + 1)))
-    return np.asarray(2 * wire.damping_ratio * omega_1 * masses_kg)
 
 
 def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
@@ -317,48 +391,47 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
     # the modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps its
     # diagonal in modal coordinates; `ModalModel.neglected_damping` is the largest part dropped
     node_heights, guide_distance = wire_heights(model)
+    slices = _checked_heights(slice_heights_m, guide_distance)
     linear, blocks = machine_at_rest(model, len(node_heights))
-    return reduced(linear, blocks, node_heights, guide_distance, n_modes, slice_heights_m)
+    wire, table = block_modes(linear, blocks[0]), _of_table(linear, blocks[2:])
+    return _with_wire(table, wire, node_heights, guide_distance, n_modes, slices)
 
 
 def machine_at_rest(model: mujoco.MjModel, n_nodes: int) -> tuple[Linear, list[list[int]]]:
     """Return a model as a linear system, and the degrees of freedom of its four blocks, which must be independent."""
     linear, blocks = linearise(model), _blocks(model, n_nodes)
     check_independent(linear, blocks)
+    _check_alike(linear, *blocks[:2])
     return linear, blocks
 
 
-def reduced(
-    linear: Linear, blocks: list[list[int]], node_heights: Array, guide_distance: float, n_modes: int,
-    slice_heights_m: ArrayLike,
+def _of_table(linear: Linear, blocks: list[list[int]]) -> dict[str, Any]:
+    """Return those fields of a `ModalModel` that are the table's, from its blocks along x and y."""
+    tables = [block_modes(linear, block) for block in blocks]
+    travels = [_unit_travel(linear, block, axis) for axis, block in enumerate(blocks)]
+    return {
+        "table_omega": np.stack([table.omega for table in tables]),
+        "table_zeta": np.stack([table.zeta for table in tables]),
+        "table_slide_shape": np.stack([table.shape[0] for table in tables]),
+        "table_participation": np.stack(
+            [table.momenta @ travel for table, (travel, _) in zip(tables, travels, strict=True)]
+        ),
+        "rotor_rad_per_m": np.array([ctrl for _, ctrl in travels]),
+        "neglected_damping": max(table.neglected_damping for table in tables),
+    }
+
+
+def _with_wire(
+    table: dict[str, Any], modes: Modes, node_heights: Array, guide_distance: float, n_modes: int, slices: Array
 ) -> ModalModel:
-    """Modes of a machine at rest; see `reduce_model`."""
+    """Return the model of a table and of the modes of a wire along one direction."""
     if not 1 <= n_modes <= len(node_heights):
         raise InputError(f"n_modes is {n_modes}; this wire has 1 to {len(node_heights)} modes")
-    slices = _checked_heights(slice_heights_m, guide_distance)
-    wire_x, table_x, table_y = (block_modes(linear, blocks[k]) for k in (0, 2, 3))
-    _check_alike(linear, *blocks[:2])
-    tables = (table_x, table_y)
-    travels = [_unit_travel(linear, block, axis) for axis, block in enumerate(blocks[2:])]
-    rests = [table.momenta @ travel for table, (travel, _) in zip(tables, travels, strict=True)]
-    return ModalModel(
-        **of_wire(wire_x, node_heights, guide_distance, n_modes, slices),
-        table_omega=np.stack([table.omega for table in tables]),
-        table_zeta=np.stack([table.zeta for table in tables]),
-        table_slide_shape=np.stack([table.shape[0] for table in tables]),
-        table_participation=np.stack(rests),
-        rotor_rad_per_m=np.array([ctrl for _, ctrl in travels]),
-        neglected_damping=max(modes.neglected_damping for modes in (wire_x, *tables)),
-    )
-
-
-def of_wire(
-    modes: Modes, node_heights: Array, guide_distance: float, n_modes: int, slices: Array
-) -> dict[str, Array]:
-    """Return those fields of a `ModalModel` that are its wire's."""
     node_shape = modes.shape[:, :n_modes]
     shape = at_heights(node_shape, node_heights, guide_distance, slices)
-    return {
+    neglected = max(modes.neglected_damping, table["neglected_damping"])
+    return ModalModel(**{
+        **table,
         "wire_omega": modes.omega[:n_modes],
         "wire_zeta": modes.zeta[:n_modes],
         "wire_shape": shape,
@@ -367,7 +440,8 @@ def of_wire(
         "slice_mass_kg": 1 / (shape**2).sum(axis=1),
         "mobility": (shape**2).sum(axis=0),
         "inertia": (shape**2).mean(axis=0),
-    }
+        "neglected_damping": neglected,
+    })
 
 
 def _check_alike(linear: Linear, wire_x: list[int], wire_y: list[int]) -> None:
@@ -421,33 +495,20 @@ def at_heights(shape: Array, node_heights: Array, guide_distance: float, heights
 
 # Modes of a machine with any wire: the file is linearised once, and the modes of other wires follow by formula.
 
-def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
+def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
     """Return the modes of ``reduce_model(build_model(wire, model_file), ...)`` without building that model."""
     # the file's machine is linearised once. Of another wire only the nodes' masses and dampings differ, and the
     # segments' stiffness, by one factor: their rest length is 0, so a node feels T/a times its neighbour's offset
     known = _reference(model_file, mjcf_version(model_file))
-    linear, nodes = known.linear, np.concatenate(known.blocks[:2])
-    new = _nodes_of(wire, known)
-    mass, damping, stiffness = linear.mass.copy(), linear.damping.copy(), linear.stiffness.copy()
-    mass[nodes, nodes] += np.tile(new.mass_kg - known.nodes.mass_kg, 2)
-    damping[nodes, nodes] += np.tile(new.damping_N_s_m - known.nodes.damping_N_s_m, 2)
-    stiffness[np.ix_(nodes, nodes)] *= new.segment_N_m / known.nodes.segment_N_m
-    fitted = Linear(mass, damping, stiffness, linear.input)
-    return reduced(fitted, known.blocks, new.heights_m, wire.guide_distance_m, n_modes, slice_heights_m)
-
-
-def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
-    """Return the bits of `string_modes` in a tenth of the time: the table's modes are those of any wire."""
-    as_of = mjcf_version(model_file)
-    table, known = _table(model_file, as_of, n_modes), _reference(model_file, as_of)
-    new, across = _nodes_of(wire, known), known.across
+    new, across = _nodes_of(wire, len(known.nodes.mass_kg)), known.across
     mass, damping, diagonal = across.mass.copy(), across.damping.copy(), np.arange(len(new.mass_kg))
     mass[diagonal, diagonal] += new.mass_kg - known.nodes.mass_kg
     damping[diagonal, diagonal] += new.damping_N_s_m - known.nodes.damping_N_s_m
     stiffness = across.stiffness * (new.segment_N_m / known.nodes.segment_N_m)
     modes = block_modes(Linear(mass, damping, stiffness, across.input), list(diagonal))
-    own = of_wire(modes, new.heights_m, wire.guide_distance_m, n_modes, np.array(slice_heights_m))
-    return replace(table, **own, neglected_damping=max(modes.neglected_damping, table.neglected_damping))
+    return _with_wire(
+        known.table, modes, new.heights_m, wire.guide_distance_m, n_modes, np.array(slice_heights_m)
+    )
 
 
 _REFERENCE_WIRE = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
@@ -455,40 +516,12 @@ _REFERENCE_WIRE = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
 _ANCHORED = 1e-6  # share of a node's stiffness that may hold it where its neighbours are not
 
 
-class _Nodes(NamedTuple):
-    """A wire's nodes: heights, masses, dampings, and the stiffness of the segments between them."""
-
-    heights_m: Array
-    mass_kg: Array
-    damping_N_s_m: Array
-    segment_N_m: float
-
-
 class _Reference(NamedTuple):
-    """A file's machine at rest with the reference wire, one direction of that wire alone, and its nodes."""
+    """A file's table, as fields of a `ModalModel`; one direction of the reference wire at rest, and its nodes."""
 
-    linear: Linear
-    blocks: list[list[int]]
+    table: dict[str, Any]
     across: Linear
     nodes: _Nodes
-
-
-def _nodes_at(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
-    mass_kg = node_mass_kg(wire, heights_m, spacing_m)
-    return _Nodes(heights_m, mass_kg, node_damping_N_s_m(wire, mass_kg), wire.tension / spacing_m)
-
-
-def _nodes_of(wire: WireSetup, known: _Reference) -> _Nodes:
-    """Return the nodes of another wire, of which there are as many."""
-    count = len(known.blocks[0])
-    spacing_m = wire.guide_distance_m / (count + 1)
-    return _nodes_at(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
-
-
-@functools.lru_cache(maxsize=16)
-def _table(model_file: str, _version: int, n_modes: int) -> ModalModel:
-    """Modes of a file's machine with the reference wire."""
-    return string_modes(_REFERENCE_WIRE, model_file, n_modes, [_REFERENCE_WIRE.guide_distance_m / 2])
 
 
 @functools.lru_cache(maxsize=8)
@@ -515,4 +548,4 @@ def _read_machine(model_file: str) -> _Reference:
     if np.abs(across.stiffness[1:-1].sum(axis=1)).max() > _ANCHORED * across.stiffness.max():
         raise InputError("the wire's nodes are held by more than the segments between them", model_file)
     nodes = _nodes_at(wire, heights_m, guide_distance_m / (len(heights_m) + 1))
-    return _Reference(linear, blocks, across, nodes)
+    return _Reference(_of_table(linear, blocks[2:]), across, nodes)

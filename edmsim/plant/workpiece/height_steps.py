@@ -5,18 +5,15 @@ where its middle lies below the local height. The topmost one with metal there s
 below it, half a slice to one and a half: no height is rounded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
-
-if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
 
 _BETWEEN = 1e-6  # parts of a cell up to which an edge counts as one of two cells; far above rounding
 
@@ -32,8 +29,6 @@ class Relief:
     """Where each slice of a stepped workpiece lacks metal, and how high it is; the earlier of two steps holds."""
 
     def __init__(self, steps: Sequence[LowerRegion], height_mm: float, n_slices: int) -> None:
-        import shapely
-
         self.height_mm, self.slice_mm = height_mm, height_mm / n_slices
         self.n_slices = n_slices
         of_height: dict[float, list[BaseGeometry]] = {}
@@ -66,8 +61,6 @@ class Relief:
               ) -> NDArray[np.float64] | None:
         """Share (0..1) of square cells that each slice has metal in, (n_slices, len(x), len(y)); exact."""
         # None if every slice has metal everywhere in them
-        import shapely
-
         half = cell_um / 2
         whole = shapely.box(x_um[0] - half, y_um[0] - half, x_um[-1] + half, y_um[-1] + half)
         if not self.voids_um[-1].intersects(whole):  # the uppermost slice lacks most
@@ -82,8 +75,6 @@ class Relief:
 
     def heights_mm(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height at points ``(n, 2)``; on a border the lower one."""
-        import shapely
-
         x_um, y_um = points_um.T
         found = np.full(len(points_um), self.height_mm)
         for region, height in reversed(self._faces_near(*points_um.min(axis=0), *points_um.max(axis=0))):
@@ -92,8 +83,6 @@ class Relief:
 
     def levels(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64]) -> NDArray[np.float32]:
         """Height over that of a slice, (len(x), len(y))."""
-        import shapely
-
         whole = shapely.box(x_um[0], y_um[0], x_um[-1], y_um[-1])
         near = next((face for face in self._faces_near(*whole.bounds) if face.region_um.intersects(whole)), None)
         if near is None or near.region_um.contains(whole):  # most often
@@ -110,8 +99,6 @@ class Relief:
 
     def clearance_um(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of points ``(n, 2)`` to where each slice lacks metal, (n_slices, n); 0 where it does."""
-        import shapely
-
         points = shapely.points(points_um)
         distance = np.stack([shapely.distance(void, points) for void in self.voids_um])
         return np.where(np.isnan(distance), np.inf, distance)  # nothing is lacking
@@ -132,8 +119,6 @@ def _covered(
     void: BaseGeometry, whole: BaseGeometry, x_um: NDArray[np.float64], y_um: NDArray[np.float64], half_um: float
 ) -> NDArray[np.float64]:
     """Share of each cell that a region covers; only cells on its rim are cut with it."""
-    import shapely
-
     if not void.intersects(whole):
         return np.zeros((len(x_um), len(y_um)))
     if void.contains(whole):
@@ -153,8 +138,6 @@ def _rim(
     near: BaseGeometry, bounds_um: tuple[float, float, float, float], count: int, cell_um: float
 ) -> NDArray[np.bool_]:
     """Say which cells (count, count) of a tile the edge of a region within it may touch."""
-    import shapely
-
     low, high = np.array(bounds_um[:2]), np.array(bounds_um[2:])
     rim = np.zeros((count, count), np.bool_)
     areas = [part for part in shapely.get_parts(near) if isinstance(part, shapely.Polygon)]

@@ -4,15 +4,13 @@ A cell holds the fraction of metal left in it as a whole number of 1/32768 parts
 exact arithmetic: nothing is lost or gained however many craters fall. Tiles exist only along the path.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import exponential
@@ -20,9 +18,6 @@ from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
 from edmsim.plant.kernel.state import NO_METAL_UM, TILE
 from edmsim.plant.workpiece.height_steps import LowerRegion, Relief
-
-if TYPE_CHECKING:
-    import shapely
 
 FULL = 32768  # parts in a full cell
 PARALLEL = 1e-9  # a direction is parallel to an axis of the grid if its cosine is below this
@@ -211,8 +206,6 @@ class KerfField:
         """Say which cells (TILE, TILE) of a tile have their middles in some pieces; None if no piece is near."""
         if not pieces:
             return None
-        import shapely
-
         side = self.cell_um * TILE
         box = shapely.box(tx * side, ty * side, (tx + 1) * side, (ty + 1) * side)
         near = [piece for piece in pieces if piece.intersects(box)]
@@ -224,8 +217,6 @@ class KerfField:
     def take_out(self, piece: shapely.Polygon) -> float:
         """Take a piece out of the stock, as one that fell: in every slice, also where no tile is allocated yet."""
         # it counts neither as removed metal nor as stock any more. Cells go whose middles lie in it
-        import shapely
-
         whole = isinstance(piece, shapely.Polygon) and piece.is_valid and not piece.is_empty
         if not whole or piece.interiors:  # a snapshot holds outlines
             raise InputError(f"a piece is a shapely.Polygon in um without holes or crossings, not {piece!r}")
@@ -327,24 +318,13 @@ def _even_parts(stock: Stock, tx: int, ty: int, cell_um: float) -> NDArray[np.ui
 
 def _rings(pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.float64]:
     """Return the outlines of pieces as rows (piece, x, y)."""
-    if not pieces:
-        return np.empty((0, 3))
-    import shapely
-
-    rows = [
-        np.column_stack([np.full(len(ring), float(k)), ring])
-        for k, ring in enumerate(shapely.get_coordinates(piece.exterior) for piece in pieces)
-    ]
-    return np.concatenate(rows)
+    corners, numbers = shapely.get_coordinates([piece.exterior for piece in pieces], return_index=True)
+    return np.column_stack([numbers, corners])
 
 
 def _pieces(rows: NDArray[np.generic]) -> tuple[shapely.Polygon, ...]:
     """Return the pieces of `_rings`."""
     table = np.asarray(rows, np.float64)
-    if not len(table):
-        return ()
-    import shapely
-
     return tuple(shapely.Polygon(table[table[:, 0] == k, 1:]) for k in np.unique(table[:, 0]))
 
 

@@ -1,0 +1,538 @@
+"""The full model: MuJoCo's models of the table, alone and with the wire, stepped by compiled code.
+
+A pulse is a few calls of ``mj_step``. A plant's modal arrays hold coordinates of the full model here, so that
+whatever else moves the wire works on them unchanged: ``wire_q`` and ``wire_v`` are deflections of the wire's nodes in
+um and um/s, ``shape`` runs straight from node to node, and ``table_q[axis]`` is where carriage and rotor are less
+where the motor's steps say, both in um of travel, ``table_v[axis]`` in um/s. The drives' bench steps the table alone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from edmsim.compiled.jit import compiled
+from edmsim.compiled.memory_views import call_with_two
+from edmsim.errors import EdmsimError
+from edmsim.plant.axes.advance import LOST, advance_axes
+from edmsim.plant.axes.encoder import position, see_edges, watch_cam
+from edmsim.plant.axes.shaft import energise, rubbed_rotor, rubbed_table, screw_damping
+from edmsim.plant.kernel.state import CHANGING, Array, Arrays, Axes, Constants, Propagators, Stored, Timing
+from edmsim.plant.mechanics import model as mechanics
+from edmsim.plant.mechanics.film import film_now, suction_limited
+
+if TYPE_CHECKING:
+    import mujoco
+
+class FullLink(NamedTuple):
+    """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants."""
+
+    # valid as long as the model and data it was made from; `FullMechanics` keeps them
+    # addresses of the function and of its two arguments
+    mj_step: int
+    model: int
+    data: int
+    timestep: Annotated[Array, Stored(1)]  # (1,): the model's time step in s
+    # (degrees of freedom,): positions, velocities and applied forces, SI
+    qpos: Annotated[Array, Stored("dofs")]
+    qvel: Annotated[Array, Stored("dofs")]
+    force: Annotated[Array, Stored("dofs")]
+    # (2, nodes): degree of freedom of every node along x and y, from the lower guide up
+    wire: Annotated[NDArray[np.int64], Stored(2, "nodes")]
+    # (2,): degrees of freedom of the axes' carriages and rotors
+    carriage: Annotated[NDArray[np.int64], Stored(2)]
+    rotor: Annotated[NDArray[np.int64], Stored(2)]
+    longest_us: float  # longest time step
+    reach_m: float  # a node further from the line between the guides is lost
+    node_kg: Annotated[Array, Stored("nodes")]  # (nodes,): mass of every node
+    most_force_N: float  # a node pulled harder is lost
+    rad_per_um: Annotated[Array, Stored(2)]  # (2,): rotor angle per um of travel
+    step_um: float  # travel of a full step of a motor
+    holding_Nm: Annotated[Array, Stored(2)]  # (2,): largest torque of a motor
+    teeth: float  # periods of that torque in a turn
+    friction_N: float  # Coulomb friction of an axis' ways
+    presliding_m: float  # travel over which friction builds up
+    # (2,): friction on each axis as a share of `friction_N`, -1 to 1: the only state besides the plant's arrays
+    friction_share: Annotated[Array, Stored(2, life=CHANGING)]
+
+
+_ALLOWED: dict[str, tuple[float, float, str]] = {
+    "step_m": (1e-8, 1e-3, "m (0.01 um to 1 mm)"),
+    "friction_N": (0.0, 1e3, "N"),
+    "presliding_m": (1e-7, 1e-4, "m (0.1 to 100 um)"),
+    "backlash_m": (0.0, 1e-3, "m (0 to 1 mm)"),
+}
+
+
+@dataclass(frozen=True)
+class DriveSetup:
+    """What the drives of the table have that its linear model has not."""
+
+    step_m: float  # travel of one full step of a motor, in m
+    friction_N: float  # Coulomb friction of an axis' ways in N; 0 for none
+    presliding_m: float  # travel in m over which friction builds up to 63 % after a reversal
+    backlash_m: float  # play of a nut on its screw in m; 0 for a preloaded one
+
+    def __post_init__(self) -> None:
+        mechanics.check_allowed(self, "drive", _ALLOWED)
+
+
+class TableMechanics:
+    """MuJoCo's model and data of a table; keep it as long as the link, which holds addresses of its memory."""
+
+    def __init__(self, drive: DriveSetup, longest_us: float, model_file: str = mechanics.MODEL_FILE) -> None:
+        spec = mechanics.read_mjcf(model_file).copy()
+        for part in (list(spec.tendons), list(spec.bodies)):
+            for item in part:
+                if item.name.partition("_")[0] in ("wire", "segment"):
+                    spec.delete(item)
+        for item in (*spec.lights, *spec.cameras, *spec.sites):
+            spec.delete(item)
+        self.model = compile_without_geoms(spec)
+        self._make_ready(drive)
+        self.link = self._link_of_table(drive, longest_us)
+
+    def _make_ready(self, drive: DriveSetup) -> None:
+        import mujoco
+
+        _free_motors(self.model, drive)
+        self.data = mujoco.MjData(self.model)
+
+    def _link_of_table(self, drive: DriveSetup, longest_us: float) -> FullLink:
+        """Return the link of a model without a wire."""
+        model, data = self.model, self.data
+        motors = [model.actuator(f"{axis}_stepper") for axis in "xy"]
+        teeth = float(model.numeric("rotor_teeth").data[0])
+        return FullLink(
+            mj_step=_address_of_step(),
+            model=model._address,
+            data=data._address,
+            timestep=_timestep(model),
+            qpos=data.qpos,
+            qvel=data.qvel,
+            force=data.qfrc_applied,
+            wire=np.zeros((2, 0), np.int64),
+            carriage=dofs_of(model, ["x", "y"]),
+            rotor=dofs_of(model, ["x_rotor", "y_rotor"]),
+            longest_us=longest_us,
+            reach_m=math.inf,
+            node_kg=np.zeros(0),
+            most_force_N=math.inf,
+            rad_per_um=np.array([1 / screw["um_per_rad"] for screw in mechanics.screw_constants(model)]),
+            step_um=drive.step_m * 1e6,
+            holding_Nm=np.array([motor.gainprm[0] / teeth for motor in motors]),
+            teeth=teeth,
+            friction_N=drive.friction_N,
+            presliding_m=drive.presliding_m,
+            friction_share=np.zeros(2),
+        )
+
+    def set_travel(self, travel_m: float) -> None:
+        """Put the far stops of both axes as far behind a travel as the near ones stand before zero."""
+        for axis in "xy":
+            stops = self.model.joint(axis).range
+            stops[1] = travel_m - stops[0]
+
+    @property
+    def stops_um(self) -> tuple[float, float]:
+        """End stops of an axis, the near one below zero and the far one beyond the travel."""
+        near_m, far_m = self.model.joint("x").range
+        return near_m * 1e6, far_m * 1e6
+
+    def set_motor(self, axis: int, motor: NDArray[np.void]) -> None:
+        """Put a direct-current motor, a row of `MOTOR`, in the place of the stepper of x (0) or y (1)."""
+        name = "xy"[axis]
+        self.model.dof_damping[self.link.rotor[axis]] = motor["damping_Nm_s"][0]
+        self.model.body(f"{name}_rotor").inertia[:] = motor["inertia_kg_m2"][0]
+        tendon, play_m = self.model.tendon(f"{name}_screw").id, motor["backlash_um"][0] * 1e-6
+        self.model.tendon_lengthspring[tendon] = -play_m / 2, play_m / 2
+        self.model.tendon_damping[tendon] = 0.0  # the loop has the damper, which does nothing within the backlash
+
+    def reset(self) -> None:
+        """Let the ways' friction go; positions and velocities come from the plant's arrays."""
+        self.link.friction_share[:] = 0.0
+
+    def snapshot(self) -> dict[str, Array]:
+        """Return what changes and is not in the plant's arrays; with them, `restore` continues bit for bit."""
+        return {"friction_share": self.link.friction_share.copy()}
+
+    def restore(self, state: dict[str, Array]) -> None:
+        """Take back a `snapshot`."""
+        self.link.friction_share[:] = state["friction_share"]
+
+
+def compile_without_geoms(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile a model without its geoms: they are drawn only, and yet a time step would pay for them."""
+    for geom in list(spec.geoms):
+        spec.delete(geom)
+    return cast("mujoco.MjModel", spec.compile())
+
+
+def _free_motors(model: mujoco.MjModel, drive: DriveSetup) -> None:
+    """Take the linear motors off, give the nuts their play, and leave the integration to plain Euler steps."""
+    import mujoco
+
+    for axis in "xy":
+        model.tendon_lengthspring[model.tendon(f"{axis}_screw").id] = -drive.backlash_m / 2, drive.backlash_m / 2
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    # explicit damping costs least; without warm start only positions, velocities and forces go into a step
+    off = mujoco.mjtDisableBit
+    for flag in (off.mjDSBL_ACTUATION, off.mjDSBL_EULERDAMP, off.mjDSBL_WARMSTART, off.mjDSBL_AUTORESET):
+        model.opt.disableflags |= flag
+
+
+def dofs_of(model: mujoco.MjModel, joints: list[str]) -> NDArray[np.int64]:
+    """Degrees of freedom of slides and hinges; they stand at the same place in qpos and in qvel."""
+    return np.array([int(model.joint(name).dofadr[0]) for name in joints], np.int64)
+
+
+def _address_of_step() -> int:
+    """Return where ``mj_step`` is; looked up through the bindings, so it is the library they have loaded."""
+    import mujoco
+
+    function = ctypes.CDLL(mujoco._functions.__file__).mj_step
+    return cast("int", ctypes.cast(function, ctypes.c_void_p).value)
+
+
+def _timestep(model: mujoco.MjModel) -> Array:
+    """Return a view of the model's time step, which the bindings give as a copy only."""
+    # gravity, of which there is a view, stands a few numbers behind it. A place counts if it follows two changes
+    gravity = model.opt.gravity.__array_interface__["data"][0]
+    before = model.opt.timestep
+    for back in range(1, 17):
+        place = np.ctypeslib.as_array((ctypes.c_double * 1).from_address(gravity - 8 * back))
+        follows = []
+        for value in (1.2345678e-5, 7.6543210e-6):
+            model.opt.timestep = value
+            follows.append(place[0] == value)
+        if all(follows):
+            model.opt.timestep = before
+            return place
+    raise EdmsimError("MuJoCo's time step is not where this version of edmsim looks for it")
+
+
+_STEP_SHARE, _VARIED_STEP_SHARE = 0.95, 0.7
+"""Longest time step as a share of the longest stable one. Near the limit the errors of chain and time step cancel: at
+the limit itself waves run along the chain as along the string. Where it changes from pulse to pulse it stays further
+off (ours), as each change feeds the chain's highest mode, the more the nearer to the limit."""
+_MOST_ACCELERATION = 5e9  # m/s2; MuJoCo takes 1e10 for a number gone wild
+
+
+class FullMechanics(TableMechanics):
+    """MuJoCo's model and data for one plant; keep it as long as the link, which holds addresses of its memory."""
+
+    def __init__(
+        self, wire: mechanics.WireSetup, drive: DriveSetup, slice_heights_m: ArrayLike,
+        model_file: str = mechanics.MODEL_FILE, *, varied: bool = False,
+    ) -> None:
+        count = mechanics.N_NODES
+        self.model = compile_without_geoms(mechanics.machine_spec(wire, model_file, count))
+        self.modes = mechanics.reduce_model(self.model, count, slice_heights_m)
+        self._make_ready(drive)
+        heights = np.asarray(slice_heights_m, float)
+        nodes = mechanics.at_heights(np.eye(count), self.modes.node_heights_m, wire.guide_distance_m, heights)
+        self.wire_shape = np.ascontiguousarray(nodes)
+        self._node_mass = np.array([self.model.body(f"wire_{i:02d}").mass[0] for i in range(count)])
+        self.mobility = nodes.sum(axis=0) / self._node_mass
+        self.inertia = nodes.mean(axis=0)
+        self.slice_mass_kg = 1 / (nodes**2 / self._node_mass).sum(axis=1)
+        self.table_slide_shape = np.array([[1.0, 0.0], [1.0, 0.0]])
+        self.table_participation = np.zeros((2, 2))
+        self.link = self._link_with_wire(wire, drive, _VARIED_STEP_SHARE if varied else _STEP_SHARE)
+
+    def _link_with_wire(self, wire: mechanics.WireSetup, drive: DriveSetup, share: float) -> FullLink:
+        wildest = _MOST_ACCELERATION / float(self.modes.wire_omega[-1]) ** 2
+        return self._link_of_table(drive, share * _stable_step(self.modes) * 1e6)._replace(
+            wire=np.array([
+                dofs_of(self.model, [f"wire_{axis}{i:02d}" for i in range(mechanics.N_NODES)]) for axis in "xy"
+            ]),
+            reach_m=min(wire.guide_distance_m / 2, wildest),
+            node_kg=self._node_mass,
+            most_force_N=_MOST_ACCELERATION * float(self.model.body("wire_00").mass[0]),
+        )
+
+
+def _stable_step(modes: mechanics.ModalModel) -> float:
+    """Return the longest time step in s at which no mode grows."""
+    # semi-implicit Euler with explicit damping c = 2 zeta omega is stable up to ``omega^2 dt^2 + 2 c dt = 4``
+    omega = np.concatenate([modes.wire_omega, modes.table_omega.ravel()])
+    damping = 2 * np.concatenate([modes.wire_zeta, modes.table_zeta.ravel()]) * omega
+    return float(np.min((np.sqrt(damping**2 + 4 * omega**2) - damping) / omega**2))
+
+
+@compiled
+def sound(link: FullLink) -> bool:
+    """Whether every number MuJoCo is about to step from is finite and has a meaning."""
+    # MuJoCo itself would write a warning into a file for what is refused here
+    for axis in range(2):
+        for m in range(link.wire.shape[1]):
+            dof = link.wire[axis, m]
+            if not (
+                abs(link.qpos[dof]) < link.reach_m
+                and abs(link.qvel[dof]) * link.timestep[0] < link.reach_m
+                and abs(link.force[dof]) < link.most_force_N
+            ):
+                return False
+        for dof in (link.carriage[axis], link.rotor[axis]):
+            if not (abs(link.qpos[dof]) < 1e6 and abs(link.qvel[dof]) < 1e6 and abs(link.force[dof]) < 1e6):
+                return False
+    return True
+
+
+@compiled
+def _drive(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
+    """Apply the motors' torques and the friction of the ways."""
+    for axis in range(2):
+        rotor = link.rotor[axis]
+        if axes.drives[axis].sample != 0:
+            row, motor = axes.rows[axis], axes.motors[axis]
+            damping = screw_damping(row, motor)  # not in MuJoCo: it does nothing within the backlash
+            link.force[link.carriage[axis]] = damping + motor.load_N + row.hand_N
+            torque = energise(row, motor, link.timestep[0])
+            link.force[rotor] = torque + row.hand_Nm - damping * motor.um_per_rad * 1e-6
+            continue
+        link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
+        # a tooth away the torque is the same: the rotor may rest four full steps off, without anyone noticing
+        lead = link.qpos[rotor] - state[0].commanded_um[axis] * link.rad_per_um[axis]
+        link.force[rotor] = -link.holding_Nm[axis] * math.sin(link.teeth * lead)
+
+
+@compiled
+def _rub(link: FullLink, axis: int, travel_m: float) -> None:
+    """Carry friction on over a travel: Dahl's law, exact for a travel in one direction."""
+    # ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' bending z, here as a share of the largest
+    left = math.exp(-abs(travel_m) / link.presliding_m)
+    toward = 1.0 if travel_m > 0.0 else -1.0
+    link.friction_share[axis] = toward + (link.friction_share[axis] - toward) * left
+
+
+@compiled
+def _brake_axis(axes: Axes, link: FullLink, axis: int, rotor_rad_s: float, carriage_m_s: float) -> None:
+    """Let dry friction take its share of the speeds that a time step has given rotor and carriage."""
+    motor, dt = axes.motors[axis], link.timestep[0]
+    rotor, carriage = link.rotor[axis], link.carriage[axis]
+    change = rubbed_rotor(axes.rows[axis], motor, rotor_rad_s, link.qvel[rotor], dt) - link.qvel[rotor]
+    link.qvel[rotor] += change
+    link.qpos[rotor] += change * dt
+    change = rubbed_table(motor, carriage_m_s * 1e6, link.qvel[carriage] * 1e6, dt) * 1e-6 - link.qvel[carriage]
+    link.qvel[carriage] += change
+    link.qpos[carriage] += change * dt
+
+
+@compiled
+def step(state: NDArray[np.void], axes: Axes, link: FullLink) -> bool:
+    """One time step of MuJoCo under the forces on the wire; false if they or what they move have no meaning."""
+    _drive(state, axes, link)
+    if not sound(link):
+        return False
+    x, y = link.qpos[link.carriage[0]], link.qpos[link.carriage[1]]
+    x_speed, y_speed = link.qvel[link.carriage[0]], link.qvel[link.carriage[1]]
+    x_rotor, y_rotor = link.qvel[link.rotor[0]], link.qvel[link.rotor[1]]
+    call_with_two(link.mj_step, link.model, link.data)
+    if axes.drives[0].sample != 0:
+        _brake_axis(axes, link, 0, x_rotor, x_speed)
+    else:
+        _rub(link, 0, link.qpos[link.carriage[0]] - x)
+    if axes.drives[1].sample != 0:
+        _brake_axis(axes, link, 1, y_rotor, y_speed)
+    else:
+        _rub(link, 1, link.qpos[link.carriage[1]] - y)
+    return True
+
+
+@compiled
+def see_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> None:
+    """Tell the axes whose drives have a loop where MuJoCo has moved them, and their encoders."""
+    for axis in range(2):
+        if axes.drives[axis].sample == 0:
+            continue
+        drive, row, motor = axes.drives[axis], axes.rows[axis], axes.motors[axis]
+        before = position(row, motor)
+        row.place_um = state[0].axis_um[axis] = link.qpos[link.carriage[axis]] * 1e6
+        row.speed_um_s = link.qvel[link.carriage[axis]] * 1e6
+        row.rotor_um = link.qpos[link.rotor[axis]] * motor.um_per_rad
+        row.speed_rad_s = link.qvel[link.rotor[axis]]
+        see_edges(drive, row, motor, before, float(row.moved_ns), float(until_ns))
+        watch_cam(row, motor, float(until_ns))
+        row.moved_ns = until_ns
+
+
+@compiled
+def lay_out_axes(axes: Axes, link: FullLink) -> None:
+    """Give MuJoCo the places and speeds of the axes whose drives have a loop."""
+    for axis in range(2):
+        if axes.drives[axis].sample != 0:
+            row, motor = axes.rows[axis], axes.motors[axis]
+            link.qpos[link.carriage[axis]] = row.place_um * 1e-6
+            link.qvel[link.carriage[axis]] = row.speed_um_s * 1e-6
+            link.qpos[link.rotor[axis]] = row.rotor_um / motor.um_per_rad
+            link.qvel[link.rotor[axis]] = row.speed_rad_s
+
+
+@compiled
+def coast_table(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> bool:
+    """Step a table without a wire to a time, the drives' outputs held; False once its state is out of range."""
+    start_ns = state[0].time_ns
+    span_ns = until_ns - start_ns
+    if span_ns <= 0:
+        return True
+    steps = math.ceil(span_ns * 1e-3 / link.longest_us)
+    link.timestep[0] = span_ns * 1e-9 / steps
+    for k in range(steps):
+        if not step(state, axes, link):
+            return False
+        see_axes(state, axes, link, start_ns + span_ns * (k + 1) // steps)
+    state[0].time_ns = until_ns
+    return True
+
+
+@compiled
+def _lay_out(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
+    """Give MuJoCo the positions and velocities of the plant's arrays."""
+    for axis in range(2):
+        for m in range(link.wire.shape[1]):
+            dof = link.wire[axis, m]
+            link.qpos[dof] = a.wire_q[axis, m] * 1e-6
+            link.qvel[dof] = a.wire_v[axis, m] * 1e-6
+        carriage, rotor, turn = link.carriage[axis], link.rotor[axis], link.rad_per_um[axis]
+        link.qpos[carriage] = (state[0].axis_um[axis] + a.table_q[axis, 0]) * 1e-6
+        link.qvel[carriage] = a.table_v[axis, 0] * 1e-6
+        link.qpos[rotor] = (state[0].axis_um[axis] + a.table_q[axis, 1]) * turn
+        link.qvel[rotor] = a.table_v[axis, 1] * turn
+
+
+@compiled
+def _take_back(state: NDArray[np.void], a: Arrays, axes: Axes, link: FullLink) -> None:
+    """Take positions and velocities from MuJoCo into the plant's arrays."""
+    for axis in range(2):
+        for m in range(link.wire.shape[1]):
+            dof = link.wire[axis, m]
+            a.wire_q[axis, m] = link.qpos[dof] * 1e6
+            a.wire_v[axis, m] = link.qvel[dof] * 1e6
+        carriage, rotor, turn = link.carriage[axis], link.rotor[axis], link.rad_per_um[axis]
+        if axes.drives[axis].sample != 0:
+            state[0].axis_um[axis] = link.qpos[carriage] * 1e6
+        a.table_q[axis, 0] = link.qpos[carriage] * 1e6 - state[0].axis_um[axis]
+        a.table_v[axis, 0] = link.qvel[carriage] * 1e6
+        a.table_q[axis, 1] = link.qpos[rotor] / turn - state[0].axis_um[axis]
+        a.table_v[axis, 1] = link.qvel[rotor] / turn
+
+
+@compiled
+def _push(a: Arrays, link: FullLink, s: int, impulse_x: float, impulse_y: float) -> None:
+    """Let an impulse (N s) on a slice act over the last time step: on the speeds, and on the places by them."""
+    dt = link.timestep[0]
+    for m in range(link.wire.shape[1]):
+        share = a.shape[s, m] / link.node_kg[m]
+        x, y = link.wire[0, m], link.wire[1, m]
+        link.qvel[x] += share * impulse_x
+        link.qvel[y] += share * impulse_y
+        link.qpos[x] += share * impulse_x * dt
+        link.qpos[y] += share * impulse_y * dt
+
+
+@compiled
+def _way(a: Arrays, link: FullLink, films: Array, s: int) -> float:
+    """How far (um) a slice has come nearer since the pulse's begin, whose places `Arrays.wire_q` still has."""
+    way = 0.0
+    for m in range(link.wire.shape[1]):
+        x, y = link.qpos[link.wire[0, m]] * 1e6, link.qpos[link.wire[1, m]] * 1e6
+        way += a.shape[s, m] * ((x - a.wire_q[0, m]) * films[s, 0] + (y - a.wire_q[1, m]) * films[s, 1])
+    return float(way)
+
+
+@compiled
+def _add_growth(a: Arrays, link: FullLink, films: Array, scale: float) -> None:
+    """Add to the forces by what the pull on slices near the metal has grown since the pulse's begin."""
+    for s in range(films.shape[0]):
+        if films[s, 3] == 0.0:
+            continue
+        growth = film_now(films, s, 0.0, _way(a, link, films, s))[1] * scale * 1e-6
+        for m in range(link.wire.shape[1]):
+            link.force[link.wire[0, m]] += a.shape[s, m] * growth * films[s, 0]
+            link.force[link.wire[1, m]] += a.shape[s, m] * growth * films[s, 1]
+
+
+@compiled
+def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, mean: float, resistance: float) -> None:
+    """Let mean film and films resist the speed after a time step, which the step has moved the wire with."""
+    # with the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``: no film is too stiff
+    dt = link.timestep[0]
+    for m in range(link.wire.shape[1]):
+        taken = 1.0 - 1.0 / (1.0 + a.mobility[m] * resistance * dt)
+        for axis in range(2):
+            dof = link.wire[axis, m]
+            change = link.qvel[dof] * taken
+            link.qvel[dof] -= change
+            link.qpos[dof] -= change * dt
+    for s in range(films.shape[0]):
+        if films[s, 3] == 0.0:
+            continue
+        nx, ny, speed = films[s, 0], films[s, 1], 0.0
+        for m in range(link.wire.shape[1]):
+            x, y, shape = link.wire[0, m], link.wire[1, m], a.shape[s, m]
+            speed += shape * (link.qvel[x] * nx + link.qvel[y] * ny)
+        film = film_now(films, s, mean, _way(a, link, films, s))[0]
+        drag = film / (1.0 + film * dt / a.slice_mass_kg[s])
+        impulse = suction_limited(a, c, s, -drag * speed * 1e6) * 1e-6 * dt
+        _push(a, link, s, impulse * nx, impulse * ny)
+
+
+@compiled
+def _overlap(begin: float, end: float, low: float, high: float) -> float:
+    """Length of what two spans share."""
+    return max(0.0, min(end, high) - max(begin, low))
+
+
+@compiled
+def move_full(
+    state: NDArray[np.void], a: Arrays, c: Constants, axes: Axes, link: FullLink, p: Propagators, t: Timing,
+    load: Array, films: Array, mean: float, resistance: float, open_scale: float, burn_scale: float,
+    ignite_us: float, end_us: float, period_ns: int, s: int, kick_x: float, kick_y: float,
+    events: NDArray[np.int64], next_event: int,
+) -> int:
+    """Step the full model over the period of a pulse that starts at the state's time, which is left as it is."""
+    # as `modal.move` and `advance_axes` together, in equal time steps: the pull (um kg/s2 times the scales) acts with
+    # its mean over each, the kick (N s) on slice `s` at `end_us`. Returns the first event after this period;
+    # `TRIPPED` if an axis has to be stopped; `LOST` if a coordinate is out of range or not finite
+    period_us = period_ns * 1e-3
+    n_steps = math.ceil(period_us / link.longest_us)
+    dt_us = period_us / n_steps
+    link.timestep[0] = dt_us * 1e-6
+    _lay_out(state, a, link)
+    # the two time steps around the kick share it, so that its mean time is right; in the last one it comes early
+    kicked = min(int(end_us / dt_us), n_steps - 1)
+    second = end_us / dt_us - kicked if kicked < n_steps - 1 else 0.0
+    fine = True
+    for k in range(n_steps):
+        until_ns = state[0].time_ns + period_ns * (k + 1) // n_steps
+        next_event = advance_axes(state, a, axes, p, t, 0, link.step_um, events, next_event, until_ns, True)
+        if next_event < 0:
+            break
+        begin, end = k * dt_us, (k + 1) * dt_us
+        scale = (
+            open_scale * _overlap(begin, end, 0.0, ignite_us) + burn_scale * _overlap(begin, end, ignite_us, end_us)
+        ) / dt_us
+        kick = 0.0
+        if k == kicked:
+            kick = (1.0 - second) / link.timestep[0]
+        elif k == kicked + 1:
+            kick = second / link.timestep[0]
+        for m in range(link.wire.shape[1]):
+            share = a.shape[s, m] * kick
+            link.force[link.wire[0, m]] = (load[0, m] * scale + a.steady[0, m]) * 1e-6 + share * kick_x
+            link.force[link.wire[1, m]] = (load[1, m] * scale + a.steady[1, m]) * 1e-6 + share * kick_y
+        _add_growth(a, link, films, scale)
+        fine = step(state, axes, link)
+        if not fine:
+            break
+        _brake(a, c, link, films, mean, resistance)
+        if axes.loops != 0:
+            see_axes(state, axes, link, until_ns)
+    _take_back(state, a, axes, link)
+    return next_event if fine and sound(link) else LOST
