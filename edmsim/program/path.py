@@ -16,6 +16,7 @@ from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.numeric import whole_from
+from edmsim.program.arcs import by_element
 from edmsim.program.dialects import AUTO
 from edmsim.program.limits import MOST_TABLES
 from edmsim.program.offset import (
@@ -64,7 +65,7 @@ def ruled_between(below: Program, above: Program) -> Program:
 
 
 def _ruled(outline: Outline, upper: Outline) -> Outline:
-    lower_pieces, upper_pieces = _pieces(outline), _pieces(upper)
+    lower_pieces, upper_pieces = (by_element(one.points_mm, one.elements) for one in (outline, upper))
     if len(lower_pieces) != len(upper_pieces):
         raise InputError(f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: "
                          "draw as many, and split a line or an arc where a corner of the other contour belongs")
@@ -84,12 +85,6 @@ def _ruled(outline: Outline, upper: Outline) -> Outline:
         outline, points_mm=lower, line_numbers=(0,) * len(elements), elements=tuple(elements),
         taper=Taper(upper_mm=above),
     )
-
-
-def _pieces(outline: Outline) -> list[Floats]:
-    """Return the points of every line and arc of a closed contour."""
-    firsts = np.flatnonzero(np.diff(outline.elements, prepend=-1)).tolist()
-    return [outline.points_mm[a : b + 1] for a, b in pairwise([*firsts, len(outline.points_mm) - 1])]
 
 
 def _spread(points: Floats, chords: int) -> Floats:
