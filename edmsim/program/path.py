@@ -563,22 +563,26 @@ def _own_lead_in(
     """Choose a thread point off the contour, on the waste side."""
     # the contour begins at one of `starts` on each face of the workpiece, on the first away from the part
     # straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
-    # shorter; the wire keeps the offset from every edge of each face, the hole its radius and a clearance
-    start = starts[0]
-    for share in _SHARES:
+    # shorter, and past a wall that leans over it longer; the wire keeps the offset from every edge of each face, the
+    # hole its radius and a clearance
+    start, lengths = starts[0], [share * length_mm for share in _SHARES]
+    overhang_mm = max(float((begin - start) @ away) for begin in starts)
+    if overhang_mm > 0:
+        lengths += [overhang_mm + mm for mm in lengths]
+    for mm in lengths:
         for turn in _TURNS_DEG:
             cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
             direction = np.array([cos * away[0] - sin * away[1], sin * away[0] + cos * away[1]])
-            thread = start + share * length_mm * direction
+            thread = start + mm * direction
             ways = [np.array([thread, begin]) for begin in starts]
             nearest_mm = min(edges.distance(shapely.Point(thread)) for edges in faces)
             if nearest_mm >= hole_radius_mm + HOLE_CLEARANCE_MM and all(
                 _clears(way, edges, offset_mm) for way, edges in zip(ways, faces, strict=True)
             ):
-                short = share * length_mm
-                return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long, as there is no more room"]
+                why = "there is no more room" if mm < length_mm else "the wall leans over the way to it"
+                return thread, [] if mm == length_mm else [f"a lead-in is {mm:.3f} mm long, as {why}"]
     x, y = start
-    raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {length_mm:g} mm of "
+    raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {max(lengths):.4g} mm of "
                      f"X{x:.3f} Y{y:.3f}: draw the contour with more waste beside its first point, or cut a G-code "
                      "program with its own way from a start hole to the contour")
 

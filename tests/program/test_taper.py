@@ -288,6 +288,15 @@ def test_a_wire_without_a_way_to_its_contour_is_threaded_upright():
     assert contour.way.along_um[1] == pytest.approx(10_000 * math.tan(math.radians(5.0)), abs=2.0)
 
 
+def test_a_wire_is_threaded_beyond_a_wall_that_leans_over_the_way_to_it():
+    path = plan_path(Program((square(-15.0),), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES])
+    contour = path.contours[0]
+    thread_mm = contour.points_um[0] / 1000
+    for face in (0.0, 10.0):
+        assert shapely.LineString(contour.lean.wall.at(face)).distance(shapely.Point(thread_mm)) > 0.3
+    assert any("as the wall leans over the way to it" in notice for notice in path.notices)
+
+
 def test_an_inner_radius_smaller_than_the_wire_is_refused():
     hole = rounded_square(-3.0, "conical", radius=0.1, part="right")
     assert "the arc of the wire's way" in refused(hole)
