@@ -136,6 +136,16 @@ def test_a_corner_that_opens_becomes_an_arc_of_radius_d(corners):
         np.testing.assert_allclose(ruled.at(10.0)[0], ruled.at(10.0)[-1])
 
 
+@pytest.mark.parametrize("corners", ["conical", "rounded"])
+@pytest.mark.parametrize(("offset_mm", "sharp"), [(OFFSET, True), (0.0, False)])
+def test_a_corner_of_a_way_drawn_for_the_wire_opens_where_the_walls_does(corners, offset_mm, sharp):
+    wall, wire = wall_and_wire(square(-5.0, corners, side=None), offset_mm, GUIDES)
+    assert len(wire.lower_mm) == len(wall.lower_mm)
+    assert (len(wall.lower_mm) == 5) is sharp
+    away = shapely.LinearRing(wall.at(5.0)).distance(shapely.points(wire.at(5.0)))
+    assert away.min() > offset_mm - 1e-3
+
+
 def test_an_arc_so_small_that_it_has_two_chords_becomes_a_cone():
     fine = rounded_square(-5.0, "conical", radius=0.02)
     chosen = [91 * quarter + i for quarter in range(4) for i in (0, 45, 90)]
@@ -373,5 +383,5 @@ def test_without_taper_a_path_is_what_it_was():
 def test_next_to_is_the_offset_itself_where_a_wall_is_upright():
     outline = replace(square(), taper=Taper(upper_mm=square().points_mm))
     wall, _ = wall_and_wire(outline, OFFSET, GUIDES)
-    for points in (offset_surface(wall, "right", OFFSET).lower_mm, offset_surface(wall, "right", OFFSET).upper_mm):
+    for points in (offset_surface(wall, -OFFSET).lower_mm, offset_surface(wall, -OFFSET).upper_mm):
         np.testing.assert_allclose(points, wall.lower_mm * (1 + OFFSET / 3.0))
