@@ -49,15 +49,15 @@ from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
 @refuses_wrong_types
 def ruled_between(below: Program, above: Program) -> Program:
     """Return the program whose walls are ruled between the contours of two, the lower and the upper face."""
-    # every contour below goes with the one above whose middle is nearest; lines and arcs go with each other in
-    # order, so that their beginnings lie as near to each other as they can
+    # every contour below goes with the one above that strays least from it: holes may have the middle of what they
+    # lie in; lines and arcs go with each other in order, so that their beginnings lie as near as they can
     if len(below.outlines) != len(above.outlines):
         raise InputError(f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as "
                          "many", below.source)
     left, outlines = list(above.outlines), []
     for outline in below.outlines:
-        middle = shapely.centroid(shapely.LineString(outline.points_mm))
-        upper = min(left, key=lambda other: middle.distance(shapely.centroid(shapely.LineString(other.points_mm))))
+        line = shapely.LineString(outline.points_mm)
+        upper = min(left, key=lambda other: line.hausdorff_distance(shapely.LineString(other.points_mm)))
         left.remove(upper)
         with located(below.source, name=outline.name):
             outlines.append(_ruled(outline, upper))

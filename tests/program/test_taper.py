@@ -344,6 +344,19 @@ def test_contours_with_unequal_numbers_of_elements_are_refused(tmp_path):
         load_program(tmp_path / "part.dxf", upper_layer="nowhere")
 
 
+def test_a_hole_that_moves_aside_with_the_height_goes_with_the_hole_above(tmp_path):
+    document = ezdxf.new()
+    document.units = 4
+    space = document.modelspace()
+    for layer, middle, half in (("BELOW", 0, 5), ("BELOW", 0, 2), ("ABOVE", 0, 5), ("ABOVE", 0.1, 2)):
+        corners = [(middle + x * half, y * half) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
+    document.saveas(tmp_path / "part.dxf")
+    hole, outside = load_program(tmp_path / "part.dxf", layers=["BELOW"], upper_layer="ABOVE").outlines
+    np.testing.assert_allclose(hole.taper.upper_mm - hole.points_mm, [[0.1, 0.0]] * 5, atol=1e-9)
+    np.testing.assert_allclose(outside.taper.upper_mm, outside.points_mm)
+
+
 def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
     file = tmp_path / "near.ngc"
     file.write_text("G21 G90\nG92 X1 Y-0.8\nG41 D1 G1 X1 Y0\nX0\nY4\nX4\nY0\nX1\nG40 Y-1\nM02\n")
