@@ -399,23 +399,17 @@ def plan_path(
                 notices.append(f"the offset is {chosen_mm:g} mm, as requested, not the {written} mm of the register")
         groups = grouped(program.outlines)
         legs = [_legs(group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
-        heights = {of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None}
-        faces = [[of_group[0].at_height(z) for of_group in legs] for z in (0.0, *heights)]
-        for face in faces:
+        heights = (0.0, *{of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None})
+        faces = {z: [of_group[0].at_height(z) for of_group in legs] for z in heights}
+        for face in faces.values():
             keep_apart(face)
-        edges = [shapely.MultiLineString([leg.edge for leg in face]) for face in faces]
-        leads = [
-            _lead([of_group[0], *upper], edges, lead_in_mm, start_hole_radius_mm, notices)
-            for of_group, *upper in zip(legs, *faces[1:], strict=True)
-        ]
-        notices += _crossed(faces[0], leads)
-        if heights:
-            for face in faces:
-                for leg, lead in zip(face, leads, strict=True):
-                    _check_lead(leg, lead)
+        edges = {z: shapely.MultiLineString([leg.edge for leg in face]) for z, face in faces.items()}
+        around = edges, lead_in_mm, start_hole_radius_mm, notices
+        leads = [_lead(of_group[0], *around) for of_group in legs]
+        notices += _crossed(faces[0.0], leads)
         later = [[
-            _lead([leg], edges[:1], lead_in_mm, start_hole_radius_mm, notices).points
-            if begins_elsewhere(before.outline, leg.outline) else None for before, leg in pairwise(of_group)
+            _lead(leg, *around).points if begins_elsewhere(before.outline, leg.outline) else None
+            for before, leg in pairwise(of_group)
         ] for of_group in legs]  # fmt: skip
         contours = [
             _contour_of(of_group, lead, [None, *ways], passes, grid_um)
@@ -539,21 +533,27 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
 
 
 def _lead(
-    of_faces: list[OffsetOutline], edges: list[BaseGeometry], length_mm: float, hole_radius_mm: float,
+    leg: OffsetOutline, edges: Mapping[float, BaseGeometry], length_mm: float, hole_radius_mm: float,
     notices: list[str],
 ) -> _Lead:
-    leg, starts = of_faces[0], [one.path[0] for one in of_faces]
-    outline = leg.outline
+    """Return the way to a pass, which keeps off the edges on every face of the workpiece, by their heights."""
+    outline, at_faces = leg.outline, [leg.at_height(z) for z in edges]
     with of_outline(outline):
         if len(outline.approach_mm):
-            return _programmed_lead(leg, hole_radius_mm)
-        if not outline.needs_lead_in:
+            lead = _programmed_lead(leg, hole_radius_mm)
+        elif not outline.needs_lead_in:
             return _Lead(np.empty((0, 2)), ())
-        thread, lead_notices = _own_lead_in(starts, away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
-    if outline.line:
-        notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
-    notices += lead_notices
-    return _Lead(thread[None, :], (0,))
+        else:
+            starts = [leg.path[0], *(at_face.path[0] for at_face in at_faces[1:])]
+            faces = [*edges.values()]
+            thread, added = _own_lead_in(starts, away(leg), faces, leg.offset_mm, length_mm, hole_radius_mm)
+            if outline.line:
+                notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
+            notices += added
+            lead = _Lead(thread[None, :], (0,))
+        for at_face in at_faces if len(at_faces) > 1 else []:
+            _check_lead(at_face, lead)
+    return lead
 
 
 def _own_lead_in(
@@ -679,8 +679,7 @@ def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:
     way = np.concatenate([lead.points, leg.path[:1]])
     if whole and len(lead.points) and not _clears(way, leg.edge, leg.offset_mm):
         x, y = lead.points[0]
-        reason = f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away"
-        raise InputError(f"{leg.outline.name}: {reason}", line=leg.outline.line)
+        raise InputError(f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away")
 
 
 def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:

@@ -363,6 +363,13 @@ def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
     guides = GuideHeights(-10, 14, 4, 30)
     with pytest.raises(InputError, match="leans into the part"):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=[guides])
+    file.write_text(
+        "G21 G90\nD1=0.25\nD2=0.2\nG92 X1 Y-3\nG41 D1 G1 X1 Y0\nX0\nY4\nX4\nY0\nX1\nG40 Y-3\n"
+        "G0 X3 Y-0.8\nG41 D2 G1 X3 Y0\nX0\nY4\nX4\nY0\nX3\nG40 Y-1\nM02\n"
+    )
+    with pytest.raises(InputError, match="leans into the part") as caught:  # so is a trim's own
+        plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=[guides])
+    assert caught.value.line == 14
     with pytest.raises(InputError, match="no guides that lead are known"):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-5.0)
 
