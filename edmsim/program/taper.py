@@ -29,6 +29,7 @@ SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding
 _MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
 GOUGE_MM = 0.01  # a wire nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)
 _NOTHING_MM = 1e-9
+_NEAR_MM = 1e-3  # planes at heights that differ by less are one (ours)
 _STRAIGHT_MM = 1e-4  # within which the points of a piece lie on a line (ours)
 _HEIGHTS = 5  # of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)
 
@@ -562,9 +563,15 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
     """Return wall and wire of a tapered outline, checked."""
     taper = outline.taper
     assert taper is not None
-    low = taper.program_plane_mm
-    high = guides.height_mm if taper.second_plane_mm is None else taper.second_plane_mm
-    if not (math.isfinite(low) and math.isfinite(high) and abs(high - low) > 1e-3):
+    low, high = taper.program_plane_mm, taper.second_plane_mm
+    if high is None:  # for an angle any plane but the program's will do
+        is_upper_face = taper.upper_mm is None and abs(guides.height_mm - low) <= _NEAR_MM
+        high = 0.0 if is_upper_face else guides.height_mm
+    if 0 < low < guides.height_mm:  # a corner that opens above closes below: the tip of a cone would be in the wall
+        stays: dict[Corners, Corners] = {"conical": "sharp", "rounded": "cylindrical"}
+        taper = replace(taper, corners=stays.get(taper.corners, taper.corners))
+        outline = replace(outline, taper=taper)
+    if not (math.isfinite(low) and math.isfinite(high) and abs(high - low) > _NEAR_MM):
         raise InputError(f"program plane and second plane lie at {low:g} and {high:g} mm: give two different heights")
     if taper.upper_mm is None and taper.corners in ("sharp", "conical"):
         wall, wire = _of_pieces(outline, low, high, offset_mm)

@@ -146,6 +146,17 @@ def test_a_corner_of_a_way_drawn_for_the_wire_opens_where_the_walls_does(corners
     assert away.min() > offset_mm - 1e-3
 
 
+@pytest.mark.parametrize("corners", ["conical", "rounded"])
+@pytest.mark.parametrize("plane_mm", [10.0, 4.0])
+def test_the_programs_plane_may_be_the_upper_face_or_within_the_workpiece(corners, plane_mm):
+    wall, wire = wall_and_wire(square(-5.0, corners, program_plane_mm=plane_mm), OFFSET, GUIDES)
+    for z in (0.0, plane_mm, 10.0):
+        half = 3.0 + (z - plane_mm) * math.tan(math.radians(5.0))
+        assert np.abs(wall.at(z)).max() == pytest.approx(half)
+        away = shapely.LinearRing(wall.at(z)).distance(shapely.LinearRing(wire.at(z)))
+        assert away == pytest.approx(OFFSET / math.cos(math.radians(5.0)))
+
+
 def test_an_arc_so_small_that_it_has_two_chords_becomes_a_cone():
     fine = rounded_square(-5.0, "conical", radius=0.02)
     chosen = [91 * quarter + i for quarter in range(4) for i in (0, 45, 90)]
