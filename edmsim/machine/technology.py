@@ -7,7 +7,7 @@ however many follow, and offsets are counted from the last pass, the one that me
 import math
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -20,6 +20,7 @@ from edmsim.numeric import Number
 _BEYOND = 1.6  # how many times lower or higher than any of its heights a technology is used (ours)
 _Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 _Any = Annotated[Number, Field(allow_inf_nan=False)]
+_Part = TypeVar("_Part", bound=Part)
 
 
 class FoundPass(Part):
@@ -200,24 +201,30 @@ def _alone(at: AtHeight, height_mm: float) -> AtHeight:
 
 def _between(low: AtHeight, high: AtHeight, share: float, height_mm: float) -> AtHeight:
     """Return the settings at a share of the way, in the logarithm of the height, from one to the other."""
-    passes = [_mixed(a, b, share) for a, b in zip(low.passes, high.passes, strict=False)]
+    passes = []
+    for a, b in zip(low.passes, high.passes, strict=False):
+        mixed = _mixed(a, b, share)  # beyond the heights, what was found may come out faster than the feed
+        most = {"feed_mm_min": min(mixed.found.feed_mm_min, mixed.feed_mm_min)}
+        passes.append(mixed.model_copy(update={"found": mixed.found.model_copy(update=most)}))
     resolution = low.resolution if low.resolution == high.resolution else None
     return AtHeight.model_construct(
         height_mm=height_mm, resolution=resolution, approach_share=low.approach_share, passes=tuple(passes)
     )
 
 
-def _mixed(a: PassSetting, b: PassSetting, share: float) -> PassSetting:
+def _mixed(a: _Part, b: _Part, share: float) -> _Part:
     values: dict[str, Any] = {}
-    for name in PassSetting.model_fields:
+    for name in type(a).model_fields:
         one, other = getattr(a, name), getattr(b, name)
         if isinstance(one, float) and isinstance(other, float):
             positive = one > 0 and other > 0
             mixed = one * (other / one) ** share if positive else one + share * (other - one)
-            values[name] = max(mixed, 0.0)
+            values[name] = max(mixed, min(one, other, 0.0))
+        elif isinstance(one, Part):
+            values[name] = _mixed(one, other, share)
         else:
             values[name] = one if share < 0.5 else other
-    return PassSetting.model_construct(**values)
+    return type(a).model_construct(**values)
 
 
 def read_technology(file: str | Path) -> Technology:

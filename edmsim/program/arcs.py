@@ -102,10 +102,15 @@ def line_points(start: complex, end: complex, chords: int) -> list[complex]:
     return [*(start + (end - start) * i / chords for i in range(1, chords)), end]
 
 
+def by_element(points: Floats, elements: Sequence[int]) -> list[Floats]:
+    """Return the points of every line and arc of an edge, with both ends of each."""
+    bounds = [0, *(np.flatnonzero(np.diff(elements)) + 1).tolist(), len(elements)]
+    return [points[first : last + 1] for first, last in pairwise(bounds)]
+
+
 def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:
     """Return the extent in X and Y of an edge in chords, whose curves, in `elements`, bulge beyond."""
-    begins = [0, *(np.flatnonzero(np.diff(elements)) + 1), len(elements)]
-    parts = [points[first : last + 1] for first, last in pairwise(begins)]
+    parts = by_element(points, elements)
     high = np.max([points.max(axis=0), *map(_peak, parts)], axis=0)
     low = -np.max([-points.min(axis=0), *(_peak(-part) for part in parts)], axis=0)
     return np.asarray(high - low)

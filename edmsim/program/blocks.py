@@ -103,7 +103,7 @@ def code_of(letter: str, number: str, dialect: Dialect = ISO) -> float | None:
     if not _CODE.fullmatch(number):
         return None
     code = float(number) if number.rstrip("0").partition(".")[2] else int(float(number))
-    known = code in KNOWN.get(letter, ()) or dialect.action_of((letter, code)) is not None
+    known = code in KNOWN.get(letter, ()) or (letter, code) in dialect.codes
     return code if known else None
 
 
@@ -348,7 +348,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
             block.condition = word[0]
         elif letter in "GMT" and (code := code_of(letter, number, dialect)) is not None:
             # whatever ends a program elsewhere ends it as M2 does
-            block.codes.append(("M", 2) if dialect.action_of((letter, code)) == "end" else (letter, code))
+            block.codes.append(("M", 2) if dialect.codes.get((letter, code)) == "end" else (letter, code))
             ended = block.codes[-1] in _END_CODES
         elif letter in IDLE and letter not in dialect.letters and (letter != "O" or not block.values):
             block.idle.append(word[0])  # X1O5 has a letter in place of a zero

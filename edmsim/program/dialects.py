@@ -23,7 +23,8 @@ class Dialect:
 
     name: str  # as ``--dialect`` has it
     machines: str  # the machines it is for, in notices
-    # codes that only this dialect has, or to which it gives a meaning, and what they do
+    # codes that only this dialect has, or to which it gives a meaning, and what they do; others have their usual
+    # meaning or none
     codes: Codes = field(default_factory=dict)
     condition: str = ""  # letter that calls a machining condition; empty where none does
     # columns of its table of conditions, in their usual order; empty where programs hold no table
@@ -47,10 +48,6 @@ class Dialect:
     def letters(self) -> str:
         """Letters whose numbers are used here, besides those of all dialects."""
         return self.angle + {"relative": "UVK", "absolute": "UV"}.get(self.upper or "", "")
-
-    def action_of(self, code: tuple[str, float]) -> Action | None:
-        """Return what a code does here, None where it has its usual meaning or none."""
-        return self.codes.get(code)
 
     def found_in(self, words: str, comments: str) -> str | None:
         """Return what a program, in upper case without comments and blanks, is recognised by; None if by nothing."""

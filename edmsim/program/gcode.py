@@ -299,7 +299,7 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     lead_out = end + (0 if loop is None else _overlap(run, begin, end))
     if lead_out < len(run.moves):
         _refuse_more_than_a_lead_out(run, first, (begin, end), lead_out, closed=loop is not None and end < last)
-    notices = _condition_change_notices(run.moves[begin:end])
+    notices = _change_notices(run.moves[begin:end])
     if lead_out > end:
         notices.append(f"line {run.moves[end].line}: the overlap after the contour is left out")
     if lead_out < len(run.moves):
@@ -307,14 +307,19 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     return _assemble(run, first, begin, end, loop is not None), notices
 
 
-def _condition_change_notices(moves: Sequence[CutMove]) -> list[str]:
-    """Say that an edge is cut under several conditions, of which one is kept."""
-    called = [move.state.condition for move in moves]
-    line = next((move.line for move in moves if move.state.condition != called[0]), None)
-    if line is None:
-        return []
-    names = ", ".join(dict.fromkeys(name or "none" for name in called))
-    return [f"line {line}: the condition changes within a contour, {names}: that of its longest part is taken"]
+def _change_notices(moves: Sequence[CutMove]) -> list[str]:
+    """Say that an edge is cut under several conditions, or shapes of tapered corners, of which one is chosen."""
+    tapered = [move for move in moves if move.state.tilt_deg]
+    notices = []
+    for what, in_force, chosen in (
+        ("the condition", [(move.state.condition or "none", move.line) for move in moves], "longest part"),
+        ("the shape of tapered corners", [(move.state.corners, move.line) for move in tapered], "beginning"),
+    ):
+        line = next((line for name, line in in_force if name != in_force[0][0]), None)
+        if line is not None:
+            names = ", ".join(dict.fromkeys(name for name, _ in in_force))
+            notices.append(f"line {line}: {what} changes within a contour, {names}: that of its {chosen} is taken")
+    return notices
 
 
 def closes_on_itself(run: Run) -> bool:
@@ -449,7 +454,8 @@ def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
             upper[-1] = start
         return Taper(None, array_of(upper), state.corners, plane_mm, second_mm)
     angles = tuple(move.state.tilt_deg for move in moves for _ in move.points)
-    return Taper(angles, None, state.corners, plane_mm) if any(angles) else None
+    tilted = next((move.state for move in moves if move.state.tilt_deg), None)
+    return None if tilted is None else Taper(angles, None, tilted.corners, plane_mm)
 
 
 def _part_side(edge: NDArray[np.float64], closed: bool, side: Side | None, approach: list[complex]) -> Side:

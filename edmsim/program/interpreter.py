@@ -319,7 +319,7 @@ class Interpreter:
         if not _STOPS.isdisjoint(block.codes):
             run = self.runs[-1 if self.runs[-1].motions or len(self.runs) == 1 else -2]  # what was cut last
             run.stops.append(len(run.motions))
-        if any(code == ("M", 50) or self.dialect.action_of(code) == "cut off" for code in block.codes):
+        if any(code == ("M", 50) or self.dialect.codes.get(code) == "cut off" for code in block.codes):
             # at the end of its block, as M0 and M2
             self.cut_off = block.line
             self._begin_contour()
@@ -327,7 +327,7 @@ class Interpreter:
     def _take_dialect(self, block: Block) -> Block:
         """Take condition, feed, taper and planes of a block; return it without the words of the last two."""
         for code in block.codes:
-            does = self.dialect.action_of(code)
+            does = self.dialect.codes.get(code)
             if does in _LEANS:
                 self.lean = _LEANS[does]
             elif does in _BOTH_SIDES:
@@ -370,7 +370,7 @@ class Interpreter:
                 between = f"{least} to {_STEEPEST_DEG:g} degrees"
                 raise InputError(f"the taper angle {letter}{angle:g} is out of range: give {between}")
             self.angle_deg, self.angle_stated = angle, True
-        if any(self.dialect.action_of(code) == "no taper" for code in block.codes):
+        if any(self.dialect.codes.get(code) == "no taper" for code in block.codes):
             self.angle_deg = 0.0
         if self.early_angle and self.lean:
             if self.angle_deg == 0:
@@ -382,7 +382,7 @@ class Interpreter:
 
     def _checked_codes(self, block: Block) -> set[float]:
         for letter, number in block.codes:
-            if (letter, number) in IDLE_CODES - _SAID_OTHERWISE and self.dialect.action_of((letter, number)) is None:
+            if (letter, number) in IDLE_CODES - _SAID_OTHERWISE and (letter, number) not in self.dialect.codes:
                 self.notices.add(f"{letter}{number} has no effect on the contour", block.line)
             elif (letter, number) in _STOPS:
                 self.notices.add(f"M{number} (stop) is not waited for", block.line)
@@ -399,7 +399,7 @@ class Interpreter:
         """Note M50 and M60: a wire that is cut off cuts nothing until it is threaded."""
         for code, action, done in ((50, "cut off", "cuts the wire off"), (60, "thread", "threads the wire")):
             for letter, number in block.codes:
-                if (letter, number) == ("M", code) or self.dialect.action_of((letter, number)) == action:
+                if (letter, number) == ("M", code) or self.dialect.codes.get((letter, number)) == action:
                     self.notices.add(f"{letter}{number} ({done}) is not waited for: G0 does both", block.line)
                     if action == "thread":
                         self.cut_off = None
@@ -578,25 +578,23 @@ class Interpreter:
 
     def _upper_motion(self, block: Block, arc: Arc | None, above: complex) -> UpperMotion | None:
         """Return the motion of the second plane; None if the block has none there."""
-        if not self.two_planes or (self.dialect.upper == "colon" and block.upper is None):
+        words, straight = block.upper, UpperMotion(self.upper, above)
+        if not self.two_planes or (self.dialect.upper == "colon" and words is None):
             return None
-        if self.dialect.upper == "colon" and block.upper is not None:
-            code = self.motion if block.upper.code is None else block.upper.code
-            words = block.upper.values
+        if words is not None:
+            code = self.motion if words.code is None else words.code
             if code not in (2, 3):
-                return UpperMotion(self.upper, above)
-            if not words.keys() & {"I", "J"}:
+                return straight
+            if not words.values.keys() & {"I", "J"}:
                 raise InputError("the arc behind the colon wants its centre as I and J: give them")
-            centre = self.upper + complex(words.get("I", 0.0), words.get("J", 0.0)) * self.unit_mm
-            return UpperMotion(self.upper, above, -1 if code == 2 else 1, centre)
-        if arc is None:
-            return UpperMotion(self.upper, above)
-        if self.dialect.upper == "absolute":
-            if block.values.keys() & {"U", "V"}:
-                raise InputError("an arc with U or V is not read: LinuxCNC makes arcs in X and Y only, write G1")
-            return UpperMotion(self.upper, above)
+            centre = self.upper + complex(words.values.get("I", 0.0), words.values.get("J", 0.0)) * self.unit_mm
+            return replace(straight, turn=-1 if code == 2 else 1, centre=centre)
+        if arc is not None and self.dialect.upper == "absolute" and block.values.keys() & {"U", "V"}:
+            raise InputError("an arc with U or V is not read: LinuxCNC makes arcs in X and Y only, write G1")
+        if arc is None or self.dialect.upper == "absolute":
+            return straight
         between = complex(block.values.get("K", 0.0), block.values.get("L", 0.0)) * self.unit_mm
-        return UpperMotion(self.upper, above, arc.turn, None, between)
+        return replace(straight, turn=arc.turn, from_lower=between)
 
     def _arc(self, block: Block, end: complex) -> Arc:
         turn = -1 if self.motion == 2 else 1

@@ -233,10 +233,10 @@ def unreachable(
 
 def _sharp(edge: Floats, elements: Sequence[int]) -> NDArray[np.bool_]:
     """Say of every point of an edge whether two lines or arcs meet there at an angle; of a closed one's last, no."""
-    steps = np.diff(edge, axis=0) @ (1, 1j)
-    turn = np.abs(np.angle(steps / np.roll(steps, 1)))
-    marks = np.asarray(elements)
-    sharp = (turn > np.radians(_SHARP_DEG)) & (marks != np.roll(marks, 1))
+    steps, marks = np.diff(edge, axis=0) @ (1, 1j), np.asarray(elements)
+    turn, meet = np.angle(steps / np.roll(steps, 1)), marks != np.roll(marks, 1)
+    half = np.where(meet, 0.0, turn / 2)  # from a chord of an arc to its tangent: few chords make a small one
+    sharp = meet & (np.abs(turn - np.roll(half, 1) - np.roll(half, -1)) > np.radians(_SHARP_DEG))
     sharp[0] &= bool((edge[0] == edge[-1]).all())
     return np.append(sharp, False)
 

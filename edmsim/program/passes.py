@@ -184,6 +184,9 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     for k, line in enumerate(lines):
         ends = last - plan.overlap_mm - short[k], length + plan.overlap_mm + short[k]
         way = line.stretch(k + 1, "tab", *ends)
+        if len(way.points) < 2:
+            raise InputError(f"the tab of {plan.tab_mm:g} mm lies in an inner corner, all of it beside one point of "
+                             "the wire's path: give a longer tab, or begin the contour further from the corner")
         first = replace(way, stops_before=stops, frees=True, falls=not stops) if k == 0 else way
         ways.append(_Leg(line, first, ends, (len(legs) + k) % 2 == 0))
     return _linked(ways)
@@ -288,9 +291,10 @@ class _Line:
         if not self._closed:
             return self._part(start, stop)
         whole = self._path.length
+        first = math.floor(start / whole)
         rows = np.concatenate([
             self._part(max(start - turn, 0.0), min(stop - turn, whole))
-            for turn in np.arange(math.floor(start / whole), math.ceil(stop / whole)) * whole
+            for turn in np.arange(first, max(math.ceil(stop / whole), first + 1)) * whole
         ])
         fresh = np.append(True, (np.diff(rows, axis=0) != 0).any(axis=1))
         return np.asarray(rows[fresh])

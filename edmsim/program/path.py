@@ -16,6 +16,7 @@ from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.numeric import whole_from
+from edmsim.program.arcs import by_element
 from edmsim.program.dialects import AUTO
 from edmsim.program.limits import MOST_TABLES
 from edmsim.program.offset import (
@@ -48,15 +49,15 @@ from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
 @refuses_wrong_types
 def ruled_between(below: Program, above: Program) -> Program:
     """Return the program whose walls are ruled between the contours of two, the lower and the upper face."""
-    # every contour below goes with the one above whose middle is nearest; lines and arcs go with each other in
-    # order, so that their beginnings lie as near to each other as they can
+    # every contour below goes with the one above that strays least from it: holes may have the middle of what they
+    # lie in; lines and arcs go with each other in order, so that their beginnings lie as near as they can
     if len(below.outlines) != len(above.outlines):
         raise InputError(f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as "
                          "many", below.source)
     left, outlines = list(above.outlines), []
     for outline in below.outlines:
-        middle = shapely.centroid(shapely.LineString(outline.points_mm))
-        upper = min(left, key=lambda other: middle.distance(shapely.centroid(shapely.LineString(other.points_mm))))
+        line = shapely.LineString(outline.points_mm)
+        upper = min(left, key=lambda other: line.hausdorff_distance(shapely.LineString(other.points_mm)))
         left.remove(upper)
         with located(below.source, name=outline.name):
             outlines.append(_ruled(outline, upper))
@@ -64,7 +65,7 @@ def ruled_between(below: Program, above: Program) -> Program:
 
 
 def _ruled(outline: Outline, upper: Outline) -> Outline:
-    lower_pieces, upper_pieces = _pieces(outline), _pieces(upper)
+    lower_pieces, upper_pieces = (by_element(one.points_mm, one.elements) for one in (outline, upper))
     if len(lower_pieces) != len(upper_pieces):
         raise InputError(f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: "
                          "draw as many, and split a line or an arc where a corner of the other contour belongs")
@@ -84,12 +85,6 @@ def _ruled(outline: Outline, upper: Outline) -> Outline:
         outline, points_mm=lower, line_numbers=(0,) * len(elements), elements=tuple(elements),
         taper=Taper(upper_mm=above),
     )
-
-
-def _pieces(outline: Outline) -> list[Floats]:
-    """Return the points of every line and arc of a closed contour."""
-    firsts = np.flatnonzero(np.diff(outline.elements, prepend=-1)).tolist()
-    return [outline.points_mm[a : b + 1] for a, b in pairwise([*firsts, len(outline.points_mm) - 1])]
 
 
 def _spread(points: Floats, chords: int) -> Floats:
@@ -404,23 +399,17 @@ def plan_path(
                 notices.append(f"the offset is {chosen_mm:g} mm, as requested, not the {written} mm of the register")
         groups = grouped(program.outlines)
         legs = [_legs(group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
-        heights = {of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None}
-        faces = [[of_group[0].at_height(z) for of_group in legs] for z in (0.0, *heights)]
-        for face in faces:
+        heights = (0.0, *{of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None})
+        faces = {z: [of_group[0].at_height(z) for of_group in legs] for z in heights}
+        for face in faces.values():
             keep_apart(face)
-        edges = [shapely.MultiLineString([leg.edge for leg in face]) for face in faces]
-        leads = [
-            _lead([of_group[0], *upper], edges, lead_in_mm, start_hole_radius_mm, notices)
-            for of_group, *upper in zip(legs, *faces[1:], strict=True)
-        ]
-        notices += _crossed(faces[0], leads)
-        if heights:
-            for face in faces:
-                for leg, lead in zip(face, leads, strict=True):
-                    _check_lead(leg, lead)
+        edges = {z: shapely.MultiLineString([leg.edge for leg in face]) for z, face in faces.items()}
+        around = edges, lead_in_mm, start_hole_radius_mm, notices
+        leads = [_lead(of_group[0], *around) for of_group in legs]
+        notices += _crossed(faces[0.0], leads)
         later = [[
-            _lead([leg], edges[:1], lead_in_mm, start_hole_radius_mm, notices).points
-            if begins_elsewhere(before.outline, leg.outline) else None for before, leg in pairwise(of_group)
+            _lead(leg, *around).points if begins_elsewhere(before.outline, leg.outline) else None
+            for before, leg in pairwise(of_group)
         ] for of_group in legs]  # fmt: skip
         contours = [
             _contour_of(of_group, lead, [None, *ways], passes, grid_um)
@@ -544,21 +533,27 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
 
 
 def _lead(
-    of_faces: list[OffsetOutline], edges: list[BaseGeometry], length_mm: float, hole_radius_mm: float,
+    leg: OffsetOutline, edges: Mapping[float, BaseGeometry], length_mm: float, hole_radius_mm: float,
     notices: list[str],
 ) -> _Lead:
-    leg, starts = of_faces[0], [one.path[0] for one in of_faces]
-    outline = leg.outline
+    """Return the way to a pass, which keeps off the edges on every face of the workpiece, by their heights."""
+    outline, at_faces = leg.outline, [leg.at_height(z) for z in edges]
     with of_outline(outline):
         if len(outline.approach_mm):
-            return _programmed_lead(leg, hole_radius_mm)
-        if not outline.needs_lead_in:
+            lead = _programmed_lead(leg, hole_radius_mm)
+        elif not outline.needs_lead_in:
             return _Lead(np.empty((0, 2)), ())
-        thread, lead_notices = _own_lead_in(starts, away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
-    if outline.line:
-        notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
-    notices += lead_notices
-    return _Lead(thread[None, :], (0,))
+        else:
+            starts = [leg.path[0], *(at_face.path[0] for at_face in at_faces[1:])]
+            faces = [*edges.values()]
+            thread, added = _own_lead_in(starts, away(leg), faces, leg.offset_mm, length_mm, hole_radius_mm)
+            if outline.line:
+                notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
+            notices += added
+            lead = _Lead(thread[None, :], (0,))
+        for at_face in at_faces if len(at_faces) > 1 else []:
+            _check_lead(at_face, lead)
+    return lead
 
 
 def _own_lead_in(
@@ -568,22 +563,26 @@ def _own_lead_in(
     """Choose a thread point off the contour, on the waste side."""
     # the contour begins at one of `starts` on each face of the workpiece, on the first away from the part
     # straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
-    # shorter; the wire keeps the offset from every edge of each face, the hole its radius and a clearance
-    start = starts[0]
-    for share in _SHARES:
+    # shorter, and past a wall that leans over it longer; the wire keeps the offset from every edge of each face, the
+    # hole its radius and a clearance
+    start, lengths = starts[0], [share * length_mm for share in _SHARES]
+    overhang_mm = max(float((begin - start) @ away) for begin in starts)
+    if overhang_mm > 0:
+        lengths += [overhang_mm + mm for mm in lengths]
+    for mm in lengths:
         for turn in _TURNS_DEG:
             cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
             direction = np.array([cos * away[0] - sin * away[1], sin * away[0] + cos * away[1]])
-            thread = start + share * length_mm * direction
+            thread = start + mm * direction
             ways = [np.array([thread, begin]) for begin in starts]
             nearest_mm = min(edges.distance(shapely.Point(thread)) for edges in faces)
             if nearest_mm >= hole_radius_mm + HOLE_CLEARANCE_MM and all(
                 _clears(way, edges, offset_mm) for way, edges in zip(ways, faces, strict=True)
             ):
-                short = share * length_mm
-                return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long, as there is no more room"]
+                why = "there is no more room" if mm < length_mm else "the wall leans over the way to it"
+                return thread, [] if mm == length_mm else [f"a lead-in is {mm:.3f} mm long, as {why}"]
     x, y = start
-    raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {length_mm:g} mm of "
+    raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {max(lengths):.4g} mm of "
                      f"X{x:.3f} Y{y:.3f}: draw the contour with more waste beside its first point, or cut a G-code "
                      "program with its own way from a start hole to the contour")
 
@@ -680,8 +679,7 @@ def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:
     way = np.concatenate([lead.points, leg.path[:1]])
     if whole and len(lead.points) and not _clears(way, leg.edge, leg.offset_mm):
         x, y = lead.points[0]
-        reason = f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away"
-        raise InputError(f"{leg.outline.name}: {reason}", line=leg.outline.line)
+        raise InputError(f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away")
 
 
 def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:

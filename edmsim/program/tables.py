@@ -37,20 +37,14 @@ def read_offsets(file: str | Path) -> dict[str, float]:
     InputError
         If the file is missing or a line invalid.
     """
-    path = Path(file)
-    return checked_offsets(read_toml(path, "a table of offsets with lines as D1 = 0.155"), path)
-
-
-def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = None) -> dict[str, float]:
-    """Return offsets in mm by register; raises `InputError` for invalid names and values."""
-    table: dict[str, float] = {}
-    for name, value in offsets.items():
+    path, table = Path(file), dict[str, float]()
+    for name, value in read_toml(path, "a table of offsets with lines as D1 = 0.155").items():
         found = _NAME.fullmatch(name.strip().upper())
         if found is None:
-            raise InputError(f"there is no offset register {name!r}: name them D1, D2 or H1, H2", file)
+            raise InputError(f"there is no offset register {name!r}: name them D1, D2 or H1, H2", path)
         offset_mm = real(value)
         if offset_mm is None or not 0 <= offset_mm <= GREATEST_MM:
-            raise InputError(f"the offset {name} is {value!r}: give 0 to {GREATEST_MM:g} mm{in_um(value)}", file)
+            raise InputError(f"the offset {name} is {value!r}: give 0 to {GREATEST_MM:g} mm{in_um(value)}", path)
         table[register(found[1], found[2])] = float(offset_mm)
     return table
 

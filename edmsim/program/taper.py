@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths, left_of
 from edmsim.program.arcs import CHORD_TOLERANCE_UM, ROUND_MM
-from edmsim.program.outline import Corners, Outline, Side, Taper
+from edmsim.program.outline import Corners, Outline, Taper
 
 Stop = tuple[int, float]  # at which point of a way the wire waits, and how many seconds
 MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
@@ -29,6 +29,7 @@ SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding
 _MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
 GOUGE_MM = 0.01  # a wire nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)
 _NOTHING_MM = 1e-9
+_NEAR_MM = 1e-3  # planes at heights that differ by less are one (ours)
 _STRAIGHT_MM = 1e-4  # within which the points of a piece lie on a line (ours)
 _HEIGHTS = 5  # of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)
 
@@ -121,12 +122,14 @@ class _Chords(NamedTuple):
     normals: Floats
     shift_mm: Floats
     elements: NDArray[np.int64]
+    offset_mm: float  # by which the other of wall and wire's way lies to their left
 
 
-def _of_angle(outline: Outline, low: float, high: float) -> Ruled:
+def _of_angle(outline: Outline, low: float, high: float, offset_mm: float) -> Ruled:
     """Return the wall of an outline whose arcs keep their radius at every height, chord by chord."""
     points = outline.points_mm
-    chords = _Chords(left_normals(points), (high - low) * _tangents(outline), np.array(_elements(outline)))
+    shift_mm = (high - low) * _tangents(outline)
+    chords = _Chords(left_normals(points), shift_mm, np.array(_elements(outline)), offset_mm)
     cylindrical = _cylinders(outline, chords)
     lower: list[Floats] = []
     upper: list[Floats] = []
@@ -189,7 +192,7 @@ def _shifts(
     if abs(turn) < math.radians(SHARP_DEG) and abs(d1 - d2) > _NOTHING_MM:
         return [d1 * n1, d2 * n2]  # the angle changes at a tangent: the lower end waits
     rounds = taper.corners == "rounded" and not same and abs(turn) >= math.radians(SHARP_DEG)
-    if rounds and d1 == d2 and _opens(turn, d1) and _opens(turn, _wire_sign(outline.wire_side) or d1):
+    if rounds and d1 == d2 and _opens(turn, d1) and _opens(turn, chords.offset_mm or d1):
         return list(d1 * _turned(n1, turn, _chords_of_arc(turn, float(d1))))
     return [mitre(n1, n2, float(d1), float(d2))]
 
@@ -204,8 +207,10 @@ def _opens(turn: float, left: float) -> bool:
     return turn * left < 0
 
 
-def _wire_sign(side: Side | None) -> float:
-    return {"left": 1.0, "right": -1.0, None: 0.0}[side]
+def _to_left(outline: Outline, offset_mm: float) -> float:
+    """Return by how much the other of wall and wire's way lies to the left of what is drawn."""
+    side = outline.part_side if outline.wire_side is None else outline.wire_side
+    return offset_mm if side == "left" else -offset_mm
 
 
 def _chords_of_arc(turn: float, radius_mm: float) -> int:
@@ -263,20 +268,19 @@ def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
     return found
 
 
-def offset_surface(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
-    """Return the way of a wire's centre beside a wall, or along it; the offset is square to the wire."""
+def offset_surface(wall: Ruled, offset_mm: float) -> Ruled:
+    """Return the way of a wire's centre to the left of a wall, or along it; the offset is square to the wire."""
     # in a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is offset /
     # cos(angle) away, the angle that between wall and vertical across the path
-    if side is None or offset_mm == 0:
+    if offset_mm == 0:
         return wall
-    slope, sign = wall.slope, _wire_sign(side)
     closed = all(np.allclose(line[0], line[-1], atol=1e-6) for line in (wall.lower_mm, wall.upper_mm))
     lines = []
     for points, other in ((wall.lower_mm, wall.upper_mm), (wall.upper_mm, wall.lower_mm)):
         normals = left_normals(points)
         still = ~normals.any(axis=1)
         normals[still] = left_normals(other)[still]
-        lines.append(points + _offsets(normals, slope, sign * offset_mm, closed))
+        lines.append(points + _offsets(normals, wall.slope, offset_mm, closed))
     return replace(wall, lower_mm=lines[0], upper_mm=lines[1])
 
 
@@ -524,8 +528,7 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
     """Return wall and wire of an outline whose arcs become cones."""
     pieces = _pieces(outline)
     tangents = np.array([piece.tangent for piece in pieces])
-    side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
-    lean, off = (high - low) * tangents, _wire_sign(side) * offset_mm * np.hypot(1.0, tangents)
+    lean, off = (high - low) * tangents, _to_left(outline, offset_mm) * np.hypot(1.0, tangents)
     left = np.stack([0.0 * lean, lean, off, lean + off])
     joints = _joints(pieces, left, outline.taper is not None and outline.taper.corners == "conical")
     chords = [
@@ -560,17 +563,26 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
     """Return wall and wire of a tapered outline, checked."""
     taper = outline.taper
     assert taper is not None
-    low = taper.program_plane_mm
-    high = guides.height_mm if taper.second_plane_mm is None else taper.second_plane_mm
-    if not (math.isfinite(low) and math.isfinite(high) and abs(high - low) > 1e-3):
+    low, high = taper.program_plane_mm, taper.second_plane_mm
+    if high is None:  # for an angle any plane but the program's will do
+        is_upper_face = taper.upper_mm is None and abs(guides.height_mm - low) <= _NEAR_MM
+        high = 0.0 if is_upper_face else guides.height_mm
+    if 0 < low < guides.height_mm:  # a corner that opens above closes below: the tip of a cone would be in the wall
+        stays: dict[Corners, Corners] = {"conical": "sharp", "rounded": "cylindrical"}
+        taper = replace(taper, corners=stays.get(taper.corners, taper.corners))
+        outline = replace(outline, taper=taper)
+    if not (math.isfinite(low) and math.isfinite(high) and abs(high - low) > _NEAR_MM):
         raise InputError(f"program plane and second plane lie at {low:g} and {high:g} mm: give two different heights")
     if taper.upper_mm is None and taper.corners in ("sharp", "conical"):
         wall, wire = _of_pieces(outline, low, high, offset_mm)
     else:
         upper_mm = taper.upper_mm
-        drawn = _of_angle(outline, low, high) if upper_mm is None else _of_two_lines(outline, upper_mm, low, high)
-        side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
-        wall, wire = drawn, offset_surface(drawn, side, offset_mm)
+        left_mm = _to_left(outline, offset_mm)
+        drawn = (
+            _of_angle(outline, low, high, left_mm) if upper_mm is None
+            else _of_two_lines(outline, upper_mm, low, high)
+        )  # fmt: skip
+        wall, wire = drawn, offset_surface(drawn, left_mm)
         if outline.wire_side is None:
             wall, wire = wire, wall
     refuse_vanished(wall, guides.height_mm, "the wall")

@@ -42,6 +42,10 @@ def test_between_heights_it_interpolates_and_says_so():
             assert [getattr(one, name) for one in found.settings] == pytest.approx(
                 [a * (b / a) ** share for a, b in zip(*ends, strict=True)]
             )
+        ends = [[one.found.feed_mm_min for one in table.settings] for table in (low, high)]
+        expected = [a * (b / a) ** share for a, b in zip(*ends, strict=True)]
+        most = [one.feed_mm_min for one in found.settings]
+        assert [one.found.feed_mm_min for one in found.settings] == pytest.approx([*map(min, expected, most)])
 
 
 def test_a_single_height_gives_another_one_its_power_per_mm():

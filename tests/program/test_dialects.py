@@ -314,6 +314,17 @@ def test_the_condition_of_the_longest_part_counts_and_a_notice_says_so(read):
     assert any("line 6: the condition changes within a contour, S2, S3, S4" in notice for notice in program.notices)
 
 
+@pytest.mark.parametrize(("angle", "later", "corners", "noted"), [
+    ("2.", "", "conical", True), ("0.", "A2. ", "cylindrical", False),
+])  # fmt: skip
+def test_the_corners_of_the_first_tilted_move_count_and_a_notice_says_so(read, angle, later, corners, noted):
+    text = f"G92 X5 Y-4\nG42 D1 G28 G52 A{angle}\nG1 X5 Y0\nX10\n{later}G29 Y10\nX0\nY0\nX5\nG40 G50 Y-4\nM2\n"
+    program = read(text, dialect="charmilles")
+    assert program.outlines[0].taper.corners == corners
+    said = "line 5: the shape of tapered corners changes within a contour, conical, cylindrical"
+    assert any(said in notice for notice in program.notices) is noted
+
+
 TWO = "TP0. TN10.\nG92 X0. Y0\n"
 BAD = [
     (TABLE.replace(" 15", ""), 1, "C001 has 14 values, its table 15 columns"),

@@ -330,6 +330,8 @@ def test_a_tab_that_the_rough_pass_cuts_through_is_named(tmp_path):
         path = plan(tmp_path, inside, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm))
         named = "the rough pass leaves nothing of the tab of the contour from X0.000 Y0.000"
         assert any(named in notice for notice in path.notices) is not held
+    with pytest.raises(InputError, match=r"the tab of 0\.1 mm lies in an inner corner"):
+        plan(tmp_path, inside, passes=PassPlan(OFFSETS_MM, tab_mm=0.1, overlap_mm=0.0))
 
 
 def test_a_planned_trim_does_not_cut_into_the_part_at_a_notch_in_an_outer_corner(tmp_path):

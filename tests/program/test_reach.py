@@ -29,6 +29,14 @@ def test_a_small_inner_radius_is_named_with_its_place(tmp_path):
     assert corners.startswith("3 sharp inner corners become an inner radius of 0.155 mm")
 
 
+@pytest.mark.parametrize("radius_mm", [0.005, 0.015, 0.02])
+def test_a_radius_of_one_or_two_chords_is_no_groove_and_no_corner(tmp_path, radius_mm):
+    corner = f"X{10 - radius_mm:.3f}\nG3 X10 Y{radius_mm:.3f} I0 J{radius_mm:.3f}\nG1"
+    radius, corners = notices(tmp_path, corner)
+    assert radius.startswith(f"the inner radius of {radius_mm:.3f} mm at X9.99")
+    assert corners.startswith("3 sharp inner corners")
+
+
 def test_a_radius_that_the_wire_makes_is_not_named(tmp_path):
     (corners,) = notices(tmp_path, "X9.8\nG3 X10 Y0.2 I0 J0.2\nG1")
     assert corners.startswith("3 sharp inner corners")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.program import load_program, plan_path
-from edmsim.program.tables import checked_offsets, read_offsets
+from edmsim.program.tables import read_offsets
 
 SQUARE = "G21 G92 X5 Y-2.\n{}\nG41 {} G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
 
@@ -124,7 +124,7 @@ def test_tables_that_make_no_sense(tmp_path, text, named):
 def test_a_table_is_read_as_it_is_written(tmp_path_factory, table):
     file = tmp_path_factory.mktemp("table") / "table.toml"
     file.write_text("".join(f"h{number:04} = {value!r}\n" for number, value in table.items()))
-    assert read_offsets(file) == checked_offsets({f"H{number}": value for number, value in table.items()})
+    assert read_offsets(file) == {f"H{number}": value for number, value in table.items()}
 
 
 HOLE = "G91 G1 X1.5\nG3 X0 Y0 I-1.5 J0\nG0 X3.5\n"

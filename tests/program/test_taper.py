@@ -136,6 +136,27 @@ def test_a_corner_that_opens_becomes_an_arc_of_radius_d(corners):
         np.testing.assert_allclose(ruled.at(10.0)[0], ruled.at(10.0)[-1])
 
 
+@pytest.mark.parametrize("corners", ["conical", "rounded"])
+@pytest.mark.parametrize(("offset_mm", "sharp"), [(OFFSET, True), (0.0, False)])
+def test_a_corner_of_a_way_drawn_for_the_wire_opens_where_the_walls_does(corners, offset_mm, sharp):
+    wall, wire = wall_and_wire(square(-5.0, corners, side=None), offset_mm, GUIDES)
+    assert len(wire.lower_mm) == len(wall.lower_mm)
+    assert (len(wall.lower_mm) == 5) is sharp
+    away = shapely.LinearRing(wall.at(5.0)).distance(shapely.points(wire.at(5.0)))
+    assert away.min() > offset_mm - 1e-3
+
+
+@pytest.mark.parametrize("corners", ["conical", "rounded"])
+@pytest.mark.parametrize("plane_mm", [10.0, 4.0])
+def test_the_programs_plane_may_be_the_upper_face_or_within_the_workpiece(corners, plane_mm):
+    wall, wire = wall_and_wire(square(-5.0, corners, program_plane_mm=plane_mm), OFFSET, GUIDES)
+    for z in (0.0, plane_mm, 10.0):
+        half = 3.0 + (z - plane_mm) * math.tan(math.radians(5.0))
+        assert np.abs(wall.at(z)).max() == pytest.approx(half)
+        away = shapely.LinearRing(wall.at(z)).distance(shapely.LinearRing(wire.at(z)))
+        assert away == pytest.approx(OFFSET / math.cos(math.radians(5.0)))
+
+
 def test_an_arc_so_small_that_it_has_two_chords_becomes_a_cone():
     fine = rounded_square(-5.0, "conical", radius=0.02)
     chosen = [91 * quarter + i for quarter in range(4) for i in (0, 45, 90)]
@@ -288,6 +309,15 @@ def test_a_wire_without_a_way_to_its_contour_is_threaded_upright():
     assert contour.way.along_um[1] == pytest.approx(10_000 * math.tan(math.radians(5.0)), abs=2.0)
 
 
+def test_a_wire_is_threaded_beyond_a_wall_that_leans_over_the_way_to_it():
+    path = plan_path(Program((square(-15.0),), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES])
+    contour = path.contours[0]
+    thread_mm = contour.points_um[0] / 1000
+    for face in (0.0, 10.0):
+        assert shapely.LineString(contour.lean.wall.at(face)).distance(shapely.Point(thread_mm)) > 0.3
+    assert any("as the wall leans over the way to it" in notice for notice in path.notices)
+
+
 def test_an_inner_radius_smaller_than_the_wire_is_refused():
     hole = rounded_square(-3.0, "conical", radius=0.1, part="right")
     assert "the arc of the wire's way" in refused(hole)
@@ -325,12 +355,32 @@ def test_contours_with_unequal_numbers_of_elements_are_refused(tmp_path):
         load_program(tmp_path / "part.dxf", upper_layer="nowhere")
 
 
+def test_a_hole_that_moves_aside_with_the_height_goes_with_the_hole_above(tmp_path):
+    document = ezdxf.new()
+    document.units = 4
+    space = document.modelspace()
+    for layer, middle, half in (("BELOW", 0, 5), ("BELOW", 0, 2), ("ABOVE", 0, 5), ("ABOVE", 0.1, 2)):
+        corners = [(middle + x * half, y * half) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
+    document.saveas(tmp_path / "part.dxf")
+    hole, outside = load_program(tmp_path / "part.dxf", layers=["BELOW"], upper_layer="ABOVE").outlines
+    np.testing.assert_allclose(hole.taper.upper_mm - hole.points_mm, [[0.1, 0.0]] * 5, atol=1e-9)
+    np.testing.assert_allclose(outside.taper.upper_mm, outside.points_mm)
+
+
 def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
     file = tmp_path / "near.ngc"
     file.write_text("G21 G90\nG92 X1 Y-0.8\nG41 D1 G1 X1 Y0\nX0\nY4\nX4\nY0\nX1\nG40 Y-1\nM02\n")
     guides = GuideHeights(-10, 14, 4, 30)
     with pytest.raises(InputError, match="leans into the part"):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=[guides])
+    file.write_text(
+        "G21 G90\nD1=0.25\nD2=0.2\nG92 X1 Y-3\nG41 D1 G1 X1 Y0\nX0\nY4\nX4\nY0\nX1\nG40 Y-3\n"
+        "G0 X3 Y-0.8\nG41 D2 G1 X3 Y0\nX0\nY4\nX4\nY0\nX3\nG40 Y-1\nM02\n"
+    )
+    with pytest.raises(InputError, match="leans into the part") as caught:  # so is a trim's own
+        plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=[guides])
+    assert caught.value.line == 14
     with pytest.raises(InputError, match="no guides that lead are known"):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-5.0)
 
@@ -364,5 +414,5 @@ def test_without_taper_a_path_is_what_it_was():
 def test_next_to_is_the_offset_itself_where_a_wall_is_upright():
     outline = replace(square(), taper=Taper(upper_mm=square().points_mm))
     wall, _ = wall_and_wire(outline, OFFSET, GUIDES)
-    for points in (offset_surface(wall, "right", OFFSET).lower_mm, offset_surface(wall, "right", OFFSET).upper_mm):
+    for points in (offset_surface(wall, -OFFSET).lower_mm, offset_surface(wall, -OFFSET).upper_mm):
         np.testing.assert_allclose(points, wall.lower_mm * (1 + OFFSET / 3.0))
