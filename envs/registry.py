@@ -26,7 +26,7 @@ _REGISTERED = {
     "GapFeed": _Registered(2, 1828.0), "HeightStep": _Registered(2, 1555.0), "Corner": _Registered(3, 950.0),
     "Contour": _Registered(2, 2424.0), "MaxRate": _Registered(1, 4210.0), "ThinWire": _Registered(1, 5960.0),
     "Trim": _Registered(1, 912.0), "Part": _Registered(0, -16.0, "part"),
-    "MaxRateShift": _Registered(0, 276105.0, "shift"), "ThinWireShift": _Registered(0, 62871.0, "shift"),
+    "MaxRateShift": _Registered(0, 276105.0), "ThinWireShift": _Registered(0, 62871.0),
 }  # fmt: skip
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under
 
