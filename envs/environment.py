@@ -25,11 +25,10 @@ from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, tell
 from edmsim.controllers.user_controllers import check_is_controller, rehearsed
 from edmsim.envs.arguments import checked_actions, checked_options, plain
-from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from edmsim.envs.sub_envs import SubEnvs
+from edmsim.envs.sub_envs import Batch, SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, refuse_unknown
 from edmsim.machine.machine import Machine
@@ -189,6 +188,16 @@ def picture_of(engine: Engine, renderer: Renderer, index: int) -> NDArray[np.uin
         return renderer.picture(engine, index) if isinstance(engine, Batch) else picture(engine.episode(index))
 
 
+def _spaces_of(family: EnvArguments) -> tuple[gym.spaces.Box[np.float32], ...]:
+    """Return the spaces of actions, observations and rewards: of these as many as objectives, or one."""
+    low, high = (np.array([getattr(e, end) for e in family.entries()], np.float32) for end in ("low", "high"))
+    return (
+        gym.spaces.Box(-1.0, 1.0, (len(family.action_names),), np.float32),
+        gym.spaces.Box(low, high, dtype=np.float32),
+        gym.spaces.Box(-np.inf, np.inf, (len(family.objectives) or 1,), np.float32),
+    )
+
+
 def _first(infos: dict[str, Any]) -> dict[str, Any]:
     """Return the infos of the first sub-environment, as Python's own values."""
     return {name: _first(value) if isinstance(value, dict) else value.item(0) for name, value in infos.items()}
@@ -266,9 +275,7 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> None:
         self.family: EnvArguments = arguments_with(self.task if task is None else task, **options)
         self.render_mode = check_render_mode(render_mode)
-        self.action_space = action_space_of(self.family)
-        self.observation_space = observation_space_of(self.family)
-        self.reward_space = reward_space_of(self.family)
+        self.action_space, self.observation_space, self.reward_space = _spaces_of(self.family)
         self._batch = engine_of(self.family, 1, 1)
         self._of_episode: dict[str, Any] = {}
         self._running = False
@@ -515,9 +522,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
-        self.single_action_space = action_space_of(self.family)
-        self.single_observation_space = observation_space_of(self.family)
-        self.reward_space = reward_space_of(self.family)
+        self.single_action_space, self.single_observation_space, self.reward_space = _spaces_of(self.family)
         self._action_shape = (num_envs, *(self.single_action_space.shape or ()))
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

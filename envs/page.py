@@ -18,11 +18,10 @@ from textwrap import fill
 from typing import Any, TypeVar
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import knobs, observation, registry, reward, sub_envs
+from edmsim.envs import observation, registry, reward, sub_envs
 from edmsim.envs.arguments import arguments_of
-from edmsim.envs.batch import action_space_of, observation_space_of
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
-from edmsim.envs.task import EnvArguments, Family
+from edmsim.envs.task import KNOBS, EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
 
@@ -160,20 +159,18 @@ def limits(low: float, high: float) -> str:
 
 def actions(family: Family, particular: str) -> str:
     """Return the section on actions."""
-    space = action_space_of(family)
     known = {
         family.action_names[0]: FIRST[family.action],
-        **{name: (f"{meaning}, log2", "``setting_octaves``") for name, meaning in knobs.KNOBS.items()},
+        **{name: (f"{meaning}, log2", "``setting_octaves``") for name, meaning in KNOBS.items()},
         "offset": ("offset from the path, left positive", "``offset_um``"),
     }
     rows = [
-        (str(k), name, limits(space.low[k], space.high[k]), *known[name])
-        for k, name in enumerate(family.action_names)
+        (str(k), name, limits(-1, 1), *known[name]) for k, name in enumerate(family.action_names)
     ]
     one, other = (name for name in DOES if name != family.action)
     on_us, period_us = family.detents_us
     return parts(
-        f"``Box(-1, 1, {space.shape}, float32)``.",
+        f"``Box(-1, 1, ({len(rows)},), float32)``.",
         table(("Index", "Name", "Range", "Meaning", "Unit of 1"), rows),
         paragraph(
             "Entry 0 is ``servo_target_share[0]`` at -1 and ``servo_target_share[1]`` at 1; the servo sets the feed "
@@ -205,7 +202,7 @@ def observations(family: Family, particular: str) -> str:
         return f"Entries {at[entries[0].name]} to {at[entries[-1].name]}"
 
     return parts(
-        f"``Box({observation_space_of(family).shape}, float32)``: what a machine can measure and its operator knows. "
+        f"``Box(({len(listed)},), float32)``: what a machine can measure and its operator knows. "
         "Every entry is clipped to its range.",
         table(("Index", "Name", "Range", "Quantity", "Divided by"), (
             (str(k), entry.name, limits(entry.low, entry.high), entry.quantity, entry.divisor)

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     import mujoco
     from matplotlib.figure import Figure
 
-    from edmsim.envs.batch import Batch
-    from edmsim.envs.sub_envs import SubEnvs
+    from edmsim.envs.sub_envs import Batch, SubEnvs
     from edmsim.plant.plant import Plant
     from edmsim.recording.scene import Scene
 
