@@ -179,15 +179,6 @@ def sub_envs_of(engine: Engine) -> SubEnvs:
     )
 
 
-def picture_of(engine: Engine, renderer: Renderer, index: int) -> NDArray[np.uint8]:
-    """Return a sub-environment's picture, uint8 (480, 640, 3)."""
-    from edmsim.envs.part_picture import picture
-    from edmsim.recording.figures.style import own_style
-
-    with own_style():
-        return renderer.picture(engine, index) if isinstance(engine, Batch) else picture(engine.episode(index))
-
-
 def _spaces_of(family: EnvArguments) -> tuple[gym.spaces.Box[np.float32], ...]:
     """Return the spaces of actions, observations and rewards: of these as many as objectives, or one."""
     low, high = (np.array([getattr(e, end) for e in family.entries()], np.float32) for end in ("low", "high"))
@@ -208,12 +199,13 @@ def _first(infos: dict[str, Any]) -> dict[str, Any]:
 _ONLY = np.zeros(1, np.int64)
 
 
-class _Changes:
-    """Arguments that `change` replaces, also in the specification that Gymnasium notes."""
+class _Common:
+    """What a single and a vector environment have in common: arguments that `change` replaces, and pictures."""
 
     family: EnvArguments
     spec: gym.envs.registration.EnvSpec | None
     _batch: Engine
+    _renderer: Renderer
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Keep the specification in a form that JSON can write."""
@@ -234,8 +226,13 @@ class _Changes:
         if self.spec is not None:
             self.spec.kwargs |= plain(options)
 
+    def _picture(self, index: int) -> NDArray[np.uint8]:
+        from edmsim.envs.pictures import picture
 
-class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+        return picture(self._batch, index, self._renderer)
+
+
+class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Cut metal. A step is a window of 255 pulses, all windows that begin within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`. The subclasses describe
@@ -365,7 +362,7 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         if not self._started:
             raise ResetNeeded("no episode has begun: call reset() before render()")
-        picture = picture_of(self._batch, self._renderer, 0)
+        picture = self._picture(0)
         if self.render_mode == "human":
             self._renderer.show(picture)
             return None
@@ -466,7 +463,7 @@ class SubEnvView:
 Flags = NDArray[np.bool_]
 
 
-class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """Many cuts at once. A step is a window of 255 pulses, all windows within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``.
@@ -712,7 +709,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         """Return an image of a sub-environment."""
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
-        return picture_of(self._batch, self._renderer, self._checked(index))
+        return self._picture(self._checked(index))
 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""

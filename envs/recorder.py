@@ -91,7 +91,7 @@ class EpisodeRecorder:
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
         """Write the recording of the episode so far, before another begins; `settings` are for the text about it."""
-        from edmsim.envs.scene import scene_of
+        from edmsim.envs.pictures import scene_of
         from edmsim.recording.rerun.write import write_recording
 
         file.parent.mkdir(parents=True, exist_ok=True)
