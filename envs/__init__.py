@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+    from edmsim.envs.environment import EdmEnv, EdmVectorEnv, RecordRerun
     from edmsim.envs.episode import StepResult, Task
     from edmsim.envs.families import (
         Contour,
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     )
     from edmsim.envs.observation import Sensors
     from edmsim.envs.part_task import Part, PartWeights
-    from edmsim.envs.record import RecordRerun
     from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import RecordEpisodes, make_sb3_vec_env
@@ -36,8 +35,8 @@ _HOMES = {
     "Contour": "families", "Corner": "families", "EdmEnv": "environment", "EdmVectorEnv": "environment",
     "Family": "task", "GapFeed": "families", "HeightStep": "families", "MaxRate": "families",
     "MaxRateShift": "families", "Part": "part_task", "PartWeights": "part_task", "RecordEpisodes": "sb3",
-    "RecordRerun": "record", "Scenario": "task", "Sensors": "observation", "StepResult": "episode", "Task": "episode",
-    "ThinWire": "families", "ThinWireShift": "families", "Trim": "families", "Weights": "reward",
+    "RecordRerun": "environment", "Scenario": "task", "Sensors": "observation", "StepResult": "episode",
+    "Task": "episode", "ThinWire": "families", "ThinWireShift": "families", "Trim": "families", "Weights": "reward",
     "make_sb3_vec_env": "sb3", "register": "registry",
 }  # fmt: skip
 __all__ = [

@@ -1,4 +1,4 @@
-"""Gymnasium's two kinds of environment, single and vector, and what runs their episodes.
+"""Gymnasium's two kinds of environment, single and vector, and a wrapper that records episodes.
 
 Sub-environments step window by window, parts pass by pass. Parts are loaded where they are made: what cuts programs
 takes longer to load than sub-environments.
@@ -7,10 +7,10 @@ takes longer to load than sub-environments.
 from __future__ import annotations
 
 import copy
-import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import gymnasium as gym
@@ -21,142 +21,22 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, tell
-from edmsim.controllers.user_controllers import check_is_controller, rehearsed
+from edmsim.controllers import FeedController
+from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_actions, checked_options, plain
-from edmsim.envs.recorder import EpisodeRecorder
+from edmsim.envs.episode import AttachedController
+from edmsim.envs.recorder import EVERY, EpisodeRecorder, RecordedEpisodes
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.sub_envs import Batch, SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, refuse_unknown
-from edmsim.machine.machine import Machine
-from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import whole_from, whole_within
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from edmsim.envs.part_task import Parts
 
     Engine: TypeAlias = Batch | Parts  # both have the members that Gymnasium's environments need
-
-
-# A feed controller that watches a sub-environment: it sees what a machine shows, and says what it would command.
-
-
-def as_action(
-    family: Family, controller: FeedController, command: FeedCommand, first_us: Sequence[float],
-    now_us: Sequence[float], feed_um_s: float,
-) -> NDArray[np.float32]:
-    """Return the action within -1..1 for what a controller wants; refuse where the environment has none."""
-    if family.action == "servo":
-        low, high = family.servo_target_share
-        entries = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]
-    elif family.action == "speed":
-        entries = [command.feed_um_s / family.max_feed_um_s]
-    else:
-        entries = [(command.feed_um_s - feed_um_s) / family.max_change_um_s]
-    on_us, period_us = (
-        now if chosen is None else chosen
-        for chosen, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
-    )
-    octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
-    octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
-    if not family.knobs and any(octaves.values()):
-        raise _has_no(controller, "turns the generator's knobs")
-    entries += [octaves[name] / family.setting_octaves for name in family.knobs]
-    if family.offset_um is not None:
-        entries.append(command.offset_um / family.offset_um)
-    elif command.offset_um:
-        raise _has_no(controller, "commands an offset")
-    return np.clip(np.array(entries, np.float32), -1.0, 1.0)
-
-
-def check_acts(family: Family, name: str) -> None:
-    """Refuse a controller before it acts whose commands are no actions of the environment."""
-    controller = from_text(name)
-    if family.action == "servo":
-        target_share(controller)
-    usual, commands = Machine.load(), rehearsed(lambda: from_text(name), family.greatest_feed_um_s)
-    settings_us = {each_us for command in commands for each_us in (command.t_on_us, command.t_period_us)}
-    if not family.knobs and not settings_us <= {None, usual.t_on_us, usual.t_period_us}:
-        raise _has_no(controller, "turns the generator's knobs")
-    if family.offset_um is None and any(command.offset_um for command in commands):
-        raise _has_no(controller, "commands an offset")
-
-
-def _has_no(controller: FeedController, what: str) -> InputError:
-    return InputError(f"{controller.name} {what}, and this environment has none: leave it out")
-
-
-def target_share(controller: FeedController) -> float:
-    """Return the share of open pulses that a controller holds; raises `InputError` where it holds none."""
-    target: float | None = getattr(controller, "open_target_share", None)
-    if target is None:
-        raise InputError(f"{controller.name} holds no share of open pulses: the environment's servo asks for one")
-    return target
-
-
-class AttachedController:
-    """A feed controller that is shown every window until `stop`; whether its commands are run is up to the caller."""
-
-    def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
-        self._sub_envs, self._index, self._controller = sub_envs, index, check_is_controller(controller)
-        # asked once, as it takes a tenth of a window
-        self._seer = controller if isinstance(controller, SeesTruth) else None
-        self._leg = self._lost = 0
-        self.latest = FeedCommand(0.0)  # what it answered to the last window, on the leg and with the wire of then
-        sub_envs.watchers.append((index, self._see))
-
-    def stop(self) -> None:
-        """Detach the controller."""
-        self._sub_envs.watchers.remove((self._index, self._see))
-
-    @property
-    def _family(self) -> Family:
-        return self._sub_envs.families[self._index]
-
-    def begin(self) -> FeedCommand:
-        """Begin the leg that the sub-environment is on; returns the command for its first window."""
-        sub_envs, index = self._sub_envs, self._index
-        scenario = sub_envs.scenario(index)
-        self._leg, self._lost = sub_envs.leg[index], int(sub_envs.rows[index]["wires_lost"])
-        start_um = float(sub_envs.rows[index]["before_um"])
-        tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
-        self._take(self._controller.reset(self._family.greatest_feed_um_s))
-        return self.latest
-
-    def command(self) -> FeedCommand:
-        """Return what it commands for the next window, after all that the sub-environment has had."""
-        sub_envs, index = self._sub_envs, self._index
-        if self._leg != sub_envs.leg[index]:
-            return self.begin()
-        if self._lost != sub_envs.rows[index]["wires_lost"]:
-            self._lost = int(sub_envs.rows[index]["wires_lost"])
-            self._take(next_wire(self._controller, self._family.greatest_feed_um_s))
-        return self.latest
-
-    def action(self) -> NDArray[np.float32]:
-        """Return the action of the environment that commands what it wants: see `as_action`."""
-        row, machine = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index).machine
-        first_us = machine.t_on_us, machine.t_period_us
-        now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
-        return as_action(self._family, self._controller, self.command(), first_us, now_us, feed_um_s)
-
-    def _see(self) -> None:
-        """Show it the window that the sub-environment has just had."""
-        self.command()  # a leg or wire that the last window ended is over before this one
-        window = self._sub_envs.fleet.plants[self._index].window()
-        if window.pulses != WINDOW_PULSES:
-            return
-        if self._seer is not None:
-            self._seer.see(window)
-        self._take(self._controller.update(self._sub_envs.observation(self._index)))
-
-    def _take(self, command: FeedCommand) -> None:
-        self.latest = check_command(self._controller.name, command)
 
 
 def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
@@ -737,3 +617,85 @@ def _only(infos: dict[str, Any], mask: Flags) -> dict[str, Any]:
             masked[name] = _only(values, mask) if isinstance(values, dict) else values
             masked[f"_{name}"] = infos[f"_{name}"] & mask
     return masked
+
+
+class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Record every n-th episode: wire, gap and kerf as of a cut, with actions, terms of the reward, costs and counts.
+
+    The first episode is recorded, then every `every`-th. Each has a folder, ``episode-000000`` and so on, with a file
+    ``cut.rrd`` for `edmsim view`, written at the episode's end. A recording that a reset or `close` ends early has
+    the result "running". Recording changes no episode.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        An environment of edmsim, with any wrappers; the recorded actions are those given to this wrapper.
+    folder : path
+        Created if it is missing; recordings in it are overwritten.
+    every : int
+        1 records all.
+    live : bool
+        Whether to show each in rerun's viewer when it ends.
+
+    Attributes
+    ----------
+    recordings : list of pathlib.Path
+        Folders written so far.
+
+    Raises
+    ------
+    InputError
+        If the environment is not edmsim's, the folder cannot be written to, or ``every`` is below 1.
+
+    Examples
+    --------
+    >>> import gymnasium, edmsim
+    >>> env = edmsim.envs.RecordRerun(gymnasium.make("edmsim/GapFeed-v2"), "runs/gap", every=100)  # doctest: +SKIP
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, every: int = EVERY, live: bool = False) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, folder=str(folder), every=every, live=live)
+        gym.Wrapper.__init__(self, env)
+        if not isinstance(env.unwrapped, EdmEnv):
+            raise InputError(f"RecordRerun records environments of edmsim, and this is {env.unwrapped!r}")
+        hint = "without live they are recorded all the same" if live else None
+        self._recorded = RecordedEpisodes(folder, every, hint)
+        self.recordings: list[Path] = self._recorded.folders
+        self._edm: EdmEnv = env.unwrapped
+        self._episode = -1
+        self._made_with: dict[str, Any] = {}
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode, and its recording if it is an `every`-th one."""
+        self._recorded.end(self._made_with, WORDS[StopCause.RUNNING].report)
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._episode += 1
+        if self._recorded.is_due(self._episode):
+            self._recorded.recorder = self._edm.recorder(self._action_names())
+            spec = self._edm.spec
+            self._made_with = {"environment": "own" if spec is None else spec.id, "episode": self._episode}
+            self._made_with |= {} if seed is None else {"seed of the reset": seed}
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Run and record a step."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if (recorder := self._recorded.recorder) is not None:
+            action_list = np.ravel(action).tolist()
+            recorder.step(action_list, info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
+            if terminated or truncated:
+                self._recorded.end(self._made_with, None)
+        return observation, reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Write the recording of a running episode, and close the environment."""
+        self._recorded.end(self._made_with, WORDS[StopCause.RUNNING].report)
+        self._recorded.close()
+        self.env.close()
+
+    def _action_names(self) -> list[str]:
+        space, names = self.env.action_space, list(self._edm.family.action_names)
+        width = int(np.prod(space.shape or ()))
+        return names if width == len(names) and space == self._edm.action_space else (
+            [f"action_{k}" for k in range(width)]
+        )

@@ -1,16 +1,18 @@
-"""One episode of an environment without Gymnasium, for controllers that command feeds and settings."""
+"""Feed controllers in episodes: `Task` runs an episode that they command, an `AttachedController` looks on."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
+from numpy.typing import NDArray
 
-from edmsim.controllers import FeedController, WindowObservation
+from edmsim.controllers import FeedController, SeesTruth, WindowObservation, from_text
+from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, tell
+from edmsim.controllers.user_controllers import check_is_controller, rehearsed
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_options
-from edmsim.envs.environment import AttachedController
 from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import make_family
 from edmsim.envs.reward import StepRewards
@@ -19,10 +21,124 @@ from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.plant import Plant
 
 _ONLY = np.zeros(1, np.int64)
+
+
+def as_action(
+    family: Family, controller: FeedController, command: FeedCommand, first_us: Sequence[float],
+    now_us: Sequence[float], feed_um_s: float,
+) -> NDArray[np.float32]:
+    """Return the action within -1..1 for what a controller wants; refuse where the environment has none."""
+    if family.action == "servo":
+        low, high = family.servo_target_share
+        entries = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]
+    elif family.action == "speed":
+        entries = [command.feed_um_s / family.max_feed_um_s]
+    else:
+        entries = [(command.feed_um_s - feed_um_s) / family.max_change_um_s]
+    on_us, period_us = (
+        now if chosen is None else chosen
+        for chosen, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
+    )
+    octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
+    octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
+    if not family.knobs and any(octaves.values()):
+        raise _has_no(controller, "turns the generator's knobs")
+    entries += [octaves[name] / family.setting_octaves for name in family.knobs]
+    if family.offset_um is not None:
+        entries.append(command.offset_um / family.offset_um)
+    elif command.offset_um:
+        raise _has_no(controller, "commands an offset")
+    return np.clip(np.array(entries, np.float32), -1.0, 1.0)
+
+
+def check_acts(family: Family, name: str) -> None:
+    """Refuse a controller before it acts whose commands are no actions of the environment."""
+    controller = from_text(name)
+    if family.action == "servo":
+        target_share(controller)
+    usual, commands = Machine.load(), rehearsed(lambda: from_text(name), family.greatest_feed_um_s)
+    settings_us = {each_us for command in commands for each_us in (command.t_on_us, command.t_period_us)}
+    if not family.knobs and not settings_us <= {None, usual.t_on_us, usual.t_period_us}:
+        raise _has_no(controller, "turns the generator's knobs")
+    if family.offset_um is None and any(command.offset_um for command in commands):
+        raise _has_no(controller, "commands an offset")
+
+
+def _has_no(controller: FeedController, what: str) -> InputError:
+    return InputError(f"{controller.name} {what}, and this environment has none: leave it out")
+
+
+def target_share(controller: FeedController) -> float:
+    """Return the share of open pulses that a controller holds; raises `InputError` where it holds none."""
+    target: float | None = getattr(controller, "open_target_share", None)
+    if target is None:
+        raise InputError(f"{controller.name} holds no share of open pulses: the environment's servo asks for one")
+    return target
+
+
+class AttachedController:
+    """A feed controller that is shown every window until `stop`; whether its commands are run is up to the caller."""
+
+    def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
+        self._sub_envs, self._index, self._controller = sub_envs, index, check_is_controller(controller)
+        # asked once, as it takes a tenth of a window
+        self._seer = controller if isinstance(controller, SeesTruth) else None
+        self._leg = self._lost = 0
+        self.latest = FeedCommand(0.0)  # what it answered to the last window, on the leg and with the wire of then
+        sub_envs.watchers.append((index, self._see))
+
+    def stop(self) -> None:
+        """Detach the controller."""
+        self._sub_envs.watchers.remove((self._index, self._see))
+
+    @property
+    def _family(self) -> Family:
+        return self._sub_envs.families[self._index]
+
+    def begin(self) -> FeedCommand:
+        """Begin the leg that the sub-environment is on; returns the command for its first window."""
+        sub_envs, index = self._sub_envs, self._index
+        scenario = sub_envs.scenario(index)
+        self._leg, self._lost = sub_envs.leg[index], int(sub_envs.rows[index]["wires_lost"])
+        start_um = float(sub_envs.rows[index]["before_um"])
+        tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
+        self._take(self._controller.reset(self._family.greatest_feed_um_s))
+        return self.latest
+
+    def command(self) -> FeedCommand:
+        """Return what it commands for the next window, after all that the sub-environment has had."""
+        sub_envs, index = self._sub_envs, self._index
+        if self._leg != sub_envs.leg[index]:
+            return self.begin()
+        if self._lost != sub_envs.rows[index]["wires_lost"]:
+            self._lost = int(sub_envs.rows[index]["wires_lost"])
+            self._take(next_wire(self._controller, self._family.greatest_feed_um_s))
+        return self.latest
+
+    def action(self) -> NDArray[np.float32]:
+        """Return the action of the environment that commands what it wants: see `as_action`."""
+        row, machine = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index).machine
+        first_us = machine.t_on_us, machine.t_period_us
+        now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
+        return as_action(self._family, self._controller, self.command(), first_us, now_us, feed_um_s)
+
+    def _see(self) -> None:
+        """Show it the window that the sub-environment has just had."""
+        self.command()  # a leg or wire that the last window ended is over before this one
+        window = self._sub_envs.fleet.plants[self._index].window()
+        if window.pulses != WINDOW_PULSES:
+            return
+        if self._seer is not None:
+            self._seer.see(window)
+        self._take(self._controller.update(self._sub_envs.observation(self._index)))
+
+    def _take(self, command: FeedCommand) -> None:
+        self.latest = check_command(self._controller.name, command)
 
 
 class StepResult(NamedTuple):
@@ -157,7 +273,7 @@ class Task:
         return {name: float(values[0]) for name, values in self._account.terms.items()}
 
     def attach_controller(self, controller: FeedController) -> AttachedController:
-        """Attach a feed controller to the episodes: see `edmsim.envs.environment.AttachedController`."""
+        """Attach a feed controller to the episodes: see `AttachedController`."""
         return AttachedController(self._sub_envs, 0, controller)
 
     def recorder(self) -> EpisodeRecorder:

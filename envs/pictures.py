@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import StopCause
-from edmsim.envs.part_cut import PartCut
-from edmsim.envs.part_task import PartEpisode, Parts
+from edmsim.envs.part_task import PartCut, PartEpisode, Parts
 from edmsim.envs.render import DPI, HEIGHT, STRIP, WIDTH, Renderer
 from edmsim.envs.sub_envs import Batch, SubEnvs
 from edmsim.geometry import Floats

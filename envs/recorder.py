@@ -1,9 +1,8 @@
-"""The recording of an episode: that of a cut, and the actions, rewards and costs of its steps."""
+"""Recordings of episodes: that of a cut, and the actions, rewards and costs of the steps."""
 
 from collections.abc import Mapping, Sequence
-from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +13,20 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.path_follower import RUNNING, SUB_ENV
 from edmsim.envs.reward import TERMS
 from edmsim.envs.sub_envs import SubEnvs
+from edmsim.files import make_writable
+from edmsim.numeric import whole_from
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
 from edmsim.plant.workpiece.height_steps import middle_slice
+from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.report import ProfileErrors, Report
 from edmsim.recording.windows import PULSES, Closeups, Frames, WindowTable, row_of
 
-if TYPE_CHECKING:
-    from edmsim.recording.rerun.write import Steps
-    from edmsim.recording.scene import Scene
-
-EVERY = 12
+CLOSEUP_EVERY = 12
 """Windows per window that is recorded pulse by pulse, with the wire's shape (ours: three a second of machine time, as
 playback shows a cut some times faster than it was; and a twelfth of the time they take)."""
-_in_order = itemgetter(*TERMS)
+EVERY = 100  # ours: with episodes of a thousand steps recording then takes some per mille of the time
+_NAME = "episode-"  # of a recording's folder, before its number
 
 
 class EpisodeRecorder:
@@ -68,7 +67,7 @@ class EpisodeRecorder:
         if self._leg != leg:
             self._leg, points_um = leg, self._sub_envs.scenario(here).legs_um[leg]
             self._closeups.leg(np.rint(points_um).astype(np.int64), float(rows[here]["before_um"]))
-        if len(self._windows) % EVERY == 1 or self._causes[here] != RUNNING:
+        if len(self._windows) % CLOSEUP_EVERY == 1 or self._causes[here] != RUNNING:
             turn = _turn(window, row)[0]._replace(opposite=plant.opposite_pulses())
             self._closeups.window(turn, plant)
 
@@ -86,21 +85,36 @@ class EpisodeRecorder:
         self, action: Sequence[float], terms: Mapping[str, float], cost: float, error_um: float, area_mm2: float
     ) -> None:
         """Note a step that is just over; cost, error and area as in ``info``."""
-        self._steps.append((*action, *_in_order(terms), cost, error_um, area_mm2))
+        self._steps.append((*action, *(terms[name] for name in TERMS), cost, error_um, area_mm2))
         self._rows.append(len(self._windows) - 1)
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
         """Write the recording of the episode so far, before another begins; `settings` are for the text about it."""
         from edmsim.envs.pictures import scene_of
-        from edmsim.recording.rerun.write import write_recording
+        from edmsim.recording.rerun.write import COST, RETURN, TOTAL, steps_of, write_recording
 
         file.parent.mkdir(parents=True, exist_ok=True)
         machine, plant = self._sub_envs.scenario(self._index).machine, self._sub_envs.fleet.plants[self._index]
-        scene, windows = scene_of(self._sub_envs, self._index), self._table()
-        values = windows.rows
+        scene, table = scene_of(self._sub_envs, self._index), self._table()
+        rows, widths = table.rows, (len(self._actions), len(TERMS), 1, 1, 1)
+        steps = np.array(self._steps, np.float64).reshape(len(self._steps), sum(widths))
+        actions, rewards, cost, error_um, _ = np.split(steps, np.cumsum(widths)[:-1], axis=1)
+        groups = [
+            ("action", "actions, as given", self._actions, actions),
+            ("reward", "terms of the reward, per step", TERMS, rewards),
+            (RETURN, "return so far", (TOTAL,), np.cumsum(rewards.sum(axis=1))[:, None]),
+            (COST, "cost per step, and so far", ("step", TOTAL), np.column_stack([cost, np.cumsum(cost)])),
+            ("way", "distance of the wire from the path, um", ("error_um",), error_um),
+        ]
+        note = (
+            f"Discharges, top view, oscilloscope, the wire's shape and its gas: one window of "
+            f"{CLOSEUP_EVERY * self._closeups.stride}, around retracts and corners one of {CLOSEUP_EVERY}, and the "
+            f"last. Of such a window its last {PULSES} pulses are kept."
+        )
         write_recording(
-            file, scene, windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, machine,
-            self._report(settings, outcome or self._outcome(), scene, values), title, self._steps_of(values),
+            file, scene, table.to_arrow(), Frames(plant.resolution.slices), self._closeups, machine,
+            self._report(settings, outcome or self._outcome(), scene.known_errors(), rows), title,
+            steps_of(groups, rows[self._rows, 0], rows[self._rows, -1], [note]),
         )
 
     def _outcome(self) -> str:
@@ -108,10 +122,12 @@ class EpisodeRecorder:
         late = cause is StopCause.RUNNING and bool(self._sub_envs.out_of_time[self._index])
         return WORDS[StopCause.TIME_LIMIT if late else cause].report
 
-    def _report(self, settings: Mapping[str, Any], outcome: str, scene: "Scene", values: NDArray[Any]) -> Report:
-        """Return of a cut's report what its recording tells."""
+    def _report(
+        self, settings: Mapping[str, Any], outcome: str, known: NDArray[np.float64], values: NDArray[Any]
+    ) -> Report:
+        """Return of a cut's report what its recording tells, with the errors `known` of the part, in um."""
         row, scenario = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index)
-        cutting_s, known = float(row["elapsed_ns"]) * 1e-9, scene.known_errors()
+        cutting_s = float(row["elapsed_ns"]) * 1e-9
         area_mm2 = sum(step[-1] for step in self._steps)
         return Report(
             outcome=outcome, machining_time_s=float(values[-1, 0]) if len(values) else 0.0,
@@ -124,28 +140,6 @@ class EpisodeRecorder:
             seed=scenario.plant_seed, edmsim_version=__version__,
             settings={**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
         )  # fmt: skip
-
-    def _steps_of(self, windows: NDArray[np.float64]) -> "Steps":
-        """Lay out what the steps commanded, earned and cost."""
-        from edmsim.recording.rerun.write import COST, RETURN, TOTAL, steps_of
-
-        actions, terms = len(self._actions), len(TERMS)
-        values = np.array(self._steps, np.float64).reshape(len(self._steps), actions + terms + 3)
-        rewards, cost = values[:, actions : actions + terms], values[:, actions + terms]
-        total, costs = np.cumsum(rewards.sum(axis=1)), np.column_stack([cost, np.cumsum(cost)])
-        groups = [
-            ("action", "actions, as given", self._actions, values[:, :actions]),
-            ("reward", "terms of the reward, per step", TERMS, rewards),
-            (RETURN, "return so far", (TOTAL,), total[:, None]),
-            (COST, "cost per step, and so far", ("step", TOTAL), costs),
-            ("way", "distance of the wire from the path, um", ("error_um",), values[:, -2:-1]),
-        ]
-        notes = [
-            f"Discharges, top view, oscilloscope, the wire's shape and its gas: one window of "
-            f"{EVERY * self._closeups.stride}, around retracts and corners one of {EVERY}, and the last. Of such a "
-            f"window its last {PULSES} pulses are kept.",
-        ]
-        return steps_of(groups, windows[self._rows, 0], windows[self._rows, -1], notes)
 
 
 def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, float]]:
@@ -162,3 +156,51 @@ def _scene_slice(sub_envs: SubEnvs, index: int) -> int:
     machine = scenario.machine
     lowest_mm = min([step.height_mm for step in scenario.stock.steps], default=machine.height_mm)
     return middle_slice(lowest_mm, machine.height_mm, slices)
+
+
+class RecordedEpisodes:
+    """Every n-th episode in its own folder, shown at its end if live; `hint` says what to do without a viewer."""
+
+    def __init__(self, folder: str | Path, every: int, hint: str | None) -> None:
+        self._every = whole_from("every", every, 1)
+        self.folders: list[Path] = []  # written so far
+        self.recorder: EpisodeRecorder | None = None  # of the episode under way, if it is recorded
+        self._folder = make_writable(folder)
+        self._viewer: Any = None
+        if hint is not None:
+            from edmsim.recording.rerun.viewer import LiveViewer
+
+            self._viewer = LiveViewer("the episodes", hint)
+
+    def is_due(self, episode: int) -> bool:
+        """Whether an episode is recorded."""
+        return episode % self._every == 0
+
+    def following(self) -> int:
+        """Return the number after the last recording in the folder."""
+        numbers = (folder.name.removeprefix(_NAME) for folder in self._folder.glob(f"{_NAME}*"))
+        return max((int(number) + 1 for number in numbers if number.isdecimal()), default=0)
+
+    def end(self, settings: dict[str, Any], outcome: str | None) -> None:
+        """Write the recording, if there is one, and watch no more."""
+        recorder, self.recorder = self.recorder, None
+        if recorder is None:
+            return
+        recorder.stop()
+        if len(recorder) == 0:
+            return
+        name, episode = settings["environment"], settings["episode"]
+        folder = self._folder / f"{_NAME}{episode:06d}"
+        recorder.write(folder / RECORDING, f"{name}, episode {episode}", settings, outcome)
+        self.folders.append(folder)
+        if self._viewer is not None:
+            self._viewer.show(folder / RECORDING)
+
+    def close(self) -> None:
+        """Let the viewer go."""
+        if self._viewer is not None:
+            self._viewer.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs; the recording under way and the viewer stay with the original."""
+        return {**self.__dict__, "recorder": None, "_viewer": None}

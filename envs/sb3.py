@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.environment import EdmVectorEnv, SubEnvView
-from edmsim.envs.record import EVERY, RecordedEpisodes
+from edmsim.envs.recorder import EVERY, RecordedEpisodes
 from edmsim.envs.registry import env_id_of, find
 from edmsim.envs.reward import TERMS
 from edmsim.errors import InputError, refuses_wrong_types
