@@ -15,10 +15,9 @@ from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from edmsim import numeric
 from edmsim.errors import InputError, invalid_entry, one_of, refuse_unknown
 from edmsim.machine.machine import Machine
-from edmsim.numeric import keep_plain, real, whole
-from edmsim.numeric import plain as plain_number
 
 Range = float | tuple[float, float]
 _Record = TypeVar("_Record")
@@ -75,14 +74,14 @@ _SAID = {
 
 def _fits(value: Any, kind: Any) -> bool:
     if kind in (float, int):
-        return (real if kind is float else whole)(value) is not None
+        return (numeric.real if kind is float else numeric.whole)(value) is not None
     if kind not in (tuple[float, float], Sequence[str]):
         return isinstance(value, kind)
     if not isinstance(value, tuple | list):
         return False
     if kind == Sequence[str]:
         return all(isinstance(one, str) for one in value)
-    return len(value) == 2 and None not in map(real, value)
+    return len(value) == 2 and None not in map(numeric.real, value)
 
 
 @functools.cache
@@ -95,7 +94,7 @@ def _declared(kind: type) -> list[tuple[Argument, Any]]:
 
 def check_kinds(record: object) -> None:
     """Make numbers among the arguments Python's own, and refuse arguments that are not what is declared of them."""
-    keep_plain(record)
+    numeric.keep_plain(record)
     for (name, _, _, meaning), hint in _declared(type(record)):  # type: ignore[arg-type]
         value = getattr(record, name)
         if get_origin(hint) is Literal:
@@ -110,7 +109,7 @@ def check_kinds(record: object) -> None:
 
 def ends_of(name: str, value: Range) -> tuple[float, float]:
     """Return the ends of a range given as an argument; a number is a range of its own."""
-    low, high = map(real, value if isinstance(value, Sequence) and len(value) == 2 else (value, value))
+    low, high = map(numeric.real, value if isinstance(value, Sequence) and len(value) == 2 else (value, value))
     if low is None or high is None or not 0 < low <= high < math.inf:
         raise InputError(f"{name} is {value!r}: give a number above 0, or the ends of a range, the lower first")
     return float(low), float(high)
@@ -154,7 +153,7 @@ def plain(item: Any) -> Any:
         return {name: plain(value) for name, value in item.items()}
     if isinstance(item, tuple | list):
         return [plain(value) for value in item]
-    return str(item) if isinstance(item, Path) else plain_number(item)
+    return str(item) if isinstance(item, Path) else numeric.plain(item)
 
 
 def _only_known(name: str, value: Mapping[str, Any], known: list[str]) -> None:

@@ -15,17 +15,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_actions, checked_options, plain
-from edmsim.envs.episode import AttachedController
-from edmsim.envs.recorder import EVERY, EpisodeRecorder, RecordedEpisodes
+from edmsim.envs.episode import EVERY, AttachedController, EpisodeRecorder, RecordedEpisodes
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.sub_envs import Batch, SubEnvs
@@ -198,7 +194,7 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if not self._running:
             why = "the episode has ended" if self._started else "no episode has begun"
-            raise ResetNeeded(f"{why}: call reset() before step()")
+            raise gym.error.ResetNeeded(f"{why}: call reset() before step()")
         batch = self._batch
         actions = checked_actions(action, self.action_space.shape or ())[None]
         reward = batch.step(_ONLY, actions)[0]
@@ -241,7 +237,7 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make")
             return None
         if not self._started:
-            raise ResetNeeded("no episode has begun: call reset() before render()")
+            raise gym.error.ResetNeeded("no episode has begun: call reset() before render()")
         picture = self._picture(0)
         if self.render_mode == "human":
             self._renderer.show(picture)
@@ -303,7 +299,7 @@ class SubEnvView:
 
     def begin_draws(self, seed: int | None) -> None:
         """Seed the sub-environment's draws; without a seed, at random."""
-        self._random, self._seed = seeding.np_random(seed)
+        self._random, self._seed = gym.utils.seeding.np_random(seed)
 
     @property
     def np_random(self) -> np.random.Generator:
@@ -401,8 +397,8 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         self.max_episode_steps = max_episode_steps
         self.single_action_space, self.single_observation_space, self.reward_space = _spaces_of(self.family)
         self._action_shape = (num_envs, *(self.single_action_space.shape or ()))
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
         self._batch = engine_of(self.family, num_envs, threads or os.cpu_count() or 1)
         self._elapsed = np.zeros(num_envs, np.int64)
         self._started: Flags = np.zeros(num_envs, np.bool_)
@@ -489,14 +485,14 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
             If an action does not have the shape of the action space, or is NaN.
         """
         if not self._started.all():
-            raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
+            raise gym.error.ResetNeeded("not every environment has begun an episode: call reset() before step()")
         actions = checked_actions(actions, self._action_shape)
         running = ~self._ended
         active = running.nonzero()[0]
         others = ~running if len(active) < self.num_envs else None
         if others is not None and self.autoreset_mode is AutoresetMode.DISABLED:
             ended = np.flatnonzero(others).tolist()
-            raise ResetNeeded(f"sub-environments {ended} have ended: reset them with options['reset_mask']")
+            raise gym.error.ResetNeeded(f"sub-environments {ended} have ended: reset them with options['reset_mask']")
         reward = self._batch.step(active, actions)
         terminated = self._batch.ended & running
         truncated = self._batch.out_of_time & running & ~terminated
@@ -588,7 +584,7 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
     def picture(self, index: int) -> NDArray[np.uint8]:
         """Return an image of a sub-environment."""
         if not self._started.all():
-            raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
+            raise gym.error.ResetNeeded("not every environment has begun an episode: call reset() before render()")
         return self._picture(self._checked(index))
 
     def close_extras(self, **_: Any) -> None:

@@ -18,9 +18,8 @@ from textwrap import fill
 from typing import Any, TypeVar
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import observation, registry, reward, sub_envs
+from edmsim.envs import observation, path_follower, registry, reward, sub_envs
 from edmsim.envs.arguments import arguments_of
-from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
 from edmsim.envs.task import KNOBS, EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
@@ -51,7 +50,8 @@ ENDS = {
     StopCause.FINISHED: "the end of the path is reached",
     StopCause.WIRE_BREAK: "the last wire breaks",
     StopCause.LIMIT_SWITCH: "an end switch of the table opens",
-    StopCause.PERSISTENT_SHORT: f"{SHORTED_S:g} s of windows with {SHORTED_SHARE * 100:g} % shorts or more",
+    StopCause.PERSISTENT_SHORT:
+        f"{path_follower.SHORTED_S:g} s of windows with {path_follower.SHORTED_SHARE * 100:g} % shorts or more",
     StopCause.OUT_OF_RANGE: "the wire leaves the range of the model",
 }
 """What terminates an episode."""
@@ -266,8 +266,8 @@ def rewards(family: Family, particular: str) -> str:
             "Area is length of path times local height. The length follows the wire's true position, weighted by the "
             "share of pulses that ignite. So pushing a bent wire into a short, moving back and forth, or cutting air "
             "earns nothing. "
-            f"The first {SETTLING_NS * 1e-9:g} s of a wire do not count, as the field then pulls it towards the "
-            "metal.",
+            f"The first {path_follower.SETTLING_NS * 1e-9:g} s of a wire do not count, as the field then pulls it "
+            "towards the metal.",
             f"A lost wire costs the area that {lost_mm2_min:g} mm2/min would cut while another is threaded."
             if lost_mm2_min > 0.0 else "A lost wire costs only the time in which another is threaded.",
             '``info["cost"]`` is 1 for a lost wire or an end by a limit, and grows by 1 for every second beyond a '

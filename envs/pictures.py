@@ -15,7 +15,6 @@ from edmsim.cosim.stops import StopCause
 from edmsim.envs.part_task import PartCut, PartEpisode, Parts
 from edmsim.envs.render import DPI, HEIGHT, STRIP, WIDTH, Renderer
 from edmsim.envs.sub_envs import Batch, SubEnvs
-from edmsim.geometry import Floats
 from edmsim.job.inspection import holes_mm, terraces
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import corners, profile_error
@@ -23,6 +22,7 @@ from edmsim.plant.plant import Plant
 from edmsim.recording.figures.palette import BLUE, INK, MUTED, SHARE_COLOURS, VERMILION
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
+Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]  # (height, width, 3)
 BELOW = 120
 """Height of what is below the drawing of a part: the passes, and the strip of the last step."""
