@@ -50,9 +50,7 @@ def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: registering the environments loads none of them."""
     task, is_vector, _ = name.partition("VectorEnv")
     if is_vector and task in _HOMES:  # where Gymnasium looks for the vector environment of a registered id
-        from edmsim.envs.environment import EdmVectorEnv
-
-        return partial(EdmVectorEnv, task)
+        return partial(__getattr__("EdmVectorEnv"), task)
     if name not in _HOMES:
         raise AttributeError(f"module 'edmsim.envs' has no attribute '{name}'")
     value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

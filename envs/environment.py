@@ -23,7 +23,6 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_actions, checked_options, plain
 from edmsim.envs.episode import EVERY, AttachedController, EpisodeRecorder, RecordedEpisodes
 from edmsim.envs.registry import arguments_with
-from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.sub_envs import Batch, SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, refuse_unknown
@@ -75,13 +74,24 @@ def _first(infos: dict[str, Any]) -> dict[str, Any]:
 _ONLY = np.zeros(1, np.int64)
 
 
+RENDER_MODES = ("rgb_array", "human")
+RENDER_FPS = 39  # pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms
+
+
+def _check_render_mode(mode: str | None) -> str | None:
+    """Raise `InputError` for a render mode there is not."""
+    if mode is not None:
+        refuse_unknown("render_mode", mode, RENDER_MODES)
+    return mode
+
+
 class _Common:
     """What a single and a vector environment have in common: arguments that `change` replaces, and pictures."""
 
     family: EnvArguments
     spec: gym.envs.registration.EnvSpec | None
     _batch: Engine
-    _renderer: Renderer
+    _renderer: Any = None  # a `Renderer`, loaded with the first picture
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Keep the specification in a form that JSON can write."""
@@ -103,9 +113,15 @@ class _Common:
             self.spec.kwargs |= plain(options)
 
     def _picture(self, index: int) -> NDArray[np.uint8]:
-        from edmsim.envs.pictures import picture
+        from edmsim.envs.render import Renderer
 
-        return picture(self._batch, index, self._renderer)
+        self._renderer = self._renderer or Renderer()
+        picture: NDArray[np.uint8] = self._renderer.picture(self._batch, index)
+        return picture
+
+    def _close_window(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
 
 
 class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -147,13 +163,12 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, task: str | type[EnvArguments] | None = None, render_mode: str | None = None, **options: Any
     ) -> None:
         self.family: EnvArguments = arguments_with(self.task if task is None else task, **options)
-        self.render_mode = check_render_mode(render_mode)
+        self.render_mode = _check_render_mode(render_mode)
         self.action_space, self.observation_space, self.reward_space = _spaces_of(self.family)
         self._batch = engine_of(self.family, 1, 1)
         self._of_episode: dict[str, Any] = {}
         self._running = False
         self._started = False
-        self._renderer = Renderer()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -246,7 +261,7 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def close(self) -> None:
         """Close the window of ``render_mode="human"``, if there is one."""
-        self._renderer.close()
+        self._close_window()
 
 
 # The native vector environment: the plants of all sub-environments run in one compiled call.
@@ -389,7 +404,7 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         if threads is not None:
             threads = whole_from("threads", threads, 1)
         self.family: EnvArguments = arguments_with(task, **options)
-        self.render_mode = check_render_mode(render_mode)
+        self.render_mode = _check_render_mode(render_mode)
         refuse_unknown("autoreset_mode", plain(autoreset_mode), [m.value for m in AutoresetMode])
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -403,7 +418,6 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         self._elapsed = np.zeros(num_envs, np.int64)
         self._started: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
-        self._renderer = Renderer()
         self._views = tuple(SubEnvView(self, index) for index in range(num_envs))
         self.watch: Callable[[NDArray[np.float32], dict[str, Any], Flags], None] | None = None
 
@@ -590,7 +604,7 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""
         self._batch.close()
-        self._renderer.close()
+        self._close_window()
 
 
 def _masked(values: dict[str, Any], mask: Flags, others: Flags | None) -> dict[str, Any]:

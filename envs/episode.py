@@ -217,7 +217,7 @@ class EpisodeRecorder:
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
         """Write the recording of the episode so far, before another begins; `settings` are for the text about it."""
-        from edmsim.envs.pictures import scene_of
+        from edmsim.envs.render import scene_of
         from edmsim.metrology.profile import error_stats
         from edmsim.recording.rerun.write import COST, RETURN, TOTAL, steps_of, write_recording
 

@@ -13,7 +13,6 @@ from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs import observation, servo
 from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, machine_of, record_of, record_of_arguments
-from edmsim.envs.observation import EXACT, Entry, Sensors
 from edmsim.envs.reward import TERMS, Weights
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
@@ -144,7 +143,7 @@ class EnvArguments(ABC):
         """What each entry of an action is called."""
 
     @abstractmethod
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[observation.Entry]:
         """Return every entry of an observation, in order."""
 
     @cached_property
@@ -173,7 +172,7 @@ class EnvArguments(ABC):
                 arguments[name] = tuple(value)
         if "machine" in arguments:
             arguments["machine"] = machine_of(arguments["machine"])
-        for name, own in (("weights", cls.own_weights), ("sensors", Sensors())):
+        for name, own in (("weights", cls.own_weights), ("sensors", observation.Sensors())):
             if name in arguments:
                 arguments[name] = record_of(name, arguments[name], own)
         return cls(**arguments)
@@ -253,7 +252,7 @@ class Family(EnvArguments):
     )
     servo_gains: tuple[float, float] = argument(servo.GAINS, "", "um/s, and um/s per s, per unit of its error")
     latency_s: float = argument(0.0, "s", "delay of a new feed, a window at most")
-    sensors: Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
+    sensors: observation.Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
     history: int = argument(4, "steps", "number of steps in an observation")
     weights: Weights | None = argument(None, "", "`Weights`, or a mapping of weights to change")
     objectives: Sequence[str] = argument((), "", "terms of a vector reward; ``()``: a scalar")
@@ -369,18 +368,18 @@ class Family(EnvArguments):
         return ("target" if self.action == "servo" else "feed", *self.knobs, *last)
 
     @property
-    def step_entries(self) -> tuple[Entry, ...]:
+    def step_entries(self) -> tuple[observation.Entry, ...]:
         """Entries of an observation that a step has."""
         return observation.MEASURED + (observation.FIFTHS if self.locates_discharges else ())
 
     @property
-    def known_entries(self) -> tuple[Entry, ...]:
+    def known_entries(self) -> tuple[observation.Entry, ...]:
         """Entries behind the operator's dials."""
         offset = () if self.offset_um is None else (observation.OFFSET,)
         corners = observation.CORNERS if self.knows_corners else ()
         return (*corners, *offset, *(observation.WIRES if self.knows_wires else ()))
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[observation.Entry]:
         """Return every entry of an observation, in order."""
         steps = [
             entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
@@ -399,9 +398,9 @@ class Family(EnvArguments):
         return max(5e-4, self._grid_um(self.base) * 1e-3)
 
     @cached_property
-    def measured_by(self) -> Sensors:
+    def measured_by(self) -> observation.Sensors:
         """Sensors in force."""
-        return self.sensors or EXACT
+        return self.sensors or observation.EXACT
 
     @property
     def scrap_s(self) -> float:
