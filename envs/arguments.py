@@ -128,7 +128,7 @@ def machine_of(value: Any) -> Any:
             raise InputError(f"machine: {invalid_entry(error)}") from None
         machine.check()
         return machine
-    _only_known("machine", value, list(signature(Machine.load).parameters))
+    _only_known("machine has no entry", value, list(signature(Machine.load).parameters))
     return Machine.load(**value)
 
 
@@ -137,7 +137,7 @@ def record_of(name: str, value: Any, own: _Record) -> Any:
     if not isinstance(value, Mapping):
         return value
     values = {f.name: getattr(own, f.name) for f in fields(own)}  # type: ignore[arg-type]
-    _only_known(name, value, list(values))
+    _only_known(f"{name} has no entry", value, list(values))
     return type(own)(**{**values, **value})
 
 
@@ -156,18 +156,22 @@ def plain(item: Any) -> Any:
     return str(item) if isinstance(item, Path) else numeric.plain(item)
 
 
-def _only_known(name: str, value: Mapping[str, Any], known: list[str]) -> None:
+def _only_known(refusal: str, value: Mapping[str, Any], known: Sequence[str]) -> None:
     for key in value:
         if key not in known:
-            raise InputError(f"{name} has no entry {key!r}; it has {one_of(key, known)}")
+            raise InputError(f"{refusal} {key!r}; it has {one_of(key, known)}")
+
+
+def _array(values: Any) -> NDArray[Any]:
+    try:
+        return np.asarray(values)
+    except ValueError:  # lists of several lengths
+        return np.array(None)
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return actions as an array of their space's shape, all numbers; beyond -1..1 they are clipped later."""
-    try:
-        array = np.asarray(actions)
-    except ValueError:  # lists of several lengths
-        array = np.array(None)
+    array = _array(actions)
     if array.dtype.kind not in "fiu":
         raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
     if array.shape != shape:
@@ -179,14 +183,20 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
     return taken
 
 
+def checked_mask(mask: Any, count: int) -> NDArray[np.bool_]:
+    """Return which of some sub-environments are to be reset: all for None."""
+    array = np.ones(count, np.bool_) if mask is None else _array(mask)
+    if array.shape != (count,) or array.dtype != np.bool_ or not array.any():
+        raise InputError(f"reset_mask must be {count} truth values, at least one of them true")
+    return array
+
+
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
     """Return the options of a reset, all of them known."""
     if not isinstance(options, Mapping | None):
         raise InputError(f"the options of a reset are {options!r}: give a mapping, as {{'{known[0]}': ...}}")
     found = dict(options or {})
-    for name in found:
-        if name not in known:
-            raise InputError(f"reset has no option {name!r}; it has {one_of(name, known)}")
+    _only_known("reset has no option", found, known)
     machine = found.get("machine")
     if machine is not None and not isinstance(machine, Machine):
         raise InputError(f"the option machine is {machine!r}: give an edmsim.Machine")

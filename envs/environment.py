@@ -4,8 +4,6 @@ Sub-environments step window by window, parts pass by pass. Parts are loaded whe
 takes longer to load than sub-environments.
 """
 
-from __future__ import annotations
-
 import copy
 import os
 from collections.abc import Callable, Sequence
@@ -15,12 +13,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
-from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.arguments import checked_actions, checked_options, plain
+from edmsim.envs.arguments import checked_actions, checked_mask, checked_options, plain
 from edmsim.envs.episode import EVERY, AttachedController, EpisodeRecorder, RecordedEpisodes
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.sub_envs import Batch, SubEnvs
@@ -34,7 +30,7 @@ if TYPE_CHECKING:
     Engine: TypeAlias = Batch | Parts  # both have the members that Gymnasium's environments need
 
 
-def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
+def engine_of(family: EnvArguments, count: int, threads: int) -> "Engine":
     """Return what runs `count` episodes side by side."""
     if isinstance(family, Family):
         return Batch(family, count, threads)
@@ -44,7 +40,7 @@ def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
     return Parts(family, count, threads)
 
 
-def sub_envs_of(engine: Engine) -> SubEnvs:
+def sub_envs_of(engine: "Engine") -> SubEnvs:
     """Return the sub-environments that step window by window; raises `InputError` where there are none."""
     if isinstance(engine, Batch):
         return engine.sub_envs
@@ -90,7 +86,7 @@ class _Common:
 
     family: EnvArguments
     spec: gym.envs.registration.EnvSpec | None
-    _batch: Engine
+    _batch: "Engine"
     _renderer: Any = None  # a `Renderer`, loaded with the first picture
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -278,7 +274,7 @@ class SubEnvView:
     Gymnasium has it.
     """
 
-    def __init__(self, env: EdmVectorEnv, index: int) -> None:
+    def __init__(self, env: "EdmVectorEnv", index: int) -> None:
         self._env, self._index = env, index
         self._spaces = copy.deepcopy((env.single_action_space, env.single_observation_space, env.reward_space))
         self._random: np.random.Generator | None = None
@@ -354,7 +350,7 @@ class SubEnvView:
 Flags = NDArray[np.bool_]
 
 
-class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """Many cuts at once. A step is a window of 255 pulses, all windows within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``.
@@ -390,12 +386,13 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
-        "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS, "autoreset_mode": AutoresetMode.NEXT_STEP,
+        **EdmEnv.metadata, "autoreset_mode": gym.vector.AutoresetMode.NEXT_STEP,
     }
 
     def __init__(
         self, task: str | type[EnvArguments], num_envs: int = 1, *, max_episode_steps: int | None = None,
-        render_mode: str | None = None, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        autoreset_mode: gym.vector.AutoresetMode | str = gym.vector.AutoresetMode.NEXT_STEP,
         threads: int | None = None, **options: Any,
     ) -> None:
         num_envs = whole_from("num_envs", num_envs, 1)
@@ -405,8 +402,8 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
             threads = whole_from("threads", threads, 1)
         self.family: EnvArguments = arguments_with(task, **options)
         self.render_mode = _check_render_mode(render_mode)
-        refuse_unknown("autoreset_mode", plain(autoreset_mode), [m.value for m in AutoresetMode])
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        refuse_unknown("autoreset_mode", plain(autoreset_mode), [m.value for m in gym.vector.AutoresetMode])
+        self.autoreset_mode = gym.vector.AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
@@ -441,7 +438,7 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         """
         checked = checked_options(options, ("machine", "reset_mask"))
         seeds = self._seeds(seed)
-        mask = self._mask(checked.get("reset_mask"))
+        mask = checked_mask(checked.get("reset_mask"), self.num_envs)
         first = seeds[0]
         if first is not None:
             super().reset(seed=first)
@@ -460,17 +457,6 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         if len(seed) != self.num_envs:
             raise InputError(f"{len(seed)} seeds were given for {self.num_envs} environments: give one each")
         return [None if one is None else whole_from("seed", one, 0) for one in seed]
-
-    def _mask(self, mask: Any) -> Flags:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
-        try:
-            array = np.asarray(mask)
-        except ValueError:  # lists of several lengths
-            array = np.array(None)
-        if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
-            raise InputError(f"reset_mask must be {self.num_envs} truth values, at least one of them true")
-        return array
 
     def _begin(self, mask: Flags, machine: Any = None, redraw: Flags | None = None) -> dict[str, Any]:
         infos: dict[str, Any] = {}
@@ -504,7 +490,7 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
         running = ~self._ended
         active = running.nonzero()[0]
         others = ~running if len(active) < self.num_envs else None
-        if others is not None and self.autoreset_mode is AutoresetMode.DISABLED:
+        if others is not None and self.autoreset_mode is gym.vector.AutoresetMode.DISABLED:
             ended = np.flatnonzero(others).tolist()
             raise gym.error.ResetNeeded(f"sub-environments {ended} have ended: reset them with options['reset_mask']")
         reward = self._batch.step(active, actions)
@@ -519,7 +505,7 @@ class EdmVectorEnv(_Common, VectorEnv[NDArray[np.float32], NDArray[np.float32], 
             self.watch(actions, infos, self._ended)
         if others is not None:
             infos.update(self._begin(others))  # the names of resets' infos are other than those of steps
-        elif self._ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
+        elif self._ended.any() and self.autoreset_mode is gym.vector.AutoresetMode.SAME_STEP:
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":
             self.render()
@@ -677,7 +663,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode, and its recording if it is an `every`-th one."""
-        self._recorded.end(self._made_with, WORDS[StopCause.RUNNING].report)
+        self._recorded.end(self._made_with)
         observation, info = self.env.reset(seed=seed, options=options)
         self._episode += 1
         if self._recorded.is_due(self._episode):
@@ -694,12 +680,12 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
             action_list = np.ravel(action).tolist()
             recorder.step(action_list, info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
             if terminated or truncated:
-                self._recorded.end(self._made_with, None)
+                self._recorded.end(self._made_with)
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
         """Write the recording of a running episode, and close the environment."""
-        self._recorded.end(self._made_with, WORDS[StopCause.RUNNING].report)
+        self._recorded.end(self._made_with)
         self._recorded.close()
         self.env.close()
 

@@ -15,10 +15,9 @@ from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, 
 from edmsim.controllers.user_controllers import check_is_controller, rehearsed
 from edmsim.cosim.observers import Turn
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.envs import path_follower, reward
 from edmsim.envs.arguments import checked_options
-from edmsim.envs.path_follower import RUNNING, SUB_ENV
 from edmsim.envs.registry import make_family
-from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import Family, Scenario
 from edmsim.errors import InputError
@@ -194,7 +193,7 @@ class EpisodeRecorder:
         if self._leg != leg:
             self._leg, points_um = leg, self._sub_envs.scenario(here).legs_um[leg]
             self._closeups.leg(np.rint(points_um).astype(np.int64), float(rows[here]["before_um"]))
-        if len(self._windows) % CLOSEUP_EVERY == 1 or self._causes[here] != RUNNING:
+        if len(self._windows) % CLOSEUP_EVERY == 1 or self._causes[here] != path_follower.RUNNING:
             turn = _turn(window, row)[0]._replace(opposite=plant.opposite_pulses())
             self._closeups.window(turn, plant)
 
@@ -212,7 +211,7 @@ class EpisodeRecorder:
         self, action: Sequence[float], terms: Mapping[str, float], cost: float, error_um: float, area_mm2: float
     ) -> None:
         """Note a step that is just over; cost, error and area as in ``info``."""
-        self._steps.append((*action, *(terms[name] for name in TERMS), cost, error_um, area_mm2))
+        self._steps.append((*action, *(terms[name] for name in reward.TERMS), cost, error_um, area_mm2))
         self._rows.append(len(self._windows) - 1)
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
@@ -224,12 +223,12 @@ class EpisodeRecorder:
         file.parent.mkdir(parents=True, exist_ok=True)
         machine, plant = self._sub_envs.scenario(self._index).machine, self._sub_envs.fleet.plants[self._index]
         scene, table = scene_of(self._sub_envs, self._index), self._table()
-        rows, widths = table.rows, (len(self._actions), len(TERMS), 1, 1, 1)
+        rows, widths = table.rows, (len(self._actions), len(reward.TERMS), 1, 1, 1)
         steps = np.array(self._steps, np.float64).reshape(len(self._steps), sum(widths))
         actions, rewards, cost, error_um, _ = np.split(steps, np.cumsum(widths)[:-1], axis=1)
         groups = [
             ("action", "actions, as given", self._actions, actions),
-            ("reward", "terms of the reward, per step", TERMS, rewards),
+            ("reward", "terms of the reward, per step", reward.TERMS, rewards),
             (RETURN, "return so far", (TOTAL,), np.cumsum(rewards.sum(axis=1))[:, None]),
             (COST, "cost per step, and so far", ("step", TOTAL), np.column_stack([cost, np.cumsum(cost)])),
             ("way", "distance of the wire from the path, um", ("error_um",), error_um),
@@ -268,7 +267,7 @@ class EpisodeRecorder:
 
 def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, float]]:
     """Return the turn that was kept of a window, and the generator's on-time and period in us."""
-    window, row = read_window(memoryview(window_bytes)), np.frombuffer(row_bytes, SUB_ENV)[0]
+    window, row = read_window(memoryview(window_bytes)), np.frombuffer(row_bytes, path_follower.SUB_ENV)[0]
     on_us, period_us = row["setting_us"].tolist()
     path_um = float(row["before_um"] + row["path_um"])
     return Turn(window, window.start_ns + window.duration_ns, float(row["feed_um_s"]), path_um), (on_us, period_us)
@@ -305,7 +304,7 @@ class RecordedEpisodes:
         numbers = (folder.name.removeprefix(_NAME) for folder in self._folder.glob(f"{_NAME}*"))
         return max((int(number) + 1 for number in numbers if number.isdecimal()), default=0)
 
-    def end(self, settings: dict[str, Any], outcome: str | None) -> None:
+    def end(self, settings: dict[str, Any]) -> None:
         """Write the recording, if there is one, and watch no more."""
         recorder, self.recorder = self.recorder, None
         if recorder is None:
@@ -315,7 +314,7 @@ class RecordedEpisodes:
             return
         name, episode = settings["environment"], settings["episode"]
         folder = self._folder / f"{_NAME}{episode:06d}"
-        recorder.write(folder / RECORDING, f"{name}, episode {episode}", settings, outcome)
+        recorder.write(folder / RECORDING, f"{name}, episode {episode}", settings)
         self.folders.append(folder)
         if self._viewer is not None:
             self._viewer.show(folder / RECORDING)
@@ -397,7 +396,7 @@ class Task:
         self.family = make_family(name, **options)
         self.max_feed_um_s = self.family.greatest_feed_um_s
         self._sub_envs = SubEnvs(self.family, 1)
-        family, self._account = self.family, StepRewards(1)
+        family, self._account = self.family, reward.StepRewards(1)
         self._account.weigh(0, family.reward_weights, family.error_bound_um, family.energy_bound_mJ)
         self._random = np.random.Generator(np.random.PCG64())
 

@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.environment import EdmVectorEnv, SubEnvView
 from edmsim.envs.episode import EVERY, RecordedEpisodes
@@ -301,7 +300,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         figures = [float(infos[name][0]) for name in ("cost", "error_um", "area_mm2")]
         self._recorded.recorder.step(actions[0].clip(-1.0, 1.0).tolist(), terms, *figures)
         if self._over:
-            self._end(None)
+            self._end()
 
     def _on_step(self) -> bool:
         if self._over:
@@ -311,7 +310,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         return True
 
     def _on_training_end(self) -> None:
-        self._end(WORDS[StopCause.RUNNING].report)
+        self._end()
         self._envs.watch = None
         self._recorded.close()
 
@@ -319,7 +318,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         if self._recorded.is_due(self._episode):
             self._recorded.recorder = self._envs.recorder(0)
 
-    def _end(self, outcome: str | None) -> None:
+    def _end(self) -> None:
         name, windows = self._envs.spec.id, self.num_timesteps
         settings = {"environment": name, "episode": self._episode, "windows trained with": windows}
-        self._recorded.end(settings, outcome)
+        self._recorded.end(settings)

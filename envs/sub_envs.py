@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import key_of
-from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import observation, path_follower, servo
-from edmsim.envs.reward import StepRewards
+from edmsim.envs import observation, path_follower, reward, servo
 from edmsim.envs.task import EnvArguments, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
@@ -136,16 +134,14 @@ class SubEnvs:
 
     def _begin_leg(self, index: int, leg: int) -> None:
         self.leg[index] = leg
-        row, kind = self.rows[index], self._planner
+        row = self.rows[index]
         for name in ("path_um", "reached_um", "cut_um", "beside"):
             row[name] = 0
         row["settling_ns"] = path_follower.SETTLING_NS
-        step_um = float(row["step_um"])
-        unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
+        table_um, step_um = float(row["table_um"]), float(row["step_um"])
         points_um = self.scenario(index).legs_um[leg]
-        course, corner_um, corner_deg = _laid(
-            kind.number, kind.speed_unit_nm_s, unit, step_um, points_um.tobytes(), points_um.shape
-        )
+        laid = _laid(self.family.planner, table_um, step_um, points_um.tobytes(), points_um.shape)
+        course, corner_um, corner_deg = laid
         self.planners[index] = course.row[0]
         self._points = _with_row(self._points, index, course.points_um, 0.0)
         self._along = _with_row(self._along, index, course.along_um, np.inf)
@@ -303,13 +299,14 @@ class SubEnvs:
 
 @functools.lru_cache(maxsize=256)  # episodes of many families have one path
 def _laid(
-    kind: int, speed_unit_nm_s: float, unit: Unit, step_um: float, points: bytes, shape: tuple[int, int]
+    planner: str, table_um: float, step_um: float, points: bytes, shape: tuple[int, int]
 ) -> tuple[Course, Floats, Floats]:
     """Course along a leg's points in um, and length of the leg up to each of its corners with its turn."""
     points_um = np.frombuffer(points).reshape(shape)
     line = Polyline(points_um * 1e-3, closed=False)
     corners = line.corners(CORNER_DEG)
-    course = Course.of(kind, points_um, speed_unit_nm_s, unit, step_um)
+    kind, unit = kind_of(planner), position_unit(planner, table_um, step_um)
+    course = Course.of(kind.number, points_um, kind.speed_unit_nm_s, unit, step_um)
     return course, line.s[corners] * 1e3, line.turn_deg[corners]
 
 
@@ -463,7 +460,7 @@ class Batch:
         self._feed_um_s = np.zeros(count)
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
-        self.account = StepRewards(count)  # rewards, their terms and costs of the last step
+        self.account = reward.StepRewards(count)  # rewards, their terms and costs of the last step
 
     def change(self, family: EnvArguments) -> None:
         """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""

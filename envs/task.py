@@ -11,9 +11,8 @@ import numpy as np
 
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.envs import observation, servo
+from edmsim.envs import observation, reward, servo
 from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, machine_of, record_of, record_of_arguments
-from edmsim.envs.reward import TERMS, Weights
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
@@ -254,7 +253,7 @@ class Family(EnvArguments):
     latency_s: float = argument(0.0, "s", "delay of a new feed, a window at most")
     sensors: observation.Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
     history: int = argument(4, "steps", "number of steps in an observation")
-    weights: Weights | None = argument(None, "", "`Weights`, or a mapping of weights to change")
+    weights: reward.Weights | None = argument(None, "", "`Weights`, or a mapping of weights to change")
     objectives: Sequence[str] = argument((), "", "terms of a vector reward; ``()``: a scalar")
     near_corner_um: float | None = argument(None, "um", "path near corners where errors count; None: all")
     error_bound_um: float | None = argument(None, "um", "path error beyond which time costs")
@@ -266,7 +265,7 @@ class Family(EnvArguments):
     knows_wires: ClassVar[bool] = False
     counts_threading: ClassVar[bool] = False
     finishes_wall: ClassVar[bool] = False
-    own_weights: ClassVar[Weights] = Weights()
+    own_weights: ClassVar[reward.Weights] = reward.Weights()
     lasting: ClassVar[tuple[str, ...]] = LASTING
 
     def __post_init__(self) -> None:
@@ -276,7 +275,7 @@ class Family(EnvArguments):
         refuse_unknown("mechanics", self.mechanics, MECHANICS)
         self._check_numbers()
         self._check_knobs()
-        self._check_reward(TERMS)
+        self._check_reward(reward.TERMS)
         self._grid_um(self.base)
         self._check_draws()
 
