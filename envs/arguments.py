@@ -30,9 +30,6 @@ def argument(default: _Value, unit: str, meaning: str) -> _Value:
     return field(default=default, metadata={"unit": unit, "meaning": meaning})
 
 
-LEAST_MM = 0.05  # least length of a band or wave (ours: some cells of the kerf field)
-
-
 class Argument(NamedTuple):
     """An argument of an environment, as its page lists it."""
 

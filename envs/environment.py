@@ -234,7 +234,7 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         actions : sequence of str, optional
             Names of the entries of the recorded actions; those of the family by default.
         """
-        return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
+        return EpisodeRecorder(sub_envs_of(self._batch), 0, actions)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image (height, width, 3), or show it; None without a render mode.
@@ -518,8 +518,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
 
     def recorder(self, index: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that a sub-environment has just begun; see `EdmEnv.recorder`."""
-        names = self.family.action_names if actions is None else actions
-        return EpisodeRecorder(sub_envs_of(self._batch), self._checked(index), names)
+        return EpisodeRecorder(sub_envs_of(self._batch), self._checked(index), actions)
 
     def _checked(self, index: int) -> int:
         """Return the number of a sub-environment, checked."""

@@ -158,10 +158,10 @@ class AttachedController:
 class EpisodeRecorder:
     """Records the episode that a sub-environment has just begun, until `stop`, and changes nothing of it."""
 
-    def __init__(self, sub_envs: SubEnvs, index: int, actions: Sequence[str]) -> None:
-        plant = sub_envs.fleet.plants[index]
+    def __init__(self, sub_envs: SubEnvs, index: int, actions: Sequence[str] | None) -> None:
+        plant, own = sub_envs.fleet.plants[index], sub_envs.families[index].action_names
         size = plant.resolution
-        self._sub_envs, self._index, self._actions = sub_envs, index, list(actions)
+        self._sub_envs, self._index, self._actions = sub_envs, index, tuple(own if actions is None else actions)
         self._windows: list[tuple[bytes, bytes, bytes]] = []
         records = sub_envs.fleet.windows, sub_envs.rows, sub_envs.fleet.states
         self._records = [array[index : index + 1].view(np.uint8) for array in records]

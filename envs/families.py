@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import shapely
 
-from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, record_of_arguments
+from edmsim.envs.arguments import Range, argument, ends_of, record_of_arguments
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
@@ -71,6 +71,7 @@ class GapFeedEnv(EdmEnv):
     task = GapFeed
 
 
+LEAST_MM = 0.05  # least length of a band or wave (ours: some cells of the kerf field)
 LEAST_SHARE = 0.2  # least height of a band that may be asked for, as a share of the greatest (ours)
 MOST_BANDS = 2000
 """Most bands of a cut (ours: ten times those of a shift; to draw them takes a second)."""

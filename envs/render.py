@@ -4,7 +4,6 @@ Below either, a strip says what the last step did: feed, shares of pulses, rewar
 The geometry that they draw is that of recordings, too.
 """
 
-import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -289,12 +288,12 @@ def _passes(episode: PartEpisode) -> Picture:
     """Draw what every pass so far left beyond what it was to leave."""
     cut, figure = episode.cut, _canvas(BELOW - STRIP)
     walls = [cut.wall(number) for number in range(1, cut.passes + 1)]
-    left = [math.nan if wall is None else wall.mean_um - cut.target_um(k) for k, wall in enumerate(walls, 1)]
+    left = [np.nan if wall is None else wall.mean_um - cut.target_um(k) for k, wall in enumerate(walls, 1)]
     figure.text(0.02, 0.5, "metal left, less\nwhat is wanted, \u00b5m", fontsize=8, color=MUTED, va="center")
     axes = figure.add_axes((0.2, 0.3, 0.78, 0.62))
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     axes.bar(range(1, cut.passes + 1), np.nan_to_num(left), 0.25, color=BLUE)
-    most = max([4.0, *(1.3 * abs(um) for um in left if math.isfinite(um))])
+    most = max([4.0, *(1.3 * abs(um) for um in left if np.isfinite(um))])
     axes.set_ylim(-most, most)
     axes.set_xlim(0.5, cut.passes + 0.5)
     axes.set_yticks([])
@@ -306,7 +305,7 @@ def _passes(episode: PartEpisode) -> Picture:
 
 
 def _named(number: int, left_um: float) -> str:
-    return f"pass {number}" + (f": {left_um:+.1f}".replace("-", "\u2212") if math.isfinite(left_um) else "")
+    return f"pass {number}" + (f": {left_um:+.1f}".replace("-", "\u2212") if np.isfinite(left_um) else "")
 
 
 def _last_step(episode: PartEpisode) -> Picture:
