@@ -11,25 +11,33 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+    from edmsim.envs.environment import EdmEnv, EdmVectorEnv, RecordRerun
     from edmsim.envs.episode import StepResult, Task
-    from edmsim.envs.families import Contour, Corner, GapFeed, HeightStep, MaxRate, ThinWire, Trim
+    from edmsim.envs.families import (
+        Contour,
+        Corner,
+        GapFeed,
+        HeightStep,
+        MaxRate,
+        MaxRateShift,
+        ThinWire,
+        ThinWireShift,
+        Trim,
+    )
     from edmsim.envs.observation import Sensors
     from edmsim.envs.part_task import Part, PartWeights
-    from edmsim.envs.record import RecordRerun
     from edmsim.envs.registry import register
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import RecordEpisodes, make_sb3_vec_env
-    from edmsim.envs.shift import MaxRateShift, ThinWireShift
     from edmsim.envs.task import Family, Scenario
 
 _HOMES = {
     "Contour": "families", "Corner": "families", "EdmEnv": "environment", "EdmVectorEnv": "environment",
-    "Family": "task", "GapFeed": "families", "HeightStep": "families", "MaxRate": "families", "MaxRateShift": "shift",
-    "Part": "part_task", "PartWeights": "part_task", "RecordEpisodes": "sb3", "RecordRerun": "record",
-    "Scenario": "task", "Sensors": "observation", "StepResult": "episode", "Task": "episode", "ThinWire": "families",
-    "ThinWireShift": "shift", "Trim": "families", "Weights": "reward", "make_sb3_vec_env": "sb3",
-    "register": "registry",
+    "Family": "task", "GapFeed": "families", "HeightStep": "families", "MaxRate": "families",
+    "MaxRateShift": "families", "Part": "part_task", "PartWeights": "part_task", "RecordEpisodes": "sb3",
+    "RecordRerun": "environment", "Scenario": "task", "Sensors": "observation", "StepResult": "episode",
+    "Task": "episode", "ThinWire": "families", "ThinWireShift": "families", "Trim": "families", "Weights": "reward",
+    "make_sb3_vec_env": "sb3", "register": "registry",
 }  # fmt: skip
 __all__ = [
     "Contour", "Corner", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed", "HeightStep", "MaxRate", "MaxRateShift",
@@ -42,9 +50,7 @@ def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: registering the environments loads none of them."""
     task, is_vector, _ = name.partition("VectorEnv")
     if is_vector and task in _HOMES:  # where Gymnasium looks for the vector environment of a registered id
-        from edmsim.envs.environment import EdmVectorEnv
-
-        return partial(EdmVectorEnv, task)
+        return partial(__getattr__("EdmVectorEnv"), task)
     if name not in _HOMES:
         raise AttributeError(f"module 'edmsim.envs' has no attribute '{name}'")
     value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

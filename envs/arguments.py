@@ -15,10 +15,9 @@ from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from edmsim import numeric
 from edmsim.errors import InputError, invalid_entry, one_of, refuse_unknown
 from edmsim.machine.machine import Machine
-from edmsim.numeric import keep_plain, real, whole
-from edmsim.numeric import plain as plain_number
 
 Range = float | tuple[float, float]
 _Record = TypeVar("_Record")
@@ -29,9 +28,6 @@ _Kind = TypeVar("_Kind", bound=type)
 def argument(default: _Value, unit: str, meaning: str) -> _Value:
     """Return a field of a dataclass that says its unit and meaning; a subclass may give just another default."""
     return field(default=default, metadata={"unit": unit, "meaning": meaning})
-
-
-LEAST_MM = 0.05  # least length of a band or wave (ours: some cells of the kerf field)
 
 
 class Argument(NamedTuple):
@@ -75,14 +71,14 @@ _SAID = {
 
 def _fits(value: Any, kind: Any) -> bool:
     if kind in (float, int):
-        return (real if kind is float else whole)(value) is not None
+        return (numeric.real if kind is float else numeric.whole)(value) is not None
     if kind not in (tuple[float, float], Sequence[str]):
         return isinstance(value, kind)
     if not isinstance(value, tuple | list):
         return False
     if kind == Sequence[str]:
         return all(isinstance(one, str) for one in value)
-    return len(value) == 2 and None not in map(real, value)
+    return len(value) == 2 and None not in map(numeric.real, value)
 
 
 @functools.cache
@@ -95,7 +91,7 @@ def _declared(kind: type) -> list[tuple[Argument, Any]]:
 
 def check_kinds(record: object) -> None:
     """Make numbers among the arguments Python's own, and refuse arguments that are not what is declared of them."""
-    keep_plain(record)
+    numeric.keep_plain(record)
     for (name, _, _, meaning), hint in _declared(type(record)):  # type: ignore[arg-type]
         value = getattr(record, name)
         if get_origin(hint) is Literal:
@@ -110,7 +106,7 @@ def check_kinds(record: object) -> None:
 
 def ends_of(name: str, value: Range) -> tuple[float, float]:
     """Return the ends of a range given as an argument; a number is a range of its own."""
-    low, high = map(real, value if isinstance(value, Sequence) and len(value) == 2 else (value, value))
+    low, high = map(numeric.real, value if isinstance(value, Sequence) and len(value) == 2 else (value, value))
     if low is None or high is None or not 0 < low <= high < math.inf:
         raise InputError(f"{name} is {value!r}: give a number above 0, or the ends of a range, the lower first")
     return float(low), float(high)
@@ -129,7 +125,7 @@ def machine_of(value: Any) -> Any:
             raise InputError(f"machine: {invalid_entry(error)}") from None
         machine.check()
         return machine
-    _only_known("machine", value, list(signature(Machine.load).parameters))
+    _only_known("machine has no entry", value, list(signature(Machine.load).parameters))
     return Machine.load(**value)
 
 
@@ -138,7 +134,7 @@ def record_of(name: str, value: Any, own: _Record) -> Any:
     if not isinstance(value, Mapping):
         return value
     values = {f.name: getattr(own, f.name) for f in fields(own)}  # type: ignore[arg-type]
-    _only_known(name, value, list(values))
+    _only_known(f"{name} has no entry", value, list(values))
     return type(own)(**{**values, **value})
 
 
@@ -154,21 +150,25 @@ def plain(item: Any) -> Any:
         return {name: plain(value) for name, value in item.items()}
     if isinstance(item, tuple | list):
         return [plain(value) for value in item]
-    return str(item) if isinstance(item, Path) else plain_number(item)
+    return str(item) if isinstance(item, Path) else numeric.plain(item)
 
 
-def _only_known(name: str, value: Mapping[str, Any], known: list[str]) -> None:
+def _only_known(refusal: str, value: Mapping[str, Any], known: Sequence[str]) -> None:
     for key in value:
         if key not in known:
-            raise InputError(f"{name} has no entry {key!r}; it has {one_of(key, known)}")
+            raise InputError(f"{refusal} {key!r}; it has {one_of(key, known)}")
+
+
+def _array(values: Any) -> NDArray[Any]:
+    try:
+        return np.asarray(values)
+    except ValueError:  # lists of several lengths
+        return np.array(None)
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return actions as an array of their space's shape, all numbers; beyond -1..1 they are clipped later."""
-    try:
-        array = np.asarray(actions)
-    except ValueError:  # lists of several lengths
-        array = np.array(None)
+    array = _array(actions)
     if array.dtype.kind not in "fiu":
         raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
     if array.shape != shape:
@@ -180,14 +180,20 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
     return taken
 
 
+def checked_mask(mask: Any, count: int) -> NDArray[np.bool_]:
+    """Return which of some sub-environments are to be reset: all for None."""
+    array = np.ones(count, np.bool_) if mask is None else _array(mask)
+    if array.shape != (count,) or array.dtype != np.bool_ or not array.any():
+        raise InputError(f"reset_mask must be {count} truth values, at least one of them true")
+    return array
+
+
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
     """Return the options of a reset, all of them known."""
     if not isinstance(options, Mapping | None):
         raise InputError(f"the options of a reset are {options!r}: give a mapping, as {{'{known[0]}': ...}}")
     found = dict(options or {})
-    for name in found:
-        if name not in known:
-            raise InputError(f"reset has no option {name!r}; it has {one_of(name, known)}")
+    _only_known("reset has no option", found, known)
     machine = found.get("machine")
     if machine is not None and not isinstance(machine, Machine):
         raise InputError(f"the option machine is {machine!r}: give an edmsim.Machine")

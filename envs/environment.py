@@ -1,166 +1,36 @@
-"""Gymnasium's two kinds of environment, single and vector, and what runs their episodes.
+"""Gymnasium's two kinds of environment, single and vector, and a wrapper that records episodes.
 
 Sub-environments step window by window, parts pass by pass. Parts are loaded where they are made: what cuts programs
 takes longer to load than sub-environments.
 """
 
-from __future__ import annotations
-
 import copy
-import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from edmsim.controllers import FeedController, SeesTruth, from_text
-from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, tell
-from edmsim.controllers.user_controllers import check_is_controller, rehearsed
-from edmsim.envs.arguments import checked_actions, checked_options, plain
-from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
-from edmsim.envs.recorder import EpisodeRecorder
+from edmsim.controllers import FeedController
+from edmsim.envs.arguments import checked_actions, checked_mask, checked_options, plain
+from edmsim.envs.episode import EVERY, AttachedController, EpisodeRecorder, RecordedEpisodes
 from edmsim.envs.registry import arguments_with
-from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from edmsim.envs.sub_envs import SubEnvs
+from edmsim.envs.sub_envs import Batch, SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, refuse_unknown
-from edmsim.machine.machine import Machine
-from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import whole_from, whole_within
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from edmsim.envs.part_task import Parts
 
     Engine: TypeAlias = Batch | Parts  # both have the members that Gymnasium's environments need
 
 
-# A feed controller that watches a sub-environment: it sees what a machine shows, and says what it would command.
-
-
-def as_action(
-    family: Family, controller: FeedController, command: FeedCommand, first_us: Sequence[float],
-    now_us: Sequence[float], feed_um_s: float,
-) -> NDArray[np.float32]:
-    """Return the action within -1..1 for what a controller wants; refuse where the environment has none."""
-    if family.action == "servo":
-        low, high = family.servo_target_share
-        entries = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]
-    elif family.action == "speed":
-        entries = [command.feed_um_s / family.max_feed_um_s]
-    else:
-        entries = [(command.feed_um_s - feed_um_s) / family.max_change_um_s]
-    on_us, period_us = (
-        now if chosen is None else chosen
-        for chosen, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
-    )
-    octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
-    octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
-    if not family.knobs and any(octaves.values()):
-        raise _has_no(controller, "turns the generator's knobs")
-    entries += [octaves[name] / family.setting_octaves for name in family.knobs]
-    if family.offset_um is not None:
-        entries.append(command.offset_um / family.offset_um)
-    elif command.offset_um:
-        raise _has_no(controller, "commands an offset")
-    return np.clip(np.array(entries, np.float32), -1.0, 1.0)
-
-
-def check_acts(family: Family, name: str) -> None:
-    """Refuse a controller before it acts whose commands are no actions of the environment."""
-    controller = from_text(name)
-    if family.action == "servo":
-        target_share(controller)
-    usual, commands = Machine.load(), rehearsed(lambda: from_text(name), family.greatest_feed_um_s)
-    settings_us = {each_us for command in commands for each_us in (command.t_on_us, command.t_period_us)}
-    if not family.knobs and not settings_us <= {None, usual.t_on_us, usual.t_period_us}:
-        raise _has_no(controller, "turns the generator's knobs")
-    if family.offset_um is None and any(command.offset_um for command in commands):
-        raise _has_no(controller, "commands an offset")
-
-
-def _has_no(controller: FeedController, what: str) -> InputError:
-    return InputError(f"{controller.name} {what}, and this environment has none: leave it out")
-
-
-def target_share(controller: FeedController) -> float:
-    """Return the share of open pulses that a controller holds; raises `InputError` where it holds none."""
-    target: float | None = getattr(controller, "open_target_share", None)
-    if target is None:
-        raise InputError(f"{controller.name} holds no share of open pulses: the environment's servo asks for one")
-    return target
-
-
-class AttachedController:
-    """A feed controller that is shown every window until `stop`; whether its commands are run is up to the caller."""
-
-    def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
-        self._sub_envs, self._index, self._controller = sub_envs, index, check_is_controller(controller)
-        # asked once, as it takes a tenth of a window
-        self._seer = controller if isinstance(controller, SeesTruth) else None
-        self._leg = self._lost = 0
-        self.latest = FeedCommand(0.0)  # what it answered to the last window, on the leg and with the wire of then
-        sub_envs.watchers.append((index, self._see))
-
-    def stop(self) -> None:
-        """Detach the controller."""
-        self._sub_envs.watchers.remove((self._index, self._see))
-
-    @property
-    def _family(self) -> Family:
-        return self._sub_envs.families[self._index]
-
-    def begin(self) -> FeedCommand:
-        """Begin the leg that the sub-environment is on; returns the command for its first window."""
-        sub_envs, index = self._sub_envs, self._index
-        scenario = sub_envs.scenario(index)
-        self._leg, self._lost = sub_envs.leg[index], int(sub_envs.rows[index]["wires_lost"])
-        start_um = float(sub_envs.rows[index]["before_um"])
-        tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
-        self._take(self._controller.reset(self._family.greatest_feed_um_s))
-        return self.latest
-
-    def command(self) -> FeedCommand:
-        """Return what it commands for the next window, after all that the sub-environment has had."""
-        sub_envs, index = self._sub_envs, self._index
-        if self._leg != sub_envs.leg[index]:
-            return self.begin()
-        if self._lost != sub_envs.rows[index]["wires_lost"]:
-            self._lost = int(sub_envs.rows[index]["wires_lost"])
-            self._take(next_wire(self._controller, self._family.greatest_feed_um_s))
-        return self.latest
-
-    def action(self) -> NDArray[np.float32]:
-        """Return the action of the environment that commands what it wants: see `as_action`."""
-        row, machine = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index).machine
-        first_us = machine.t_on_us, machine.t_period_us
-        now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
-        return as_action(self._family, self._controller, self.command(), first_us, now_us, feed_um_s)
-
-    def _see(self) -> None:
-        """Show it the window that the sub-environment has just had."""
-        self.command()  # a leg or wire that the last window ended is over before this one
-        window = self._sub_envs.fleet.plants[self._index].window()
-        if window.pulses != WINDOW_PULSES:
-            return
-        if self._seer is not None:
-            self._seer.see(window)
-        self._take(self._controller.update(self._sub_envs.observation(self._index)))
-
-    def _take(self, command: FeedCommand) -> None:
-        self.latest = check_command(self._controller.name, command)
-
-
-def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
+def engine_of(family: EnvArguments, count: int, threads: int) -> "Engine":
     """Return what runs `count` episodes side by side."""
     if isinstance(family, Family):
         return Batch(family, count, threads)
@@ -170,7 +40,7 @@ def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
     return Parts(family, count, threads)
 
 
-def sub_envs_of(engine: Engine) -> SubEnvs:
+def sub_envs_of(engine: "Engine") -> SubEnvs:
     """Return the sub-environments that step window by window; raises `InputError` where there are none."""
     if isinstance(engine, Batch):
         return engine.sub_envs
@@ -180,13 +50,14 @@ def sub_envs_of(engine: Engine) -> SubEnvs:
     )
 
 
-def picture_of(engine: Engine, renderer: Renderer, index: int) -> NDArray[np.uint8]:
-    """Return a sub-environment's picture, uint8 (480, 640, 3)."""
-    from edmsim.envs.part_picture import picture
-    from edmsim.recording.figures.style import own_style
-
-    with own_style():
-        return renderer.picture(engine, index) if isinstance(engine, Batch) else picture(engine.episode(index))
+def _spaces_of(family: EnvArguments) -> tuple[gym.spaces.Box[np.float32], ...]:
+    """Return the spaces of actions, observations and rewards: of these as many as objectives, or one."""
+    low, high = (np.array([getattr(e, end) for e in family.entries()], np.float32) for end in ("low", "high"))
+    return (
+        gym.spaces.Box(-1.0, 1.0, (len(family.action_names),), np.float32),
+        gym.spaces.Box(low, high, dtype=np.float32),
+        gym.spaces.Box(-np.inf, np.inf, (len(family.objectives) or 1,), np.float32),
+    )
 
 
 def _first(infos: dict[str, Any]) -> dict[str, Any]:
@@ -199,12 +70,24 @@ def _first(infos: dict[str, Any]) -> dict[str, Any]:
 _ONLY = np.zeros(1, np.int64)
 
 
-class _Changes:
-    """Arguments that `change` replaces, also in the specification that Gymnasium notes."""
+RENDER_MODES = ("rgb_array", "human")
+RENDER_FPS = 39  # pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms
+
+
+def _check_render_mode(mode: str | None) -> str | None:
+    """Raise `InputError` for a render mode there is not."""
+    if mode is not None:
+        refuse_unknown("render_mode", mode, RENDER_MODES)
+    return mode
+
+
+class _Common:
+    """What a single and a vector environment have in common: arguments that `change` replaces, and pictures."""
 
     family: EnvArguments
     spec: gym.envs.registration.EnvSpec | None
-    _batch: Engine
+    _batch: "Engine"
+    _renderer: Any = None  # a `Renderer`, loaded with the first picture
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Keep the specification in a form that JSON can write."""
@@ -225,8 +108,19 @@ class _Changes:
         if self.spec is not None:
             self.spec.kwargs |= plain(options)
 
+    def _picture(self, index: int) -> NDArray[np.uint8]:
+        from edmsim.envs.render import Renderer
 
-class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+        self._renderer = self._renderer or Renderer()
+        picture: NDArray[np.uint8] = self._renderer.picture(self._batch, index)
+        return picture
+
+    def _close_window(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+
+
+class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Cut metal. A step is a window of 255 pulses, all windows that begin within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`. The subclasses describe
@@ -265,15 +159,12 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, task: str | type[EnvArguments] | None = None, render_mode: str | None = None, **options: Any
     ) -> None:
         self.family: EnvArguments = arguments_with(self.task if task is None else task, **options)
-        self.render_mode = check_render_mode(render_mode)
-        self.action_space = action_space_of(self.family)
-        self.observation_space = observation_space_of(self.family)
-        self.reward_space = reward_space_of(self.family)
+        self.render_mode = _check_render_mode(render_mode)
+        self.action_space, self.observation_space, self.reward_space = _spaces_of(self.family)
         self._batch = engine_of(self.family, 1, 1)
         self._of_episode: dict[str, Any] = {}
         self._running = False
         self._started = False
-        self._renderer = Renderer()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -314,7 +205,7 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if not self._running:
             why = "the episode has ended" if self._started else "no episode has begun"
-            raise ResetNeeded(f"{why}: call reset() before step()")
+            raise gym.error.ResetNeeded(f"{why}: call reset() before step()")
         batch = self._batch
         actions = checked_actions(action, self.action_space.shape or ())[None]
         reward = batch.step(_ONLY, actions)[0]
@@ -343,7 +234,7 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         actions : sequence of str, optional
             Names of the entries of the recorded actions; those of the family by default.
         """
-        return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
+        return EpisodeRecorder(sub_envs_of(self._batch), 0, actions)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return an image (height, width, 3), or show it; None without a render mode.
@@ -357,8 +248,8 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make")
             return None
         if not self._started:
-            raise ResetNeeded("no episode has begun: call reset() before render()")
-        picture = picture_of(self._batch, self._renderer, 0)
+            raise gym.error.ResetNeeded("no episode has begun: call reset() before render()")
+        picture = self._picture(0)
         if self.render_mode == "human":
             self._renderer.show(picture)
             return None
@@ -366,7 +257,7 @@ class EdmEnv(_Changes, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def close(self) -> None:
         """Close the window of ``render_mode="human"``, if there is one."""
-        self._renderer.close()
+        self._close_window()
 
 
 # The native vector environment: the plants of all sub-environments run in one compiled call.
@@ -383,7 +274,7 @@ class SubEnvView:
     Gymnasium has it.
     """
 
-    def __init__(self, env: EdmVectorEnv, index: int) -> None:
+    def __init__(self, env: "EdmVectorEnv", index: int) -> None:
         self._env, self._index = env, index
         self._spaces = copy.deepcopy((env.single_action_space, env.single_observation_space, env.reward_space))
         self._random: np.random.Generator | None = None
@@ -419,7 +310,7 @@ class SubEnvView:
 
     def begin_draws(self, seed: int | None) -> None:
         """Seed the sub-environment's draws; without a seed, at random."""
-        self._random, self._seed = seeding.np_random(seed)
+        self._random, self._seed = gym.utils.seeding.np_random(seed)
 
     @property
     def np_random(self) -> np.random.Generator:
@@ -459,7 +350,7 @@ class SubEnvView:
 Flags = NDArray[np.bool_]
 
 
-class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """Many cuts at once. A step is a window of 255 pulses, all windows within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``.
@@ -495,12 +386,13 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
-        "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS, "autoreset_mode": AutoresetMode.NEXT_STEP,
+        **EdmEnv.metadata, "autoreset_mode": gym.vector.AutoresetMode.NEXT_STEP,
     }
 
     def __init__(
         self, task: str | type[EnvArguments], num_envs: int = 1, *, max_episode_steps: int | None = None,
-        render_mode: str | None = None, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        autoreset_mode: gym.vector.AutoresetMode | str = gym.vector.AutoresetMode.NEXT_STEP,
         threads: int | None = None, **options: Any,
     ) -> None:
         num_envs = whole_from("num_envs", num_envs, 1)
@@ -509,23 +401,20 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         if threads is not None:
             threads = whole_from("threads", threads, 1)
         self.family: EnvArguments = arguments_with(task, **options)
-        self.render_mode = check_render_mode(render_mode)
-        refuse_unknown("autoreset_mode", plain(autoreset_mode), [m.value for m in AutoresetMode])
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.render_mode = _check_render_mode(render_mode)
+        refuse_unknown("autoreset_mode", plain(autoreset_mode), [m.value for m in gym.vector.AutoresetMode])
+        self.autoreset_mode = gym.vector.AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
-        self.single_action_space = action_space_of(self.family)
-        self.single_observation_space = observation_space_of(self.family)
-        self.reward_space = reward_space_of(self.family)
+        self.single_action_space, self.single_observation_space, self.reward_space = _spaces_of(self.family)
         self._action_shape = (num_envs, *(self.single_action_space.shape or ()))
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
         self._batch = engine_of(self.family, num_envs, threads or os.cpu_count() or 1)
         self._elapsed = np.zeros(num_envs, np.int64)
         self._started: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
-        self._renderer = Renderer()
         self._views = tuple(SubEnvView(self, index) for index in range(num_envs))
         self.watch: Callable[[NDArray[np.float32], dict[str, Any], Flags], None] | None = None
 
@@ -549,7 +438,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         """
         checked = checked_options(options, ("machine", "reset_mask"))
         seeds = self._seeds(seed)
-        mask = self._mask(checked.get("reset_mask"))
+        mask = checked_mask(checked.get("reset_mask"), self.num_envs)
         first = seeds[0]
         if first is not None:
             super().reset(seed=first)
@@ -568,17 +457,6 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
         if len(seed) != self.num_envs:
             raise InputError(f"{len(seed)} seeds were given for {self.num_envs} environments: give one each")
         return [None if one is None else whole_from("seed", one, 0) for one in seed]
-
-    def _mask(self, mask: Any) -> Flags:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
-        try:
-            array = np.asarray(mask)
-        except ValueError:  # lists of several lengths
-            array = np.array(None)
-        if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
-            raise InputError(f"reset_mask must be {self.num_envs} truth values, at least one of them true")
-        return array
 
     def _begin(self, mask: Flags, machine: Any = None, redraw: Flags | None = None) -> dict[str, Any]:
         infos: dict[str, Any] = {}
@@ -607,14 +485,14 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
             If an action does not have the shape of the action space, or is NaN.
         """
         if not self._started.all():
-            raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
+            raise gym.error.ResetNeeded("not every environment has begun an episode: call reset() before step()")
         actions = checked_actions(actions, self._action_shape)
         running = ~self._ended
         active = running.nonzero()[0]
         others = ~running if len(active) < self.num_envs else None
-        if others is not None and self.autoreset_mode is AutoresetMode.DISABLED:
+        if others is not None and self.autoreset_mode is gym.vector.AutoresetMode.DISABLED:
             ended = np.flatnonzero(others).tolist()
-            raise ResetNeeded(f"sub-environments {ended} have ended: reset them with options['reset_mask']")
+            raise gym.error.ResetNeeded(f"sub-environments {ended} have ended: reset them with options['reset_mask']")
         reward = self._batch.step(active, actions)
         terminated = self._batch.ended & running
         truncated = self._batch.out_of_time & running & ~terminated
@@ -627,7 +505,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
             self.watch(actions, infos, self._ended)
         if others is not None:
             infos.update(self._begin(others))  # the names of resets' infos are other than those of steps
-        elif self._ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
+        elif self._ended.any() and self.autoreset_mode is gym.vector.AutoresetMode.SAME_STEP:
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":
             self.render()
@@ -640,8 +518,7 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
 
     def recorder(self, index: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that a sub-environment has just begun; see `EdmEnv.recorder`."""
-        names = self.family.action_names if actions is None else actions
-        return EpisodeRecorder(sub_envs_of(self._batch), self._checked(index), names)
+        return EpisodeRecorder(sub_envs_of(self._batch), self._checked(index), actions)
 
     def _checked(self, index: int) -> int:
         """Return the number of a sub-environment, checked."""
@@ -706,13 +583,13 @@ class EdmVectorEnv(_Changes, VectorEnv[NDArray[np.float32], NDArray[np.float32],
     def picture(self, index: int) -> NDArray[np.uint8]:
         """Return an image of a sub-environment."""
         if not self._started.all():
-            raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
-        return picture_of(self._batch, self._renderer, self._checked(index))
+            raise gym.error.ResetNeeded("not every environment has begun an episode: call reset() before render()")
+        return self._picture(self._checked(index))
 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""
         self._batch.close()
-        self._renderer.close()
+        self._close_window()
 
 
 def _masked(values: dict[str, Any], mask: Flags, others: Flags | None) -> dict[str, Any]:
@@ -735,3 +612,85 @@ def _only(infos: dict[str, Any], mask: Flags) -> dict[str, Any]:
             masked[name] = _only(values, mask) if isinstance(values, dict) else values
             masked[f"_{name}"] = infos[f"_{name}"] & mask
     return masked
+
+
+class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Record every n-th episode: wire, gap and kerf as of a cut, with actions, terms of the reward, costs and counts.
+
+    The first episode is recorded, then every `every`-th. Each has a folder, ``episode-000000`` and so on, with a file
+    ``cut.rrd`` for `edmsim view`, written at the episode's end. A recording that a reset or `close` ends early has
+    the result "running". Recording changes no episode.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        An environment of edmsim, with any wrappers; the recorded actions are those given to this wrapper.
+    folder : path
+        Created if it is missing; recordings in it are overwritten.
+    every : int
+        1 records all.
+    live : bool
+        Whether to show each in rerun's viewer when it ends.
+
+    Attributes
+    ----------
+    recordings : list of pathlib.Path
+        Folders written so far.
+
+    Raises
+    ------
+    InputError
+        If the environment is not edmsim's, the folder cannot be written to, or ``every`` is below 1.
+
+    Examples
+    --------
+    >>> import gymnasium, edmsim
+    >>> env = edmsim.envs.RecordRerun(gymnasium.make("edmsim/GapFeed-v2"), "runs/gap", every=100)  # doctest: +SKIP
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, every: int = EVERY, live: bool = False) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, folder=str(folder), every=every, live=live)
+        gym.Wrapper.__init__(self, env)
+        if not isinstance(env.unwrapped, EdmEnv):
+            raise InputError(f"RecordRerun records environments of edmsim, and this is {env.unwrapped!r}")
+        hint = "without live they are recorded all the same" if live else None
+        self._recorded = RecordedEpisodes(folder, every, hint)
+        self.recordings: list[Path] = self._recorded.folders
+        self._edm: EdmEnv = env.unwrapped
+        self._episode = -1
+        self._made_with: dict[str, Any] = {}
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode, and its recording if it is an `every`-th one."""
+        self._recorded.end(self._made_with)
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._episode += 1
+        if self._recorded.is_due(self._episode):
+            self._recorded.recorder = self._edm.recorder(self._action_names())
+            spec = self._edm.spec
+            self._made_with = {"environment": "own" if spec is None else spec.id, "episode": self._episode}
+            self._made_with |= {} if seed is None else {"seed of the reset": seed}
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Run and record a step."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if (recorder := self._recorded.recorder) is not None:
+            action_list = np.ravel(action).tolist()
+            recorder.step(action_list, info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
+            if terminated or truncated:
+                self._recorded.end(self._made_with)
+        return observation, reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Write the recording of a running episode, and close the environment."""
+        self._recorded.end(self._made_with)
+        self._recorded.close()
+        self.env.close()
+
+    def _action_names(self) -> list[str]:
+        space, names = self.env.action_space, list(self._edm.family.action_names)
+        width = int(np.prod(space.shape or ()))
+        return names if width == len(names) and space == self._edm.action_space else (
+            [f"action_{k}" for k in range(width)]
+        )

@@ -1,7 +1,7 @@
 """The observation: a fixed list of entries that a machine can measure or its operator knows.
 
 An entry is declared here with its value; the values of the entries of a step are in `show`, which is compiled.
-`observation_builder` puts them together.
+`sub_envs.ObservationBuilder` puts them together.
 """
 
 import math
@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal
+from edmsim.controllers.protocols import WindowObservation
 from edmsim.geometry import Floats
-from edmsim.machine.setting import wire_speed_m_s
+from edmsim.machine.setting import WINDOW_PULSES, wire_speed_m_s
 from edmsim.numeric import keep_plain, whole_within, within
 from edmsim.plant.constants import faces_Pa
-from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK, WINDOW
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,3 +277,16 @@ def values_of(entries: Sequence[Entry], of: Any, count: int) -> NDArray[np.float
         assert entry.value is not None
         values[:, k] = np.minimum(np.maximum(entry.value(of), entry.low), entry.high)
     return values.astype(np.float32)
+
+
+def window_of(window: WindowObservation) -> NDArray[np.void]:
+    """Return what a machine shows of a window as a record of it, (1,) `kernel.state.WINDOW`; arcs look as sparks."""
+    found: NDArray[np.void] = np.zeros(1, WINDOW)
+    row, us = found[0], window.duration_s * 1e6
+    ignited = WINDOW_PULSES - window.short - window.open
+    row["counts"][[SHORT, OPEN, SPARK]] = window.short, window.open, ignited
+    row["duration_ns"] = round(window.duration_s * 1e9)  # the plant counts whole nanoseconds
+    row["voltage_us"], row["charge_A_us"] = window.mean_voltage_V * us, window.mean_current_A * us
+    row["delay_us"] = window.mean_delay_us * ignited if ignited else 0.0
+    row["ignitions"], row["fifths"] = ignited, window.fifths
+    return found

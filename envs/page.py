@@ -18,11 +18,9 @@ from textwrap import fill
 from typing import Any, TypeVar
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import knobs, observation, registry, reward, sub_envs
+from edmsim.envs import observation, path_follower, registry, reward, sub_envs
 from edmsim.envs.arguments import arguments_of
-from edmsim.envs.batch import action_space_of, observation_space_of
-from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
-from edmsim.envs.task import EnvArguments, Family
+from edmsim.envs.task import KNOBS, EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
 
@@ -52,7 +50,8 @@ ENDS = {
     StopCause.FINISHED: "the end of the path is reached",
     StopCause.WIRE_BREAK: "the last wire breaks",
     StopCause.LIMIT_SWITCH: "an end switch of the table opens",
-    StopCause.PERSISTENT_SHORT: f"{SHORTED_S:g} s of windows with {SHORTED_SHARE * 100:g} % shorts or more",
+    StopCause.PERSISTENT_SHORT:
+        f"{path_follower.SHORTED_S:g} s of windows with {path_follower.SHORTED_SHARE * 100:g} % shorts or more",
     StopCause.OUT_OF_RANGE: "the wire leaves the range of the model",
 }
 """What terminates an episode."""
@@ -160,20 +159,18 @@ def limits(low: float, high: float) -> str:
 
 def actions(family: Family, particular: str) -> str:
     """Return the section on actions."""
-    space = action_space_of(family)
     known = {
         family.action_names[0]: FIRST[family.action],
-        **{name: (f"{meaning}, log2", "``setting_octaves``") for name, meaning in knobs.KNOBS.items()},
+        **{name: (f"{meaning}, log2", "``setting_octaves``") for name, meaning in KNOBS.items()},
         "offset": ("offset from the path, left positive", "``offset_um``"),
     }
     rows = [
-        (str(k), name, limits(space.low[k], space.high[k]), *known[name])
-        for k, name in enumerate(family.action_names)
+        (str(k), name, limits(-1, 1), *known[name]) for k, name in enumerate(family.action_names)
     ]
     one, other = (name for name in DOES if name != family.action)
     on_us, period_us = family.detents_us
     return parts(
-        f"``Box(-1, 1, {space.shape}, float32)``.",
+        f"``Box(-1, 1, ({len(rows)},), float32)``.",
         table(("Index", "Name", "Range", "Meaning", "Unit of 1"), rows),
         paragraph(
             "Entry 0 is ``servo_target_share[0]`` at -1 and ``servo_target_share[1]`` at 1; the servo sets the feed "
@@ -205,7 +202,7 @@ def observations(family: Family, particular: str) -> str:
         return f"Entries {at[entries[0].name]} to {at[entries[-1].name]}"
 
     return parts(
-        f"``Box({observation_space_of(family).shape}, float32)``: what a machine can measure and its operator knows. "
+        f"``Box(({len(listed)},), float32)``: what a machine can measure and its operator knows. "
         "Every entry is clipped to its range.",
         table(("Index", "Name", "Range", "Quantity", "Divided by"), (
             (str(k), entry.name, limits(entry.low, entry.high), entry.quantity, entry.divisor)
@@ -269,8 +266,8 @@ def rewards(family: Family, particular: str) -> str:
             "Area is length of path times local height. The length follows the wire's true position, weighted by the "
             "share of pulses that ignite. So pushing a bent wire into a short, moving back and forth, or cutting air "
             "earns nothing. "
-            f"The first {SETTLING_NS * 1e-9:g} s of a wire do not count, as the field then pulls it towards the "
-            "metal.",
+            f"The first {path_follower.SETTLING_NS * 1e-9:g} s of a wire do not count, as the field then pulls it "
+            "towards the metal.",
             f"A lost wire costs the area that {lost_mm2_min:g} mm2/min would cut while another is threaded."
             if lost_mm2_min > 0.0 else "A lost wire costs only the time in which another is threaded.",
             '``info["cost"]`` is 1 for a lost wire or an end by a limit, and grows by 1 for every second beyond a '

@@ -6,8 +6,7 @@ from dataclasses import fields
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from gymnasium.envs.registration import register as _register
-from gymnasium.envs.registration import registry
+import gymnasium as gym
 
 from edmsim import user_code
 from edmsim.errors import InputError, one_of, refuses_wrong_types
@@ -26,7 +25,7 @@ _REGISTERED = {
     "GapFeed": _Registered(2, 1828.0), "HeightStep": _Registered(2, 1555.0), "Corner": _Registered(3, 950.0),
     "Contour": _Registered(2, 2424.0), "MaxRate": _Registered(1, 4210.0), "ThinWire": _Registered(1, 5960.0),
     "Trim": _Registered(1, 912.0), "Part": _Registered(0, -16.0, "part"),
-    "MaxRateShift": _Registered(0, 276105.0, "shift"), "ThinWireShift": _Registered(0, 62871.0, "shift"),
+    "MaxRateShift": _Registered(0, 276105.0), "ThinWireShift": _Registered(0, 62871.0),
 }  # fmt: skip
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under
 
@@ -34,7 +33,7 @@ _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are
 def register_all() -> None:
     """Register ``edmsim/GapFeed-v2`` and the others."""
     for name, one in _REGISTERED.items():
-        _register(
+        gym.register(
             id=env_id_of(name), entry_point=_class_of(name), vector_entry_point=f"edmsim.envs:{name}VectorEnv",
             reward_threshold=one.reference,
         )
@@ -60,17 +59,17 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     TypeError
         An unknown argument.
     """
-    short, there = env_id.removeprefix("edmsim/").partition("-v")[0], registry.get(env_id)
+    short, there = env_id.removeprefix("edmsim/").partition("-v")[0], gym.registry.get(env_id)
     if short in _REGISTERED or (there is not None and "task" not in there.kwargs):
         raise InputError(f"{env_id} names an environment that is not your own: choose another, as 'lab/{short}-v0'")
     base = base_of(family)
     family.of(**arguments)
-    registry.pop(env_id, None)
+    gym.registry.pop(env_id, None)
     single, task = _class_of(base), base
     if family is not family_of(base):
         _OWN[env_id], single, task = family, "edmsim.envs.environment:EdmEnv", env_id
     vector = "edmsim.envs.environment:EdmVectorEnv"
-    _register(id=env_id, entry_point=single, vector_entry_point=vector, kwargs={**arguments, "task": task})
+    gym.register(id=env_id, entry_point=single, vector_entry_point=vector, kwargs={**arguments, "task": task})
 
 
 def resolve(text: str) -> str:
@@ -79,7 +78,7 @@ def resolve(text: str) -> str:
     if own is None:
         return text
     module = user_code.run(own.file)
-    spec = registry.get(own.name)
+    spec = gym.registry.get(own.name)
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"this file registers no environment {own.name!r} (edmsim.envs.register)", own.file)
     if family := _OWN.get(own.name):
@@ -105,7 +104,7 @@ def find(name: str | type[EnvArguments]) -> tuple[type[EnvArguments], dict[str, 
     short, _, version = str(name).removeprefix("edmsim/").partition("-v")
     if short in _REGISTERED and version in ("", str(_REGISTERED[short].version)):
         return family_of(short), {}
-    spec = registry.get(str(name))
+    spec = gym.registry.get(str(name))
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"there is no environment {name!r}; choose one of {one_of(str(name), registered_ids())}")
     arguments = dict(spec.kwargs)

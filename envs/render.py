@@ -1,44 +1,39 @@
-"""Pictures of an environment: its machine by MuJoCo where there is a GL backend, else the cut as in ``profile.png``.
+"""Pictures of environments: the machine by MuJoCo where there is a GL backend, else the cut as in ``profile.png``.
 
-Below either, a strip says what the last step did: feed, shares of pulses, reward.
+Below either, a strip says what the last step did: feed, shares of pulses, reward; of a part also what passes left.
+The geometry that they draw is that of recordings, too.
 """
-
-from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.errors import refuse_unknown
+from edmsim.cosim.stops import StopCause
+from edmsim.envs.part_task import PartCut, PartEpisode, Parts
+from edmsim.envs.sub_envs import Batch, SubEnvs
+from edmsim.job.inspection import holes_mm, terraces
+from edmsim.metrology.edges import cut_edges
+from edmsim.metrology.profile import corners, profile_error
+from edmsim.plant.constants import wire_setup
+from edmsim.plant.plant import Plant
+from edmsim.recording.figures.palette import BLUE, INK, MUTED, SHARE_COLOURS, VERMILION
+from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
-if TYPE_CHECKING:
-    import mujoco
-    from matplotlib.figure import Figure
-
-    from edmsim.envs.batch import Batch
-    from edmsim.envs.sub_envs import SubEnvs
-    from edmsim.plant.plant import Plant
-    from edmsim.recording.scene import Scene
-
-RENDER_MODES = ("rgb_array", "human")
-RENDER_FPS = 39  # pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms
+Floats = NDArray[np.float64]
+Picture = NDArray[np.uint8]  # (height, width, 3)
 HEIGHT, WIDTH = 480, 640
 STRIP = 64  # height of the strip below, part of the picture's
-SHOWN_DIAMETERS = 12  # wire diameters across what is drawn of a longer cut
 DPI = 80
+BELOW = 120
+"""Height of what is below the drawing of a part: the passes, and the strip of the last step."""
+SHOWN_DIAMETERS = 12  # wire diameters across what is drawn of a longer cut
 _SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
 """What MuJoCo takes MUJOCO_GL to mean when nothing is to be drawn."""
-
-
-def check_render_mode(mode: str | None) -> str | None:
-    """Raise `InputError` for a render mode there is not."""
-    if mode is not None:
-        refuse_unknown("render_mode", mode, RENDER_MODES)
-    return mode
 
 
 def has_gl() -> bool:
@@ -52,19 +47,24 @@ def has_gl() -> bool:
 
 
 class Renderer:
-    """Draws sub-environments, and shows what it drew; made cheaply, it loads nothing before the first picture."""
+    """Draws sub-environments, and shows what it drew."""
 
     def __init__(self) -> None:
-        self._gl: mujoco.Renderer | None = None
-        self._shown: Any = None
+        self._gl: Any = None  # MuJoCo's renderer, and the set-up that it draws
         self._of: Any = None
+        self._shown: Any = None
         self._drawn_only = False
 
-    def picture(self, batch: Batch, index: int) -> NDArray[np.uint8]:
-        """Return a sub-environment's picture, uint8 (480, 640, 3)."""
-        return np.vstack([self._view(batch.sub_envs, index), _strip(batch, index)])
+    def picture(self, engine: Batch | Parts, index: int) -> Picture:
+        """Return a sub-environment's picture (480, 640, 3): the machine by MuJoCo if it draws, else the cut."""
+        from edmsim.recording.figures.style import own_style
 
-    def _view(self, sub_envs: SubEnvs, index: int) -> NDArray[np.uint8]:
+        with own_style():
+            if isinstance(engine, Parts):
+                return _of_part(engine.episode(index))
+            return np.vstack([self._view(engine.sub_envs, index), _step(engine, index)])
+
+    def _view(self, sub_envs: SubEnvs, index: int) -> Picture:
         if not self._drawn_only and has_gl():
             try:
                 return self._machine(sub_envs.fleet.plants[index])
@@ -72,10 +72,9 @@ class Renderer:
                 self._drawn_only = True
         return _drawing(sub_envs, index)
 
-    def _machine(self, plant: Plant) -> NDArray[np.uint8]:
+    def _machine(self, plant: Plant) -> Picture:
         import mujoco
 
-        from edmsim.plant.constants import wire_setup
         from edmsim.plant.mechanics.model import build_model
 
         setup = wire_setup(plant.machine)
@@ -91,14 +90,12 @@ class Renderer:
         self._gl.update_scene(data, camera="overview")
         return np.asarray(self._gl.render(), np.uint8)
 
-    def show(self, picture: NDArray[np.uint8]) -> None:
+    def show(self, picture: Picture) -> None:
         """Show a picture in a window; where there is no display, nothing can be shown and nothing fails."""
-        import matplotlib
-
-        if matplotlib.get_backend().lower() == "agg":
-            return
         from matplotlib import pyplot
 
+        if pyplot.get_backend().lower() == "agg":
+            return
         if self._shown is None:
             figure, axes = pyplot.subplots(figsize=(WIDTH / DPI, HEIGHT / DPI), dpi=DPI, num="edmsim")
             axes.set_position((0, 0, 1, 1))
@@ -133,45 +130,57 @@ class Renderer:
         Renderer.__init__(self)
 
 
-def _drawing(sub_envs: SubEnvs, index: int) -> NDArray[np.uint8]:
-    """Draw what was cut of a sub-environment's workpiece, its path and its wire."""
-    from edmsim.envs.scene import path_scene
+def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
+    """Return a cut quickly, for a picture at every step: the wire's path, and the edges at mid height."""
+    scenario, plant = sub_envs.scenario(index), sub_envs.fleet.plants[index]
+    machine, none = scenario.machine, np.zeros((0, 2))
+    x0, y0, x1, y1 = (v * 1e-3 for v in scenario.stock.rectangle_um)
+    edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
+    scene = Scene(
+        maps=tuple(ErrorMap(leg * 1e-3, "left", none, none[:, 0]) for leg in scenario.legs_um),
+        cut_edges_mm=tuple(edges), corners=(),
+        starts_mm=np.array([leg[0] * 1e-3 for leg in scenario.legs_um]), holes_mm=holes_mm(scenario.stock),
+        stock_mm=(x0, y0, x1, y1), height_mm=machine.height_mm,
+        terraces=terraces(plant.field.relief, (x0, y0, x1, y1)),
+        guides_z_mm=machine.guides_z_mm, wire_diameter_um=machine.wire_diameter_um,
+    )  # fmt: skip
+    shown = scene.middle_slice()
+    edges[shown] = polylines(cut_edges(plant.field, shown))
+    return replace(scene, cut_edges_mm=tuple(edges))
 
-    scene, plant = path_scene(sub_envs, index), sub_envs.fleet.plants[index]
-    place = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
+
+def scene_of(sub_envs: SubEnvs, index: int) -> Scene:
+    """Return a cut, measured: every slice's edges, and where a program is cut its drawing with the errors."""
+    scene = path_scene(sub_envs, index)
+    scenario, plant = sub_envs.scenario(index), sub_envs.fleet.plants[index]
+    field, (x_um, y_um) = plant.field, plant.commanded_um
+    measured = [(contour, profile_error(field, contour)) for contour in scenario.contours]
+    finished = sub_envs.rows[index]["cause"] == StopCause.FINISHED
+    return replace(
+        scene,
+        maps=tuple(ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um) for k, p in measured) or scene.maps,
+        corners=tuple(corner for k, p in measured for corner in corners(k, p)),
+        cut_edges_mm=tuple(polylines(cut_edges(field, s)) for s in range(field.n_slices)),
+        stop_mm=None if finished else (x_um * 1e-3, y_um * 1e-3),
+    )
+
+
+def _drawing(sub_envs: SubEnvs, index: int) -> Picture:
+    """Draw what was cut of a sub-environment's workpiece, its path and its wire."""
+    scene, place_mm = path_scene(sub_envs, index), _wire_mm(sub_envs.fleet.plants[index])
     # what a sub-environment has of a drawing is the path of its wire
-    return draw_cut(
-        scene, place, HEIGHT - STRIP, (0.12, 0.13, 0.84, 0.77), _around(place, scene),
+    return _draw_cut(
+        scene, place_mm, HEIGHT - STRIP, (0.12, 0.13, 0.84, 0.77), _around(place_mm, scene),
         {"nominal edge": "path of the wire"},
     )  # fmt: skip
 
 
-def draw_cut(
-    scene: Scene, place_mm: NDArray[np.float64], height: int, box: tuple[float, float, float, float],
-    view: tuple[float, float, float, float] | None = None, names: Mapping[str, str] | None = None,
-) -> NDArray[np.uint8]:
-    """Draw a cut from above with its wire, and its parts by other names where `names` has some."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Circle
-
-    from edmsim.recording.figures.palette import INK, VERMILION
-    from edmsim.recording.figures.profile import draw_map
-
-    figure, (x, y) = canvas(height), place_mm - (scene.origin_mm or (0.0, 0.0))
-    axes = figure.add_subplot(position=box)
-    draw_map(axes, scene, view)
-    axes.add_patch(Circle((float(x), float(y)), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
-    handles, labels = axes.get_legend_handles_labels()
-    axes.legend(
-        [*handles, Line2D([], [], marker="o", linestyle="", color=VERMILION)],
-        [*((names or {}).get(label, label) for label in labels), "wire"], loc="lower left", bbox_to_anchor=(0.0, 1.0),
-        ncols=6, frameon=False, fontsize=8, handlelength=1.6, columnspacing=1.2, borderpad=0.0, borderaxespad=0.3,
-        labelcolor=INK,
-    )  # fmt: skip
-    return pixels(figure)
+def _wire_mm(plant: Plant) -> Floats:
+    """Return where the wire is, its deflection averaged over the height."""
+    return np.asarray((np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3, np.float64)
 
 
-def _around(place_mm: NDArray[np.float64], scene: Scene) -> tuple[float, float, float, float]:
+def _around(place_mm: Floats, scene: Scene) -> tuple[float, float, float, float]:
     """Return what of a cut is drawn: all of it, or what is near the wire, which would be a dot in a long one."""
     x0, y0, x1, y1 = scene.extent_mm()
     half_mm = SHOWN_DIAMETERS * scene.wire_diameter_um * 0.5e-3
@@ -181,27 +190,32 @@ def _around(place_mm: NDArray[np.float64], scene: Scene) -> tuple[float, float, 
     return max(x0, x - half_mm), max(y0, y - half_mm), min(x1, x + half_mm), min(y1, y + half_mm)
 
 
-def _strip(batch: Batch, index: int) -> NDArray[np.uint8]:
-    """Draw what a sub-environment's last step did: feed, what became of the pulses, reward, machine time."""
-    from edmsim.recording.figures.palette import SHARE_COLOURS
+def _draw_cut(
+    scene: Scene, place_mm: Floats, height: int, box: tuple[float, float, float, float],
+    view: tuple[float, float, float, float] | None = None, names: Mapping[str, str] | None = None,
+) -> Picture:
+    """Draw a cut from above with its wire, and its parts by other names where `names` has some."""
+    from matplotlib.patches import Circle
 
-    info = batch.infos()
-    counts = {name: int(info[name][index]) for name in SHARE_COLOURS}
-    pulses = sum(counts.values())
-    facts = [f"{float(info['time_s'][index]):.2f} s", f"feed {float(info['feed_um_s'][index]):.1f} µm/s"]
-    if pulses:
-        facts += [f"{name} {count}" for name, count in counts.items()]
-        facts.append(f"reward {float(batch.account.total[index]):+.3f}")
-    else:
-        facts.append("no pulse yet")
-    return strip(facts, counts)
+    from edmsim.recording.figures.profile import draw_map
+
+    figure, (x, y) = _canvas(height), place_mm - (scene.origin_mm or (0.0, 0.0))
+    axes = figure.add_subplot(position=box)
+    draw_map(axes, scene, view)
+    axes.add_patch(Circle((float(x), float(y)), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(
+        [*handles, *axes.plot([], [], "o", color=VERMILION)],
+        [*((names or {}).get(label, label) for label in labels), "wire"], loc="lower left", bbox_to_anchor=(0.0, 1.0),
+        ncols=6, frameon=False, fontsize=8, handlelength=1.6, columnspacing=1.2, borderpad=0.0, borderaxespad=0.3,
+        labelcolor=INK,
+    )  # fmt: skip
+    return _pixels(figure)
 
 
-def strip(facts: Sequence[str], counts: Mapping[str, int]) -> NDArray[np.uint8]:
+def _strip(facts: Sequence[str], counts: Mapping[str, int]) -> Picture:
     """Draw facts of a step, and below them what became of its pulses."""
-    from edmsim.recording.figures.palette import INK, SHARE_COLOURS
-
-    figure = canvas(STRIP)
+    figure = _canvas(STRIP)
     figure.text(0.02, 0.68, "   ".join(facts).replace("-", "−"), fontsize=9, color=INK, va="center")
     axes = figure.add_axes((0.02, 0.14, 0.96, 0.24))
     axes.set_axis_off()
@@ -210,21 +224,99 @@ def strip(facts: Sequence[str], counts: Mapping[str, int]) -> NDArray[np.uint8]:
     for name, count in counts.items():
         axes.barh(0.0, count, left=left, color=SHARE_COLOURS[name])
         left += count
-    return pixels(figure)
+    return _pixels(figure)
 
 
-def canvas(height: int) -> Figure:
-    """Return an empty figure as wide as a picture, with an Agg canvas."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def _canvas(height: int) -> Any:
+    """Return an empty figure as wide as a picture."""
+    from edmsim.recording.figures.style import NotebookFigure
 
-    figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI, facecolor="white")
-    FigureCanvasAgg(figure)
-    return figure
+    return NotebookFigure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI, facecolor="white")
 
 
-def pixels(figure: Figure) -> NDArray[np.uint8]:
-    """Return what is drawn on a figure of `canvas`."""
-    drawn: Any = figure.canvas
-    drawn.draw()
-    return np.array(drawn.buffer_rgba())[..., :3].copy()
+def _pixels(figure: Any) -> Picture:
+    """Return what is drawn on a figure of `_canvas`."""
+    figure.canvas.draw()
+    return np.array(figure.canvas.buffer_rgba())[..., :3].copy()
+
+
+def _step(batch: Batch, index: int) -> Picture:
+    """Draw what a sub-environment's last step did: feed, what became of the pulses, reward, machine time."""
+    info = batch.infos()
+    counts = {name: int(info[name][index]) for name in SHARE_COLOURS}
+    facts = [f"{float(info['time_s'][index]):.2f} s", f"feed {float(info['feed_um_s'][index]):.1f} µm/s"]
+    if sum(counts.values()):
+        facts += [f"{name} {count}" for name, count in counts.items()]
+        facts.append(f"reward {float(batch.account.total[index]):+.3f}")
+    else:
+        facts.append("no pulse yet")
+    return _strip(facts, counts)
+
+
+def _of_part(episode: PartEpisode) -> Picture:
+    drawn = _draw_cut(*_part_scene(episode.cut), HEIGHT - BELOW, (0.1, 0.14, 0.76, 0.76))
+    return np.vstack([drawn, _passes(episode), _last_step(episode)])
+
+
+def _part_scene(cut: PartCut) -> tuple[Scene, Floats]:
+    """Return what is drawn of the part, with its edges at mid height, and where the wire is."""
+    contour, stock_mm = cut.path.contours[0], cut.path.stock_mm
+    machine, simulation = cut.machine, cut.simulation
+    place_mm, points, error = contour.points_um[0] * 1e-3, np.zeros((0, 2)), np.zeros(0)
+    slices = 1 if simulation is None else simulation.plant.field.n_slices
+    edges: list[Polylines] = [() for _ in range(slices)]
+    radius = cut.path.start_hole_radius_mm
+    holes = np.array([[*place_mm, radius]])
+    if simulation is not None:
+        plant = simulation.plant
+        edges[slices // 2] = polylines(cut_edges(plant.field, slices // 2))
+        place_mm = _wire_mm(plant)
+        holes = holes_mm(plant.field.stock)
+        if cut.over:
+            measured = profile_error(plant.field, contour)
+            points, error = measured.points_mm, measured.mean_um
+    scene = Scene(
+        maps=(ErrorMap(contour.nominal_mm, contour.part_side, points, error),), cut_edges_mm=tuple(edges), corners=(),
+        starts_mm=np.asarray(contour.points_um[:1] * 1e-3, np.float64), holes_mm=holes, stock_mm=stock_mm,
+        height_mm=machine.height_mm, terraces=(), guides_z_mm=machine.guides_z_mm,
+        wire_diameter_um=machine.wire_diameter_um, origin_mm=cut.path.origin_mm,
+    )  # fmt: skip
+    return scene, np.asarray(place_mm, np.float64)
+
+
+def _passes(episode: PartEpisode) -> Picture:
+    """Draw what every pass so far left beyond what it was to leave."""
+    cut, figure = episode.cut, _canvas(BELOW - STRIP)
+    walls = [cut.wall(number) for number in range(1, cut.passes + 1)]
+    left = [np.nan if wall is None else wall.mean_um - cut.target_um(k) for k, wall in enumerate(walls, 1)]
+    figure.text(0.02, 0.5, "metal left, less\nwhat is wanted, \u00b5m", fontsize=8, color=MUTED, va="center")
+    axes = figure.add_axes((0.2, 0.3, 0.78, 0.62))
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    axes.bar(range(1, cut.passes + 1), np.nan_to_num(left), 0.25, color=BLUE)
+    most = max([4.0, *(1.3 * abs(um) for um in left if np.isfinite(um))])
+    axes.set_ylim(-most, most)
+    axes.set_xlim(0.5, cut.passes + 0.5)
+    axes.set_yticks([])
+    axes.set_xticks(range(1, cut.passes + 1), [_named(k, um) for k, um in enumerate(left, 1)], fontsize=8, color=INK)
+    for side in axes.spines.values():
+        side.set_visible(False)
+    axes.tick_params(length=0, pad=1)
+    return _pixels(figure)
+
+
+def _named(number: int, left_um: float) -> str:
+    return f"pass {number}" + (f": {left_um:+.1f}".replace("-", "\u2212") if np.isfinite(left_um) else "")
+
+
+def _last_step(episode: PartEpisode) -> Picture:
+    """Draw what the last step did: pass, time, offset, reward, what became of the pulses."""
+    sums, cut = episode.step.sums, episode.cut
+    facts = [f"{cut.time_s:.0f} s"]
+    if sums.pulses:
+        facts += [f"pass {episode.number}: {episode.step.seconds:.0f} s", f"offset {cut.offset_um:.0f} \u00b5m"]
+        facts += ["the wire broke"] if episode.step.broke else []
+        facts += [f"error {episode.error_um:.2f} \u00b5m", f"Ra {episode.ra_um:.2f} \u00b5m"] if cut.over else []
+        facts.append(f"reward {float(episode.terms.sum()):+.2f}")
+    else:
+        facts.append("no pulse yet")
+    return _strip(facts, {name: getattr(sums, name) for name in ("spark", "arc", "short", "open")})

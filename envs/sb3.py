@@ -7,15 +7,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.environment import EdmVectorEnv, SubEnvView
-from edmsim.envs.record import EVERY, RecordedEpisodes
+from edmsim.envs.episode import EVERY, RecordedEpisodes
 from edmsim.envs.registry import env_id_of, find
-from edmsim.envs.reward import TERMS
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.numeric import whole, whole_from
 
@@ -38,7 +35,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     """
 
     def __init__(self, env: EdmVectorEnv) -> None:
-        if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+        if env.autoreset_mode is not gym.vector.AutoresetMode.SAME_STEP:
             raise InputError("stable-baselines3 wants a vector environment with autoreset_mode SAME_STEP")
         if env.family.objectives:
             raise InputError("stable-baselines3 learns from one reward: make the environment without objectives")
@@ -233,7 +230,7 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     find(env_id)
     made = gym.make_vec(
         env_id_of(env_id), num_envs=num_envs, vectorization_mode="vector_entry_point",
-        autoreset_mode=AutoresetMode.SAME_STEP, **options,
+        autoreset_mode=gym.vector.AutoresetMode.SAME_STEP, **options,
     )
     assert isinstance(made, EdmVectorEnv)  # as all that are found
     env = EdmVecEnv(made)
@@ -299,11 +296,11 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         self._over = bool(ended[0])
         if self._recorded.recorder is None:
             return
-        terms = {name: float(infos["reward_terms"][name][0]) for name in TERMS}
+        terms = {name: values[0] for name, values in infos["reward_terms"].items()}
         figures = [float(infos[name][0]) for name in ("cost", "error_um", "area_mm2")]
         self._recorded.recorder.step(actions[0].clip(-1.0, 1.0).tolist(), terms, *figures)
         if self._over:
-            self._end(None)
+            self._end()
 
     def _on_step(self) -> bool:
         if self._over:
@@ -313,7 +310,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         return True
 
     def _on_training_end(self) -> None:
-        self._end(WORDS[StopCause.RUNNING].report)
+        self._end()
         self._envs.watch = None
         self._recorded.close()
 
@@ -321,7 +318,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         if self._recorded.is_due(self._episode):
             self._recorded.recorder = self._envs.recorder(0)
 
-    def _end(self, outcome: str | None) -> None:
+    def _end(self) -> None:
         name, windows = self._envs.spec.id, self.num_timesteps
         settings = {"environment": name, "episode": self._episode, "windows trained with": windows}
-        self._recorded.end(settings, outcome)
+        self._recorded.end(settings)

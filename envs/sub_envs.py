@@ -1,23 +1,26 @@
 """Sub-environments: episodes side by side, every one with a plant, a path and a generator setting of its own.
 
-Everything per window is done for all sub-environments at once: the motor steps and the windows in compiled calls, the
-rest on arrays. A sub-environment's bits depend on nothing but its own scenario and commands.
+`SubEnvs` runs their windows, `Batch` their steps: it turns actions into commands, and makes observations, rewards and
+infos. Everything is done for all sub-environments at once, in compiled calls or on arrays. A sub-environment's bits
+depend on nothing but its own scenario and commands.
 """
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.mcu.firmware.poscal import Unit
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.compiled.random import key_of
 from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.envs import knobs, path_follower
-from edmsim.envs.task import Family, Scenario
+from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.envs import observation, path_follower, reward, servo
+from edmsim.envs.task import EnvArguments, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.machine.machine import Machine
@@ -25,6 +28,7 @@ from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.blanks import wall_error_um
+from edmsim.snapshots import Snapshots
 
 Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
@@ -33,6 +37,9 @@ FINISHED_UM = 80.0
 STRETCH_UM = 24.0  # length of wall that is measured at every window (ours: four columns of cells)
 NEVER_NS = np.iinfo(np.int64).max
 _NO_STEPS: Ints = np.zeros((0, 3), np.int64)
+_CAUSES = np.array(["" if cause is StopCause.RUNNING else WORDS[cause].info for cause in StopCause], object)
+"""Texts of `info` for what ended an episode, by the numbers of causes."""
+
 
 class SubEnvs:
     """Episodes of one family; `threads` share the pulse loop."""
@@ -127,16 +134,14 @@ class SubEnvs:
 
     def _begin_leg(self, index: int, leg: int) -> None:
         self.leg[index] = leg
-        row, kind = self.rows[index], self._planner
+        row = self.rows[index]
         for name in ("path_um", "reached_um", "cut_um", "beside"):
             row[name] = 0
         row["settling_ns"] = path_follower.SETTLING_NS
-        step_um = float(row["step_um"])
-        unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
+        table_um, step_um = float(row["table_um"]), float(row["step_um"])
         points_um = self.scenario(index).legs_um[leg]
-        course, corner_um, corner_deg = _laid(
-            kind.number, kind.speed_unit_nm_s, unit, step_um, points_um.tobytes(), points_um.shape
-        )
+        laid = _laid(self.family.planner, table_um, step_um, points_um.tobytes(), points_um.shape)
+        course, corner_um, corner_deg = laid
         self.planners[index] = course.row[0]
         self._points = _with_row(self._points, index, course.points_um, 0.0)
         self._along = _with_row(self._along, index, course.along_um, np.inf)
@@ -160,7 +165,7 @@ class SubEnvs:
 
     def set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
-        setting = knobs.to_detents(t_on_us, t_period_us, self.families[index].detents_us)
+        setting = self.families[index].to_detents(t_on_us, t_period_us)
         self.refused[index] = ""
         if setting == tuple(self.rows[index]["setting_us"]):
             return
@@ -294,13 +299,14 @@ class SubEnvs:
 
 @functools.lru_cache(maxsize=256)  # episodes of many families have one path
 def _laid(
-    kind: int, speed_unit_nm_s: float, unit: Unit, step_um: float, points: bytes, shape: tuple[int, int]
+    planner: str, table_um: float, step_um: float, points: bytes, shape: tuple[int, int]
 ) -> tuple[Course, Floats, Floats]:
     """Course along a leg's points in um, and length of the leg up to each of its corners with its turn."""
     points_um = np.frombuffer(points).reshape(shape)
     line = Polyline(points_um * 1e-3, closed=False)
     corners = line.corners(CORNER_DEG)
-    course = Course.of(kind, points_um, speed_unit_nm_s, unit, step_um)
+    kind, unit = kind_of(planner), position_unit(planner, table_um, step_um)
+    course = Course.of(kind.number, points_um, kind.speed_unit_nm_s, unit, step_um)
     return course, line.s[corners] * 1e3, line.turn_deg[corners]
 
 
@@ -313,3 +319,286 @@ def _with_row(table: NDArray[_Number], index: int, row: NDArray[_Number], fillin
     table[index] = filling
     table[index, : len(row)] = row
     return table
+
+
+class ObservationBuilder(Snapshots):
+    """Builds the observations of n episodes, window by window."""
+
+    STATE = ("sums", "_history", "_scales", "_threaded_ns", "_broke_at")
+
+    def __init__(self, family: Family, count: int, sensors: observation.Sensors) -> None:
+        self.family, self.sensors = family, sensors
+        width = len(family.step_entries)
+        self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
+        self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
+        # (n,) `SHOWN`: what the windows of the present step showed
+        self.sums: NDArray[np.void] = np.zeros(count, observation.SHOWN)
+        self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
+        self._take_arguments(slice(None))
+        self._threaded_ns = np.zeros(count, np.int64)
+        self._broke_at = np.zeros(count)
+        self._values = np.zeros(len(observation.MEASURED))
+
+    def begin(self, i: int, row: np.void, machine: Machine, noise_key: np.uint64 | int = 0) -> None:
+        """Begin an episode on a machine; `row` is its `path_follower.SUB_ENV`."""
+        self._history[i] = 0.0
+        self.sums[i] = np.zeros((), observation.SHOWN)
+        self._dials[i] = observation.values_of(observation.DIALS, machine, 1)[0]
+        self._scales[i]["key"], self._scales[i]["draws"] = noise_key, 0
+        self._broke_at[i] = 0.0
+        self._take_arguments(i)
+        self.take_scale(i, row)
+        self._threaded_ns[i] = row["elapsed_ns"]
+
+    def _take_arguments(self, which: int | slice) -> None:
+        """Divide by what the arguments are at the episode's begin."""
+        for name in ("max_feed_um_s", "wires"):
+            self._scales[name][which] = getattr(self.family, name)
+        self._scales["episode_s"][which] = self.family.episode_s or np.inf
+
+    def take_scale(self, i: int, row: np.void) -> None:
+        """Divide by what belongs to the generator's setting from now on."""
+        scale = self._scales[i]
+        for name in ("open_V", "limit_A", "wait_us"):
+            scale[name] = row[name]
+        scale["noise_share"], scale["step"] = self.sensors.noise_share, self.sensors.step
+
+    def lose_wire(self, i: int, row: np.void, setting_us: tuple[float, float]) -> None:
+        """Note the setting at which a wire broke, and begin with the next one."""
+        on_us, period_us = setting_us
+        self._broke_at[i] = max(self._broke_at[i], period_us / on_us)
+        self._threaded_ns[i] = row["elapsed_ns"]
+
+    def begin_step(self) -> None:
+        """Begin a step, of which nothing has been seen yet."""
+        self.sums.view(np.int64)[:] = 0  # as records it would take ten times as long
+
+    def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
+        """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
+        observation.gather(active, rows, windows, self.sums)
+
+    def end_step(self, active: NDArray[np.int64]) -> None:
+        """Put the steps of some episodes before those that came earlier."""
+        observation.show(active, self.sums, self._scales, self._history, self._values)
+
+    def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
+        """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
+        parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
+        if known := self.family.known_entries:
+            age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
+            what = observation.Known(
+                rows, corner_um, corner_deg, age_s, self._broke_at, self.family.offset_um, self._scales
+            )
+            parts.append(observation.values_of(known, what, len(rows)))
+        return np.concatenate(parts, axis=1)
+
+
+STEP_INFO = np.dtype(
+    [
+        ("time_s", "f8"),  # machine time at the end of the step
+        ("dt_s", "f8"),  # that of the step
+        ("path_um", "f8"),  # length of path behind the wire by the planner, over all legs
+        ("feed_um_s", "f8"),
+        ("offset_um", "f8"),
+        ("t_on_us", "f8"),
+        ("t_period_us", "f8"),
+        ("energy_mJ", "f8"),  # of a discharge of the setting
+        ("short", "i8"),  # pulses of the step by class
+        ("open", "i8"),
+        ("spark", "i8"),
+        ("arc", "i8"),
+        ("gap_um", "f8"),  # mean of the last window's ignitions; -1 without any, as checkers take no NaN for another
+        ("wire_temperature_K", "f8"),  # greatest of the last window
+        ("debris", "f8"),  # at its end
+        ("error_um", "f8"),  # distance of the wire from the path at its end
+        ("area_mm2", "f8"),  # cut in the step
+        ("wires_lost", "i8"),  # in the episode
+        ("cost", "f8"),  # of the step
+    ]
+)
+"""Numbers of `info` at every step; a real machine does not measure all of them."""
+
+
+@exactly_compiled
+def fill_infos(
+    rows: NDArray[np.void], states: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void],
+    accounts: NDArray[np.void], infos: NDArray[np.void],
+) -> None:
+    """Write `STEP_INFO` (n,) of all sub-environments, from the records of their plants, observations and rewards."""
+    for i in range(infos.shape[0]):
+        info, row, window, sums, account = infos[i], rows[i], windows[i], shown[i], accounts[i]
+        setting_us, ignitions = row.setting_us, window.ignitions
+        info.time_s = states[i].time_ns * 1e-9
+        info.dt_s = row.step_ns * 1e-9
+        info.path_um = row.before_um + row.path_um
+        info.feed_um_s = row.feed_um_s
+        info.offset_um = row.offset_um
+        info.t_on_us = setting_us[0]
+        info.t_period_us = setting_us[1]
+        info.energy_mJ = row.energy_mJ
+        info.short = sums.short
+        info.open = sums.open
+        info.spark = sums.ignited - sums.arc
+        info.arc = sums.arc
+        info.gap_um = window.gap_um / ignitions if ignitions > 0 else -1.0
+        info.wire_temperature_K = window.temperature_max_K
+        info.debris = window.debris
+        info.error_um = row.error_um
+        info.area_mm2 = account.area_mm2
+        info.wires_lost = row.wires_lost
+        info.cost = account.cost
+
+
+class Batch:
+    """Parallel episodes of one family, with what Gymnasium's environments show of them."""
+
+    def __init__(self, family: Family, count: int, threads: int = 1) -> None:
+        self.family = family
+        self.sub_envs = SubEnvs(family, count, threads)
+        self.builder = ObservationBuilder(family, count, family.measured_by)
+        self._servos: NDArray[np.void] = np.zeros(count, servo.SERVO)
+        self._feed_um_s = np.zeros(count)
+        self._episodes = np.zeros(count, np.int64)
+        self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
+        self.account = reward.StepRewards(count)  # rewards, their terms and costs of the last step
+
+    def change(self, family: EnvArguments) -> None:
+        """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
+        assert isinstance(family, Family)
+        self.family = self.sub_envs.family = self.builder.family = family
+        self._episodes[:] = 0
+
+    def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool) -> dict[str, Any]:
+        """Begin an episode, on `machine` if given, with `redraw` never on the last one; returns the reset's info."""
+        family, before = self.family, self.sub_envs.scenarios[index]
+        chosen = machine
+        lasts = 0 < self._episodes[index] < family.machine_episodes
+        if chosen is None and before is not None and lasts and not redraw:
+            chosen = before.machine
+        scenario = family.draw(rng, chosen)
+        if chosen is None:
+            self._constants[index] = {name: scenario.drawn[name] for name in family.drawn_constants}
+        self._episodes[index] = 0 if machine is not None else (self._episodes[index] if chosen is not None else 0) + 1
+        self.sub_envs.begin(index, scenario)
+        self.account.weigh(index, family.reward_weights, family.error_bound_um, family.energy_bound_mJ)
+        self.builder.begin(index, self.sub_envs.rows[index], scenario.machine, key_of(scenario.plant_seed + 1))
+        self._begin_wire(index)
+        constants = self._constants[index] if machine is None else {}
+        return {
+            "drawn": {**constants, **scenario.drawn}, "plant_seed": scenario.plant_seed,
+            "total_um": float(self.sub_envs.rows[index]["total_um"]),
+        }
+
+    def _begin_wire(self, index: int) -> None:
+        feed_um_s = self.sub_envs.families[index].first_feed_um_s
+        self._feed_um_s[index] = feed_um_s
+        servo.begin(self._servos[index], feed_um_s)
+
+    def clear(self) -> None:
+        """Forget what the last step earned and cost."""
+        self.account.begin()
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """Which episodes (n,) have terminated."""
+        return np.asarray(self.sub_envs.rows["cause"] != path_follower.RUNNING)
+
+    @property
+    def out_of_time(self) -> NDArray[np.bool_]:
+        """Which sub-environments (n,) have cut for as long as an episode lasts."""
+        return self.sub_envs.out_of_time
+
+    def close(self) -> None:
+        """Shut down the threads."""
+        self.sub_envs.fleet.close()
+
+    def step(self, active: Ints, actions: NDArray[np.float32]) -> Floats:
+        """Run a step in the active environments; returns the rewards (n,), or (n, objectives), 0 in the others."""
+        sub_envs = self.sub_envs
+        clamped = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)  # np.clip takes four times as long
+        self.account.begin()
+        self.builder.begin_step()
+        sub_envs.rows["step_ns"] = 0
+        for family, left in self._by_family(active):
+            self._command(family, left, clamped)
+            while len(left):
+                self._window(family, left)
+                left = self._waiting(family, left)
+        self.builder.end_step(active)
+        account, objectives = self.account, self.family.objectives
+        return np.stack([account.terms[name] for name in objectives], axis=1) if objectives else account.total.copy()
+
+    def _by_family(self, active: Ints) -> Iterator[tuple[Family, Ints]]:
+        """Yield the families whose episodes run, each with its sub-environments; after a `change` there are more."""
+        families = [self.sub_envs.families[k] for k in active]
+        present = {id(one): one for one in families}
+        for family in present.values():
+            yield family, active if len(present) == 1 else active[[one is family for one in families]]
+
+    def _command(self, family: Family, active: Ints, clamped: Floats) -> None:
+        """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
+        sub_envs = self.sub_envs
+        if family.knobs:
+            for k in active:
+                first_us = sub_envs.rows[k]["first_setting_us"]
+                self._set_generator(int(k), *family.setting_us(first_us, clamped[k, 1 : 1 + len(family.knobs)]))
+        if family.offset_um is not None:
+            sub_envs.rows["offset_um"][active] = clamped[active, -1] * family.offset_um
+        if family.action == "servo":
+            self._servos["target"][active] = servo.target_of(clamped[active, 0], family.servo_target_share)
+            return
+        limit = family.greatest_feed_um_s
+        requested_um_s = family.next_feed_um_s(self._feed_um_s[active], clamped[active, 0])
+        self._feed_um_s[active] = np.minimum(np.maximum(requested_um_s, -limit), limit)
+
+    def _window(self, family: Family, left: Ints) -> None:
+        """Run a window in some sub-environments."""
+        sub_envs, by_servo = self.sub_envs, family.action == "servo"
+        sub_envs.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
+        windows = sub_envs.fleet.windows
+        self.builder.add(left, sub_envs.rows, windows)
+        self.account.add(left, sub_envs.rows, sub_envs.near, windows)
+        if by_servo:
+            servo.respond(left, self._servos, windows, family.greatest_feed_um_s, *family.servo_gains)
+        for index, setting_us in sub_envs.lost:
+            self.builder.lose_wire(index, sub_envs.rows[index], setting_us)
+            self._begin_wire(index)
+
+    def _waiting(self, family: Family, left: Ints) -> Ints:
+        """Return those of some sub-environments whose next action is not due yet."""
+        if family.decision_s is None:
+            return left[:0]
+        wait_ns, rows = round(family.decision_s * 1e9), self.sub_envs.rows
+        return np.asarray(left[(rows["step_ns"][left] < wait_ns) & (rows["cause"][left] == path_follower.RUNNING)])
+
+    def _set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
+        """Set the generator; in place of a period that it refuses, the shortest that it accepts for the on-time."""
+        sub_envs = self.sub_envs
+        sub_envs.set_generator(index, t_on_us, t_period_us)
+        refused = sub_envs.refused[index]
+        if refused:
+            machine, family = sub_envs.fleet.plants[index].machine, sub_envs.families[index]
+            sub_envs.set_generator(index, *family.least_setting_us(machine, t_on_us))
+            sub_envs.refused[index] = refused
+        self.builder.take_scale(index, sub_envs.rows[index])
+
+    def observations(self) -> NDArray[np.float32]:
+        """Return every sub-environment's observation, in a fresh array."""
+        sub_envs = self.sub_envs
+        return self.builder.observations(sub_envs.rows, sub_envs.corner_um, sub_envs.corner_deg)
+
+    def infos(self) -> dict[str, Any]:
+        """Return what `info` tells at every step, in fresh arrays (n,); much of it no real machine knows.
+
+        Numbers are those of `STEP_INFO`. Texts say why the episode ended and what the generator refused, and are
+        empty where nothing did.
+        """
+        sub_envs, fleet = self.sub_envs, self.sub_envs.fleet
+        step: NDArray[np.void] = np.empty(sub_envs.count, STEP_INFO)
+        fill_infos(sub_envs.rows, fleet.states, fleet.windows, self.builder.sums, self.account.rows, step)
+        return {
+            **{name: step[name] for name in STEP_INFO.names or ()},
+            "reward_terms": self.account.terms,
+            "cause": _CAUSES[sub_envs.rows["cause"]],
+            "refused": sub_envs.refused.copy(),
+        }

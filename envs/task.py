@@ -11,16 +11,13 @@ import numpy as np
 
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.envs import knobs as generator
-from edmsim.envs import observation, servo
+from edmsim.envs import observation, reward, servo
 from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, machine_of, record_of, record_of_arguments
-from edmsim.envs.observation import EXACT, Entry, Sensors
-from edmsim.envs.reward import TERMS, Weights
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose, values_of, with_constants
-from edmsim.machine.setting import MOST_TIME_S, flushing_Pa, standoffs_mm
+from edmsim.machine.setting import MOST_TIME_S, flushing_Pa, least_period_us, standoffs_mm
 from edmsim.numeric import above_zero, whole_within, within
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
@@ -40,6 +37,15 @@ MOST_HISTORY = 10_000
 """Most steps in an observation (ours: those of a whole episode; they take some 600 kB)."""
 MOST_DECISION_S = 3600.0
 """Longest time between two actions (ours: longer than any episode by far; it is simulated in some minutes)."""
+KNOBS = {
+    "on_time": "on-time over the first one",
+    "period": "pulse period over the first one",
+    "duty_factor": "period per on-time over the first ratio",
+}
+"""Knobs of the pulse generator, and what an action turns; each by a power of 2 within `Family.setting_octaves`. Of
+period and duty factor there can be one: the other follows."""
+MOST_OCTAVES = 4.0  # greatest reach of the knobs either way that may be asked for (ours)
+DETENTS_US = 1e-3, 1000.0  # least and greatest step of a knob (ours: a nanosecond, and the longest on-time)
 LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives")
 """Arguments that decide on spaces and plants: they stay as long as the environment does."""
 Drawn = dict[str, float | str]
@@ -136,7 +142,7 @@ class EnvArguments(ABC):
         """What each entry of an action is called."""
 
     @abstractmethod
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[observation.Entry]:
         """Return every entry of an observation, in order."""
 
     @cached_property
@@ -165,7 +171,7 @@ class EnvArguments(ABC):
                 arguments[name] = tuple(value)
         if "machine" in arguments:
             arguments["machine"] = machine_of(arguments["machine"])
-        for name, own in (("weights", cls.own_weights), ("sensors", Sensors())):
+        for name, own in (("weights", cls.own_weights), ("sensors", observation.Sensors())):
             if name in arguments:
                 arguments[name] = record_of(name, arguments[name], own)
         return cls(**arguments)
@@ -204,7 +210,7 @@ class Family(EnvArguments):
     `Machine.sample`; ``()`` draws all that have a published range and an effect and are not set by the operator (see
     `draws`). A reset with a seed always draws.
 
-    `knobs`: see `knobs.KNOBS`; an action of 1 multiplies by 2 to the power of ``setting_octaves``.
+    `knobs`: see `KNOBS`; an action of 1 multiplies by 2 to the power of ``setting_octaves``.
 
     `decision_s`: all windows that begin within it are fired, at least one.
 
@@ -245,9 +251,9 @@ class Family(EnvArguments):
     )
     servo_gains: tuple[float, float] = argument(servo.GAINS, "", "um/s, and um/s per s, per unit of its error")
     latency_s: float = argument(0.0, "s", "delay of a new feed, a window at most")
-    sensors: Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
+    sensors: observation.Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
     history: int = argument(4, "steps", "number of steps in an observation")
-    weights: Weights | None = argument(None, "", "`Weights`, or a mapping of weights to change")
+    weights: reward.Weights | None = argument(None, "", "`Weights`, or a mapping of weights to change")
     objectives: Sequence[str] = argument((), "", "terms of a vector reward; ``()``: a scalar")
     near_corner_um: float | None = argument(None, "um", "path near corners where errors count; None: all")
     error_bound_um: float | None = argument(None, "um", "path error beyond which time costs")
@@ -259,7 +265,7 @@ class Family(EnvArguments):
     knows_wires: ClassVar[bool] = False
     counts_threading: ClassVar[bool] = False
     finishes_wall: ClassVar[bool] = False
-    own_weights: ClassVar[Weights] = Weights()
+    own_weights: ClassVar[reward.Weights] = reward.Weights()
     lasting: ClassVar[tuple[str, ...]] = LASTING
 
     def __post_init__(self) -> None:
@@ -268,8 +274,8 @@ class Family(EnvArguments):
         resolution(self.resolution)
         refuse_unknown("mechanics", self.mechanics, MECHANICS)
         self._check_numbers()
-        generator.check_knobs(self.knobs)
-        self._check_reward(TERMS)
+        self._check_knobs()
+        self._check_reward(reward.TERMS)
         self._grid_um(self.base)
         self._check_draws()
 
@@ -279,7 +285,7 @@ class Family(EnvArguments):
             whole_within(name, getattr(self, name), 1, 10**9)
         for name in ("max_feed_um_s", "max_change_um_s"):
             above_zero(name, getattr(self, name), MOST_FEED_UM_S)
-        above_zero("setting_octaves", self.setting_octaves, generator.MOST_OCTAVES)
+        above_zero("setting_octaves", self.setting_octaves, MOST_OCTAVES)
         for name, most in (
             ("decision_s", MOST_DECISION_S), ("episode_s", MOST_TIME_S), ("near_corner_um", math.inf),
             ("error_bound_um", math.inf), ("offset_um", MOST_OFFSET_UM),
@@ -289,7 +295,7 @@ class Family(EnvArguments):
         if self.energy_bound_mJ is not None:
             within("energy_bound_mJ", self.energy_bound_mJ, *ENERGIES_MJ)
         for value in self.detents_us:
-            within("detents_us", value, *generator.DETENTS_US)
+            within("detents_us", value, *DETENTS_US)
         within("start_feed_um_s", self.start_feed_um_s, -self.max_feed_um_s, self.max_feed_um_s)
         for share in self.servo_target_share:
             within("servo_target_share", share, 0.0, 1.0)
@@ -298,6 +304,15 @@ class Family(EnvArguments):
         for gain in self.servo_gains:
             above_zero("servo_gains", gain)
         within("latency_s", self.latency_s, 0.0, 1.0)
+
+    def _check_knobs(self) -> None:
+        """Refuse knobs there are not, and two that turn the same."""
+        for name in self.knobs:
+            refuse_unknown("knob", name, KNOBS)
+        if len(set(self.knobs)) != len(self.knobs) or {"period", "duty_factor"} <= set(self.knobs):
+            raise InputError(
+                f"knobs are {', '.join(self.knobs)}: name each once, and period or duty_factor, not both"
+            )
 
     def _check_draws(self) -> None:
         """Refuse ranges with an end to which a machine cannot be set, before a reset draws it."""
@@ -352,18 +367,18 @@ class Family(EnvArguments):
         return ("target" if self.action == "servo" else "feed", *self.knobs, *last)
 
     @property
-    def step_entries(self) -> tuple[Entry, ...]:
+    def step_entries(self) -> tuple[observation.Entry, ...]:
         """Entries of an observation that a step has."""
         return observation.MEASURED + (observation.FIFTHS if self.locates_discharges else ())
 
     @property
-    def known_entries(self) -> tuple[Entry, ...]:
+    def known_entries(self) -> tuple[observation.Entry, ...]:
         """Entries behind the operator's dials."""
         offset = () if self.offset_um is None else (observation.OFFSET,)
         corners = observation.CORNERS if self.knows_corners else ()
         return (*corners, *offset, *(observation.WIRES if self.knows_wires else ()))
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[observation.Entry]:
         """Return every entry of an observation, in order."""
         steps = [
             entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
@@ -382,9 +397,9 @@ class Family(EnvArguments):
         return max(5e-4, self._grid_um(self.base) * 1e-3)
 
     @cached_property
-    def measured_by(self) -> Sensors:
+    def measured_by(self) -> observation.Sensors:
         """Sensors in force."""
-        return self.sensors or EXACT
+        return self.sensors or observation.EXACT
 
     @property
     def scrap_s(self) -> float:
@@ -420,6 +435,17 @@ class Family(EnvArguments):
         if "duty_factor" in factor:
             return on_us, period_us * factor.get("on_time", 1.0) * factor["duty_factor"]
         return on_us, period_us * factor.get("period", 1.0)
+
+    def to_detents(self, t_on_us: float, t_period_us: float) -> tuple[float, float]:
+        """Return the nearest setting that the knobs have."""
+        on_step, period_step = self.detents_us
+        return _detent(round(t_on_us / on_step), on_step), _detent(round(t_period_us / period_step), period_step)
+
+    def least_setting_us(self, machine: Machine, t_on_us: float) -> tuple[float, float]:
+        """Return an on-time with the shortest period at which the supply gives it, both in detents."""
+        on_step, period_step = self.detents_us
+        on = _detent(round(t_on_us / on_step), on_step)
+        return on, _detent(math.ceil(least_period_us(machine, on) / period_step - 1e-9), period_step)
 
     @cached_property
     def greatest_feed_um_s(self) -> float:
@@ -489,3 +515,8 @@ class Family(EnvArguments):
         drawn : dict
             What was drawn so far, by name; what is drawn here is added.
         """
+
+
+def _detent(number: int, step_us: float) -> float:
+    """Return a detent as one writes it: seven of 0.2 us are 1.4 us, which is not their product to the last bit."""
+    return round(number * step_us, 9)

@@ -17,9 +17,8 @@ from edmsim.controllers import FeedController, from_text
 from edmsim.controllers.protocols import FeedCommand
 from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs import pass_laws
-from edmsim.envs.episode import StepResult, Task
+from edmsim.envs.episode import EpisodeRecorder, StepResult, Task
 from edmsim.envs.part_task import Part
-from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.envs.reward import REFERENCE_S
 from edmsim.errors import refuses_wrong_types

@@ -22,8 +22,8 @@ from pydantic import Field, FiniteFloat, ValidationError
 
 from edmsim import models
 from edmsim.envs.episode import Task
+from edmsim.envs.families import Shift
 from edmsim.envs.registry import base_of, find, make_family, stand_in
-from edmsim.envs.shift import Shift
 from edmsim.errors import InputError, invalid_entry, located
 from edmsim.evaluation.episode import HELD_BACK, Episode, engine_of
 from edmsim.files import locked, read_toml

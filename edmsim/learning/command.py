@@ -167,7 +167,7 @@ def _recorders(options: TrainOptions, out: Path) -> list[Any]:
     """Return the callback that records episodes of the first sub-environment, if the options request it."""
     if options.record_every is None and not options.live:
         return []
-    from edmsim.envs.record import EVERY
+    from edmsim.envs.episode import EVERY
     from edmsim.envs.sb3 import RecordEpisodes
 
     every = EVERY if options.record_every is None else options.record_every

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from edmsim import __version__
 from edmsim.controllers import from_text
 from edmsim.envs.arguments import plain
-from edmsim.envs.environment import EdmEnv, check_acts
+from edmsim.envs.environment import EdmEnv
+from edmsim.envs.episode import check_acts
 from edmsim.envs.registry import env_id_of, find, make_family
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.compare import check_controllers

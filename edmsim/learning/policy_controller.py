@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, tell
-from edmsim.envs import knobs, path_follower, servo
-from edmsim.envs.observation import EXACT
-from edmsim.envs.observation_builder import ObservationBuilder, window_of
+from edmsim.envs import path_follower, servo
+from edmsim.envs.observation import EXACT, window_of
 from edmsim.envs.part_task import Part
+from edmsim.envs.sub_envs import ObservationBuilder
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
 from edmsim.learning.policy_file import Policy, load
@@ -195,9 +195,8 @@ class PolicyController(Snapshots):
     def _turn(self, requested_us: tuple[float, float]) -> None:
         """Apply the setting as the environment would; settings that the generator refuses are not requested."""
         assert self._machine is not None
-        detents = self._family.detents_us
-        rounded = knobs.to_detents(*requested_us, detents)
-        for setting_us in (rounded, knobs.least_setting_us(self._machine, rounded[0], detents)):
+        rounded = self._family.to_detents(*requested_us)
+        for setting_us in (rounded, self._family.least_setting_us(self._machine, rounded[0])):
             if setting_us == self._setting_us:
                 break
             with suppress(InputError):

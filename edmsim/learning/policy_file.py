@@ -19,10 +19,9 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from edmsim import models
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
-from edmsim.envs.knobs import KNOBS
 from edmsim.envs.part_task import ACTIONS
 from edmsim.envs.registry import arguments_with, make_family
-from edmsim.envs.task import EnvArguments, Family
+from edmsim.envs.task import KNOBS, EnvArguments, Family
 from edmsim.errors import InputError, invalid_entry, one_of, refuses_wrong_types
 from edmsim.files import read_arrays, replacing
 from edmsim.learning import bandit_file

@@ -20,8 +20,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecMonito
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvWrapper
 
 from edmsim.envs.arguments import plain
-from edmsim.envs.environment import EdmEnv
-from edmsim.envs.record import RecordRerun
+from edmsim.envs.environment import EdmEnv, RecordRerun
 from edmsim.envs.registry import arguments_with, stand_in
 from edmsim.envs.sb3 import EdmVecEnv
 from edmsim.envs.task import EnvArguments

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from edmsim.envs.families import Shift
 from edmsim.envs.registry import find
-from edmsim.envs.shift import Shift
 from edmsim.errors import refuses_wrong_types
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result, is_part

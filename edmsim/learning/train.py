@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from edmsim.controllers.user_controllers import rehearsed
-from edmsim.envs.environment import check_acts
+from edmsim.envs.episode import check_acts
 from edmsim.envs.registry import arguments_with, env_id_of, find, stand_in
 from edmsim.envs.task import Family
 from edmsim.errors import EdmsimError, InputError, invalid_entry, located, refuses_wrong_types

@@ -8,7 +8,7 @@ import pytest
 from edmsim.controllers import FeedCommand, make
 from edmsim.controllers.feed.laws import FixedController
 from edmsim.controllers.user_controllers import rehearsed
-from edmsim.envs.environment import as_action
+from edmsim.envs.episode import as_action
 from edmsim.envs.registry import make_family
 from edmsim.envs.servo import target_of
 from edmsim.errors import InputError

@@ -8,7 +8,7 @@ from gymnasium.utils.env_checker import check_env
 
 import edmsim
 from edmsim.controllers import make
-from edmsim.envs import shift
+from edmsim.envs import families
 from edmsim.envs.episode import Task
 from edmsim.envs.task import Drift
 from edmsim.errors import InputError
@@ -22,7 +22,7 @@ from edmsim.plant.constants import faces_Pa
 def weak():
     """A set-up whose wire breaks in its first second, on a table for a shift."""
     strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=10.0, t_on_us=10.0, t_period_us=50.0)
-    return shift.on_a_large_table(with_values(strained, {"wire.half_strength_K": 310.0}))
+    return families.on_a_large_table(with_values(strained, {"wire.half_strength_K": 310.0}))
 
 
 def test_a_lost_wire_costs_its_time_and_nothing_else(make_env, weak):
@@ -75,7 +75,7 @@ def test_water_drifts_evenly_and_the_gauge_does_not_show_it():
 
 
 def test_a_drifting_plant_is_deterministic_copies_go_on_and_the_next_shift_is_fresh(make_env, monkeypatch):
-    monkeypatch.setattr(shift, "DRIFT_EVERY_S", 0.3)
+    monkeypatch.setattr(families, "DRIFT_EVERY_S", 0.3)
     env = make_env("ThinWireShift", episode_s=4.0, decision_s=0.1, machine_episodes=2, flushing_left=0.5)
     other = make_env("ThinWireShift", episode_s=4.0, decision_s=0.1, flushing_left=1.0, conductivity_uS_cm=None)
     action = np.array([-1.0, -0.5], np.float32)

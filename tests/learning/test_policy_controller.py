@@ -12,7 +12,6 @@ import pytest
 
 import edmsim
 from edmsim.controllers.protocols import WindowObservation, tell
-from edmsim.envs.batch import action_space_of
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
@@ -33,7 +32,7 @@ def make_policy(tmp_path):
         family = make_family(name, **environment)
         observed = family.entries()
         rng = np.random.default_rng(4)
-        sizes = [len(observed), 8, action_space_of(family).shape[0]]
+        sizes = [len(observed), 8, len(family.action_names)]
         weights = [rng.normal(0, 0.4, shape) for shape in pairwise(sizes)]
         biases = [rng.normal(0, 0.1, size) for size in sizes[1:]]
         packed = policy_file.pack(weights, biases)
