@@ -26,7 +26,7 @@ from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
 from edmsim.signals import raise_again
 
-from .conftest import FILES, Outcome
+from .conftest import FILES
 
 FAST = ("--height", "5", "--resolution", "fast")
 
@@ -194,15 +194,11 @@ def test_model_outside_its_validity_is_one_line_and_exit_1(small_punch, tmp_path
     assert outcome.err.splitlines()[-1] == "edmsim: the wire left its guides"  # behind the bar of the cut
 
 
-@pytest.mark.slow
-def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path):
-    outcome = subprocess.run(
-        [sys.executable, "-c", "from edmsim.cli.app import main; main()", "cut", str(tmp_path / "no [bold]such.ngc"),
-         "--out", str(tmp_path / "out")],
-        env={**os.environ, "COLUMNS": "40", "FORCE_COLOR": "1", "TERM": "xterm-256color"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert_refused(Outcome(outcome.returncode, outcome.stdout, outcome.stderr), str(tmp_path / "no [bold]such.ngc: "))
+def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path, edmsim, monkeypatch):
+    for name, value in (("COLUMNS", "40"), ("FORCE_COLOR", "1"), ("TERM", "xterm-256color")):
+        monkeypatch.setenv(name, value)
+    file = tmp_path / "no [bold]such.ngc"
+    assert_refused(edmsim("cut", file, "--out", tmp_path / "out"), f"{file}: ")
 
 
 @pytest.mark.slow

@@ -126,7 +126,7 @@ def test_a_process_that_always_dies_ends_the_study_with_a_reason(dying):
 def test_processes_find_the_same_bits_as_this_one(two_controllers, tmp_path):
     observed = []
     sweep(two_controllers, tmp_path / "here", engine=Here())
-    last = sweep(two_controllers, tmp_path / "there", engine=Processes(2), watch=observed.append)
+    last = sweep(two_controllers, tmp_path / "there", engine=Processes(1), watch=observed.append)
     here, there = (read(tmp_path / name).drop_columns(CLOCKS) for name in ("here", "there"))
     assert here.equals(there)
     assert last == SweepProgress(4, 4, 4, 0)
