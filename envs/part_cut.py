@@ -14,7 +14,7 @@ from edmsim.job.inspection import pass_figures
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.technology import PassSetting, PassTable
-from edmsim.metrology.passes import WallError
+from edmsim.metrology.kerf import WallError
 from edmsim.metrology.profile import error_stats, profile_error
 from edmsim.metrology.roughness import roughness_um
 from edmsim.plant.window import PlantError

@@ -19,7 +19,7 @@ from edmsim.job.inspection import inspect, pass_figures
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
-from edmsim.metrology.passes import WallError
+from edmsim.metrology.kerf import WallError
 from edmsim.metrology.profile import slice_heights_mm
 from edmsim.metrology.roughness import electrolysed_um
 from edmsim.plant.plant import Plant

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from edmsim.controllers import FeedController
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
-from edmsim.metrology.passes import WallError, lever_mm, loose_pieces, wall_error
+from edmsim.metrology.edges import loose_pieces
+from edmsim.metrology.kerf import WallError, wall_error
 from edmsim.metrology.profile import profile_error
 from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.plant import Plant
@@ -251,7 +252,7 @@ class PassLog(Snapshots):
         inside = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
         is_part = inside and piece.contains(shapely.Point(contour.nominal_mm.mean(axis=0) * 1e3))
         what = "part" if is_part else "slug"
-        far_mm = lever_mm(piece, (x, y))
+        far_mm = math.dist((piece.centroid.x, piece.centroid.y), (x, y)) * 1e-3
         if not one.falls or contour.lean is not None:
             why = ", as the fall of a piece with tapered walls is not in the model" if one.falls else ""
             self.notices.append(

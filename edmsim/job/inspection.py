@@ -16,8 +16,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
 from edmsim.metrology import shares as causes
 from edmsim.metrology.edges import cut_edges
-from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
-from edmsim.metrology.passes import unknown_wall
+from edmsim.metrology.kerf import KerfWidth, kerf_width, unknown_wall, width_stats
 from edmsim.metrology.profile import ElementError, ProfileError, corners, element_errors, error_stats, profile_error
 from edmsim.metrology.roughness import electrolysed_um, face_roughness_um, heat_affected_um, roughness_um
 from edmsim.plant.workpiece.height_steps import Relief
@@ -207,8 +206,8 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
     commanded, following, lag, time_s, path_um = windows.ways_um()
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
-        off = causes.motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
-        commanded, guides = commanded - off.program, guides - off.table
+        program, table = causes.motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
+        commanded, guides = commanded - program, guides - table
     if simulation.passes.records:
         ways_um = (commanded, guides, guides - lag)
         return _last_ways_um(simulation.passes.records, len(simulation.path.contours), ways_um, time_s)
