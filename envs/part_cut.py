@@ -9,8 +9,8 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
-from edmsim.job.cut import approach_of, planned, setup_of, with_passes
 from edmsim.job.inspection import pass_figures
+from edmsim.job.plan import approach_of, planned, setup_of, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.technology import PassSetting, PassTable
@@ -49,7 +49,7 @@ class PartCut:
         self, program: Program, settings: CutSettings, tension_share: float, stops_after: int | None = None
     ) -> None:
         self._program = program
-        found = with_passes(program, settings, planned)
+        found = with_passes(program, settings)
         assert found.table is not None
         if len(found.path.contours) != 1:
             raise InputError(f"the program has {len(found.path.contours)} contours: a part has one", program.source)

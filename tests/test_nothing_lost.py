@@ -16,7 +16,7 @@ import pytest
 from edmsim.controllers.feed.laws import FixedController
 from edmsim.errors import EdmsimError, InputError, run_command
 from edmsim.files import locked, replacing, together
-from edmsim.job import checkpoint
+from edmsim.job.cut import CHECKPOINT
 from edmsim.job.result import remake
 from edmsim.recording import cut_folder, scene
 from edmsim.sweep import table
@@ -57,7 +57,7 @@ def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small, tmp_p
             cut_small(out=tmp_path, resume=phase != PHASES[0], enter=enter, **SHORT)
         assert caught.value.args == (number,)
         assert entered == PHASES[: PHASES.index(phase) + 1]
-        assert names(tmp_path) == [checkpoint.NAME]
+        assert names(tmp_path) == [CHECKPOINT]
         assert signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
     resumed = cut_small(out=tmp_path, resume=True, **SHORT)
     assert timeless(resumed.report) == timeless(whole.report)
@@ -77,11 +77,11 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         cut_small(out=tmp_path, watch=stop, **SHORT)
-    content = (tmp_path / checkpoint.NAME).read_bytes()
+    content = (tmp_path / CHECKPOINT).read_bytes()
     with pytest.raises(InputError, match="this folder has an interrupted cut: resume it with") as caught:
         cut_small(out=tmp_path, seed=2, **SHORT)
     assert caught.value.file == str(tmp_path)
-    assert (tmp_path / checkpoint.NAME).read_bytes() == content
+    assert (tmp_path / CHECKPOINT).read_bytes() == content
     with pytest.raises(InputError, match="choose --resume or --overwrite"):
         cut_small(out=tmp_path, resume=True, overwrite=True, **SHORT)
     cut_small(out=tmp_path, seed=2, overwrite=True, max_time_s=0.1)
@@ -207,7 +207,7 @@ def test_a_disk_full_at_the_end_leaves_the_checkpoint(cut_small, tmp_path, monke
         with pytest.raises(EdmsimError, match="No space left on device; the checkpoint holds the cut") as caught:
             cut_small(out=tmp_path, **SHORT)
     assert "\n" not in str(caught.value)
-    assert names(tmp_path) == [checkpoint.NAME]
+    assert names(tmp_path) == [CHECKPOINT]
     cut_small(out=tmp_path, resume=True, **SHORT)
     assert names(tmp_path) == FILES
 

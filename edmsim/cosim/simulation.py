@@ -149,7 +149,7 @@ class Simulation:
         self.observers = tuple(observers)
         self._planner_name = planner
         table = machine.base.table
-        self._unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
+        self.unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
         own_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
         self.max_feed_um_s = own_um_s if max_feed_um_s is None else max_feed_um_s
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
@@ -232,11 +232,11 @@ class Simulation:
         behind, along_behind, leads_behind = way_behind(self.legs, at.leg)
         every = np.concatenate([behind, points])
         planner = (
-            make_planner(self._planner_name, every, unit=self._unit, step_um=step_um, start=len(behind))
+            make_planner(self._planner_name, every, unit=self.unit, step_um=step_um, start=len(behind))
             if leads is None
             else make_leaning_planner(
                 self._planner_name, every, np.concatenate([leads_behind, leads]),
-                np.concatenate([along_behind, along]), self._unit, step_um,
+                np.concatenate([along_behind, along]), self.unit, step_um,
             )
         )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
