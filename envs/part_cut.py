@@ -9,8 +9,8 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
-from edmsim.job.inspection import pass_figures
 from edmsim.job.plan import approach_of, planned, setup_of, with_passes
+from edmsim.job.result import pass_figures
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.technology import PassSetting, PassTable

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from edmsim.envs.part_cut import PartCut
 from edmsim.envs.part_task import PartEpisode
 from edmsim.envs.render import HEIGHT, STRIP, canvas, draw_cut, pixels, strip
-from edmsim.job.inspection import holes_mm
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import profile_error
-from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
+from edmsim.recording.scene import ErrorMap, Polylines, Scene, holes_mm, polylines
 
 BELOW = 120
 """Height of what is below the drawing: the passes, and the strip of the last step."""

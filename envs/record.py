@@ -12,7 +12,7 @@ from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.numeric import whole_from
-from edmsim.recording.cut_folder import RECORDING
+from edmsim.recording.report import RECORDING
 
 EVERY = 100  # ours: with episodes of a thousand steps recording then takes some per mille of the time
 _NAME = "episode-"  # of a recording's folder, before its number

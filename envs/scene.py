@@ -6,10 +6,9 @@ import numpy as np
 
 from edmsim.cosim.stops import StopCause
 from edmsim.envs.sub_envs import SubEnvs
-from edmsim.job.inspection import holes_mm, terraces
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import corners, profile_error
-from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
+from edmsim.recording.scene import ErrorMap, Polylines, Scene, holes_mm, polylines, terraces
 
 
 def path_scene(sub_envs: SubEnvs, index: int) -> Scene:

@@ -18,7 +18,8 @@ from edmsim.errors import EdmsimError, InputError, run_command
 from edmsim.files import locked, replacing, together
 from edmsim.job.cut import CHECKPOINT
 from edmsim.job.result import remake
-from edmsim.recording import cut_folder, scene
+from edmsim.recording import scene
+from edmsim.recording.report import read_cut
 from edmsim.sweep import table
 
 from .conftest import FILES, timeless
@@ -149,7 +150,7 @@ def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path):
 
 def test_a_folder_without_a_name_is_not_the_present_one(small_cut, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for use in (small_cut.result.write, cut_folder.read_cut, table.read):
+    for use in (small_cut.result.write, read_cut, table.read):
         with pytest.raises(InputError, match="the folder has no name"):
             use("")
     assert names(tmp_path) == []
@@ -176,7 +177,7 @@ def test_files_appear_together_or_not_at_all(tmp_path):
 def test_a_folder_of_two_cuts_is_refused(cut_small, tmp_path):
     for seed in (1, 2):
         cut_small(out=tmp_path / str(seed), seed=seed, max_time_s=0.1)
-    assert cut_folder.read_cut(tmp_path / "1").report["seed"] == 1
+    assert read_cut(tmp_path / "1").report["seed"] == 1
     for file in ("report.json", "windows.parquet", "part.npz"):
         mixed = tmp_path / file
         shutil.copytree(tmp_path / "1", mixed)
@@ -253,6 +254,6 @@ def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch, 
     assert b"recording" in done.stderr  # the last phase
     assert sorted(os.listdir(folder)) == [name.encode() for name in FILES]
     odd = Path(os.fsdecode(folder))
-    report, windows, _ = cut_folder.read_cut(odd)
+    report, windows, _ = read_cut(odd)
     assert report["settings"]["program"] == "pun[red]ch?.ngc"
     assert windows.num_rows == report["pulses"] // 255

@@ -146,8 +146,8 @@ def report(
     Without options it writes report.html, with options only the files they name.
     """
     from edmsim.job.result import remake
-    from edmsim.recording.cut_folder import read_cut
     from edmsim.recording.exports import write_contour, write_faces
+    from edmsim.recording.report import read_cut
     from edmsim.recording.rerun.playback import find_recording
     from edmsim.recording.rerun.viewer import take_screenshots
 

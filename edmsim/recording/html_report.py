@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from edmsim.cosim.straight import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures import cut
-from edmsim.recording.figures.profile import PROFILE_DOTS
+from edmsim.recording.figures.profile import PROFILE_DOTS, profile_png
 from edmsim.recording.figures.style import figure_png
 from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, summary
 from edmsim.recording.scene import Scene
@@ -119,14 +119,15 @@ PROFILE_CAPTION = "The cut from above, the error along its edge drawn large, and
 
 
 def write_html(
-    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str, profile: bytes,
-    file: str | Path,
-) -> None:
-    """Write the page of a cut; a file of that name is replaced whole or not at all."""
+    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str, file: str | Path
+) -> bytes:
+    """Write the page of a cut, replacing a file of that name whole or not at all; return its first picture."""
     left_out: list[str] = []
+    profile = profile_png(scene, windows, report, title)
     drawn = [*pictures(report, windows, scene, sample, left_out.append)]
     with replacing(file) as partial:
         partial.write_bytes(page(report, title, profile, drawn, left_out).encode("utf-8", "replace"))
+    return profile
 
 
 def page(report: Report, title: str, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:

@@ -165,7 +165,7 @@ def _good_policy() -> list[bytes]:
 
 def _cut_folder(name: str) -> Read:
     def read(data: bytes, folder: Path) -> object:
-        from edmsim.recording.cut_folder import read_cut
+        from edmsim.recording.report import read_cut
 
         for file in (CORPUS / "cut").iterdir():
             (folder / file.name).write_bytes(file.read_bytes())

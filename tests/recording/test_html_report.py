@@ -11,8 +11,8 @@ import pytest
 
 from edmsim import InputError
 from edmsim.job.result import remake
-from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
+from edmsim.recording.report import read_cut
 from edmsim.recording.scene import Scene, read_scene, write_scene
 
 NAMES = [

@@ -13,7 +13,7 @@ from typing import Any
 
 import edmsim
 from edmsim.job.cut import CHECKPOINT
-from edmsim.recording.cut_folder import read_cut
+from edmsim.recording.report import read_cut
 
 LINE = "G21 G90\nG0 X0 Y0\nG1 X0.3\nM2\n"
 SETTINGS: dict[str, Any] = {

@@ -13,7 +13,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of
-from edmsim.recording.cut_folder import RECORDING
+from edmsim.recording.report import RECORDING
 from edmsim.recording.rerun.stream import PATH, TIME
 
 APPLICATION = "edmsim"  # application the recording belongs to in the viewer
