@@ -21,7 +21,7 @@ from edmsim.job.plan import check, greatest_feed_um_s, lines_of, make_controller
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.technology import technology_for
-from edmsim.recording.figures.path import path_figure
+from edmsim.recording.figures.profile import path_figure
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TABLE = EXAMPLES / "positioner" / "table.cnf", EXAMPLES / "positioner" / "table.mod"

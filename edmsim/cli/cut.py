@@ -81,7 +81,7 @@ def check(
     from edmsim.job.plan import lines_of
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
-    from edmsim.recording.figures.path import path_figure
+    from edmsim.recording.figures.profile import path_figure
     from edmsim.recording.figures.style import check_figure, write_figure
 
     picture = default_folder(program) / "path.png" if out is None else out

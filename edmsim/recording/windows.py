@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
+_KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
 THREADING_S = 1.0  # least time that it takes to thread a wire (ours)
 _JUMP_UM = 20.0
 """A way longer than the path cut meanwhile by more than this is one between contours (ours: rounding is 1 um)."""
@@ -307,6 +308,16 @@ def travel_direction(table: pa.Table) -> Floats:
 def lag_along_um(table: pa.Table) -> Floats:
     """Wire lag of every window in um along the direction of travel: positive against the feed."""
     return np.asarray(np.einsum("ij,ij->i", columns(table, "lag_x_um", "lag_y_um"), travel_direction(table)))
+
+
+def quantity(table: pa.Table, name: str) -> Floats:
+    """Return a series as it is shown: a column, ``lag_um`` along the feed, or a class of pulses in percent."""
+    if name == "lag_um":
+        return lag_along_um(table)
+    if name not in _KINDS.values():
+        return column(table, name)
+    pulses = columns(table, *_KINDS.values()).sum(axis=1)
+    return np.asarray(100.0 * column(table, name) / np.maximum(pulses, 1.0))
 
 
 # Stores of bounded size for a cut of any length: frames of wire and gas, and windows pulse by pulse.
@@ -603,7 +614,6 @@ class Closeups(ArraySnapshots, Observer):
 
 # Gap voltage and current of the pulses that close-ups keep: corners of the traces, and samples of them in a file.
 
-_KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
 _TICK_US = 1e-3  # the plant's clock
 _TOGETHER = 32  # windows written at once (ours: some half a million samples, a few MB)
 

@@ -92,6 +92,24 @@ def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> No
         )
 
 
+class Sizes(NamedTuple):
+    """What the views need to know of a cut; the recording stores it, so that it can be laid out again."""
+
+    # size_mm, height_mm, wire_diameter_um: the largest of the drawing's sides and the workpiece's height, that
+    # height, the wire
+    size_mm: float
+    height_mm: float
+    wire_diameter_um: float
+    x0_mm: float  # x0_mm, y0_mm, x1_mm, y1_mm: box around the drawing
+    y0_mm: float
+    x1_mm: float
+    y1_mm: float
+    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are drawn
+    deflection_factor: float
+    error_factor: float
+    end_s: float  # machine time at the end
+
+
 class Rows(NamedTuple):
     """A component of an entity over time, rows in order of time."""
 
@@ -171,9 +189,9 @@ class Playback:
         return str(self.rows("/__properties", "RecordingInfo:name").values[0].as_py()[0])
 
     @property
-    def sizes(self) -> tuple[float, ...]:
-        """The fields of `edmsim.recording.rerun.write.Sizes`."""
-        return tuple(json.loads(self.rows(*_MADE).values[0].as_py()[0])["sizes"])
+    def sizes(self) -> Sizes:
+        """What views need to know of the cut."""
+        return Sizes(*json.loads(self.rows(*_MADE).values[0].as_py()[0])["sizes"])
 
     @property
     def end_s(self) -> float:

@@ -1,4 +1,4 @@
-"""Shared by all parts of a recording: timelines, colours of the classes, how it is written."""
+"""Shared by all parts of a recording: timelines, how it is written."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,12 +13,9 @@ import rerun_bindings as bindings
 
 from edmsim.files import replacing
 from edmsim.geometry import Floats
-from edmsim.recording.figures import palette
 
 TIME = "machine_time"  # timeline of machine time, a duration
 PATH = "path_um"  # timeline of the place along the wire path, in whole um
-CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.VERMILION, "arc": palette.PURPLE}
-"""Classes of pulses in the recording, whose ground is dark."""
 _Args = ParamSpec("_Args")
 
 

@@ -23,7 +23,7 @@ from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun import write
-from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
+from edmsim.recording.rerun.playback import APPLICATION, Playback, Sizes, find_recording, read_chunks
 from edmsim.recording.rerun.stream import PATH, TIME, releasing, saved
 from edmsim.signals import noted
 
@@ -51,7 +51,7 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
     entities = {str(chunk.entity_path) for play in plays for chunk in read_chunks(play.recording)}
     curves = CURVES + tuple(curve for curve in OF_EPISODES if f"/{curve[0]}" in entities)
-    with saved(recording, file, _blueprint([write.Sizes(*play.sizes) for play in plays], names, curves)):
+    with saved(recording, file, _blueprint([play.sizes for play in plays], names, curves)):
         recording.send_recording_name(" and ".join(names))
         for (place, letter, colour), play in zip(SIDES, plays, strict=True):
             chunks = read_chunks(play.recording)
@@ -64,7 +64,7 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
                 recording.log(f"{place}/{entity}", line, static=True)
 
 
-def _blueprint(sizes: list[write.Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
+def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
     columns = [
         rrb.Vertical(
             write.workpiece_view(size, f"/{place}", f"{name} (wire deflection × {size.deflection_factor:g})"),

@@ -21,12 +21,11 @@ from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
 from edmsim.recording.report import PassFigures, Report, duration_text, mm_text, outcome_text, rate_text
 from edmsim.recording.rerun import logs
-from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
-from edmsim.recording.rerun.stream import CLASS_COLOURS, PATH, TIME, indexes, log_changing, releasing, saved
+from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY, Sizes
+from edmsim.recording.rerun.stream import PATH, TIME, indexes, log_changing, releasing, saved
 from edmsim.recording.scene import Scene, round_factor, round_number
 from edmsim.recording.windows import (
     AROUND,
-    EQUALISING_COLUMNS,
     PULSES,
     THREADING_S,
     Closeups,
@@ -34,8 +33,8 @@ from edmsim.recording.windows import (
     column,
     columns,
     group_means,
-    lag_along_um,
     pause_rows,
+    quantity,
 )
 
 # The layout of a recording in the viewer: views, curves and cameras.
@@ -59,26 +58,8 @@ class Plot(NamedTuple):
     series: tuple[Series, ...]
 
 
-class Sizes(NamedTuple):
-    """What the views need to know of a cut; the recording stores it, so that it can be laid out again."""
-
-    # size_mm, height_mm, wire_diameter_um: the largest of the drawing's sides and the workpiece's height, that
-    # height, the wire
-    size_mm: float
-    height_mm: float
-    wire_diameter_um: float
-    x0_mm: float  # x0_mm, y0_mm, x1_mm, y1_mm: box around the drawing
-    y0_mm: float
-    x1_mm: float
-    y1_mm: float
-    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are drawn
-    deflection_factor: float
-    error_factor: float
-    end_s: float  # machine time at the end
-
-
 PROCESS: tuple[Plot, ...] = (
-    Plot("pulses", "pulses, %", tuple(Series(name, name, colour) for name, colour in CLASS_COLOURS.items())),
+    Plot("pulses", "pulses, %", tuple(Series(name, name, colour) for name, colour in palette.CLASS_COLOURS.items())),
     Plot("feed", "feed, µm/s", (Series("feed_um_s", "feed", palette.SKY),)),
     Plot("gap", "gap, wire lag, profile error, µm", (
         Series("gap_um", "gap", palette.SKY), Series("lag_um", "wire lag", palette.ORANGE),
@@ -523,10 +504,10 @@ def _log_series(
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
     if rows:
-        absent = {extra.name for extra in EQUALISING_COLUMNS} - set(windows.column_names)
+        known = {*windows.column_names, "lag_um"}
         curves = (
-            (f"{plot.origin}/{series.entity}", series, _values(windows, series.entity))
-            for plot in PROCESS + ELECTRICAL for series in plot.series if series.entity not in absent
+            (f"{plot.origin}/{series.entity}", series, quantity(windows, series.entity))
+            for plot in PROCESS + ELECTRICAL for series in plot.series if series.entity in known
         )  # fmt: skip
         times = column(windows, "t_s"), column(windows, "path_um")
         _log_curves(recording, curves, *times, group_starts(rows, group, event_rows), passes)
@@ -574,16 +555,6 @@ def _log_by_pass(
         if mine.any():
             when = [rr.TimeColumn(name, duration=t_s[mine] - row.begin_s)]
             recording.send_columns(entity, when, rr.Scalars.columns(scalars=values[mine]))
-
-
-def _values(windows: pa.Table, name: str) -> Floats:
-    """Return a column of the table; wire lag along the feed, pulse counts as a share in percent."""
-    if name == "lag_um":
-        return lag_along_um(windows)
-    if name in ("short", "open", "spark", "arc"):
-        total = sum(column(windows, kind) for kind in ("short", "open", "spark", "arc"))
-        return np.asarray(100.0 * column(windows, name) / np.maximum(total, 1.0))
-    return column(windows, name)
 
 
 def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray[np.int64]:
