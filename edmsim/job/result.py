@@ -479,17 +479,13 @@ class CutResult:
         """Say how it ended and the key figures: the fields of the report hold the rest."""
         shown = ("machining time", "path", "kerf", "profile error", "corners")
         lines = [f"  {name:14} {text}" for name, text in reports.summary(self.report) if name in shown]
-        return "\n".join([f"<CutResult of {self._title}: {reports.outcome_text(self.report)}", *lines]) + ">"
+        return "\n".join([f"<CutResult of {self.report.title}: {reports.outcome_text(self.report)}", *lines]) + ">"
 
     def _repr_html_(self) -> str:
         """Show table and picture in a notebook."""
         from edmsim.recording.html_report import card
 
-        return card(self.report, self._title, self.plot())
-
-    @property
-    def _title(self) -> str:
-        return str(self.report.settings["program"])
+        return card(self.report, self.plot())
 
     @refuses_wrong_types
     def plot(self, figure: str = "profile") -> Figure:
@@ -513,17 +509,13 @@ class CutResult:
         InputError
             If there is no such figure, or this cut has no single pulses.
         """
-        from edmsim.recording.figures.profile import profile_figure
         from edmsim.recording.html_report import OF_CUT, OF_SAMPLE
 
-        if figure in OF_SAMPLE:
-            return OF_SAMPLE[figure](sample_like(self.report, self.windows), self.windows, self.report)
         if figure in OF_CUT:
             return OF_CUT[figure](self.report, self.windows, self.scene)
-        if figure != "profile":
-            known = ["profile", *OF_CUT, *OF_SAMPLE]
-            raise InputError(f"there is no figure '{figure}'; there are: {one_of(figure, known)}")
-        return profile_figure(self.scene, self.windows, self.report, self._title)
+        if figure in OF_SAMPLE:
+            return OF_SAMPLE[figure](sample_like(self.report, self.windows), self.windows, self.report)
+        raise InputError(f"there is no figure '{figure}'; there are: {one_of(figure, [*OF_CUT, *OF_SAMPLE])}")
 
     @refuses_wrong_types
     def contour(
@@ -612,18 +604,18 @@ class CutResult:
         from edmsim.recording.html_report import write_html
         from edmsim.recording.rerun.write import write_recording
 
-        tell, title = enter or (lambda _: None), self._title
+        tell = enter or (lambda _: None)
         with together(make_writable(folder), "report.json") as target:
             tell("figures")
             write_windows(self.windows, target / "windows.parquet")
             write_scene(self.scene, target / "part.npz")
             sample, page = sample_or_reason(self.report, self.windows), target / "report.html"
-            picture = write_html(self.report, self.windows, self.scene, sample, title, page)
+            picture = write_html(self.report, self.windows, self.scene, sample, page)
             (target / "profile.png").write_bytes(picture)
             tell("recording")
             write_recording(
                 target / reports.RECORDING, self.scene, self.windows, self.frames, self.closeups, self.machine,
-                self.report, title,
+                self.report, self.report.title,
             )
             reports.write_json(self.report, target / "report.json")
 
@@ -663,7 +655,7 @@ def remake(
     target = folder_of(directory if figures is None else figures)
     if figures is None:
         with locked(target):
-            write_html(*cut, sample, cut.title, target / "report.html")
+            write_html(*cut, sample, target / "report.html")
         return [target / "report.html"]
     written = []
     for picture in pictures(*cut, sample, leave_out):

@@ -428,6 +428,11 @@ class Report(Figures):
     notices: list[str] = field(default_factory=list)  # what the user should know about this cut
     edmsim_version: str = ""
 
+    @property
+    def title(self) -> str:
+        """The program's name."""
+        return str(self.settings["program"])
+
 
 CLOCKS = "wall_time_s", "realtime_factor"
 """Fields of a report that belong to the computer: they are left out where two cuts are compared."""
@@ -699,12 +704,7 @@ class RecordedCut(NamedTuple):
 
     def __repr__(self) -> str:
         """Say which cut it is and how it ended: report and windows fill pages."""
-        return f"<RecordedCut of {self.title}: {outcome_text(self.report)}, {self.windows.num_rows} windows>"
-
-    @property
-    def title(self) -> str:
-        """The program's name."""
-        return str(self.report.settings["program"])
+        return f"<RecordedCut of {self.report.title}: {outcome_text(self.report)}, {self.windows.num_rows} windows>"
 
 
 @refuses_wrong_types

@@ -84,7 +84,7 @@ def test_what_a_report_says_is_text_not_markup(cut):
         cut.report, reason="the <b>wire</b> broke", outcome="wire-break", notices=['feed "F<2>" & more'],
         settings={"program": "a<script>.ngc", "max_time_s": None, "heights": []},
     )  # fmt: skip
-    text = page(report, "a<script>.ngc", b"", [], ["not drawn: <i>"])
+    text = page(report, b"", [], ["not drawn: <i>"])
     shown = Page(text)
     assert "<script" not in text
     assert shown.open == []

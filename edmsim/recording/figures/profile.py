@@ -19,7 +19,7 @@ from edmsim.metrology.profile import CornerError
 from edmsim.numeric import above_zero
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures import palette
-from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, figure_png, fill, in_style, quiet
+from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, fill, in_style, quiet
 from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, round_number
 from edmsim.recording.windows import column, group_means, pause_rows, quantity, stretches
@@ -379,11 +379,6 @@ def mark_passes(panels: list[Axes], windows: pa.Table, report: Report) -> None:
             name, (middle, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points",
             ha="center", fontsize=7.5, color=palette.MUTED, annotation_clip=True,
         )  # fmt: skip
-
-
-def profile_png(scene: Scene, windows: pa.Table, report: Report, title: str) -> bytes:
-    """Return `profile_figure` as PNG: ``profile.png``, and the first picture of the report's page."""
-    return figure_png(profile_figure(scene, windows, report, title))
 
 
 def _heading(figure: Figure, report: Report, title: str) -> None:

@@ -172,8 +172,12 @@ def viewer_command(recording: Path, on_screen: bool, web_port: int, grpc_port: i
 
 def web_address(web_port: int, grpc_port: int) -> str:
     """Return the address of the page that shows what `viewer_command` serves."""
-    source = quote(f"rerun+http://{HERE}:{grpc_port}/proxy", safe="")
-    return f"http://{HERE}:{web_port}?url={source}"
+    return f"http://{HERE}:{web_port}?url={quote(_source(grpc_port), safe='')}"
+
+
+def _source(port: int) -> str:
+    """Return the address at which a viewer takes what it shows."""
+    return f"rerun+http://{HERE}:{port}/proxy"
 
 
 _TO_BEGIN_S = 30.0  # for a viewer to start (ours): ten times what one took here
@@ -200,7 +204,7 @@ class LiveViewer:
 
     def __init__(self, what: str, instead: str) -> None:
         port, web_port = free_port(PORT), free_port(WEB_PORT)
-        self.source = f"rerun+http://{HERE}:{port}/proxy"
+        self.source = _source(port)
         self._window = has_screen(os.environ, sys.platform)
         web = [] if self._window else ["--serve-web", "--web-viewer-port", str(web_port)]
         self._process = _started("--port", str(port), "--memory-limit", _MEMORY, *web)
@@ -297,16 +301,16 @@ def _headless(recording: Path) -> Iterator[ViewerClient]:
         process = _started(str(recording.resolve()), "--headless", "--port", str(port))
         try:
             interrupts.at_once()
-            yield _connected(process, ViewerClient, f"rerun+http://{HERE}:{port}/proxy")
+            yield _connected(process, _source(port))
         finally:
             _end(process)
 
 
-def _connected(process: subprocess.Popen[bytes], kind: type[ViewerClient], address: str) -> ViewerClient:
+def _connected(process: subprocess.Popen[bytes], address: str) -> ViewerClient:
     until = time.monotonic() + _TO_DRAW_S
     while time.monotonic() < until and process.poll() is None:
         try:
-            client = kind.connect(address)
+            client = ViewerClient.connect(address)
             client.set_time(TIME, duration=0.0, play_state="paused")
         except (ConnectionError, RuntimeError):
             time.sleep(0.2)
