@@ -187,7 +187,7 @@ def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[F
     share = height_mm / scene.height_mm
     walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]
     return {
-        "CUT": [face.at(height_mm) for face in cut_faces(scene)],
+        "CUT": [line for face in cut_faces(scene) if len(line := face.at(height_mm))],
         "NOMINAL": walls or [edge.nominal_mm for edge in scene.maps],
     }
 
