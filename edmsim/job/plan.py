@@ -237,7 +237,7 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
 def setup_of(settings: CutSettings, one: PassSetting) -> PassSetup:
     """Return the set-up of a pass: that of a cut's settings, but for what the pass has of its own."""
     own = {name: getattr(one, of_pass) for name, of_pass in OF_PASS.items()}
-    return PassSetup(settings.model_copy(update=own).load_machine(), from_text(one.controller()))
+    return _setup(settings.model_copy(update={**own, "controller": one.controller()}))
 
 
 def approach_of(machine: Machine, table: PassTable, rough: PassSetting) -> PassSetup:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.files import make_writable, read_arrays, replacing
 from edmsim.geometry import CORNER_DEG, Floats, left_of
+from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.plant.workpiece.height_steps import Relief, middle_slice
@@ -169,6 +170,10 @@ class Scene:
         """Return the area of the holes."""
         return shapely.union_all([shapely.Point(x, y).buffer(radius) for x, y, radius in self.holes_mm])
 
+    def kerf(self) -> shapely.Geometry:
+        """Return the area that was cut at mid height: what lies between its edges, counted even-odd."""
+        return filled(shapely.MultiLineString([line for line in self.middle_edges_mm() if len(line) > 1]))
+
     def axis_labels(self) -> tuple[str, str]:
         """Return the figures' axis labels."""
         whose = "on the table" if self.origin_mm is None else "of the program"
@@ -192,6 +197,10 @@ class Scene:
         """Return the slice at half the lowest height: it has metal everywhere."""
         lowest_mm = self.terraces[0].height_mm if self.terraces else self.height_mm
         return middle_slice(lowest_mm, self.height_mm, len(self.cut_edges_mm))
+
+    def middle_edges_mm(self) -> Polylines:
+        """Return the edges of the remaining metal in that slice."""
+        return self.cut_edges_mm[self.middle_slice()] if self.cut_edges_mm else ()
 
     def middle_mm(self) -> float:
         """Return the height in mm of the middle of that slice over the workpiece's bottom."""

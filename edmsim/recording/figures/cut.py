@@ -18,7 +18,6 @@ from edmsim.cosim.straight import KINDS, PulseSample
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
-from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.plant.constants import modal_model
@@ -156,12 +155,10 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
     style.dress(axes, "X from the corner, µm", "Y from the corner, µm")
     axes.grid(visible=False)
     axes.set_facecolor(palette.METAL)
-    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
     box = shapely.box(*(place_mm - CORNER_REACH_MM), *(place_mm + CORNER_REACH_MM))
-    kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
-    shown = shapely.intersection(shapely.make_valid(kerf), box)
+    shown = shapely.intersection(shapely.make_valid(scene.kerf()), box)
     style.fill(axes, shapely.transform(shown, lambda mm: 1000 * (mm - place_mm)))
-    for number, line in enumerate(edges):
+    for number, line in enumerate(scene.middle_edges_mm()):
         axes.plot(
             *(1000 * (line - place_mm)).T, color="#3d4852", linewidth=0.8, zorder=3,
             label="metal edge, mid height" if number == 0 else None,

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from edmsim.geometry import Floats, arc_lengths, interpolated
-from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.numeric import above_zero
 from edmsim.program.path import CutPath, WireContour
@@ -192,16 +191,13 @@ def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
 def _draw_metal(axes: Axes, scene: Scene) -> None:
     x0, y0, x1, y1 = scene.stock_mm
     axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, **_BLANK))
-    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
-    # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
-    kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
     bored = scene.bored()
-    fill(axes, kerf)
+    fill(axes, scene.kerf())
     fill(axes, bored)
     rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
     _draw_lines(axes, rims, color=palette.MUTED, linewidth=0.6, zorder=2)
     height = f"{scene.middle_mm():.3g} mm high" if scene.terraces else "mid height"
-    _draw_lines(axes, edges, color="#3d4852", linewidth=0.7, zorder=3, label=f"cut edge, {height}")
+    _draw_lines(axes, scene.middle_edges_mm(), color="#3d4852", linewidth=0.7, zorder=3, label=f"cut edge, {height}")
     nominal, dashes = [edge.nominal_mm for edge in scene.maps], (0, (5, 3))
     _draw_lines(axes, nominal, color=palette.INK, linewidth=0.7, linestyle=dashes, zorder=4, label="nominal edge")
     for face, (colour, name) in enumerate(((palette.BLUE, "edge below"), (palette.VERMILION, "edge above"))):
