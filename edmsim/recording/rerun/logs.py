@@ -21,9 +21,23 @@ from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun.stream import indexes, log_changing
+from edmsim.recording.rerun.playback import PATH, TIME
 from edmsim.recording.scene import PassFace, Scene, grid_triangles
 from edmsim.recording.windows import Frames, column, jump_rows, stretches, traces, travel_direction
+
+
+def indexes(t_s: Floats, path_um: Floats) -> list[rr.TimeColumn]:
+    """Return both timelines of rows."""
+    return [rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))]
+
+
+def log_changing(
+    recording: rr.RecordingStream, entity: str, look: rr.AsComponents, when: list[rr.TimeColumn],
+    columns: rr.ComponentColumnList,
+) -> None:
+    """Log what stays of an entity, its look, and what changes."""
+    recording.log(entity, look, static=True)
+    recording.send_columns(entity, when, columns)
 
 
 def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:

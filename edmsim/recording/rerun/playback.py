@@ -14,9 +14,10 @@ from rerun.chunk import Chunk, RrdReader
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of
 from edmsim.recording.report import RECORDING
-from edmsim.recording.rerun.stream import PATH, TIME
 
 APPLICATION = "edmsim"  # application the recording belongs to in the viewer
+TIME = "machine_time"  # timeline of machine time, a duration
+PATH = "path_um"  # timeline of the place along the wire path, in whole um
 FORMAT = 2  # number of the recording's layout, raised whenever what reads it back would read it wrongly
 MADE_BY = "made_by"  # entity that says, as JSON, the recording's format, who wrote it, and the sizes its views need
 _MARK = b"RRF2"  # a recording begins with this, the version of rerun that wrote it behind it

@@ -23,8 +23,7 @@ from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun import write
-from edmsim.recording.rerun.playback import APPLICATION, Playback, Sizes, find_recording, read_chunks
-from edmsim.recording.rerun.stream import PATH, TIME, releasing, saved
+from edmsim.recording.rerun.playback import APPLICATION, PATH, TIME, Playback, Sizes, find_recording, read_chunks
 from edmsim.signals import noted
 
 SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
@@ -42,7 +41,7 @@ OF_EPISODES = tuple(
 """Those that episodes of environments have besides; without them where neither is one."""
 
 
-@releasing
+@write.releasing
 def write_comparison(file: Path, a: Path, b: Path) -> None:
     """Write two recordings as one that shows them side by side."""
     plays = [Playback(a), Playback(b)]
@@ -51,7 +50,7 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
     entities = {str(chunk.entity_path) for play in plays for chunk in read_chunks(play.recording)}
     curves = CURVES + tuple(curve for curve in OF_EPISODES if f"/{curve[0]}" in entities)
-    with saved(recording, file, _blueprint([play.sizes for play in plays], names, curves)):
+    with write.saved(recording, file, _blueprint([play.sizes for play in plays], names, curves)):
         recording.send_recording_name(" and ".join(names))
         for (place, letter, colour), play in zip(SIDES, plays, strict=True):
             chunks = read_chunks(play.recording)
@@ -229,7 +228,7 @@ class LiveViewer:
         if not self._window:
             _end(self._process)
 
-    @releasing
+    @write.releasing
     def show(self, recording: Path) -> None:
         """Open a recording that is whole, beside those it shows."""
         stream = rr.RecordingStream(APPLICATION, recording_id=f"show-{recording.parent.name}", send_properties=False)

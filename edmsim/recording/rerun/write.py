@@ -2,17 +2,21 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings as bindings
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.files import replacing
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
@@ -21,8 +25,7 @@ from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
 from edmsim.recording.report import PassFigures, Report, duration_text, mm_text, outcome_text, rate_text
 from edmsim.recording.rerun import logs
-from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY, Sizes
-from edmsim.recording.rerun.stream import PATH, TIME, indexes, log_changing, releasing, saved
+from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY, PATH, TIME, Sizes
 from edmsim.recording.scene import Scene, round_factor, round_number
 from edmsim.recording.windows import (
     AROUND,
@@ -354,6 +357,52 @@ def _corners(scene: Scene, place: Floats) -> list[Event]:
     return _thinned(found)
 
 
+# The file of a recording: what is logged, written whole.
+
+_Args = ParamSpec("_Args")
+
+
+def releasing(write: Callable[_Args, None]) -> Callable[_Args, None]:
+    """Let a function release the recordings that it makes and disconnects, with their threads, when it is over."""
+
+    @wraps(write)
+    def released(*args: _Args.args, **options: _Args.kwargs) -> None:
+        try:
+            write(*args, **options)
+        finally:
+            bindings.flush_and_cleanup_orphaned_recordings()
+
+    return released
+
+
+@contextmanager
+def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint) -> Iterator[None]:
+    """Write what is logged inside to a file, which is replaced whole or not at all; the recording is disconnected."""
+    # rerun's own file sink waits for ever on a full disk, and takes no names that are not UTF-8
+    memory = recording.memory_recording()
+    try:
+        _send_blueprint(recording, layout)
+        yield
+        recording.flush()
+        with replacing(file) as partial:
+            partial.write_bytes(memory.drain_as_bytes())
+    finally:
+        recording.disconnect()
+
+
+def _send_blueprint(recording: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+    """Make a layout the default one, as rerun does, and disconnect the stream for it, which rerun keeps for ever."""
+    name = rr.get_application_id(recording)
+    assert name is not None
+    made = bindings.new_blueprint(name, make_default=False, make_thread_default=False, default_enabled=True)
+    stream = rr.RecordingStream._from_native(made)
+    stream.set_time("blueprint", sequence=0)
+    layout._log_to_stream(stream)
+    storage = stream.memory_recording().storage
+    bindings.send_blueprint(storage, make_active=False, make_default=True, recording=recording.to_native())
+    stream.disconnect()
+
+
 MAX_ROWS = 20_000  # most rows of a series; a longer table is averaged in groups
 
 
@@ -492,7 +541,7 @@ def _log_events(recording: rr.RecordingStream, windows: pa.Table, shown: list[Ev
         rows = np.array([event.row for event in shown])
         recording.send_columns(
             "events",
-            indexes(column(windows, "t_s")[rows], column(windows, "path_um")[rows]),
+            logs.indexes(column(windows, "t_s")[rows], column(windows, "path_um")[rows]),
             rr.TextLog.columns(text=[event.text for event in shown], level=[event.level for event in shown]),
         )
 
@@ -531,14 +580,14 @@ def _log_curves(
     # each pass has a timeline of its own besides, from its begin on
     pauses = pause_rows(t_s)
     starts = np.union1d(starts, pauses)  # no mean reaches over a pause
-    threaded = indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
+    threaded = logs.indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
     mean_t_s, mean_path_um = group_means(t_s, starts), group_means(path_um, starts)
     for entity, series, values in curves:
         look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
         mean = group_means(values, starts)
         known = np.isfinite(mean)
-        when = indexes(mean_t_s[known], mean_path_um[known])
-        log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
+        when = logs.indexes(mean_t_s[known], mean_path_um[known])
+        logs.log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
         _log_by_pass(recording, entity, passes, mean_t_s, mean)
         if len(pauses):  # a viewer draws no line over what is cleared
             recording.send_columns(entity, threaded, rr.Clear.columns(is_recursive=[False] * len(pauses)))
