@@ -129,7 +129,6 @@ class Simulation:
         steps: tuple[LowerRegion, ...] = (),  # where the workpiece is less high than the machine's set-up
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
-        max_feed_um_s: float | None = None,  # the machine's, or else that of the 1982 controller, by default
         drives: Mapping[str, AxisDrive] | None = None,
         compensation: Elcam | None = None,  # tables of the table's errors, and cams
         stuck_wire_sensor: bool = False,  # it then goes on without a wire (`Plant.go_bare`)
@@ -149,8 +148,7 @@ class Simulation:
         self._planner_name = planner
         table = machine.base.table
         self.unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
-        own_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
-        self.max_feed_um_s = own_um_s if max_feed_um_s is None else max_feed_um_s
+        self.max_feed_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         self.total_um = sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in self.legs)
