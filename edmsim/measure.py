@@ -25,7 +25,7 @@ from edmsim.controllers.axis.elcam.file import ErrorTable, StepCompensation, loa
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.job.cut import guides_of
+from edmsim.job.plan import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import ProfileError, profile_error, slice_heights_mm
 from edmsim.numeric import whole_from

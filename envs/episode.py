@@ -30,8 +30,7 @@ from edmsim.plant.kernel.state import STATE
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import read_window
 from edmsim.plant.workpiece.height_steps import middle_slice
-from edmsim.recording.cut_folder import RECORDING
-from edmsim.recording.report import ProfileErrors, Report
+from edmsim.recording.report import RECORDING, ProfileErrors, Report
 from edmsim.recording.windows import PULSES, Closeups, Frames, WindowTable, row_of
 
 CLOSEUP_EVERY = 12

@@ -20,14 +20,14 @@ from edmsim.envs.reward import WeightsOfTerms
 from edmsim.envs.task import Drawn, EnvArguments, names_of
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.job.cut import approach_of, planned, setup_of, with_passes
-from edmsim.job.inspection import pass_figures
+from edmsim.job.plan import approach_of, planned, setup_of, with_passes
+from edmsim.job.result import pass_figures
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import values_of
 from edmsim.machine.setting import MOST_TIME_S, check_height, open_V
 from edmsim.machine.technology import PassSetting, PassTable, Technology, machine_of, read_technology
-from edmsim.metrology.passes import WallError
+from edmsim.metrology.kerf import WallError
 from edmsim.metrology.profile import error_stats, profile_error
 from edmsim.metrology.roughness import roughness_um
 from edmsim.numeric import above_zero, whole_within, within
@@ -64,7 +64,7 @@ class PartCut:
         self, program: Program, settings: CutSettings, tension_share: float, stops_after: int | None = None
     ) -> None:
         self._program = program
-        found = with_passes(program, settings, planned)
+        found = with_passes(program, settings)
         assert found.table is not None
         if len(found.path.contours) != 1:
             raise InputError(f"the program has {len(found.path.contours)} contours: a part has one", program.source)

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from edmsim.cosim.stops import StopCause
 from edmsim.envs.part_task import PartCut, PartEpisode, Parts
 from edmsim.envs.sub_envs import Batch, SubEnvs
-from edmsim.job.inspection import holes_mm, terraces
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import corners, profile_error
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.plant import Plant
 from edmsim.recording.figures.palette import BLUE, INK, MUTED, SHARE_COLOURS, VERMILION
-from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
+from edmsim.recording.scene import ErrorMap, Polylines, Scene, holes_mm, polylines, terraces
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]  # (height, width, 3)

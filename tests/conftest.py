@@ -129,7 +129,7 @@ def pictures_of_cuts(request, monkeypatch):
     `small_cut`, all of `tests/recording` and the tests with `draws_pictures` draw them.
     """
     if "draws_pictures" not in request.fixturenames:
-        monkeypatch.setattr("edmsim.recording.figures.profile.profile_png", lambda *_: DOT)
+        monkeypatch.setattr("edmsim.recording.html_report.profile_png", lambda *_: DOT)
         monkeypatch.setattr("edmsim.recording.html_report.pictures", lambda *_: iter(()))
         monkeypatch.setattr("edmsim.job.result.sample_or_reason", lambda *_: "not simulated")
 

@@ -17,12 +17,11 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.job.check import check, greatest_feed_um_s, lines_of
-from edmsim.job.cut import make_controller, planned, with_passes
+from edmsim.job.plan import check, greatest_feed_um_s, lines_of, make_controller, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.technology import technology_for
-from edmsim.recording.figures.path import path_figure
+from edmsim.recording.figures.profile import path_figure
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TABLE = EXAMPLES / "positioner" / "table.cnf", EXAMPLES / "positioner" / "table.mod"
@@ -360,7 +359,7 @@ def test_passes_are_estimated_by_their_technology():
 
 def test_what_a_technology_leaves_open_holds_in_every_pass():
     settings = CutSettings(passes=3, height_mm=25.4, standoff_lower_mm=2.0, constants=["gap.critical_um=4"])
-    machines = [one.machine for one in with_passes(EXAMPLES / "punch.ngc", settings, planned).setups]
+    machines = [one.machine for one in with_passes(EXAMPLES / "punch.ngc", settings).setups]
     assert len({machine.t_period_us for machine in machines}) > 1
     for machine in machines:
         assert (machine.standoff_lower_mm, machine.base.gap.critical_um.value) == (2.0, 4.0)

@@ -16,7 +16,7 @@ import edmsim
 from edmsim import models
 from edmsim.controllers import FeedCommand
 from edmsim.errors import InputError
-from edmsim.job.checkpoint import NAME
+from edmsim.job.cut import CHECKPOINT
 
 from .conftest import timeless
 
@@ -81,10 +81,10 @@ def whole(cut_small):
 def test_resumed_cut_equals_the_uninterrupted_one(cut_small, whole, tmp_path, options):
     uninterrupted = cut_small(**SHORT, **options) if options else whole
     interrupted(cut_small, tmp_path, **options)
-    assert [file.name for file in tmp_path.iterdir()] == [NAME]
+    assert [file.name for file in tmp_path.iterdir()] == [CHECKPOINT]
     resumed = cut_small(out=tmp_path, resume=True, **SHORT, **options)
     assert_same(resumed, uninterrupted)
-    assert not (tmp_path / NAME).exists()
+    assert not (tmp_path / CHECKPOINT).exists()
     assert (tmp_path / "report.json").exists()
 
 
@@ -136,7 +136,7 @@ def test_twice_interrupted_and_in_a_dwell(tmp_path):
 @pytest.mark.slow
 def test_wall_time_goes_on_from_the_checkpoint(cut_small, tmp_path):
     interrupted(cut_small, tmp_path)
-    with edited(tmp_path / NAME) as (_, document):
+    with edited(tmp_path / CHECKPOINT) as (_, document):
         document["wall_time_s"] = 1000.0
     assert 1000 < cut_small(out=tmp_path, resume=True, **SHORT).report["wall_time_s"] < 1600
 
@@ -152,7 +152,7 @@ def stopped(cut_small, tmp_path_factory):
 @pytest.fixture
 def own_stopped(stopped, tmp_path):
     """Return the checkpoint of an interrupted cut, to be changed."""
-    return Path(shutil.copy(stopped / NAME, tmp_path))
+    return Path(shutil.copy(stopped / CHECKPOINT, tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -172,12 +172,12 @@ def own_stopped(stopped, tmp_path):
     ],
 )
 def test_resume_with_other_settings_is_refused(cut_small, stopped, changed, named):
-    content = (stopped / NAME).read_bytes()
+    content = (stopped / CHECKPOINT).read_bytes()
     with pytest.raises(InputError, match="interrupted cut was made with") as caught:
         cut_small(out=stopped, resume=True, **{**SHORT, **changed})
     assert named in str(caught.value)
-    assert str(stopped / NAME) in str(caught.value)
-    assert [(f.name, f.read_bytes()) for f in stopped.iterdir()] == [(NAME, content)]
+    assert str(stopped / CHECKPOINT) in str(caught.value)
+    assert [(f.name, f.read_bytes()) for f in stopped.iterdir()] == [(CHECKPOINT, content)]
 
 
 def test_resume_of_a_program_that_was_edited_is_refused(tmp_path):

@@ -18,8 +18,7 @@ from edmsim.calibration import read_log
 from edmsim.cli import app as cli
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import INTERRUPTED, InputError
-from edmsim.job import checkpoint
-from edmsim.job.cut import CutProgress
+from edmsim.job.cut import CHECKPOINT, CutProgress
 from edmsim.job.settings import CutSettings
 from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
@@ -152,7 +151,7 @@ def test_interrupted_cut_is_taken_up_again(small_punch, tmp_path, edmsim, monkey
     assert (outcome.status, outcome.out) == (130, "")
     assert outcome.err.count("\n") == 1
     assert "--resume" in outcome.err
-    assert [f.name for f in tmp_path.iterdir()] == [checkpoint.NAME]
+    assert [f.name for f in tmp_path.iterdir()] == [CHECKPOINT]
     assert edmsim(*command, "--resume").status == 3
     assert json.loads((tmp_path / "report.json").read_text())["pulses"] == 20 * 255
 
@@ -168,7 +167,7 @@ def test_an_interrupt_when_all_is_written_ends_nothing(small_punch, tmp_path, ed
 
         def behind(*arguments, **named):
             done = before(*arguments, **named)
-            if name != "unlink" or arguments[0].name == checkpoint.NAME:
+            if name != "unlink" or arguments[0].name == CHECKPOINT:
                 signal.raise_signal(signal.SIGINT)
             return done
 

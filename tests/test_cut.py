@@ -184,7 +184,7 @@ def test_contour_lies_at_mid_height_on_the_drawing_without_specks(small_cut):
 def test_specks_are_less_than_a_hundredth_of_the_wires_section(small_cut, monkeypatch):
     sides = [math.sqrt(share * math.pi / 4) * 0.25 for share in (0.009, 0.011, 0.1)]
     squares = shapely.MultiPolygon([shapely.box(x, 0, x + side, side) for x, side in enumerate(sides)])
-    monkeypatch.setattr("edmsim.job.result.contour", lambda *_: squares)
+    monkeypatch.setattr("edmsim.metrology.edges.contour", lambda *_: squares)
     assert [len(small_cut.result.contour(specks=specks).geoms) for specks in (False, True)] == [2, 3]
 
 

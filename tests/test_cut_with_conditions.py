@@ -7,7 +7,7 @@ import pytest
 import edmsim
 from edmsim.calibration import read_log
 from edmsim.errors import InputError
-from edmsim.job.cut import prepared
+from edmsim.job.plan import prepared
 from edmsim.job.settings import CutSettings
 from edmsim.recording.windows import write_windows
 

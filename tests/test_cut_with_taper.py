@@ -13,13 +13,12 @@ from edmsim.controllers import axis, from_text
 from edmsim.cosim.passes import PassRecord, PassSetup, Sums
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.job.check import check
-from edmsim.job.cut import guides_of
-from edmsim.job.inspection import inspect, pass_figures
+from edmsim.job.plan import check, guides_of
+from edmsim.job.result import inspect, pass_figures
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
-from edmsim.metrology.passes import WallError
+from edmsim.metrology.kerf import WallError
 from edmsim.metrology.profile import slice_heights_mm
 from edmsim.metrology.roughness import electrolysed_um
 from edmsim.plant.plant import Plant

@@ -9,7 +9,7 @@ import shapely
 
 import edmsim
 from edmsim.errors import InputError
-from edmsim.job.checkpoint import NAME
+from edmsim.job.cut import CHECKPOINT
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.program.heights import WIRE_MARGIN_MM, Heights, parse_height
 from edmsim.program.path import CutPath, WireContour
@@ -283,7 +283,7 @@ def test_an_interrupted_stepped_cut_goes_on_bit_for_bit(cut_small, tmp_path):
     for changed, named in (({"heights": [(0.45, 9.0)]}, "heights"), ({"height_areas": []}, "height_areas")):
         with pytest.raises(InputError, match=f"was made with {named} "):
             cut_small(out=tmp_path, resume=True, **{**options, **changed})
-    assert (tmp_path / NAME).exists()
+    assert (tmp_path / CHECKPOINT).exists()
     resumed = cut_small(out=tmp_path, resume=True, **options)
     assert timeless(resumed.report) == timeless(whole.report)
     np.testing.assert_array_equal(resumed.field.tiles[: resumed.field.count], whole.field.tiles[: whole.field.count])

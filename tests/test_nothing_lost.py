@@ -16,9 +16,10 @@ import pytest
 from edmsim.controllers.feed.laws import FixedController
 from edmsim.errors import EdmsimError, InputError, run_command
 from edmsim.files import locked, replacing, together
-from edmsim.job import checkpoint
+from edmsim.job.cut import CHECKPOINT
 from edmsim.job.result import remake
-from edmsim.recording import cut_folder, scene
+from edmsim.recording import scene
+from edmsim.recording.report import read_cut
 from edmsim.sweep import table
 
 from .conftest import FILES, timeless
@@ -57,7 +58,7 @@ def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small, tmp_p
             cut_small(out=tmp_path, resume=phase != PHASES[0], enter=enter, **SHORT)
         assert caught.value.args == (number,)
         assert entered == PHASES[: PHASES.index(phase) + 1]
-        assert names(tmp_path) == [checkpoint.NAME]
+        assert names(tmp_path) == [CHECKPOINT]
         assert signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
     resumed = cut_small(out=tmp_path, resume=True, **SHORT)
     assert timeless(resumed.report) == timeless(whole.report)
@@ -77,11 +78,11 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         cut_small(out=tmp_path, watch=stop, **SHORT)
-    content = (tmp_path / checkpoint.NAME).read_bytes()
+    content = (tmp_path / CHECKPOINT).read_bytes()
     with pytest.raises(InputError, match="this folder has an interrupted cut: resume it with") as caught:
         cut_small(out=tmp_path, seed=2, **SHORT)
     assert caught.value.file == str(tmp_path)
-    assert (tmp_path / checkpoint.NAME).read_bytes() == content
+    assert (tmp_path / CHECKPOINT).read_bytes() == content
     with pytest.raises(InputError, match="choose --resume or --overwrite"):
         cut_small(out=tmp_path, resume=True, overwrite=True, **SHORT)
     cut_small(out=tmp_path, seed=2, overwrite=True, max_time_s=0.1)
@@ -149,7 +150,7 @@ def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path):
 
 def test_a_folder_without_a_name_is_not_the_present_one(small_cut, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for use in (small_cut.result.write, cut_folder.read_cut, table.read):
+    for use in (small_cut.result.write, read_cut, table.read):
         with pytest.raises(InputError, match="the folder has no name"):
             use("")
     assert names(tmp_path) == []
@@ -176,7 +177,7 @@ def test_files_appear_together_or_not_at_all(tmp_path):
 def test_a_folder_of_two_cuts_is_refused(cut_small, tmp_path):
     for seed in (1, 2):
         cut_small(out=tmp_path / str(seed), seed=seed, max_time_s=0.1)
-    assert cut_folder.read_cut(tmp_path / "1").report["seed"] == 1
+    assert read_cut(tmp_path / "1").report["seed"] == 1
     for file in ("report.json", "windows.parquet", "part.npz"):
         mixed = tmp_path / file
         shutil.copytree(tmp_path / "1", mixed)
@@ -207,7 +208,7 @@ def test_a_disk_full_at_the_end_leaves_the_checkpoint(cut_small, tmp_path, monke
         with pytest.raises(EdmsimError, match="No space left on device; the checkpoint holds the cut") as caught:
             cut_small(out=tmp_path, **SHORT)
     assert "\n" not in str(caught.value)
-    assert names(tmp_path) == [checkpoint.NAME]
+    assert names(tmp_path) == [CHECKPOINT]
     cut_small(out=tmp_path, resume=True, **SHORT)
     assert names(tmp_path) == FILES
 
@@ -253,6 +254,6 @@ def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch, 
     assert b"recording" in done.stderr  # the last phase
     assert sorted(os.listdir(folder)) == [name.encode() for name in FILES]
     odd = Path(os.fsdecode(folder))
-    report, windows, _ = cut_folder.read_cut(odd)
+    report, windows, _ = read_cut(odd)
     assert report["settings"]["program"] == "pun[red]ch?.ngc"
     assert windows.num_rows == report["pulses"] // 255

@@ -26,8 +26,7 @@ def cut(
 ) -> None:
     """Cut a part program."""
     from edmsim.cosim.stops import WORDS, StopCause
-    from edmsim.job.checkpoint import NAME
-    from edmsim.job.cut import CutProgress
+    from edmsim.job.cut import CHECKPOINT, CutProgress
     from edmsim.job.cut import cut as run_cut
     from edmsim.progress import ShownProgress
 
@@ -43,7 +42,7 @@ def cut(
             result = run_cut(program, out=folder, **options, watch=shown.show, enter=shown.enter)
     except KeyboardInterrupt as interrupt:
         if result is None:
-            has_checkpoint = (folder / NAME).exists()
+            has_checkpoint = (folder / CHECKPOINT).exists()
             resumable = "interrupted; run the same command with --resume to continue"
             say(resumable if has_checkpoint else "interrupted before the cut began")
             number = next(iter(interrupt.args), signal.SIGINT)
@@ -78,11 +77,11 @@ def check(
     **options: Any,
 ) -> None:
     """Check a program before the cut: path, notices, time."""
-    from edmsim.job.check import check as look_at
-    from edmsim.job.check import lines_of
+    from edmsim.job.plan import check as look_at
+    from edmsim.job.plan import lines_of
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
-    from edmsim.recording.figures.path import path_figure
+    from edmsim.recording.figures.profile import path_figure
     from edmsim.recording.figures.style import check_figure, write_figure
 
     picture = default_folder(program) / "path.png" if out is None else out
@@ -147,8 +146,8 @@ def report(
     Without options it writes report.html, with options only the files they name.
     """
     from edmsim.job.result import remake
-    from edmsim.recording.cut_folder import read_cut
     from edmsim.recording.exports import write_contour, write_faces
+    from edmsim.recording.report import read_cut
     from edmsim.recording.rerun.playback import find_recording
     from edmsim.recording.rerun.viewer import take_screenshots
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from edmsim.controllers import FeedController
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
-from edmsim.metrology.passes import WallError, lever_mm, loose_pieces, wall_error
-from edmsim.metrology.profile import profile_error
+from edmsim.metrology import edges, kerf, profile
 from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.plant import Plant
 from edmsim.program.passes import CutPass, Piece
@@ -178,7 +177,7 @@ class PassRecord:
     begin_um: float  # begin_um, end_um: length of wire path, over all passes
     end_um: float
     sums: Sums = field(default_factory=Sums)  # pulses, energy and craters of the pass
-    wall: WallError | None = None  # the wall that it left; None while it is not finished
+    wall: kerf.WallError | None = None  # the wall that it left; None while it is not finished
     # profile error behind it, slice by slice from the lowest one, at every `FACE_EVERY`-th place of
     # `profile_error` of the whole contour; none while it is not finished
     face_um: tuple[tuple[float, ...], ...] = ()
@@ -239,11 +238,11 @@ class PassLog(Snapshots):
             return
         self._open = False
         contour = self._contours[self.records[-1].contour - 1]
-        self.records[-1].wall = wall_error(plant.field, one, contour.part_side, plant.machine.wire_diameter_um)
-        error_um = profile_error(plant.field, contour).error_um[:, ::FACE_EVERY]
+        self.records[-1].wall = kerf.wall_error(plant.field, one, contour.part_side, plant.machine.wire_diameter_um)
+        error_um = profile.profile_error(plant.field, contour).error_um[:, ::FACE_EVERY]
         self.records[-1].face_um = tuple(tuple(row) for row in np.round(error_um, 1).tolist())
         if one.frees:
-            for piece in loose_pieces(plant.field, LEAST_PIECE_MM2):
+            for piece in edges.loose_pieces(plant.field, LEAST_PIECE_MM2):
                 self._loosen(piece, one, contour, plant)
 
     def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:
@@ -251,7 +250,7 @@ class PassLog(Snapshots):
         inside = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
         is_part = inside and piece.contains(shapely.Point(contour.nominal_mm.mean(axis=0) * 1e3))
         what = "part" if is_part else "slug"
-        far_mm = lever_mm(piece, (x, y))
+        far_mm = math.dist((piece.centroid.x, piece.centroid.y), (x, y)) * 1e-3
         if not one.falls or contour.lean is not None:
             why = ", as the fall of a piece with tapered walls is not in the model" if one.falls else ""
             self.notices.append(

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers import FeedCommand, FeedController, WindowObservation
+from edmsim.controllers import FeedCommand, FeedController, WindowObservation, protocols
 from edmsim.controllers.axis import COMMISSIONED
 from edmsim.controllers.axis.elcam.file import StepCompensation, check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
@@ -19,7 +19,6 @@ from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
 from edmsim.controllers.planner.registry import PathOffset, RunsPath, make_planner, position_unit
-from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
 from edmsim.cosim.cycle import Cycle, PlannerMotion
 from edmsim.cosim.observers import Observer
 from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, way_behind
@@ -129,7 +128,6 @@ class Simulation:
         steps: tuple[LowerRegion, ...] = (),  # where the workpiece is less high than the machine's set-up
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
-        max_feed_um_s: float | None = None,  # the machine's, or else that of the 1982 controller, by default
         drives: Mapping[str, AxisDrive] | None = None,
         compensation: Elcam | None = None,  # tables of the table's errors, and cams
         stuck_wire_sensor: bool = False,  # it then goes on without a wire (`Plant.go_bare`)
@@ -148,9 +146,8 @@ class Simulation:
         self.observers = tuple(observers)
         self._planner_name = planner
         table = machine.base.table
-        self._unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
-        own_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
-        self.max_feed_um_s = own_um_s if max_feed_um_s is None else max_feed_um_s
+        self.unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
+        self.max_feed_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         self.total_um = sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in self.legs)
@@ -200,8 +197,8 @@ class Simulation:
         """Let the controllers of later passes refuse, before anything is cut, a feed that the machine cannot run."""
         for machine, controller in self._setups:
             if controller is not self._setup.controller:
-                tell(controller, machine, self.legs[-1].points_um, 0.0)
-                check_command(controller.name, controller.reset(self.max_feed_um_s))
+                protocols.tell(controller, machine, self.legs[-1].points_um, 0.0)
+                protocols.check_command(controller.name, controller.reset(self.max_feed_um_s))
 
     @property
     def described_setups(self) -> list[tuple[str, str]]:
@@ -231,17 +228,17 @@ class Simulation:
         behind, along_behind, leads_behind = way_behind(self.legs, at.leg)
         every = np.concatenate([behind, points])
         planner = (
-            make_planner(self._planner_name, every, unit=self._unit, step_um=step_um, start=len(behind))
+            make_planner(self._planner_name, every, unit=self.unit, step_um=step_um, start=len(behind))
             if leads is None
             else make_leaning_planner(
                 self._planner_name, every, np.concatenate([leads_behind, leads]),
-                np.concatenate([along_behind, along]), self._unit, step_um,
+                np.concatenate([along_behind, along]), self.unit, step_um,
             )
         )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
         command = self._reset_controller(machine, points)
         own = self.controller.path_run(self._planner_name) if isinstance(self.controller, RunsPath) else None
-        drives = self.controller if isinstance(self.controller, DrivesSteps) and own is None else None
+        drives = self.controller if isinstance(self.controller, protocols.DrivesSteps) and own is None else None
         rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
         return PlannerMotion(
             own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._offset, self._compensation
@@ -249,8 +246,8 @@ class Simulation:
 
     def _reset_controller(self, machine: Machine, points_um: NDArray[Any]) -> FeedCommand:
         """Let the controller begin along some points, with the generator as set up; return its first command."""
-        tell(self.controller, machine, points_um, self._at.start_um, self.legs[self._at.leg].part_side)
-        command = check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
+        protocols.tell(self.controller, machine, points_um, self._at.start_um, self.legs[self._at.leg].part_side)
+        command = protocols.check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
         self._set_generator(machine.t_on_us, machine.t_period_us)
         self._set_generator(command.t_on_us, command.t_period_us)
         return command
@@ -320,7 +317,7 @@ class Simulation:
     @property
     def missed_windows(self) -> int:
         """Windows of all legs that were not read in time."""
-        of_leg = self.controller.missed_windows if isinstance(self.controller, MissesWindows) else 0
+        of_leg = self.controller.missed_windows if isinstance(self.controller, protocols.MissesWindows) else 0
         return self._at.missed_before + of_leg
 
     def step(self) -> Progress:
@@ -362,7 +359,7 @@ class Simulation:
 
     def _stopped_by_controller(self, opened: Sequence[str]) -> bool:
         """Lead open switches to the controller's inputs, if it has some; tell whether it has stopped the machine."""
-        if not isinstance(self.controller, HasSwitches):
+        if not isinstance(self.controller, protocols.HasSwitches):
             return False
         for name in opened:
             self.controller.open_switch(name)
@@ -373,7 +370,7 @@ class Simulation:
 
     def _decide(self, observation: WindowObservation) -> None:
         """Let the controller decide on the next window."""
-        command = check_command(self.controller.name, self.controller.update(observation))
+        command = protocols.check_command(self.controller.name, self.controller.update(observation))
         self._motion.command = command
         self._set_generator(command.t_on_us, command.t_period_us)
 

@@ -5,7 +5,6 @@ function.
 """
 
 from enum import IntEnum
-from types import MappingProxyType
 from typing import NamedTuple
 
 from edmsim.compiled.jit import compiled
@@ -38,7 +37,7 @@ class Words(NamedTuple):
     level: str  # how grave it is, as rerun says it: INFO, WARN, ERROR, CRITICAL
 
 
-WORDS = MappingProxyType({
+WORDS = {
     StopCause.RUNNING: Words("running", "running", "running", "INFO"),
     StopCause.FINISHED: Words("finished", "done", "finished", "INFO"),
     StopCause.WIRE_BREAK: Words("wire-break", "wire-break", "wire break", "CRITICAL"),
@@ -48,7 +47,7 @@ WORDS = MappingProxyType({
     StopCause.TIME_LIMIT: Words("time-limit", "time-limit", "time", "WARN"),
     StopCause.DRIVE_TRIP: Words("drive-trip", "drive-trip", "jammed", "ERROR"),
     StopCause.EMERGENCY_STOP: Words("emergency-stop", "emergency-stop", "stopped", "ERROR"),
-})  # fmt: skip
+}  # fmt: skip
 
 (
     _RUNNING, _FINISHED, _WIRE_BREAK, _LIMIT_SWITCH, _PERSISTENT_SHORT, _OUT_OF_RANGE, _TIME_LIMIT, _DRIVE_TRIP,

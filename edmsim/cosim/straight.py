@@ -4,13 +4,10 @@ A cut begins at the end of a slot that is already there, so that the wire has wa
 pulse on, and is measured once it has settled.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +18,11 @@ from edmsim.cosim.cycle import Cycle, EvenSteps
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
-from edmsim.machine.setting import AIR_SHARE
 from edmsim.metrology.edges import metal_at
 from edmsim.numeric import finite, real
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 FASTEST_UM_S = 400.0  # feed a controller may command here (ours: above the cutting rate of every set-up measured)
 _STEP_UM = 2.0  # spacing of the places at which the kerf is measured
@@ -260,11 +252,3 @@ def _look(plant: Plant, steps: EvenSteps, pulses: int) -> PulseSample:
         delay[n] = pulse.mean_delay_us
         deflection[n] = plant.deflections_um()
     return PulseSample(plant.machine, steps.feed_um_s, period_ns * 1e-3, kind, delay, deflection)
-
-
-def cutting_feed_um_s(windows: pa.Table) -> float | None:
-    """Median feed of the windows that cut: forward, and with metal near; None if there are none."""
-    feed, open_ = windows.column("feed_um_s").to_numpy(), windows.column("open").to_numpy()
-    pulses = np.sum([windows.column(kind).to_numpy() for kind in KINDS], axis=0)
-    cutting = (feed > 0) & (open_ < AIR_SHARE * pulses)
-    return float(np.median(feed[cutting])) if cutting.any() else None

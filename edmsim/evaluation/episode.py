@@ -24,8 +24,7 @@ from edmsim.envs.reward import REFERENCE_S
 from edmsim.errors import refuses_wrong_types
 from edmsim.evaluation.lines import lines_of
 from edmsim.metrology.profile import profile_error
-from edmsim.recording.cut_folder import RECORDING
-from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, SHORTS, TIME, FigureKind
+from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, RECORDING, SHORTS, TIME, FigureKind
 from edmsim.runs import Engine, engine_for
 
 HELD_BACK = 1_000_000

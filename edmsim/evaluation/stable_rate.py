@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 from edmsim.controllers import FeedController
 from edmsim.cosim.straight import Cut, Traverse, begin
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.job.cut import make_controller
+from edmsim.job.plan import make_controller
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import busy_us, least_period_us, period_range_us
 from edmsim.plant.window import PlantError

@@ -1,38 +1,422 @@
-"""Results of a cut: its recordings, report, tables, drawing and remaining metal, and their files."""
+"""Results of a cut: measurements of the part, report, tables, drawing and remaining metal, and their files."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+import numpy as np
+import scipy
 import shapely
 
 from edmsim import __version__
+from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums
 from edmsim.cosim.simulation import Simulation
-from edmsim.cosim.straight import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
+from edmsim.cosim.stops import StopCause
+from edmsim.cosim.straight import PULSES, PulseSample, sample_pulses
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
 from edmsim.files import check_suffix, folder_of, locked, make_writable, together
-from edmsim.job.inspection import inspect, totals
+from edmsim.geometry import Floats
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
-from edmsim.metrology.edges import contour, without_specks
+from edmsim.machine.setting import AIR_SHARE, discharge_current_A
+from edmsim.metrology import edges
+from edmsim.metrology import shares as causes
+from edmsim.metrology.kerf import KerfWidth, kerf_width, unknown_wall, width_stats
+from edmsim.metrology.profile import ElementError, ProfileError, corners, element_errors, error_stats, profile_error
+from edmsim.metrology.roughness import electrolysed_um, face_roughness_um, heat_affected_um, roughness_um
 from edmsim.numeric import real
 from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
-from edmsim.program.path import CutPath
-from edmsim.recording.cut_folder import read_cut
-from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary, write_json
-from edmsim.recording.scene import Scene, write_scene
-from edmsim.recording.windows import CUT_KEY, Closeups, Frames, WindowTable, write_traces, write_windows
+from edmsim.program.path import CutPath, WireContour
+from edmsim.recording import report as reports
+from edmsim.recording.scene import ErrorMap, PassFace, Scene, holes_mm, polylines, terraces, write_scene
+from edmsim.recording.windows import CUT_KEY, Closeups, Frames, WindowTable, cut_alone, durations_s, write_windows
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
-    from shapely.geometry import MultiPolygon
+
+# Measurements of the part, for report, picture and recording.
+
+_WINDOW_REACH_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
+_HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the path
+
+
+class Inspection(NamedTuple):
+    """Everything measured on the part."""
+
+    part: reports.Report  # with the figures of the part alone
+    scene: Scene  # geometry of the pictures
+    # (windows,): profile error at the place of every window; NaN where none was measured
+    error_um: Floats
+
+
+def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> reports.Totals:
+    """Return what was counted over the cut."""
+    values, records = windows.columns(), simulation.passes.records
+    cut = cut_alone(values, np.array(simulation.plant.field.stock.holes_um, np.float64).reshape(-1, 3))
+    # of passes, the area of the rough one, which the others cut again
+    ways = [(r.begin_um, r.end_um) for r in records if r.number == 1] if records else cut.ways_um
+    took_s = durations_s(values)
+    at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s  # feeds are whole speed units
+    all_s = float(took_s[cut.rows].sum())
+    return reports.Totals(
+        simulation.plant.time_ns * 1e-9, wall_time_s, simulation.sums, simulation.path_um * 1e-3,
+        sum(_area_mm2(simulation, *way) for way in ways), cut.time_s, simulation.plant.removed_mm3,
+        simulation.max_feed_um_s, float(took_s[cut.rows & at_limit].sum()) / all_s if all_s else math.nan,
+    )  # fmt: skip
+
+
+def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
+    """Return a way along the path times the local height in mm2; of a tilted wire, the height along it."""
+    length, relief = to_um - from_um, simulation.plant.field.relief
+    if length <= 0 or (relief is None and not simulation.path.leans):
+        return length * simulation.machine.height_mm * 1e-3
+    ways = [way for contour in simulation.path.contours for way in contour.ways]
+    # a way between contours is not a cut: it counts for nothing
+    moves = np.concatenate([np.append(np.diff(way.along_um), 0.0) for way in ways])
+    slant = np.concatenate([np.append(way.slant, 1.0) for way in ways])
+    place, wall = (np.concatenate([[0.0], np.cumsum(um)[:-1]]) for um in (moves, moves * slant))
+    edges = np.linspace(from_um, to_um, math.ceil(length / _HEIGHT_STEP_UM) + 1)
+    walls_um = np.diff(np.interp(edges, place, wall))
+    if relief is None:
+        return float(walls_um.sum()) * simulation.machine.height_mm * 1e-3
+    points = np.concatenate([way.at_mid_height() for way in ways])
+    middle = np.column_stack([np.interp((edges[1:] + edges[:-1]) / 2, place, column) for column in points.T])
+    return float((walls_um * relief.heights_mm(middle)).sum()) * 1e-3
+
+
+def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
+    """Measure the part as it is now, finished or not."""
+    field, machine = simulation.plant.field, simulation.machine
+    profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
+    contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
+    table, lead = _table(simulation, profiles), _lead(simulation.path)
+    ways_um = _ways_um(simulation, windows)
+    shares = _shares(simulation, profiles, ways_um)
+    left_um = [causes.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
+    found = [c for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
+    scene = Scene(
+        maps=tuple(
+            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um, split, left, p.error_um)
+            for k, p, split, left in zip(contours, profiles, shares, left_um, strict=True)
+        ),
+        cut_edges_mm=tuple(polylines(edges.cut_edges(field, s)) for s in range(field.n_slices)),
+        corners=tuple(found),
+        starts_mm=np.array([contour.points_um[0] * 1e-3 for contour in contours]),
+        stock_mm=simulation.path.stock_mm,
+        height_mm=machine.height_mm,
+        terraces=terraces(field.relief, simulation.path.stock_mm),
+        guides_z_mm=machine.guides_z_mm,
+        wire_diameter_um=machine.wire_diameter_um,
+        holes_mm=holes_mm(field.stock),
+        origin_mm=simulation.path.origin_mm,
+        lead=lead,
+        walls_mm=tuple(
+            tuple(k.at_height(z).nominal_mm for z in (0.0, machine.height_mm)) for k in simulation.path.contours
+        ) if lead is not None else (),
+        pass_faces=_pass_faces(simulation.passes.records, profiles),
+    )
+    if simulation.cause is not StopCause.FINISHED:
+        x, y = scene.axis_um(np.array([simulation.commanded_um]), np.array([simulation.path_um]))[0].tolist()
+        scene = replace(scene, stop_mm=(x * 1e-3, y * 1e-3))
+    in_passes = bool(simulation.passes.records)
+    commanded_um = windows.ways_um()[0] if in_passes else np.concatenate([commanded for commanded, _, _ in ways_um])
+    part = _part(simulation, profiles, scene, left_um, table)
+    axis_um = scene.axis_um(commanded_um, windows.ways_um()[-1])
+    return Inspection(part, scene, _error_per_window(axis_um, profiles))
+
+
+def _pass_faces(records: list[PassRecord], profiles: list[ProfileError]) -> tuple[PassFace, ...]:
+    """Return the faces that finished passes left."""
+    return tuple(
+        PassFace(
+            record.contour - 1, record.end_s, record.end_um, profiles[record.contour - 1].points_mm[::FACE_EVERY],
+            np.array(record.face_um),
+        )
+        for record in records if record.face_um
+    )  # fmt: skip
+
+
+def _lead(path: CutPath) -> Floats | None:
+    """Return the rows of `Scene.lead` of a path; None if no wire leans."""
+    if not path.leans:
+        return None
+    rows, passed_um = [], 0.0
+    for way in (way for contour in path.contours for way in contour.ways):
+        along = passed_um + way.along_um
+        passed_um = along[-1]
+        still = np.column_stack([np.zeros((len(along), 3)), np.ones(len(along))])
+        lean = way.lean
+        led = still if lean is None else np.column_stack([lean.upper_um * 1e-3, lean.bends_mm])
+        rows.append(np.column_stack([along, led]))
+    return np.concatenate(rows)
+
+
+def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
+    """Measure a contour's profile error; what the wire's centre was to follow is not an edge, and has none."""
+    found = profile_error(field, contour)
+    return found if contour.offset_um else replace(found, error_um=np.full_like(found.error_um, np.nan))
+
+
+def _profile_errors(
+    contours: tuple[WireContour, ...], profiles: list[ProfileError], left_um: list[Floats], scene: Scene,
+    origin_mm: tuple[float, float],
+) -> reports.ProfileErrors:
+    """Set the profile error beside what the wire can reach."""
+    reached = [p.error_um - left for p, left in zip(profiles, left_um, strict=True)]
+    shares = [edge.shares_um for edge in scene.maps]
+
+    def worst(reachable: bool) -> reports.ErrorPlace:
+        found = causes.worst_place(contours, profiles, left_um, shares, reachable=reachable)
+        if found is None:
+            return reports.ErrorPlace()
+        x_mm, y_mm = found.x_mm - origin_mm[0], found.y_mm - origin_mm[1]
+        return reports.ErrorPlace(x_mm, y_mm, found.error_um, found.why, found.made_by)
+
+    left = _spread([error.ravel() for error in reached])
+    return reports.ProfileErrors(
+        **_spread([p.error_um.ravel() for p in profiles]), at=worst(False),
+        reachable=reports.ReachableError(**left, at=worst(True)), shares=_share_stats(scene),
+    )  # fmt: skip
+
+
+def _element(found: ElementError, origin_mm: tuple[float, float]) -> reports.Element:
+    """Return an element in the program's coordinates."""
+    row = asdict(found)
+    for name, zero_mm in zip(("x_mm", "y_mm", "end_x_mm", "end_y_mm"), origin_mm * 2, strict=True):
+        row[f"program_{name}"] = row.pop(name) - zero_mm
+    return reports.Element(**row)
+
+
+def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats, ...]]:
+    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour."""
+    # a contour begins where a wire was threaded: the longest times between two windows
+    commanded, following, lag, time_s, path_um = windows.ways_um()
+    guides = commanded - following
+    if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
+        program, table = causes.motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
+        commanded, guides = commanded - program, guides - table
+    if simulation.passes.records:
+        ways_um = (commanded, guides, guides - lag)
+        return _last_ways_um(simulation.passes.records, len(simulation.path.contours), ways_um, time_s)
+    threaded = sum(leg.threads for leg in simulation.legs[1 : simulation.leg + 1])
+    longest = np.argsort(np.diff(time_s), kind="stable")[::-1][:threaded]
+    begins = np.full(len(simulation.path.contours) - 1, len(time_s))
+    begins[:threaded] = np.sort(longest) + 1
+    ways = (np.split(way, begins) for way in (commanded, guides, guides - lag))
+    return list(zip(*ways, strict=True))
+
+
+def _last_ways_um(
+    records: list[PassRecord], contours: int, ways_um: tuple[Floats, ...], time_s: Floats
+) -> list[tuple[Floats, ...]]:
+    """Return the ways of the last passes, contour by contour: they made the wall."""
+    found = []
+    for contour in range(1, contours + 1):
+        own = [r for r in records if r.contour == contour]
+        last = max([r.number for r in own], default=0)
+        mine = np.zeros(len(time_s), np.bool_)
+        for record in own:
+            if record.number == last:
+                mine |= (time_s > record.begin_s) & (time_s <= record.end_s)
+        found.append(tuple(way[mine] for way in ways_um))
+    return found
+
+
+def pass_figures(simulation: Simulation) -> tuple[reports.PassFigures, ...]:
+    """Return what every pass of a cut did; none of a cut in one pass."""
+    records = simulation.passes.records
+    return tuple(
+        figures
+        for piece in dict.fromkeys((r.contour, r.piece) for r in records)
+        for figures in _figures_of([r for r in records if (r.contour, r.piece) == piece], simulation)
+    )
+
+
+def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[reports.PassFigures]:
+    """Return the figures of the passes along one piece, which follow each other on the same face."""
+    machines = [simulation.machine_of(record.number) for record in records]
+    walls = [unknown_wall(()) if r.wall is None else r.wall for r in records]
+    lefts = [wall.mean_um for wall in walls]
+    taken = [math.nan, *(before - now for before, now in pairwise(lefts))]
+    volumes = [r.sums.crater_um3 / max(r.sums.spark + r.sums.arc, 1) for r in records]
+    faces = face_roughness_um(volumes, taken, machines[0].base.discharge.crater_flatness.value)
+    found, heated = [], math.nan
+    for record, machine, wall, took, ra_um in zip(records, machines, walls, taken, faces, strict=True):
+        own_um = heat_affected_um(machine, _discharge_us(machine, record.sums))
+        heated = own_um if record is records[0] else float(np.maximum(own_um, heated - took))
+        length_mm, seconds = (record.end_um - record.begin_um) * 1e-3, record.end_s - record.begin_s
+        face_mm2 = _area_mm2(simulation, record.begin_um, record.end_um)
+        left, pulses = wall.mean_um, max(record.sums.pulses, 1)
+        found.append(reports.PassFigures(
+            record.contour, record.number, record.piece, record.reversed, record.begin_s, record.end_s, length_mm,
+            60 * face_mm2 / seconds if seconds > 0 else math.nan, record.offset_um,
+            record.offset_um - left, left, took, wall.straightness_um, wall.bow_um, wall.ripple_um, wall.ripple_mm,
+            list(wall.slices_um), ra_um, heated, record.sums.short / pulses, record.sums.open / pulses,
+        ))  # fmt: skip
+    return found
+
+
+def _discharge_us(machine: Machine, sums: Sums) -> float:
+    """Return how long the discharges of a cut or a pass burnt on average, by their energy; 0 if there were none."""
+    power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
+    return sums.energy / (max(sums.spark + sums.arc, 1) * power_W) * 1e6
+
+
+def _shares(
+    simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[Floats, ...]]
+) -> list[Floats | None]:
+    """Split the profile error; not where the wire's centre runs on the edge itself, or leans."""
+    records, contours = simulation.passes.records, simulation.path.contours
+    last_cut = [max((r.number for r in records if r.contour == k), default=None) for k in range(1, len(contours) + 1)]
+    return [
+        causes.error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
+        for profile, contour, ways, last in zip(profiles, contours, ways_um, last_cut, strict=True)
+    ]
+
+
+def _table(simulation: Simulation, profiles: list[ProfileError]) -> reports.TableShare | None:
+    """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
+    machine, elcam, contours = simulation.machine, simulation.elcam, simulation.path.contours
+    compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
+    if not compensated and not machine.base.geometry.has_errors:
+        return None
+    starts = np.cumsum([0.0, *(k.length_um for k in contours[:-1])]).tolist()
+    places = zip(contours, profiles, starts, strict=True)
+    found = [causes.table_error(machine, k, p, elcam, start_um) for k, p, start_um in places]
+    cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
+    bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
+    return reports.TableShare(
+        without_um=_spread([t.without_um[k] for t, k in zip(found, cut, strict=True)]),
+        left_um=_spread([t.left_um[k] for t, k in zip(found, cut, strict=True)]),
+        profile_without_um=_spread([b.ravel() for b in bare]),
+        compensated=compensated,
+    )
+
+
+def _spread(errors_um: list[Floats]) -> reports.Spread:
+    return reports.Spread(**error_stats(np.concatenate(errors_um)))
+
+
+def _part(
+    simulation: Simulation, profiles: list[ProfileError], scene: Scene, left_um: list[Floats],
+    table: reports.TableShare | None,
+) -> reports.Report:
+    field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
+    contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
+    widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
+    kerf = reports.Kerf(**width_stats(np.concatenate([w.width_um.ravel() for w in widths])))
+    ignited = sums.spark + sums.arc
+    flatness = machine.base.discharge.crater_flatness.value
+    heated_um = heat_affected_um(machine, _discharge_us(machine, sums)) if ignited else None
+    origin_mm = simulation.path.origin_mm
+    passes = pass_figures(simulation)
+    last = max(passes, key=_as_last, default=None)
+    offset_mm = math.nan if simulation.path.offset_um is None else simulation.path.offset_um * 1e-3
+    finished = [
+        of_one for number, of_one in enumerate(zip(contours, profiles, left_um, strict=True), 1)
+        if _is_finished(number, of_one[0], simulation.passes.records)
+    ]
+    mean_um = causes.mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
+    elements = (
+        found
+        for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
+        for found in element_errors(number, *of_contour)
+    )
+    return reports.Report(
+        origin_mm=reports.Origin(*origin_mm), kerf_um=kerf, kerf_section=_section(widths, machine.height_mm),
+        profile_error_um=_profile_errors(contours, profiles, left_um, scene, origin_mm),
+        offset=reports.Offset(offset_mm, mean_um, round(offset_mm - mean_um * 1e-3, 4)),
+        elements=[_element(found, origin_mm) for found in elements], table_error_um=table,
+        corners=[
+            reports.Corner(c.x_mm - origin_mm[0], c.y_mm - origin_mm[1], c.x_mm, c.y_mm, c.turn_deg, c.error_um)
+            for c in scene.corners
+        ],
+        heights=_heights(profiles, machine.height_mm), passes=list(passes),
+        surface=reports.Surface(
+            last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else None,
+            last.heat_affected_um if last else heated_um,
+            _electrolysed_um(simulation, kerf),
+        ),
+    )  # fmt: skip
+
+
+def _is_finished(number: int, contour: WireContour, records: Sequence[PassRecord]) -> bool:
+    """Say whether all passes of a contour have been cut; the wall of one without passes is as it will be."""
+    return sum(r.contour == number and r.wall is not None for r in records) == len(contour.passes)
+
+
+def _as_last(one: reports.PassFigures | PassRecord) -> tuple[bool, float]:
+    """Rank passes: the face of the part is that of the greatest."""
+    return one.piece == "profile", one.end_s
+
+
+def _electrolysed_um(simulation: Simulation, kerf: reports.Kerf) -> float | None:
+    """Return the depth that the water dissolved: in passes, in the last one, as trims take more than a layer."""
+    sums, length_um = simulation.sums, simulation.path_um
+    gap_um = ((math.nan if kerf.mean is None else kerf.mean) - simulation.machine.wire_diameter_um) / 2
+    if simulation.passes.records:
+        last = max(simulation.passes.records, key=_as_last)
+        sums, length_um = last.sums, last.end_um - last.begin_um
+        left_um = math.nan if last.wall is None else last.wall.mean_um
+        gap_um = last.offset_um - left_um - simulation.machine.wire_diameter_um / 2
+    return electrolysed_um(simulation.machine, sums.voltage_s / (length_um * 1e-3), gap_um) if length_um else None
+
+
+def _heights(profiles: list[ProfileError], height_mm: float) -> list[reports.HeightError]:
+    """Return the profile error slice by slice, over all contours."""
+    error_um = np.concatenate([p.error_um for p in profiles], axis=1)
+    slice_mm = height_mm / len(error_um)
+    found = []
+    for number, row in enumerate(error_um):
+        known = row[np.isfinite(row)]
+        mean, rms = (float(known.mean()), float(np.sqrt(np.mean(known**2)))) if len(known) else (math.nan, math.nan)
+        found.append(reports.HeightError((number + 0.5) * slice_mm, mean, rms))
+    return found
+
+
+def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
+    split = [(edge.shares_um, edge.error_um) for edge in scene.maps if edge.shares_um is not None]
+    if not split:
+        return None
+    return causes.share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
+
+
+def _section(widths: list[KerfWidth], height_mm: float) -> list[reports.KerfSlice]:
+    """Put the walls measured along all contours together, slice by slice."""
+    part = np.concatenate([w.part_um for w in widths], axis=1)
+    rest = np.concatenate([w.width_um for w in widths], axis=1) - part
+    slice_mm = height_mm / len(part)
+    return [
+        reports.KerfSlice((number + 0.5) * slice_mm, int(np.isfinite(ours).sum()), _wall(ours), _wall(others))
+        for number, (ours, others) in enumerate(zip(part, rest, strict=True))
+    ]
+
+
+def _wall(distance_um: Floats) -> reports.Wall:
+    known = distance_um[np.isfinite(distance_um)]
+    if not len(known):
+        return reports.Wall()
+    low, high = np.percentile(known, (5, 95))
+    return reports.Wall(float(known.mean()), float(low), float(high))
+
+
+def _error_per_window(guides_um: Floats, profiles: list[ProfileError]) -> Floats:
+    """Profile error at the point of the edge nearest to the wire, window by window."""
+    points = np.concatenate([p.points_mm for p in profiles])
+    error = np.append(np.concatenate([p.mean_um for p in profiles]), np.nan)
+    _, nearest = scipy.spatial.KDTree(points).query(guides_um * 1e-3, distance_upper_bound=_WINDOW_REACH_MM)
+    return np.asarray(error[nearest])
+
+
+# The result, and its files.
 
 
 class Recorders(NamedTuple):
@@ -53,22 +437,24 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
 
 
 @refuses_wrong_types
-def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
+def sample_like(report: reports.Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
     """Sample pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
     The workpiece has its greatest height, and the mechanics are always modal.
     """
-    feed = cutting_feed_um_s(windows)
-    if feed is None:
+    feed_um_s, open_, *others = (windows[name].to_numpy() for name in ("feed_um_s", "open", "short", "spark", "arc"))
+    cutting = (feed_um_s > 0) & (open_ < AIR_SHARE * sum(others, open_))
+    if not cutting.any():
         raise InputError("the cut has no window with metal near the wire")
     settings = CutSettings.of_report(report)
     machine = settings.load_machine()
     if constants_digest(machine) != report.settings["constants_sha256"]:
         raise InputError("a file of the set-up has other constants than the cut had: undo the change, or cut again")
-    return sample_pulses(machine, feed, seed=settings.seed, pulses=pulses, resolution=settings.resolution)
+    median_um_s, resolution = float(np.median(feed_um_s[cutting])), settings.resolution
+    return sample_pulses(machine, median_um_s, seed=settings.seed, pulses=pulses, resolution=resolution)
 
 
-def sample_or_reason(report: Report, windows: pa.Table) -> PulseSample | str:
+def sample_or_reason(report: reports.Report, windows: pa.Table) -> PulseSample | str:
     """Return what `sample_like` does, or why it cannot."""
     try:
         return sample_like(report, windows)
@@ -80,7 +466,7 @@ def sample_or_reason(report: Report, windows: pa.Table) -> PulseSample | str:
 class CutResult:
     """Results of a cut."""
 
-    report: Report  # the fields of ``report.json``
+    report: reports.Report  # the fields of ``report.json``
     windows: pa.Table  # a row per window of 255 pulses: ``windows.parquet``; its metadata have the `CutSettings`
     path: CutPath  # the wire's path
     field: KerfField  # the remaining metal
@@ -92,18 +478,14 @@ class CutResult:
     def __repr__(self) -> str:
         """Say how it ended and the key figures: the fields of the report hold the rest."""
         shown = ("machining time", "path", "kerf", "profile error", "corners")
-        lines = [f"  {name:14} {text}" for name, text in summary(self.report) if name in shown]
-        return "\n".join([f"<CutResult of {self._title}: {outcome_text(self.report)}", *lines]) + ">"
+        lines = [f"  {name:14} {text}" for name, text in reports.summary(self.report) if name in shown]
+        return "\n".join([f"<CutResult of {self.report.title}: {reports.outcome_text(self.report)}", *lines]) + ">"
 
     def _repr_html_(self) -> str:
         """Show table and picture in a notebook."""
         from edmsim.recording.html_report import card
 
-        return card(self.report, self._title, self.plot())
-
-    @property
-    def _title(self) -> str:
-        return str(self.report.settings["program"])
+        return card(self.report, self.plot())
 
     @refuses_wrong_types
     def plot(self, figure: str = "profile") -> Figure:
@@ -127,23 +509,19 @@ class CutResult:
         InputError
             If there is no such figure, or this cut has no single pulses.
         """
-        from edmsim.recording.figures.profile import profile_figure
         from edmsim.recording.html_report import OF_CUT, OF_SAMPLE
 
-        if figure in OF_SAMPLE:
-            return OF_SAMPLE[figure](sample_like(self.report, self.windows), self.windows, self.report)
         if figure in OF_CUT:
             return OF_CUT[figure](self.report, self.windows, self.scene)
-        if figure != "profile":
-            known = ["profile", *OF_CUT, *OF_SAMPLE]
-            raise InputError(f"there is no figure '{figure}'; there are: {one_of(figure, known)}")
-        return profile_figure(self.scene, self.windows, self.report, self._title)
+        if figure in OF_SAMPLE:
+            return OF_SAMPLE[figure](sample_like(self.report, self.windows), self.windows, self.report)
+        raise InputError(f"there is no figure '{figure}'; there are: {one_of(figure, [*OF_CUT, *OF_SAMPLE])}")
 
     @refuses_wrong_types
     def contour(
         self, slice_index: int | None = None, *, coordinates: Literal["program", "table"] = "program",
         specks: bool = False,
-    ) -> MultiPolygon:
+    ) -> shapely.MultiPolygon:
         """Return the metal removed from one slice as shapely polygons in mm; holes are remaining metal.
 
         Parameters
@@ -164,9 +542,9 @@ class CutResult:
         """
         if coordinates not in ("program", "table"):
             raise InputError(f"there are no coordinates '{coordinates}'; there are: program, table")
-        removed = contour(self.field, self.scene.middle_slice() if slice_index is None else slice_index)
+        removed = edges.contour(self.field, self.scene.middle_slice() if slice_index is None else slice_index)
         if not specks:
-            removed = without_specks(removed, self.scene.speck_mm2)
+            removed = edges.without_specks(removed, self.scene.speck_mm2)
         if coordinates == "table":
             return removed
         return shapely.transform(removed, lambda mm: mm - self.path.origin_mm)
@@ -202,8 +580,7 @@ class CutResult:
                 raise InputError(f"{name} is {time_s!r}: give a machine time in s")
         check_suffix(Path(file), "a file of traces", ".parquet")
         make_writable(Path(file).parent)
-        rows = self.closeups.table()
-        write_traces(rows[(rows["t_s"] >= begin_s) & (rows["t_s"] <= end_s)], file, every_us)
+        self.closeups.write_traces(file, every_us, begin_s, end_s)
 
     @refuses_wrong_types
     def write(self, folder: str | Path, enter: Callable[[str], None] | None = None) -> None:
@@ -224,25 +601,23 @@ class CutResult:
         OSError
             If writing fails later, for example on a full disk.
         """
-        from edmsim.recording.figures.profile import profile_png
         from edmsim.recording.html_report import write_html
         from edmsim.recording.rerun.write import write_recording
 
-        tell, title = enter or (lambda _: None), self._title
+        tell = enter or (lambda _: None)
         with together(make_writable(folder), "report.json") as target:
             tell("figures")
             write_windows(self.windows, target / "windows.parquet")
-            picture = profile_png(self.scene, self.windows, self.report, title)
-            (target / "profile.png").write_bytes(picture)
             write_scene(self.scene, target / "part.npz")
-            sample = sample_or_reason(self.report, self.windows)
-            write_html(self.report, self.windows, self.scene, sample, title, picture, target / "report.html")
+            sample, page = sample_or_reason(self.report, self.windows), target / "report.html"
+            picture = write_html(self.report, self.windows, self.scene, sample, page)
+            (target / "profile.png").write_bytes(picture)
             tell("recording")
             write_recording(
-                target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report,
-                title,
+                target / reports.RECORDING, self.scene, self.windows, self.frames, self.closeups, self.machine,
+                self.report, self.report.title,
             )
-            write_json(self.report, target / "report.json")
+            reports.write_json(self.report, target / "report.json")
 
 
 def result_of(
@@ -253,11 +628,11 @@ def result_of(
     found = inspect(simulation, recorders.windows)
     windows = recorders.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None
-    report = build_report(
+    report = reports.build_report(
         found.part, windows, totals(simulation, recorders.windows, wall_time_s), outcome=simulation.outcome,
         reason=simulation.reason, notices=notices, seed=settings.seed, settings=made_with, version=__version__,
     )
-    whose, passes = cut_id(report), simulation.path.passes
+    whose, passes = reports.cut_id(report), simulation.path.passes
     logged = settings if passes == 1 else settings.model_copy(update={"passes": passes})  # also those of the program
     return CutResult(
         report, windows.replace_schema_metadata({METADATA_KEY: logged.model_dump_json(), CUT_KEY: whose}),
@@ -270,19 +645,17 @@ def remake(
     directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
 ) -> list[Path]:
     """Write a folder's ``report.html`` again, or its figures as files of their own; returns the files written."""
-    from edmsim.recording.figures.profile import profile_png
     from edmsim.recording.figures.style import FORMATS, write_figure
     from edmsim.recording.html_report import pictures, write_html
 
     if kind not in FORMATS:
         raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
-    cut = read_cut(directory)
+    cut = reports.read_cut(directory)
     sample = sample_or_reason(cut.report, cut.windows)
     target = folder_of(directory if figures is None else figures)
     if figures is None:
         with locked(target):
-            profile = profile_png(cut.scene, cut.windows, cut.report, cut.title)
-            write_html(*cut, sample, cut.title, profile, target / "report.html")
+            write_html(*cut, sample, target / "report.html")
         return [target / "report.html"]
     written = []
     for picture in pictures(*cut, sample, leave_out):

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import pydantic
 import shapely
-from shapely.geometry import mapping
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -192,7 +191,7 @@ class CutSettings(SetUpOptions, MachineOption):
     def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
         """Return areas as lists of corners; those with holes, which such a list cannot tell, as GeoJSON."""
         return [
-            [mapping(area) if area.interiors else shapely.get_coordinates(area).tolist(), height]
+            [shapely.geometry.mapping(area) if area.interiors else shapely.get_coordinates(area).tolist(), height]
             for area, height in areas
         ]
 

@@ -1,4 +1,4 @@
-"""The edges of a cut: contours at the half-removed level of the kerf field, tile by tile.
+"""The edges of a cut: contours at the half-removed level of the kerf field, tile by tile; pieces that are loose.
 
 Coordinates that leave this module are in mm on the table. What counts as cut is the metal taken from the
 blank: the rim of a drilled start hole or the side of the blank closes a kerf that opens there.
@@ -11,8 +11,6 @@ import numpy as np
 import shapely
 from contourpy import contour_generator
 from numpy.typing import NDArray
-from shapely.geometry import MultiLineString, MultiPolygon, Polygon
-from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.plant.kernel.state import TILE
@@ -22,36 +20,63 @@ _HALF = FULL // 2
 _RIGHT, _UP = np.array([1, 0]), np.array([0, 1])
 
 
-def cut_edges(field: KerfField, slice_index: int) -> MultiLineString:
+def cut_edges(field: KerfField, slice_index: int) -> shapely.MultiLineString:
     """Return the edges of what was cut from one slice, 0 at the bottom, as closed lines in mm."""
     segments = next(edge_segments(field, [slice_index]))
     loose = shapely.multilinestrings(np.asarray(shapely.linestrings(segments), object))
-    return MultiLineString(list(shapely.get_parts(shapely.line_merge(loose))))
+    return shapely.MultiLineString(list(shapely.get_parts(shapely.line_merge(loose))))
 
 
-def filled(rings: MultiLineString) -> BaseGeometry:
+def filled(rings: shapely.MultiLineString) -> shapely.Geometry:
     """Return the area inside closed lines, counting even-odd."""
     try:
         return shapely.build_area(rings)
     except shapely.errors.GEOSException:  # rings that touch themselves: slower, but it takes them
-        loops = [shapely.make_valid(Polygon(line.coords)) for line in rings.geoms if line.is_closed]
-        return reduce(shapely.symmetric_difference, loops, Polygon())
+        loops = [shapely.make_valid(shapely.Polygon(line.coords)) for line in rings.geoms if line.is_closed]
+        return reduce(shapely.symmetric_difference, loops, shapely.Polygon())
 
 
-def contour(field: KerfField, slice_index: int) -> MultiPolygon:
+def contour(field: KerfField, slice_index: int) -> shapely.MultiPolygon:
     """Return the metal removed from one slice as polygons in mm: the kerf."""
     # holes in a polygon are the metal the wire went round: the part, or the slug. Start holes and the air
     # outside the blank are not removed metal and do not belong to it
     area = filled(cut_edges(field, slice_index))
-    return MultiPolygon(list(shapely.get_parts(area)))
+    return shapely.MultiPolygon(list(shapely.get_parts(area)))
 
 
-def without_specks(area: MultiPolygon, least_mm2: float) -> MultiPolygon:
+def without_specks(area: shapely.MultiPolygon, least_mm2: float) -> shapely.MultiPolygon:
     """Return polygons and holes of at least an area: without craters beside the kerf and crumbs of metal in it."""
-    return MultiPolygon([
-        Polygon(part.exterior, [hole for hole in part.interiors if Polygon(hole).area >= least_mm2])
-        for part in area.geoms if Polygon(part.exterior).area >= least_mm2
+    return shapely.MultiPolygon([
+        shapely.Polygon(part.exterior, [hole for hole in part.interiors if shapely.Polygon(hole).area >= least_mm2])
+        for part in area.geoms if shapely.Polygon(part.exterior).area >= least_mm2
     ])  # fmt: skip
+
+
+RIM_CELLS = 1.5
+"""How far beyond its outline a loose piece is taken, in cells: partly filled cells of its rim belong to it (ours)."""
+
+
+def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
+    """Return the pieces of `least_mm2` that are cut all round in every slice that has them, in um on the table."""
+    holes = shapely.union_all([shapely.Point(x, y).buffer(r) for x, y, r in field.stock.holes_um])
+    slices = []
+    for number in range(field.n_slices):
+        cut_um = shapely.transform(contour(field, number), lambda mm: mm * 1e3).union(holes)
+        islands = [
+            shapely.Polygon(ring)
+            for part in shapely.get_parts(cut_um) if isinstance(part, shapely.Polygon)
+            for ring in part.interiors
+        ]  # fmt: skip
+        metal = shapely.union_all([island for island in islands if island.area >= least_mm2 * 1e6])
+        if field.relief is not None:  # what has no metal at this height holds nothing
+            metal = metal.union(field.relief.voids_um[number])
+        slices.append(metal)
+    gone, rim = shapely.union_all(field.gone), RIM_CELLS * field.cell_um
+    return [
+        shapely.Polygon(shapely.Polygon(piece.exterior).buffer(rim).exterior)
+        for piece in shapely.get_parts(reduce(shapely.intersection, slices))
+        if piece.area >= least_mm2 * 1e6 and not gone.contains(piece.representative_point())
+    ]
 
 
 def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[np.float64]]:

@@ -1,17 +1,23 @@
-"""Width of the kerf, measured across the wire's path in every slice."""
+"""Walls of the kerf, slice by slice across the wire's path: its width, and the wall after a pass.
 
+Of a wall after a pass: its distance from the drawing, straightness and ripple.
+"""
+
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import Floats, Polyline, left_of
+from edmsim.geometry import Floats, Polyline, arc_lengths, left_of
 from edmsim.metrology import profile
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField
+from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 
-KERF_STEP_MM = 0.05
+STEP_MM = 0.05  # between places on a path at which walls are measured
 KERF_CLEARANCE_MM = 0.5
 MAX_KERF_OVER_WIRE = 3.0  # wider than this many wire diameters, a kerf was opened by another cut
 
@@ -42,7 +48,7 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
     if not wire_diameter_um > 0:
         raise InputError(f"a wire diameter of {wire_diameter_um} um cannot be: it must be above 0")
     line = profile.wire_line(contour.at_mid_height())
-    s_mm = np.arange(KERF_STEP_MM / 2, line.length, KERF_STEP_MM)
+    s_mm = np.arange(STEP_MM / 2, line.length, STEP_MM)
     if contour.lean is None:
         return _widths(field, contour, line, s_mm, wire_diameter_um)
     heights = profile.slice_heights_mm(field, contour.lean.height_mm).tolist()
@@ -68,17 +74,13 @@ def _widths(
 ) -> KerfWidth:
     """Kerf of a vertical wire at lengths of its path, in one slice or in all."""
     points = line.at(s_mm)
-    across = left_of(line.tangent(s_mm, KERF_STEP_MM))
-    walls = [
-        wall_distance_um(field, points * 1000, side * across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
-        for side in (1.0, -1.0)
-    ]
+    walls = [_wall_um(field, line, s_mm, side, wire_diameter_um) for side in ("left", "right")]
     solid = profile.clear_of_steps(field, points)
     if number is not None:
         walls, solid = [wall[[number]] for wall in walls], solid[[number]]
     width = walls[0] + walls[1]
     bad = (np.isnan(width) & (solid >= profile.BLANK_EDGE_MM)).any(axis=0)
-    bad |= line.bend_deg(s_mm, KERF_STEP_MM) > 10.0
+    bad |= line.bend_deg(s_mm, STEP_MM) > 10.0
     marks = np.concatenate([[0.0, line.length], s_mm[bad]])
     clear = line.distance_along(s_mm, marks) >= KERF_CLEARANCE_MM
     clear &= profile.depth_in_blank(field.stock, points) >= KERF_CLEARANCE_MM
@@ -87,11 +89,13 @@ def _widths(
     return KerfWidth(s_mm[clear], *(np.where(has_kerf, um[:, clear], np.nan) for um in (width, part)))
 
 
-def wall_distance_um(field: KerfField, start_um: Floats, direction: Floats, reach_um: float) -> Floats:
-    """Distance in um along rays to the first metal: (n_slices, n); NaN from inside metal or beyond reach."""
-    ray = np.arange(0.0, reach_um, field.cell_um / 2)
-    out = np.empty((field.n_slices, len(start_um)))
-    for first in range(0, len(start_um), 128):  # a bounded number of rays at a time keeps memory small
+def _wall_um(field: KerfField, line: Polyline, s_mm: Floats, side: str, wire_diameter_um: float) -> Floats:
+    """Distance in um across a path to the first metal: (n_slices, n); NaN from inside metal or beyond a kerf."""
+    start_um, across = line.at(s_mm) * 1000, left_of(line.tangent(s_mm, STEP_MM))
+    direction = across if side == "left" else -across
+    ray = np.arange(0.0, MAX_KERF_OVER_WIRE * wire_diameter_um / 2, field.cell_um / 2)
+    out = np.empty((field.n_slices, len(s_mm)))
+    for first in range(0, len(s_mm), 128):  # a bounded number of rays at a time keeps memory small
         rays = slice(first, first + 128)
         places = start_um[rays, None, :] + ray[:, None] * direction[rays, None, :]
         metal = metal_at(field, places.reshape(-1, 2)).reshape(field.n_slices, -1, len(ray))
@@ -107,3 +111,100 @@ def _first_wall(metal: Floats, run: int) -> Floats:
     m0, m1 = (np.take_along_axis(metal, i[..., None], -1)[..., 0] for i in (before, after))
     rise = np.where(after > 0, m1 - m0, np.nan)
     return np.asarray(before + (0.5 - m0) / rise, np.float64)
+
+
+WALL_CLEARANCE_MM = 0.4  # nearer than this to a corner, or to either end of a pass, the wall is not looked at
+FEWEST_WAVES = 3  # waves that must have been cut before a wavelength is reported (ours)
+
+
+@dataclass(frozen=True)
+class WallError:
+    """What of a wall a pass left, over the drawing: positive is metal left on the part."""
+
+    places: int  # places along the pass that were measured
+    mean_um: float  # over all places and heights; NaN where there are none, as all others then
+    rms_um: float  # scatter about that mean
+    slices_um: tuple[float, ...]  # mean at every height, from the lowest slice
+    bow_um: float  # mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle
+    straightness_um: float  # from the lowest to the highest of the heights
+    ripple_um: float  # scatter along the path of the mean over the height
+    ripple_mm: float  # wavelength with the most of it; NaN where the pass is too short to tell
+
+    @property
+    def waves_um(self) -> float:
+        """Scatter along the path, at every height about its own mean: root mean square."""
+        return math.sqrt(max(self.rms_um**2 - float(np.nanvar(self.slices_um)), 0.0))
+
+
+def wall_error(field: KerfField, cut_pass: CutPass, part_side: str, wire_diameter_um: float) -> WallError:
+    """Measure the wall on the part's side of a pass, across its path; a wall that leans square to itself."""
+    side = part_side if not cut_pass.reversed else "right" if part_side == "left" else "left"
+    middle_um = cut_pass.way.at_mid_height()
+    line = _line_of(middle_um, cut_pass)
+    s_mm = np.arange(STEP_MM / 2, line.length, STEP_MM)
+
+    def error_um(along: Polyline, at_mm: Floats, slant: float | Floats = 1.0) -> Floats:
+        away_um = _wall_um(field, along, at_mm, side, wire_diameter_um) / slant
+        has_metal = profile.clear_of_steps(field, along.at(at_mm)) >= profile.BLANK_EDGE_MM
+        return np.where(has_metal, cut_pass.offset_um - away_um, np.nan)
+
+    if cut_pass.lean is None:
+        s_mm = s_mm[_looked_at(field, line, s_mm)]
+        return _summed(s_mm, error_um(line, s_mm)) if len(s_mm) else unknown_wall((math.nan,) * field.n_slices)
+    # of a leaning wire slice by slice, at the same shares of the length of its path
+    found_um, slants = np.full((field.n_slices, len(s_mm)), np.nan), cut_pass.way.slant[cut_pass.approach_moves :]
+    passed_mm = arc_lengths(middle_um[cut_pass.approach_moves :] * 1e-3)
+    for number, z in enumerate(profile.slice_heights_mm(field, cut_pass.lean.height_mm).tolist()):
+        there = _line_of(cut_pass.way.at_height(z), cut_pass)
+        own_mm = s_mm / line.length * there.length
+        known = _looked_at(field, there, own_mm)
+        slant = slants[np.clip(np.searchsorted(passed_mm, s_mm[known], side="right") - 1, 0, len(slants) - 1)]
+        found_um[number, known] = error_um(there, own_mm[known], slant)[number]
+    return _summed(s_mm, found_um)
+
+
+def _line_of(points_um: NDArray[np.int64], cut_pass: CutPass) -> Polyline:
+    return Polyline(np.asarray(points_um[cut_pass.approach_moves :] * 1e-3, np.float64), closed=False)
+
+
+def _looked_at(field: KerfField, line: Polyline, s_mm: Floats) -> NDArray[np.bool_]:
+    """Say at which lengths of a pass its wall is looked at: clear of its ends, of corners and of the blank's edge."""
+    marks = np.concatenate(
+        [[0.0, line.length], line.s[line.corners(profile.EDGE_CORNER_DEG)], s_mm[line.bend_deg(s_mm, STEP_MM) > 10.0]]
+    )
+    clear = line.distance_along(s_mm, marks) >= WALL_CLEARANCE_MM
+    return clear & (profile.depth_in_blank(field.stock, line.at(s_mm)) >= profile.BLANK_EDGE_MM)
+
+
+def unknown_wall(slices_um: tuple[float, ...]) -> WallError:
+    """Return the error of a wall of which nothing is known but, perhaps, some slices."""
+    return WallError(0, math.nan, math.nan, slices_um, math.nan, math.nan, math.nan, math.nan)
+
+
+def _summed(s_mm: Floats, error_um: Floats) -> WallError:
+    slices = profile.finite_mean(error_um, axis=1)
+    known = error_um[np.isfinite(error_um)]
+    if not len(known):
+        return unknown_wall(tuple(slices.tolist()))
+    heights = slices[np.isfinite(slices)]
+    along = profile.finite_mean(error_um - slices[:, None], axis=0)
+    ends = (heights[0] + heights[-1]) / 2
+    quarter = max(len(heights) // 4, 1)
+    middle = heights[quarter:-quarter] if len(heights) > 2 * quarter else heights
+    return WallError(
+        places=int(np.isfinite(error_um).any(axis=0).sum()), mean_um=float(known.mean()), rms_um=float(known.std()),
+        slices_um=tuple(slices.tolist()), bow_um=float(middle.mean() - ends), straightness_um=float(np.ptp(heights)),
+        ripple_um=float(np.nanstd(along)), ripple_mm=_wavelength_mm(s_mm, along),
+    )  # fmt: skip
+
+
+def _wavelength_mm(s_mm: Floats, along_um: Floats) -> float:
+    """Return the wavelength with the greatest amplitude of the longest unbroken stretch; NaN if it is too short."""
+    ends = np.flatnonzero(np.diff(s_mm) > 1.5 * STEP_MM) + 1
+    longest = max(np.split(np.arange(len(s_mm)), ends), key=len)
+    values = along_um[longest]
+    if len(values) < 4 * FEWEST_WAVES or not np.isfinite(values).all():
+        return math.nan
+    spread = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values))))
+    spread[:FEWEST_WAVES] = 0.0
+    return len(values) * STEP_MM / int(spread.argmax())

@@ -8,6 +8,7 @@ and its steps no wall can be measured.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # which loads its parts where they are first used
 from numpy.typing import NDArray
 
 from edmsim.geometry import Floats, Polyline, arc_lengths, left_of
@@ -143,15 +144,13 @@ class _WireTrack:
     """The wire's way round the contour as a dense row of points, each with its direction towards the part."""
 
     def __init__(self, contour: WireContour) -> None:
-        from scipy.spatial import cKDTree
-
         line = wire_line(contour)
         s = line.stations(0.01, np.arange(len(line.points) - 1))
         self.points = line.at(s)
         # At a vertex this direction is the bisector, which tells the sides apart all round the vertex.
         towards_left = left_of(line.tangent(s, 1e-3))
         self.towards_part = towards_left if contour.part_side == "left" else -towards_left
-        self.tree = cKDTree(self.points)
+        self.tree = scipy.spatial.cKDTree(self.points)
 
     def nearest(self, places: Floats) -> Floats:
         """Point of the track nearest to each of `places`."""
@@ -159,14 +158,12 @@ class _WireTrack:
 
     def distance_to_wall(self, segments: Floats, points: Floats) -> Floats:
         """Distance in mm from each point to the nearest segment on the part's side; NaN if over 1 mm."""
-        from scipy.spatial import cKDTree
-
         middle = segments.mean(axis=1)
         i = self.tree.query(middle)[1]
         on_part_side = ((middle - self.points[i]) * self.towards_part[i]).sum(axis=1) > 0
         if on_part_side.sum() < NEAR_SEGMENTS:
             return np.full(len(points), np.nan)
-        nearest = cKDTree(middle[on_part_side]).query(points, NEAR_SEGMENTS)[1]
+        nearest = scipy.spatial.cKDTree(middle[on_part_side]).query(points, NEAR_SEGMENTS)[1]
         start, stop = segments[on_part_side][nearest].transpose(2, 0, 1, 3)
         along, way = stop - start, points[:, None] - start
         share = np.clip((way * along).sum(axis=-1) / (along**2).sum(axis=-1), 0.0, 1.0)
@@ -176,14 +173,11 @@ class _WireTrack:
 
 def _without_grains(segments: Floats) -> Floats:
     """Leave out the segments (m, 2, 2) of outlines of grains, slivers and pits."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     ends = segments.reshape(-1, 2) @ (1, 1j)
     _, vertex = np.unique(ends, return_inverse=True)
     start, stop = vertex.reshape(-1, 2).T
-    joined = coo_array((np.ones(len(start), np.int8), (start, stop)), shape=(len(ends), len(ends)))
-    outline = connected_components(joined, directed=False)[1][start]
+    joined = scipy.sparse.coo_array((np.ones(len(start), np.int8), (start, stop)), shape=(len(ends), len(ends)))
+    outline = scipy.sparse.csgraph.connected_components(joined, directed=False)[1][start]
     (x0, y0), (x1, y1) = segments[:, 0].T, segments[:, 1].T
     twice_area = np.abs(np.bincount(outline, x0 * y1 - x1 * y0))
     # a strip of width w has an area of w times half its outline

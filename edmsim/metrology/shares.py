@@ -10,7 +10,6 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -135,14 +134,9 @@ def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: E
     return np.array(found).reshape(-1, 2) - points_um
 
 
-class MotorOffsets(NamedTuple):
-    """What the motors' places are off others, in um, (n, 2): the program's, by the compensation, and the wire's."""
-
-    program: Floats
-    table: Floats
-
-
-def motor_offsets_um(machine: Machine, motors_um: Floats, path_um: Floats, elcam: Elcam | None) -> MotorOffsets:
+def motor_offsets_um(
+    machine: Machine, motors_um: Floats, path_um: Floats, elcam: Elcam | None
+) -> tuple[Floats, Floats]:
     """Return by how much motors at some places (n, 2) are off the program and off where the table truly is."""
     # the compensation is that of the motors' places, which differ from the program's by itself only, and of the
     # lengths of path (n,) at which they were there
@@ -159,7 +153,7 @@ def motor_offsets_um(machine: Machine, motors_um: Floats, path_um: Floats, elcam
             compensation.begin((x, y), path)
             program[k] = compensation.offset_um
         offsets[k] = places[k, :2] - table.move((x, y))
-    return MotorOffsets(program[which.reshape(-1)], offsets[which.reshape(-1)])
+    return program[which.reshape(-1)], offsets[which.reshape(-1)]
 
 
 @dataclass(frozen=True)

@@ -167,9 +167,8 @@ def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None
     write = writers[check_suffix(target, "a contour", *writers)]
     scene = scene.in_program()
     if height_mm is None:
-        edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
         layers = {
-            "CUT": [line for line in edges if is_whole(line, scene)],
+            "CUT": [line for line in scene.middle_edges_mm() if is_whole(line, scene)],
             "NOMINAL": [edge.nominal_mm for edge in scene.maps],
         }
     else:
@@ -187,7 +186,7 @@ def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[F
     share = height_mm / scene.height_mm
     walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]
     return {
-        "CUT": [face.at(height_mm) for face in cut_faces(scene)],
+        "CUT": [line for face in cut_faces(scene) if len(line := face.at(height_mm))],
         "NOMINAL": walls or [edge.nominal_mm for edge in scene.maps],
     }
 

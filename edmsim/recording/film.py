@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
@@ -17,7 +16,6 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image
-from PIL.Image import Image as Picture
 
 from edmsim.errors import InputError
 from edmsim.files import check_suffix, make_writable, replacing
@@ -27,8 +25,6 @@ from edmsim.recording.figures.style import in_style
 from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.logs import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.rerun.stream import CLASS_COLOURS
-from edmsim.recording.rerun.write import Sizes
 from edmsim.recording.windows import broken, pause_rows
 
 SIZE_INCH = (12.8, 7.2)
@@ -36,8 +32,8 @@ GROUND = "#161d24"
 TEXT = "#d6dbe1"
 STEEL = "#8e98ac"
 _CURVES = (
-    ("pulses, %", (("/pulses/spark", "spark", CLASS_COLOURS["spark"]), ("/pulses/open", "open", "#9aa5b1"),
-                   ("/pulses/short", "short", CLASS_COLOURS["short"]))),
+    ("pulses, %", (("/pulses/spark", "spark", palette.CLASS_COLOURS["spark"]), ("/pulses/open", "open", "#9aa5b1"),
+                   ("/pulses/short", "short", palette.CLASS_COLOURS["short"]))),
     ("feed, µm/s", (("/feed/feed_um_s", "feed", palette.YELLOW),)),
     ("gap, lag, error, µm", (("/gap/gap_um", "gap", palette.GREEN), ("/gap/lag_um", "lag", palette.ORANGE),
             ("/gap/error_um", "error", palette.PURPLE))),
@@ -55,10 +51,10 @@ class Film:
 
     def __init__(self, play: Playback, dpi: int) -> None:
         self._play = play
-        self._sizes = Sizes(*play.sizes)
+        self._sizes = play.sizes
         self._figure = Figure(figsize=SIZE_INCH, dpi=dpi, facecolor=GROUND)
         self._canvas = cast("Any", FigureCanvasAgg(self._figure))  # its methods have no types
-        self._moving: list[tuple[Axes, Artist]] = []
+        self._moving: list[tuple[Axes, Any]] = []
         grid = self._figure.add_gridspec(
             12, 3, left=0.02, right=0.985, top=0.92, bottom=0.06, hspace=1.6, wspace=0.14, width_ratios=[1, 1, 1.15]
         )
@@ -310,8 +306,8 @@ def _write_mp4(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[in
 
 
 def _write_gif(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, int]) -> None:
-    frames: list[Picture] = []
-    colours: Picture | None = None
+    frames: list[Image.Image] = []
+    colours: Image.Image | None = None
     before: NDArray[np.uint8] | None = None
     for picture in pictures:
         image = Image.fromarray(picture)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from edmsim.cosim.straight import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures import cut
-from edmsim.recording.figures.profile import PROFILE_DOTS
+from edmsim.recording.figures.profile import PROFILE_DOTS, profile_figure
 from edmsim.recording.figures.style import figure_png
 from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, summary
 from edmsim.recording.scene import Scene
@@ -30,6 +30,7 @@ class Picture(NamedTuple):
 
 
 OF_CUT: dict[str, Callable[[Report, pa.Table, Scene], Figure]] = {
+    "profile": lambda report, windows, scene: profile_figure(scene, windows, report, report.title),
     "profile-error": lambda report, windows, scene: cut.error_figure(scene),
     "error-shares": lambda report, windows, scene: cut.shares_figure(scene),
     "corner": lambda report, windows, scene: cut.corner_figure(scene, windows),
@@ -46,6 +47,7 @@ OF_SAMPLE: dict[str, Callable[[PulseSample, pa.Table, Report], Figure]] = {
 }
 """Figures of single pulses by name: functions of the sample, windows and report."""
 _CAPTIONS = {
+    "profile": "The cut from above, the error along its edge drawn large, and the process over machine time.",
     "profile-error": "Profile error along the nominal edge.",
     "error-shares":
         "The profile error, and what path, planner, drive, wire and gap have of it, along the edge.",
@@ -63,9 +65,9 @@ _CAPTIONS = {
 def pictures(
     report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, leave_out: Callable[[str], None]
 ) -> Iterator[Picture]:
-    """Draw the figures of a cut one by one; `leave_out` is called with those that cannot be made, and why."""
+    """Draw the other figures of a cut one by one; `leave_out` is called with those that cannot be made, and why."""
     for name, draw in OF_CUT.items():
-        if (name != "corner" or scene.corners) and (name != "passes" or report.passes):
+        if name != "profile" and (name != "corner" or scene.corners) and (name != "passes" or report.passes):
             yield Picture(name, _CAPTIONS[name], draw(report, windows, scene))
     if isinstance(sample, str):
         leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")
@@ -115,32 +117,37 @@ CARD_DPI = 80
 """Dots per inch of the picture in a notebook (ours: as wide as a notebook's column, a tenth of a megabyte)."""
 COLUMN_DPI = 320
 """Dots per inch of the pictures in columns, as they are when enlarged (ours: 1120 dots wide)."""
-PROFILE_CAPTION = "The cut from above, the error along its edge drawn large, and the process over machine time."
 
 
 def write_html(
-    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str, profile: bytes,
-    file: str | Path,
-) -> None:
-    """Write the page of a cut; a file of that name is replaced whole or not at all."""
+    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, file: str | Path
+) -> bytes:
+    """Write the page of a cut, replacing a file of that name whole or not at all; return ``profile.png``."""
     left_out: list[str] = []
+    profile = profile_png(report, windows, scene)
     drawn = [*pictures(report, windows, scene, sample, left_out.append)]
     with replacing(file) as partial:
-        partial.write_bytes(page(report, title, profile, drawn, left_out).encode("utf-8", "replace"))
+        partial.write_bytes(page(report, profile, drawn, left_out).encode("utf-8", "replace"))
+    return profile
 
 
-def page(report: Report, title: str, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
+def profile_png(report: Report, windows: pa.Table, scene: Scene) -> bytes:
+    """Return the first picture of the page: ``profile.png``."""
+    return figure_png(OF_CUT["profile"](report, windows, scene))
+
+
+def page(report: Report, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str]) -> str:
     """Return the page; its pictures are in it as PNG, the first as wide as the page, each enlarged by a click."""
     notices = "".join(f"<li>{escape(notice)}</li>" for notice in (*report.notices, *left_out))
-    first = _enlarged("profile", PROFILE_CAPTION, _address(profile), *PROFILE_DOTS)
+    first = _enlarged("profile", _CAPTIONS["profile"], _address(profile), *PROFILE_DOTS)
     others = "".join(_picture(picture) for picture in drawn)
     # figures keep their white ground in the dark: they are the same ones as in a paper
     style = (resources.files("edmsim.recording") / "report.css").read_text(encoding="utf-8")
     return "\n".join([
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(title)} – edmsim</title>\n<style>\n{style}</style>\n</head>\n<body>",
-        f"<h1>{escape(title)}</h1>",
+        f"<title>{escape(report.title)} – edmsim</title>\n<style>\n{style}</style>\n</head>\n<body>",
+        f"<h1>{escape(report.title)}</h1>",
         f'<p class="outcome {"good" if report.reason is None else "bad"}">{escape(outcome_text(report))}</p>',
         _tiles(report),
         _section("The cut", first + _HINT),
@@ -154,7 +161,7 @@ def page(report: Report, title: str, profile: bytes, drawn: Iterable[Picture], l
     ])  # fmt: skip
 
 
-def card(report: Report, title: str, figure: Figure) -> str:
+def card(report: Report, figure: Figure) -> str:
     """Return what a notebook shows of a cut: outcome, table, notices and one picture, in the notebook's own style."""
     rows = "".join(
         f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(text)}</td></tr>'
@@ -162,8 +169,8 @@ def card(report: Report, title: str, figure: Figure) -> str:
     )
     notices = "".join(f"<p>note: {escape(notice)}</p>" for notice in report.notices)
     address = _address(figure_png(figure, CARD_DPI))
-    image = f'<img src="{address}" alt="{escape(title)} from above, and the process over time">'
-    heading = f"<p><b>{escape(title)}: {escape(outcome_text(report))}</b></p>"
+    image = f'<img src="{address}" alt="{escape(report.title)} from above, and the process over time">'
+    heading = f"<p><b>{escape(report.title)}: {escape(outcome_text(report))}</b></p>"
     return f"<div>{heading}<table>{rows}</table>{notices}{image}</div>"
 
 

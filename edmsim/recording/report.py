@@ -1,4 +1,4 @@
-"""The report of a cut: a class whose figures have unit and meaning, its file, and its text for a terminal."""
+"""The report of a cut: a class whose figures have unit and meaning, its text for a terminal, and its folder."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, dataclass_transfor
 
 import numpy as np
 
-from edmsim.files import replacing
+from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.files import folder_of, replacing
 from edmsim.geometry import Floats
-from edmsim.recording.windows import column, durations_s, lag_along_um
+from edmsim.recording.scene import Scene, read_scene
+from edmsim.recording.windows import CUT_KEY, column, durations_s, lag_along_um, read_windows
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -426,6 +428,11 @@ class Report(Figures):
     notices: list[str] = field(default_factory=list)  # what the user should know about this cut
     edmsim_version: str = ""
 
+    @property
+    def title(self) -> str:
+        """The program's name."""
+        return str(self.settings["program"])
+
 
 CLOCKS = "wall_time_s", "realtime_factor"
 """Fields of a report that belong to the computer: they are left out where two cuts are compared."""
@@ -681,3 +688,56 @@ def _corner_line(corners: Sequence[Corner]) -> str:
         return f"{len(corners)}, none measured" if corners else "none"
     worst = max(known, key=lambda corner: abs(corner.error_um or 0.0))
     return f"{len(corners)}, worst {worst.error_um:+.1f} µm at {place_text(worst)} ({worst.turn_deg:+.0f}°)"
+
+
+# The folder of a cut, read back.
+
+RECORDING = "cut.rrd"  # name of the recording for rerun in it
+
+
+class RecordedCut(NamedTuple):
+    """Contents of a cut's folder: ``report.json``, ``windows.parquet``, ``part.npz``."""
+
+    report: Report
+    windows: pa.Table
+    scene: Scene
+
+    def __repr__(self) -> str:
+        """Say which cut it is and how it ended: report and windows fill pages."""
+        return f"<RecordedCut of {self.report.title}: {outcome_text(self.report)}, {self.windows.num_rows} windows>"
+
+
+@refuses_wrong_types
+def read_cut(directory: str | Path) -> RecordedCut:
+    """Read a folder that ``edmsim cut`` has written.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, damaged, or of another version, or the cuts differ.
+    """
+    folder = folder_of(directory)
+    cut = RecordedCut(
+        _read_report(folder / "report.json"), read_windows(folder / "windows.parquet"),
+        read_scene(folder / "part.npz"),
+    )  # fmt: skip
+    in_windows = (cut.windows.schema.metadata or {}).get(CUT_KEY)
+    whose = None if in_windows is None else in_windows.decode("ascii", "replace")
+    if (whose or cut.scene.cut) and {whose, cut.scene.cut} != {cut_id(cut.report)}:
+        raise InputError("report.json, windows.parquet and part.npz in it are not of one cut: cut again", folder)
+    return cut
+
+
+def _read_report(file: Path) -> Report:
+    try:
+        report = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(report, dict) or "settings" not in report:
+            raise ValueError("no settings in it")
+        if missing := [name for name in Report() if name not in report]:
+            made_by = report.get("edmsim_version")
+            raise InputError(f"written by edmsim {made_by} without {missing[0]}: cut again", file)
+        return Report(**report)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError("no such file, the folder of a cut is needed", file) from None
+    except (OSError, ValueError, TypeError, RecursionError) as error:  # brackets within brackets, too
+        raise InputError(f"not the report of a cut ({error})", file) from None

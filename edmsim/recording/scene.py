@@ -13,40 +13,41 @@ from typing import Any, Literal
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.files import make_writable, read_arrays, replacing
-from edmsim.geometry import CORNER_DEG, left_of
+from edmsim.geometry import CORNER_DEG, Floats, left_of
+from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
-from edmsim.plant.workpiece.height_steps import middle_slice
+from edmsim.plant.workpiece.height_steps import Relief, middle_slice
+from edmsim.plant.workpiece.kerf_field import Stock
 
 SPECK_SHARE = 0.01  # of the wire's cross-section: specks are less (ours: a crater or two; any kerf is larger)
-Polylines = tuple[NDArray[np.float64], ...]  # lines of shape (n, 2) in mm on the table
+Polylines = tuple[Floats, ...]  # lines of shape (n, 2) in mm on the table
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
     """One nominal edge and the profile error along it."""
 
-    nominal_mm: NDArray[np.float64]  # (m, 2): the part's edge as drawn, mm on the table
+    nominal_mm: Floats  # (m, 2): the part's edge as drawn, mm on the table
     part_side: Literal["left", "right"]  # side of the part, looking along the edge
-    points_mm: NDArray[np.float64]  # (n, 2): measured places; n may be 0
+    points_mm: Floats  # (n, 2): measured places; n may be 0
     # (n,): mean profile error over the height: positive is metal left on the part; NaN if unknown
-    error_um: NDArray[np.float64]
+    error_um: Floats
     # (5, n): its shares by cause (`edmsim.metrology.shares.error_shares`), if known
-    shares_um: NDArray[np.float64] | None = None
-    unreachable_um: NDArray[np.float64] | None = None  # (n,): metal that the round wire cannot reach, if known
-    face_um: NDArray[np.float64] | None = None  # (slices, n): profile error of every slice from the lowest, if known
+    shares_um: Floats | None = None
+    unreachable_um: Floats | None = None  # (n,): metal that the round wire cannot reach, if known
+    face_um: Floats | None = None  # (slices, n): profile error of every slice from the lowest, if known
 
-    def reached_um(self) -> NDArray[np.float64]:
+    def reached_um(self) -> Floats:
         """Return the error (n,) within the wire's reach; NaN elsewhere."""
         if self.unreachable_um is None:
             return self.error_um
         return np.where(self.unreachable_um == 0, self.error_um, np.nan)
 
-    def outward(self) -> NDArray[np.float64]:
+    def outward(self) -> Floats:
         """Return unit vectors (n, 2) away from the part at `points_mm`, smooth across corners."""
         if len(self.points_mm) < 2:
             return np.zeros_like(self.points_mm)
@@ -59,7 +60,7 @@ class ErrorMap:
         normal = self.outward()
         return np.asarray(np.einsum("ij,ij->i", normal[:-1], normal[1:]) > np.cos(np.radians(CORNER_DEG)))
 
-    def exaggerated_mm(self, factor: float) -> NDArray[np.float64]:
+    def exaggerated_mm(self, factor: float) -> Floats:
         """Return the edge (n, 2) in mm, its error multiplied by `factor`; NaN out of the wire's reach."""
         return np.asarray(self.points_mm + self.outward() * (self.reached_um() * factor / 1000.0)[:, None])
 
@@ -88,8 +89,8 @@ class PassFace:
     contour: int  # number of its map, from 0
     time_s: float  # time_s, path_um: machine time and length of path at its end
     path_um: float
-    points_mm: NDArray[np.float64]  # (n, 2): places of the nominal edge; of a wall that leans, at mid height
-    error_um: NDArray[np.float64]  # (slices, n): profile error there, from the lowest slice: positive is metal left
+    points_mm: Floats  # (n, 2): places of the nominal edge; of a wall that leans, at mid height
+    error_um: Floats  # (slices, n): profile error there, from the lowest slice: positive is metal left
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,7 @@ class Scene:
     maps: tuple[ErrorMap, ...]  # one per contour, in cutting order
     cut_edges_mm: tuple[Polylines, ...]  # edges of the remaining metal, per slice from the bottom
     corners: tuple[CornerError, ...]
-    starts_mm: NDArray[np.float64]  # (k, 2): start holes
+    starts_mm: Floats  # (k, 2): start holes
     stock_mm: tuple[float, float, float, float]  # the blank on the table
     height_mm: float  # greatest height of the workpiece
     guides_z_mm: tuple[float, float]  # heights of the wire guides over the workpiece's bottom; the lower is negative
@@ -109,16 +110,16 @@ class Scene:
     # levels of a stepped workpiece, from the lowest; empty if its height is constant
     terraces: tuple[Terrace, ...] = ()
     # (n, 3): centres and radii of the holes in the blank before the first spark; a slot is a row of holes
-    holes_mm: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    holes_mm: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     cut: str | None = None  # identity of the cut: `edmsim.recording.report.cut_id`
     origin_mm: tuple[float, float] | None = None  # the program's zero on the table; None without a program
     # if the wire leans, for points of the path: length of path in um, u and v in mm, and the heights in mm at which
     # the wire bends at the lower and the upper guide
-    lead: NDArray[np.float64] | None = None
+    lead: Floats | None = None
     walls_mm: tuple[Polylines, ...] = ()  # edges of tapered contours as drawn on the lower and the upper face
     pass_faces: tuple[PassFace, ...] = ()  # faces after each pass, in order
 
-    def lead_mm(self, path_um: NDArray[np.float64], heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def lead_mm(self, path_um: Floats, heights_mm: Floats) -> Floats:
         """Return the wire's distance in mm (n, heights, 2) from the lower guide's axis, by lengths of path."""
         if self.lead is None:
             return np.zeros((len(path_um), len(heights_mm), 2))
@@ -127,7 +128,7 @@ class Scene:
         share = (heights_mm[None, :] - low) / (high - low)
         return np.stack([share * u, share * v], axis=2)
 
-    def axis_um(self, guides_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> NDArray[np.float64]:
+    def axis_um(self, guides_um: Floats, path_um: Floats) -> Floats:
         """Return the guides' axis at mid height in um (n, 2), by places of the lower guide and lengths of path."""
         return np.asarray(guides_um + 1e3 * self.lead_mm(path_um, np.array([0.5 * self.height_mm]))[:, 0])
 
@@ -165,9 +166,13 @@ class Scene:
             origin_mm=(0.0, 0.0),
         )
 
-    def bored(self) -> BaseGeometry:
+    def bored(self) -> shapely.Geometry:
         """Return the area of the holes."""
         return shapely.union_all([shapely.Point(x, y).buffer(radius) for x, y, radius in self.holes_mm])
+
+    def kerf(self) -> shapely.Geometry:
+        """Return the area that was cut at mid height: what lies between its edges, counted even-odd."""
+        return filled(shapely.MultiLineString([line for line in self.middle_edges_mm() if len(line) > 1]))
 
     def axis_labels(self) -> tuple[str, str]:
         """Return the figures' axis labels."""
@@ -193,11 +198,15 @@ class Scene:
         lowest_mm = self.terraces[0].height_mm if self.terraces else self.height_mm
         return middle_slice(lowest_mm, self.height_mm, len(self.cut_edges_mm))
 
+    def middle_edges_mm(self) -> Polylines:
+        """Return the edges of the remaining metal in that slice."""
+        return self.cut_edges_mm[self.middle_slice()] if self.cut_edges_mm else ()
+
     def middle_mm(self) -> float:
         """Return the height in mm of the middle of that slice over the workpiece's bottom."""
         return (self.middle_slice() + 0.5) * self.height_mm / max(len(self.cut_edges_mm), 1)
 
-    def known_errors(self) -> NDArray[np.float64]:
+    def known_errors(self) -> Floats:
         """Return all profile errors in um within the wire's reach, contour by contour."""
         known = [m.reached_um() for m in self.maps]
         return np.concatenate([np.zeros(0), *(error[np.isfinite(error)] for error in known)])
@@ -213,7 +222,23 @@ class Scene:
         return round_factor(self.known_errors(), 0.035 * max(x1 - x0, y1 - y0))
 
 
-def polylines(geometry: BaseGeometry | Sequence[BaseGeometry]) -> Polylines:
+def terraces(relief: Relief | None, stock_mm: tuple[float, float, float, float]) -> tuple[Terrace, ...]:
+    """Return the levels of a stepped workpiece from the lowest up; none if it is as high everywhere."""
+    if relief is None:
+        return ()
+    blank = shapely.box(*stock_mm)
+    lower = [(shapely.transform(face, lambda um: um * 1e-3), height) for face, height in relief.faces_um]
+    rest = blank.difference(shapely.union_all([face for face, _ in lower]))
+    faces = [(face.intersection(blank), height) for face, height in [*lower, (rest, relief.height_mm)]]
+    return tuple(Terrace(polylines(face), height) for face, height in faces if face.area > 0)
+
+
+def holes_mm(stock: Stock) -> Floats:
+    """Return the holes (n, 3) of a blank before the first spark: centres and radii."""
+    return np.array(stock.holes_um, np.float64).reshape(-1, 3) * 1e-3
+
+
+def polylines(geometry: shapely.Geometry | Sequence[shapely.Geometry]) -> Polylines:
     """Return the lines of a geometry in mm, thinned within half a um; polygons give their rings."""
     parts = shapely.get_parts(np.atleast_1d(np.asarray(geometry, dtype=object)))
     polygons = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
@@ -229,7 +254,7 @@ def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
     return np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
 
 
-def round_factor(values_um: NDArray[np.float64], shown_mm: float) -> float:
+def round_factor(values_um: Floats, shown_mm: float) -> float:
     """Return 1, 2 or 5 times a power of ten, 1 or more, that draws the 99th percentile about `shown_mm` long."""
     finite = np.abs(values_um[np.isfinite(values_um)])
     large = float(np.percentile(finite, 99)) if len(finite) else 0.0
@@ -279,7 +304,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         np.savez_compressed(opened, allow_pickle=False, **arrays)
 
 
-def _columns(edge: ErrorMap) -> NDArray[np.float64]:
+def _columns(edge: ErrorMap) -> Floats:
     """Places, error and what made it, side by side; contours that were not split have the same columns."""
     unknown = np.full((len(SHARES), len(edge.points_mm)), np.nan)
     return np.column_stack([edge.points_mm, edge.error_um, *(unknown if edge.shares_um is None else edge.shares_um)])
@@ -332,7 +357,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> S
     )
 
 
-def _flat(name: str, groups: Sequence[Sequence[NDArray[np.float64]]]) -> dict[str, NDArray[Any]]:
+def _flat(name: str, groups: Sequence[Sequence[Floats]]) -> dict[str, NDArray[Any]]:
     """Groups of lines as three arrays: all points, points of each line, lines of each group."""
     lines = [line for group in groups for line in group]
     return {

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
+_KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
 THREADING_S = 1.0  # least time that it takes to thread a wire (ours)
 _JUMP_UM = 20.0
 """A way longer than the path cut meanwhile by more than this is one between contours (ours: rounding is 1 um)."""
@@ -49,9 +50,10 @@ class CutAlone(NamedTuple):
     ways_um: tuple[tuple[float, float], ...]
 
 
-def cut_alone(t_s: Floats, place_um: Floats, path_um: Floats, ignited: Floats, holes_um: Floats) -> CutAlone:
-    """Return what of a cut's windows is the cut alone; start holes are rows of centre and radius on the table."""
-    away = np.hypot(place_um[:, None, 0] - holes_um[:, 0], place_um[:, None, 1] - holes_um[:, 1])
+def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
+    """Return what of a cut's windows, by their columns, is the cut alone; start holes are centres and radii."""
+    t_s, path_um, ignited = values["t_s"], values["path_um"], values["spark"] + values["arc"]
+    away = np.hypot(values["x_um"][:, None] - holes_um[:, 0], values["y_um"][:, None] - holes_um[:, 1])
     in_hole: NDArray[np.bool_] = np.any(away <= holes_um[:, 2], axis=1)
     rows, time_s, ways = np.zeros(len(t_s), bool), 0.0, []
     for part in stretches(len(t_s), pause_rows(t_s)):
@@ -306,6 +308,16 @@ def travel_direction(table: pa.Table) -> Floats:
 def lag_along_um(table: pa.Table) -> Floats:
     """Wire lag of every window in um along the direction of travel: positive against the feed."""
     return np.asarray(np.einsum("ij,ij->i", columns(table, "lag_x_um", "lag_y_um"), travel_direction(table)))
+
+
+def quantity(table: pa.Table, name: str) -> Floats:
+    """Return a series as it is shown: a column, ``lag_um`` along the feed, or a class of pulses in percent."""
+    if name == "lag_um":
+        return lag_along_um(table)
+    if name not in _KINDS.values():
+        return column(table, name)
+    pulses = columns(table, *_KINDS.values()).sum(axis=1)
+    return np.asarray(100.0 * column(table, name) / np.maximum(pulses, 1.0))
 
 
 # Stores of bounded size for a cut of any length: frames of wire and gas, and windows pulse by pulse.
@@ -575,10 +587,33 @@ class Closeups(ArraySnapshots, Observer):
         _, first = np.unique(everything["t_s"], return_index=True)
         return np.asarray(everything[first])
 
+    def write_traces(self, file: str | Path, every_us: float, begin_s: float, end_s: float) -> None:
+        """Write samples of the traces to a Parquet file; see `edmsim.CutResult.write_traces`."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        if not _TICK_US <= every_us < math.inf:
+            raise InputError(f"every_us is {every_us:g}: the time between samples must be {_TICK_US:g} us or more")
+        closeups = self.table()
+        closeups = closeups[(closeups["t_s"] >= begin_s) & (closeups["t_s"] <= end_s)]
+        kind = pa.dictionary(pa.int8(), pa.string())
+        schema = pa.schema([
+            ("window_t_s", pa.float64()), ("time_us", pa.float64()), ("voltage_V", pa.float32()),
+            ("current_A", pa.float32()), ("pulse", pa.int16()), ("kind", kind),
+        ])  # fmt: skip
+        names = pa.array([_KINDS[number] for number in sorted(_KINDS)])
+        with replacing(file) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
+            for first in range(0, len(closeups), _TOGETHER):
+                last = min(first + _TOGETHER, len(closeups))
+                some = [_samples(closeups[i : i + 1], every_us) for i in range(first, last)]
+                *columns, kinds = (np.concatenate(parts) for parts in zip(*some, strict=True))
+                arrays = [pa.array(c, field.type) for c, field in zip(columns, schema, strict=False)]
+                coded = pa.DictionaryArray.from_arrays(pa.array(kinds.astype(np.int8)), names)
+                writer.write_table(pa.Table.from_arrays([*arrays, coded], schema=schema))
+
 
 # Gap voltage and current of the pulses that close-ups keep: corners of the traces, and samples of them in a file.
 
-_KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
 _TICK_US = 1e-3  # the plant's clock
 _TOGETHER = 32  # windows written at once (ours: some half a million samples, a few MB)
 
@@ -634,29 +669,6 @@ def _opposite_us(closeups: NDArray[np.void]) -> Floats:
     none = bridged | (np.arange(pulses.shape[1]) >= closeups["count"][:, None] - 1)
     integral = np.where(bridged, 0.0, open_V * delay + burning_V * on)
     return pulse_lengths_us(integral, np.where(none, 0.0, room), -closeups["opposite_V"].astype(np.float64))
-
-
-def write_traces(closeups: NDArray[np.void], file: str | Path, every_us: float) -> None:
-    """Write samples of the traces to a Parquet file; see `edmsim.CutResult.write_traces` for its columns."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    if not _TICK_US <= every_us < math.inf:
-        raise InputError(f"every_us is {every_us:g}: the time between samples must be {_TICK_US:g} us or more")
-    kind = pa.dictionary(pa.int8(), pa.string())
-    schema = pa.schema([
-        ("window_t_s", pa.float64()), ("time_us", pa.float64()), ("voltage_V", pa.float32()),
-        ("current_A", pa.float32()), ("pulse", pa.int16()), ("kind", kind),
-    ])  # fmt: skip
-    names = pa.array([_KINDS[number] for number in sorted(_KINDS)])
-    with replacing(file) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
-        for first in range(0, len(closeups), _TOGETHER):
-            last = min(first + _TOGETHER, len(closeups))
-            some = [_samples(closeups[i : i + 1], every_us) for i in range(first, last)]
-            *columns, kinds = (np.concatenate(parts) for parts in zip(*some, strict=True))
-            arrays = [pa.array(c, field.type) for c, field in zip(columns, schema, strict=False)]
-            coded = pa.DictionaryArray.from_arrays(pa.array(kinds.astype(np.int8)), names)
-            writer.write_table(pa.Table.from_arrays([*arrays, coded], schema=schema))
 
 
 def _samples(closeup: NDArray[np.void], every_us: float) -> tuple[Floats, ...]:

@@ -20,7 +20,7 @@ from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of, locked, replacing
 from edmsim.job.settings import CutSettings
 from edmsim.machine.options import kind_of
-from edmsim.recording.cut_folder import RECORDING
+from edmsim.recording.report import RECORDING
 from edmsim.runs import RunTable, read_rows
 from edmsim.sweep.specification import SweepRun
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import make
 from edmsim.cosim.simulation import Simulation
-from edmsim.job.cut import guides_of
+from edmsim.job.plan import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import with_overrides
 from edmsim.metrology.profile import profile_error

@@ -165,7 +165,7 @@ def _good_policy() -> list[bytes]:
 
 def _cut_folder(name: str) -> Read:
     def read(data: bytes, folder: Path) -> object:
-        from edmsim.recording.cut_folder import read_cut
+        from edmsim.recording.report import read_cut
 
         for file in (CORPUS / "cut").iterdir():
             (folder / file.name).write_bytes(file.read_bytes())
@@ -192,17 +192,17 @@ def _checkpoint() -> tuple[Read, Callable[[], list[bytes]]]:
     def good() -> list[bytes]:
         import tempfile
 
-        from edmsim.job import checkpoint
+        from edmsim.job.cut import CHECKPOINT, save_checkpoint
 
         with tempfile.TemporaryDirectory() as name:
-            checkpoint.save(fresh(), Path(name), {}, 0.0)
-            return [(Path(name) / checkpoint.NAME).read_bytes()]
+            save_checkpoint(fresh(), Path(name) / CHECKPOINT, {}, 0.0)
+            return [(Path(name) / CHECKPOINT).read_bytes()]
 
     def read(data: bytes, folder: Path) -> object:
-        from edmsim.job import checkpoint
+        from edmsim.job.cut import CHECKPOINT, load_checkpoint
 
-        (folder / checkpoint.NAME).write_bytes(data)
-        return checkpoint.load(fresh(), folder, {})
+        (folder / CHECKPOINT).write_bytes(data)
+        return load_checkpoint(fresh(), folder / CHECKPOINT, {})
 
     return read, good
 

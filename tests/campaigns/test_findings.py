@@ -20,7 +20,7 @@ from edmsim.errors import LONGEST_REASON, InputError
 from edmsim.files import read_arrays
 from edmsim.plant.mechanics.model import read_mjcf
 from edmsim.program.path import load_program, plan_path
-from edmsim.recording.cut_folder import read_cut
+from edmsim.recording.report import read_cut
 from edmsim.recording.windows import read_windows
 from edmsim.sweep.specification import read_specification, values_of
 from edmsim.sweep.table import Store, read, read_part

@@ -13,8 +13,8 @@ from edmsim.controllers import FeedCommand, check_controller, from_text
 from edmsim.controllers.protocols import check_command, tell
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
-from edmsim.job import checkpoint
-from edmsim.job.cut import make_controller
+from edmsim.job.cut import CHECKPOINT
+from edmsim.job.plan import make_controller
 from edmsim.machine.machine import Machine
 
 LAW = '''\
@@ -253,7 +253,7 @@ def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(law, small_punch,
 
     with pytest.raises(KeyboardInterrupt):
         edmsim.cut(small_punch, watch=interrupted, **options)
-    assert (out / checkpoint.NAME).exists()
+    assert (out / CHECKPOINT).exists()
     law.write_text(LAW.replace("share: float = 0.5", "share: float = 0.4"))
     assert from_text(f"{law}:Half").share == 0.4  # type: ignore[attr-defined]
     with pytest.raises(InputError, match="controller: not as in the interrupted cut"):

@@ -7,7 +7,7 @@ import pytest
 from edmsim import controllers
 from edmsim.controllers import WindowObservation
 from edmsim.errors import InputError
-from edmsim.job.cut import make_controller
+from edmsim.job.plan import make_controller
 from edmsim.machine.pulse_window import PulseWindow
 
 MAX_FEED = 100.0

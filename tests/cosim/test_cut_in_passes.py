@@ -15,10 +15,9 @@ from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.evaluation.technology_search import straight_path
-from edmsim.job.inspection import inspect
+from edmsim.job.result import inspect
 from edmsim.machine.technology import machine_of, technology_for
-from edmsim.metrology.edges import metal_at
-from edmsim.metrology.passes import loose_pieces
+from edmsim.metrology.edges import loose_pieces, metal_at
 from edmsim.metrology.roughness import face_roughness_um, roughness_um
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.recording.windows import WindowTable

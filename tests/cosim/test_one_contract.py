@@ -11,11 +11,12 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 from edmsim.machine.machine import Machine
+from edmsim.machine.overrides import with_overrides
 from edmsim.program.path import plan_path
 
-MACHINE = Machine.load(height_mm=0.5)
 MAX_FEED_UM_S = 32.0
 """A power of 2 that every planner runs: actions hold feeds of whole eighths of a um/s without rounding."""
+MACHINE = with_overrides(Machine.load(height_mm=0.5), [("table.max_feed_um_s", MAX_FEED_UM_S)])
 SHOWN = ("short", "open", "feed_um_s", "path_um")
 SEED = 3
 
@@ -75,10 +76,8 @@ def cut(program, planner, law):
     task = Task("Contour", **options(program, planner))
     task.reset(SEED)
     path = plan_path(program, auto_offset_mm=MACHINE.auto_offset_mm)
-    simulation = Simulation(
-        MACHINE, path, law, planner=planner, seed=task.scenario.plant_seed, resolution="fast",
-        max_feed_um_s=MAX_FEED_UM_S,
-    )
+    seed = task.scenario.plant_seed
+    simulation = Simulation(MACHINE, path, law, planner=planner, seed=seed, resolution="fast")
     assert simulation.run() == "finished"
     return law
 

@@ -10,7 +10,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation import technology_search
 from edmsim.evaluation.technology_search import TARGETS, Cut, Job, Search, technology_text
 from edmsim.machine.technology import read_technology
-from edmsim.metrology.passes import WallError
+from edmsim.metrology.kerf import WallError
 
 BREAKS_BELOW_US = 40.0
 GAPS_UM = {1: 36.0, 2: 22.0, 3: 20.0}

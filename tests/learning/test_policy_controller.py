@@ -15,7 +15,7 @@ from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
-from edmsim.job.cut import make_controller
+from edmsim.job.plan import make_controller
 from edmsim.learning import bandit_file, policy_file
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.score import measured_with

@@ -56,6 +56,14 @@ def test_specks_are_left_out(cut, tmp_path):
     assert len(readfile(tmp_path / "cut.dxf").modelspace().query('LWPOLYLINE[layer=="CUT"]')) == len(expected(cut))
 
 
+def test_a_contour_without_a_cut_has_no_line_at_a_height(cut, tmp_path):
+    far = dataclasses.replace(cut.scene.maps[0], nominal_mm=cut.scene.maps[0].nominal_mm + 40.0)
+    scene = dataclasses.replace(cut.scene, maps=(*cut.scene.maps, far))
+    write_contour(scene, tmp_path / "cut.svg", height_mm=5.0)
+    text = (tmp_path / "cut.svg").read_text()
+    assert (text.count('class="cut"'), text.count('class="nominal"')) == (1, 2)
+
+
 def test_another_suffix_is_refused(cut, tmp_path):
     with pytest.raises(InputError, match=r"\.dxf \.csv \.svg"):
         write_contour(cut.scene, tmp_path / "cut.step")

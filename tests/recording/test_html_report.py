@@ -11,8 +11,8 @@ import pytest
 
 from edmsim import InputError
 from edmsim.job.result import remake
-from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
+from edmsim.recording.report import read_cut
 from edmsim.recording.scene import Scene, read_scene, write_scene
 
 NAMES = [
@@ -84,7 +84,7 @@ def test_what_a_report_says_is_text_not_markup(cut):
         cut.report, reason="the <b>wire</b> broke", outcome="wire-break", notices=['feed "F<2>" & more'],
         settings={"program": "a<script>.ngc", "max_time_s": None, "heights": []},
     )  # fmt: skip
-    text = page(report, "a<script>.ngc", b"", [], ["not drawn: <i>"])
+    text = page(report, b"", [], ["not drawn: <i>"])
     shown = Page(text)
     assert "<script" not in text
     assert shown.open == []

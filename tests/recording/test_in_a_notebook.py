@@ -14,7 +14,7 @@ from PIL import Image
 import edmsim
 from edmsim.errors import InputError
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording.cut_folder import RecordedCut
+from edmsim.recording.report import RecordedCut
 from edmsim.recording.scene import PassFace, Terrace
 from edmsim.recording.windows import traces
 

@@ -9,8 +9,9 @@ import pyarrow as pa
 import pytest
 
 import edmsim
-from edmsim.cosim.straight import KINDS, PulseSample, cutting_feed_um_s, sample_pulses
+from edmsim.cosim.straight import KINDS, PulseSample, sample_pulses
 from edmsim.job.result import sample_like
+from edmsim.machine.setting import AIR_SHARE, WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
 from edmsim.recording.figures.cut import (
     corner_figure,
@@ -231,7 +232,8 @@ def test_a_sample_of_a_cut_has_its_setting(small_cut):
     result = small_cut.result
     drawn = sample_like(result.report, result.windows, pulses=300)
     assert drawn.machine.height_mm == 5.0
-    assert drawn.feed_um_s == cutting_feed_um_s(result.windows)
+    feed_um_s, open_ = (result.windows[name].to_numpy() for name in ("feed_um_s", "open"))
+    assert drawn.feed_um_s == np.median(feed_um_s[(feed_um_s > 0) & (open_ < AIR_SHARE * WINDOW_PULSES)])
     assert drawn.period_us == 100.0
     settings = {**result.report.settings, "material": "copper"}  # as if the material's file had changed
     with pytest.raises(edmsim.InputError, match="other constants than the cut had"):

@@ -66,19 +66,18 @@ def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_disch
     # 10 um a second; two contours, threaded at X 0 and X 5000 in holes of 25 um
     time = np.concatenate([np.arange(1.0, 9.0), 100.0 + np.arange(1.0, 7.0)])
     along = np.concatenate([np.arange(1.0, 9.0), 8.0 + np.arange(1.0, 7.0)]) * 10.0
-    place = np.column_stack([np.zeros(14), np.concatenate([along[:8], along[8:] - 80.0])])
-    place[8:, 0] = 5000.0
-    lit = np.zeros(14)
+    x, y, lit = np.repeat([0.0, 5000.0], [8, 6]), np.concatenate([along[:8], along[8:] - 80.0]), np.zeros(14)
+    columns = {"t_s": time, "x_um": x, "y_um": y, "path_um": along, "spark": lit, "arc": np.zeros(14)}
     lit[[1, 2, 3, 6]] = 5.0  # the first of them still in the hole; nothing ignites at the second contour
     holes = np.array([[0.0, 0.0, 25.0], [5000.0, 0.0, 25.0]])
-    found = cut_alone(time, place, along, lit, holes)
+    found = cut_alone(columns, holes)
     assert np.flatnonzero(found.rows).tolist() == [2, 3, 4, 5, 6]
     assert (found.time_s, found.ways_um) == (5.0, ((20.0, 70.0),))
     lit[13] = 1.0
-    found = cut_alone(time, place, along, lit, holes)
+    found = cut_alone(columns, holes)
     assert np.flatnonzero(found.rows[8:]).tolist() == [2, 3, 4, 5]
     assert (found.time_s, found.ways_um) == (9.0, ((20.0, 70.0), (100.0, 140.0)))
-    nothing = cut_alone(time[:2], place[:2], along[:2], lit[:2], holes)
+    nothing = cut_alone({name: values[:2] for name, values in columns.items()}, holes)
     assert (nothing.rows.any(), nothing.time_s, nothing.ways_um) == (False, 0.0, ())
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import edmsim
-from edmsim.job import checkpoint
-from edmsim.recording.cut_folder import read_cut
+from edmsim.job.cut import CHECKPOINT
+from edmsim.recording.report import read_cut
 
 LINE = "G21 G90\nG0 X0 Y0\nG1 X0.3\nM2\n"
 SETTINGS: dict[str, Any] = {
@@ -40,7 +40,7 @@ def kill(count: int, folder: Path, seed: int = 1) -> dict[str, Any]:
                 child = _start(partial(_cut, program, out))
                 died = _kill_after(child, draw.uniform(0.0, takes_s))
                 killed += died
-                with_checkpoint += died and (out / checkpoint.NAME).exists()
+                with_checkpoint += died and (out / CHECKPOINT).exists()
                 done = not died
         if not done:
             _end(_start(partial(_cut, program, out)))
@@ -55,7 +55,7 @@ def kill(count: int, folder: Path, seed: int = 1) -> dict[str, Any]:
 def _cut(program: Path, out: Path) -> None:
     """Cut, or take up the checkpoint there is; killed behind its results a cut has none, and is made again."""
     import_module("edmsim.job.cut").CHECKPOINT_EVERY_S = 0.02  # type: ignore[attr-defined]
-    edmsim.cut(program, out=out, resume=(out / checkpoint.NAME).exists(), watch=lambda _: None, **SETTINGS)
+    edmsim.cut(program, out=out, resume=(out / CHECKPOINT).exists(), watch=lambda _: None, **SETTINGS)
 
 
 def _start(work: Callable[[], None]) -> int:

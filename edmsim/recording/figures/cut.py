@@ -18,7 +18,6 @@ from edmsim.cosim.straight import KINDS, PulseSample
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
-from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.plant.constants import modal_model
@@ -26,16 +25,15 @@ from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.figures.profile import bands, draw_errors, draw_shares, label_corners, mark_pauses, time_unit
-from edmsim.recording.figures.style import in_style
 from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
-from edmsim.recording.windows import column, columns
+from edmsim.recording.windows import column, columns, quantity
 
 _COLOURS = palette.SKY, palette.PURPLE, palette.GREEN, palette.BLUE, palette.ORANGE
 _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
 
 
-@in_style
+@style.in_style
 def shares_figure(scene: Scene) -> Figure:
     """Draw the profile error and its shares over the distance along the nominal edges, a panel each, on one scale."""
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
@@ -82,7 +80,7 @@ CORNER_REACH_MM = 0.4  # half the width of what a corner's detail shows (ours: k
 LABELLED = 6  # corners whose error is written beside them: the worst ones
 
 
-@in_style
+@style.in_style
 def error_figure(scene: Scene) -> Figure:
     """Draw the profile error along the nominal edge, exaggerated, with colours for sign and size."""
     if not len(scene.known_errors()):
@@ -111,7 +109,7 @@ def error_figure(scene: Scene) -> Figure:
     return figure
 
 
-@in_style
+@style.in_style
 def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) -> Figure:
     """Draw one corner: above, metal and paths to scale; below, the deviations along the corner.
 
@@ -157,12 +155,10 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
     style.dress(axes, "X from the corner, µm", "Y from the corner, µm")
     axes.grid(visible=False)
     axes.set_facecolor(palette.METAL)
-    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
     box = shapely.box(*(place_mm - CORNER_REACH_MM), *(place_mm + CORNER_REACH_MM))
-    kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
-    shown = shapely.intersection(shapely.make_valid(kerf), box)
+    shown = shapely.intersection(shapely.make_valid(scene.kerf()), box)
     style.fill(axes, shapely.transform(shown, lambda mm: 1000 * (mm - place_mm)))
-    for number, line in enumerate(edges):
+    for number, line in enumerate(scene.middle_edges_mm()):
         axes.plot(
             *(1000 * (line - place_mm)).T, color="#3d4852", linewidth=0.8, zorder=3,
             label="metal edge, mid height" if number == 0 else None,
@@ -234,7 +230,7 @@ def _draw_lag(
     axes.plot(s[places], mean, color=palette.BLUE, linewidth=0.9, label="wire off its guides (+ away from the part)")
 
 
-@in_style
+@style.in_style
 def kerf_figure(report: Report) -> Figure:
     """Draw the kerf's cross-section over the workpiece's height, averaged along the cut.
 
@@ -276,7 +272,7 @@ TAIL_US = 10.0  # from this delay on only the long branch of breakdowns is left 
 LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: its slope is known to some 20 %)
 
 
-@in_style
+@style.in_style
 def pulses_figure(windows: pa.Table) -> Figure:
     """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
     if windows.num_rows == 0:
@@ -322,7 +318,7 @@ def _draw_band(
         axes.plot(band.x, band.mean, color=colour, linewidth=0.9, label=None if number else name)
 
 
-@in_style
+@style.in_style
 def plane_figure(windows: pa.Table) -> Figure:
     """Draw the windows' shares of short and open pulses, and their course over time.
 
@@ -331,8 +327,7 @@ def plane_figure(windows: pa.Table) -> Figure:
     if windows.num_rows == 0:
         return style.nothing_to_show("no pulses: the cut has no window")
     figure = style.column_figure(3.3, top_in=0.49)
-    pulses = np.sum([column(windows, kind) for kind in KINDS], axis=0)
-    short, open_ = (100.0 * column(windows, kind) / np.maximum(pulses, 1.0) for kind in ("short", "open"))
+    short, open_ = (quantity(windows, kind) for kind in ("short", "open"))
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]))
     axes = figure.add_subplot()
@@ -357,7 +352,7 @@ def plane_figure(windows: pa.Table) -> Figure:
     return figure
 
 
-@in_style
+@style.in_style
 def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure:
     """Draw the distribution of ignition delays: histogram above, survival on a logarithmic scale below.
 
@@ -446,7 +441,7 @@ def spectrum(sample: PulseSample) -> tuple[Floats, Floats, Floats]:
     return np.asarray(per_place[0][1]), along, across
 
 
-@in_style
+@style.in_style
 def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default") -> Figure:
     """Draw spectra and the wire's modes over its tension (a Campbell diagram).
 
@@ -544,15 +539,7 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
 
 # Figures of passes: the wall after each over the height, what each took, and the face of the part.
 
-PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)  # colours of the passes, from rough on
-
-
-def pass_colour(number: int) -> str:
-    """Return the colour of a pass."""
-    return PASS_COLOURS[(number - 1) % len(PASS_COLOURS)]
-
-
-@in_style
+@style.in_style
 def passes_figure(report: Report) -> Figure:
     """Draw the result of each pass of a cut in passes: wall over the height, time, stock and roughness."""
     rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
@@ -565,7 +552,7 @@ def passes_figure(report: Report) -> Figure:
     heights = np.array([row.height_mm for row in report.heights])
     for row in rows:
         own = np.array(row.slices_um, float) - row.left_um
-        wall.plot(own, heights, "o-", color=pass_colour(row.number), markersize=2.5, linewidth=1.0,
+        wall.plot(own, heights, "o-", color=palette.pass_colour(row.number), markersize=2.5, linewidth=1.0,
                   label=f"{row.number}")  # fmt: skip
     style.dress(wall, "wall over its mean, µm (+ metal left)", "height, mm")
     style.legend(wall, above=True, columns=len(rows), title="wall after pass")
@@ -577,14 +564,14 @@ def passes_figure(report: Report) -> Figure:
     )
     for k, (name, values) in enumerate(panels):
         axes = figure.add_subplot(grid[1, k])
-        axes.bar(numbers, values, color=[pass_colour(number) for number in numbers], width=0.7)
+        axes.bar(numbers, values, color=[palette.pass_colour(number) for number in numbers], width=0.7)
         style.dress(axes, "pass", "")
         axes.set_title(name, fontsize=style.TICK_PT, color=INK, loc="left", pad=2)
         axes.set_xticks(numbers)
     return figure
 
 
-@in_style
+@style.in_style
 def face_figure(scene: Scene) -> Figure:
     """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
     faces = [(edge, um) for edge in scene.maps if (um := edge.face_um) is not None and np.isfinite(um).any()]

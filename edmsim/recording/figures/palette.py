@@ -21,8 +21,17 @@ GAS = "#cfe8f4"
 SHARE_COLOURS = {"spark": BLUE, "arc": PURPLE, "short": VERMILION, "open": "#c9d1d9"}
 """Classes of pulses, in the order they are stacked."""
 
+CLASS_COLOURS = {"spark": SKY, "open": MUTED, "short": VERMILION, "arc": PURPLE}
+"""The same in a recording, whose ground is dark."""
+PASS_COLOURS = INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE  # of passes, from the rough one on
+
 ERROR_STOPS = ("#00467f", "#3f8fc4", "#a3abb3", "#e58a3c", "#a83200")
 """Profile error from too much removed (blue) over none (grey) to metal left (orange)."""
+
+
+def pass_colour(number: int) -> str:
+    """Return the colour of a pass, by its number from 1."""
+    return PASS_COLOURS[(number - 1) % len(PASS_COLOURS)]
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

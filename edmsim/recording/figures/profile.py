@@ -1,4 +1,4 @@
-"""``profile.png``: the cut from above, the error along it, and the process over time."""
+"""A cut from above: ``profile.png``, with the error along it and the process over time, and its path beforehand."""
 
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -11,16 +11,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 
-from edmsim.geometry import Floats
-from edmsim.metrology.edges import filled
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.metrology.profile import CornerError
+from edmsim.numeric import above_zero
+from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures import palette
-from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, figure_png, fill, in_style, quiet
+from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, fill, in_style, quiet
 from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, round_number
-from edmsim.recording.windows import column, group_means, lag_along_um, pause_rows, stretches
+from edmsim.recording.windows import column, group_means, pause_rows, quantity, stretches
 
 BINS = 800  # most points a series is drawn with
 
@@ -97,18 +98,16 @@ def time_unit(longest_s: float) -> tuple[str, float]:
 
 
 def _draw_bands(axes: Axes, t: Floats, windows: pa.Table, lines: Sequence[tuple[str, str, str]]) -> None:
-    for quantity, colour, name in lines:
-        values = lag_along_um(windows) if quantity == "lag_um" else column(windows, quantity)
-        for number, band in enumerate(bands(t, values, column(windows, "t_s"))):
+    for series, colour, name in lines:
+        for number, band in enumerate(bands(t, quantity(windows, series), column(windows, "t_s"))):
             axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
             axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=None if number else name)
 
 
 def draw_shares(axes: Axes, t: Floats, windows: pa.Table, bins: int = BINS) -> None:
     """Draw what became of the pulses in percent, one class on the other."""
-    counts = np.array([column(windows, kind) for kind in palette.SHARE_COLOURS])
-    shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
-    of_kinds = [bands(t, share, column(windows, "t_s"), bins) for share in shares]
+    t_s = column(windows, "t_s")
+    of_kinds = [bands(t, quantity(windows, kind), t_s, bins) for kind in palette.SHARE_COLOURS]
     for number, stretch in enumerate(zip(*of_kinds, strict=True)):
         axes.stackplot(
             stretch[0].x, [band.mean for band in stretch], colors=list(palette.SHARE_COLOURS.values()), linewidth=0,
@@ -136,6 +135,7 @@ PANELS = {
 
 
 Box = tuple[float, float, float, float]
+_BLANK: dict[str, Any] = {"facecolor": palette.METAL, "edgecolor": palette.MUTED, "linewidth": 0.8, "zorder": 0}
 _LABEL_FONT_PT = 8.5
 _LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in heights of its font
 _LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner that are tried, in heights of its font
@@ -190,18 +190,14 @@ def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
 
 def _draw_metal(axes: Axes, scene: Scene) -> None:
     x0, y0, x1, y1 = scene.stock_mm
-    look: dict[str, Any] = {"facecolor": palette.METAL, "edgecolor": palette.MUTED, "linewidth": 0.8, "zorder": 0}
-    axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, **look))
-    edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
-    # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
-    kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
+    axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, **_BLANK))
     bored = scene.bored()
-    fill(axes, kerf)
+    fill(axes, scene.kerf())
     fill(axes, bored)
     rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
     _draw_lines(axes, rims, color=palette.MUTED, linewidth=0.6, zorder=2)
     height = f"{scene.middle_mm():.3g} mm high" if scene.terraces else "mid height"
-    _draw_lines(axes, edges, color="#3d4852", linewidth=0.7, zorder=3, label=f"cut edge, {height}")
+    _draw_lines(axes, scene.middle_edges_mm(), color="#3d4852", linewidth=0.7, zorder=3, label=f"cut edge, {height}")
     nominal, dashes = [edge.nominal_mm for edge in scene.maps], (0, (5, 3))
     _draw_lines(axes, nominal, color=palette.INK, linewidth=0.7, linestyle=dashes, zorder=4, label="nominal edge")
     for face, (colour, name) in enumerate(((palette.BLUE, "edge below"), (palette.VERMILION, "edge above"))):
@@ -381,11 +377,6 @@ def mark_passes(panels: list[Axes], windows: pa.Table, report: Report) -> None:
         )  # fmt: skip
 
 
-def profile_png(scene: Scene, windows: pa.Table, report: Report, title: str) -> bytes:
-    """Return `profile_figure` as PNG: ``profile.png``, and the first picture of the report's page."""
-    return figure_png(profile_figure(scene, windows, report, title))
-
-
 def _heading(figure: Figure, report: Report, title: str) -> None:
     facts = [
         duration_text(report.machining_time_s), report.text("path_length_mm"), rate_text(report),
@@ -401,3 +392,108 @@ def _heading(figure: Figure, report: Report, title: str) -> None:
     if stopped:
         lines = textwrap.wrap(f"stopped: {report.reason}", REASON_LETTERS, max_lines=2, placeholder=" ...")
         figure.text(0.085, 0.9455, "\n".join(lines), fontsize=8.5, color=palette.VERMILION, va="top", linespacing=1.1)
+
+
+# The wire's path before the cut: edges as drawn, the kerf it is to make, start holes and blank.
+
+_ARROWS = 4  # arrows on a contour: enough to see which way it is cut
+_WIRES = 150  # places at which a leaning wire is drawn
+
+
+@in_style
+def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
+    """Draw a path in the program's coordinates; the kerf is wire and twice the gap."""
+    above_zero("kerf_um", kerf_um)
+    figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
+    two_rows = path.leans or any(contour.passes for contour in path.contours)  # of the legend
+    axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if two_rows else 0.82))
+    quiet(axes)
+    axes.grid(visible=False)
+    axes.set_aspect("equal", adjustable="datalim")
+    _draw_blank(axes, path, kerf_um)
+    for number, contour in enumerate(path.contours):
+        faces = _faces(contour)
+        for name, (edge_colour, way_colour), face in faces:
+            edge = face.nominal_mm - path.origin_mm
+            label = f"edge as drawn{name}" if number == 0 else None
+            axes.plot(*edge.T, color=edge_colour, linewidth=0.9, zorder=4, label=label)
+            _draw_ways(axes, path, face, (name, way_colour), number == 0)
+            _draw_arrows(axes, face.points_um / 1e3 - path.origin_mm)
+        if len(faces) == 2:
+            _draw_wires(axes, *(face.points_um / 1e3 - path.origin_mm for _, _, face in faces))
+        way = contour.points_um / 1e3 - path.origin_mm
+        axes.annotate(
+            str(number + 1), way[0], xytext=(8, 8), textcoords="offset points", fontsize=9, color=palette.GREEN,
+            zorder=6,
+        )
+    starts = path.start_holes_um / 1e3 - path.origin_mm
+    axes.plot(*starts.T, "^", color=palette.GREEN, markeredgecolor="white", zorder=6, label="start hole")
+    axes.set_xlabel("X of the program, mm", fontsize=9, color=palette.MUTED)
+    axes.set_ylabel("Y of the program, mm", fontsize=9, color=palette.MUTED)
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if path.leans else 5, frameon=False, fontsize=8.5,
+        labelcolor=palette.INK,
+    )
+    figure.text(0.09, 0.955, title, fontsize=14, fontweight="bold", color=palette.INK)
+    return figure
+
+
+def _faces(contour: WireContour) -> list[tuple[str, tuple[str, str], WireContour]]:
+    """Return names, colours of edge and way, and contours of the faces on which a contour is drawn."""
+    if contour.lean is None:
+        return [("", (palette.INK, palette.BLUE), contour)]
+    return [
+        (", below", (palette.INK, palette.BLUE), contour.at_height(0.0)),
+        (", above", (palette.MUTED, palette.VERMILION), contour.at_height(contour.lean.height_mm)),
+    ]
+
+
+def _draw_wires(axes: Axes, below: Floats, above: Floats) -> None:
+    """Draw the wire in some places, from the lower face to the upper one."""
+    passed = arc_lengths((below + above) / 2)
+    at = np.linspace(0.0, passed[-1], _WIRES)
+    ends = [interpolated(at, passed, way) for way in (below, above)]
+    wires = LineCollection(list(np.stack(ends, axis=1)), color=palette.GREEN, linewidth=0.4, zorder=3, label="wire")
+    axes.add_collection(wires)
+
+
+def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool) -> None:
+    """Draw the wire's centre on a face, of every pass in its colour; a tab's passes are dashed."""
+    where, colour = face
+    if not contour.passes:
+        way, label = contour.points_um / 1e3 - path.origin_mm, f"wire's centre{where}" if labelled else None
+        axes.plot(*way.T, color=colour, linewidth=0.9, zorder=3, label=label)
+        return
+    for one in contour.passes:
+        said = one.piece == "profile" and where in ("", ", below")
+        name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if said else None
+        style = "-" if one.piece == "profile" else (0, (3, 1.5))
+        way = one.points_um / 1e3 - path.origin_mm
+        axes.plot(
+            *way.T, color=palette.pass_colour(one.number), linewidth=0.8, linestyle=style, zorder=3,
+            label=name if labelled else None,
+        )  # fmt: skip
+
+
+def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
+    (x0, y0, x1, y1), (dx, dy) = path.stock_mm, path.origin_mm
+    axes.add_patch(Rectangle((x0 - dx, y0 - dy), x1 - x0, y1 - y0, **_BLANK))
+    ways = [
+        shapely.LineString(way / 1e3 - path.origin_mm)
+        for contour in path.contours for _, _, face in _faces(contour) for way in face.ways_um
+    ]
+    kerf = shapely.union_all([way.buffer(kerf_um / 2e3) for way in ways])
+    fill(axes, kerf, "#cfe3f1", "kerf")
+    for place_um in path.start_holes_um:
+        look: dict[str, Any] = {"facecolor": "white", "edgecolor": palette.MUTED, "zorder": 2}
+        axes.add_patch(Circle(place_um / 1e3 - path.origin_mm, path.start_hole_radius_mm, **look))
+
+
+def _draw_arrows(axes: Axes, way: Floats) -> None:
+    """Point along the cut."""
+    line = shapely.LineString(way)
+    for share in (np.arange(_ARROWS) + 0.5) / _ARROWS:
+        at = share * line.length
+        tail, head = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + 1e-3 * line.length))
+        look = {"arrowstyle": "-|>", "color": palette.BLUE, "linewidth": 0.9}
+        axes.annotate("", head, tail, arrowprops=look, zorder=5)

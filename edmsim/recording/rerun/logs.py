@@ -15,24 +15,36 @@ import pyarrow as pa
 import rerun as rr
 import shapely
 from numpy.typing import NDArray
-from shapely.geometry import MultiLineString
-from shapely.geometry.base import BaseGeometry
 
 from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun.stream import CLASS_COLOURS, indexes, log_changing
+from edmsim.recording.rerun.playback import PATH, TIME
 from edmsim.recording.scene import PassFace, Scene, grid_triangles
 from edmsim.recording.windows import Frames, column, jump_rows, stretches, traces, travel_direction
+
+
+def indexes(t_s: Floats, path_um: Floats) -> list[rr.TimeColumn]:
+    """Return both timelines of rows."""
+    return [rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))]
+
+
+def log_changing(
+    recording: rr.RecordingStream, entity: str, look: rr.AsComponents, when: list[rr.TimeColumn],
+    columns: rr.ComponentColumnList,
+) -> None:
+    """Log what stays of an entity, its look, and what changes."""
+    recording.log(entity, look, static=True)
+    recording.send_columns(entity, when, columns)
 
 
 def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:
     """Return the colours (..., 3) of pulses' classes."""
     table = np.zeros((4, 3), np.uint8)
     for code, name in ((OPEN, "open"), (SPARK, "spark"), (ARC, "arc"), (SHORT, "short")):
-        table[code] = palette.rgb(CLASS_COLOURS[name])
+        table[code] = palette.rgb(palette.CLASS_COLOURS[name])
     return np.asarray(table[kind], np.uint8)
 
 
@@ -103,7 +115,7 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def prism(area: BaseGeometry, low_mm: float, high_mm: float) -> Mesh:
+def prism(area: shapely.Geometry, low_mm: float, high_mm: float) -> Mesh:
     """Return the solid over an area (polygons, with holes or not) between two heights."""
     corners = shapely.get_coordinates(shapely.get_parts(shapely.constrained_delaunay_triangles(area)))
     flat = corners.reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
@@ -174,7 +186,7 @@ def growing_kerf(scene: Scene, places_um: Floats, path_um: Floats) -> Growth:
     layers = _layers(scene)
     known = [_kerf(scene, layer.number, KERF_POINTS // len(layers)) for layer in layers]
     rows, solids = [0], [_solid(faces)]
-    swept: list[BaseGeometry] = [shapely.Polygon()] * len(layers)
+    swept: list[shapely.Geometry] = [shapely.Polygon()] * len(layers)
     ahead = np.maximum.accumulate(path_um) if len(path_um) else path_um
     for first, last in _steps(ahead, KERF_FRAMES // len(layers)):
         part, parts = slice(max(first - 1, 0), last + 1), []
@@ -211,7 +223,7 @@ def _layers(scene: Scene) -> list[_Layer]:
     return [_Layer(number, *ends) for number, ends in enumerate(pairwise(edges))]
 
 
-def _way(places_um: Floats, path_um: Floats) -> BaseGeometry:
+def _way(places_um: Floats, path_um: Floats) -> shapely.Geometry:
     """Return where the wire has been in mm, without the ways between contours."""
     parts = [places_um[part] / 1000.0 for part in stretches(len(path_um), jump_rows(places_um, path_um))]
     return shapely.GeometryCollection([
@@ -229,12 +241,12 @@ def _steps(ahead_um: Floats, most: int) -> list[tuple[int, int]]:
     return list(zip([0, *(ends[:-1] + 1).tolist()], ends.tolist(), strict=True))
 
 
-def _kerf(scene: Scene, number: int, most_points: int) -> tuple[BaseGeometry, float]:
+def _kerf(scene: Scene, number: int, most_points: int) -> tuple[shapely.Geometry, float]:
     """Return what was cut in a slice, thinned to a number of points that can be drawn often."""
     if not scene.cut_edges_mm:
         return shapely.Polygon(), _FINEST_MM
     rings = [line for line in scene.cut_edges_mm[number] if len(line) > 3]
-    kerf = shapely.make_valid(filled(MultiLineString(rings)))
+    kerf = shapely.make_valid(filled(shapely.MultiLineString(rings)))
     tolerance = _FINEST_MM
     thin = kerf.simplify(tolerance)
     while shapely.get_num_coordinates(thin) > most_points and tolerance < scene.wire_diameter_um / 4000.0:
@@ -243,15 +255,15 @@ def _kerf(scene: Scene, number: int, most_points: int) -> tuple[BaseGeometry, fl
     return thin, tolerance
 
 
-def _faces(scene: Scene) -> list[tuple[BaseGeometry, float]]:
+def _faces(scene: Scene) -> list[tuple[shapely.Geometry, float]]:
     """Return the workpiece's upper faces before the cut, its start holes drilled, each with its height."""
-    levels = [(filled(MultiLineString(list(t.outlines_mm))), t.height_mm) for t in scene.terraces]
+    levels = [(filled(shapely.MultiLineString(list(t.outlines_mm))), t.height_mm) for t in scene.terraces]
     faces = levels or [(shapely.box(*scene.stock_mm), scene.height_mm)]
     holes = scene.bored()
     return [(shapely.make_valid(face).difference(holes), height) for face, height in faces]
 
 
-def _solid(faces: Sequence[tuple[BaseGeometry, float]], low_mm: float = 0.0, high_mm: float = np.inf) -> Mesh:
+def _solid(faces: Sequence[tuple[shapely.Geometry, float]], low_mm: float = 0.0, high_mm: float = np.inf) -> Mesh:
     """Return the solid under faces with their heights, between two heights."""
     solids = []
     for face, height in faces:

@@ -13,10 +13,11 @@ from rerun.chunk import Chunk, RrdReader
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of
-from edmsim.recording.cut_folder import RECORDING
-from edmsim.recording.rerun.stream import PATH, TIME
+from edmsim.recording.report import RECORDING
 
 APPLICATION = "edmsim"  # application the recording belongs to in the viewer
+TIME = "machine_time"  # timeline of machine time, a duration
+PATH = "path_um"  # timeline of the place along the wire path, in whole um
 FORMAT = 2  # number of the recording's layout, raised whenever what reads it back would read it wrongly
 MADE_BY = "made_by"  # entity that says, as JSON, the recording's format, who wrote it, and the sizes its views need
 _MARK = b"RRF2"  # a recording begins with this, the version of rerun that wrote it behind it
@@ -90,6 +91,24 @@ def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> No
             f"this recording has format {made['format']}{by}; this edmsim reads format {FORMAT}, run the cut again",
             recording,
         )
+
+
+class Sizes(NamedTuple):
+    """What the views need to know of a cut; the recording stores it, so that it can be laid out again."""
+
+    # size_mm, height_mm, wire_diameter_um: the largest of the drawing's sides and the workpiece's height, that
+    # height, the wire
+    size_mm: float
+    height_mm: float
+    wire_diameter_um: float
+    x0_mm: float  # x0_mm, y0_mm, x1_mm, y1_mm: box around the drawing
+    y0_mm: float
+    x1_mm: float
+    y1_mm: float
+    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are drawn
+    deflection_factor: float
+    error_factor: float
+    end_s: float  # machine time at the end
 
 
 class Rows(NamedTuple):
@@ -171,9 +190,9 @@ class Playback:
         return str(self.rows("/__properties", "RecordingInfo:name").values[0].as_py()[0])
 
     @property
-    def sizes(self) -> tuple[float, ...]:
-        """The fields of `edmsim.recording.rerun.write.Sizes`."""
-        return tuple(json.loads(self.rows(*_MADE).values[0].as_py()[0])["sizes"])
+    def sizes(self) -> Sizes:
+        """What views need to know of the cut."""
+        return Sizes(*json.loads(self.rows(*_MADE).values[0].as_py()[0])["sizes"])
 
     @property
     def end_s(self) -> float:

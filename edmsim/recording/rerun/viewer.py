@@ -23,8 +23,7 @@ from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun import write
-from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
-from edmsim.recording.rerun.stream import PATH, TIME, releasing, saved
+from edmsim.recording.rerun.playback import APPLICATION, PATH, TIME, Playback, Sizes, find_recording, read_chunks
 from edmsim.signals import noted
 
 SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
@@ -42,7 +41,7 @@ OF_EPISODES = tuple(
 """Those that episodes of environments have besides; without them where neither is one."""
 
 
-@releasing
+@write.releasing
 def write_comparison(file: Path, a: Path, b: Path) -> None:
     """Write two recordings as one that shows them side by side."""
     plays = [Playback(a), Playback(b)]
@@ -51,7 +50,7 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
     entities = {str(chunk.entity_path) for play in plays for chunk in read_chunks(play.recording)}
     curves = CURVES + tuple(curve for curve in OF_EPISODES if f"/{curve[0]}" in entities)
-    with saved(recording, file, _blueprint([write.Sizes(*play.sizes) for play in plays], names, curves)):
+    with write.saved(recording, file, _blueprint([play.sizes for play in plays], names, curves)):
         recording.send_recording_name(" and ".join(names))
         for (place, letter, colour), play in zip(SIDES, plays, strict=True):
             chunks = read_chunks(play.recording)
@@ -64,7 +63,7 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
                 recording.log(f"{place}/{entity}", line, static=True)
 
 
-def _blueprint(sizes: list[write.Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
+def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
     columns = [
         rrb.Vertical(
             write.workpiece_view(size, f"/{place}", f"{name} (wire deflection × {size.deflection_factor:g})"),
@@ -172,8 +171,12 @@ def viewer_command(recording: Path, on_screen: bool, web_port: int, grpc_port: i
 
 def web_address(web_port: int, grpc_port: int) -> str:
     """Return the address of the page that shows what `viewer_command` serves."""
-    source = quote(f"rerun+http://{HERE}:{grpc_port}/proxy", safe="")
-    return f"http://{HERE}:{web_port}?url={source}"
+    return f"http://{HERE}:{web_port}?url={quote(_source(grpc_port), safe='')}"
+
+
+def _source(port: int) -> str:
+    """Return the address at which a viewer takes what it shows."""
+    return f"rerun+http://{HERE}:{port}/proxy"
 
 
 _TO_BEGIN_S = 30.0  # for a viewer to start (ours): ten times what one took here
@@ -200,7 +203,7 @@ class LiveViewer:
 
     def __init__(self, what: str, instead: str) -> None:
         port, web_port = free_port(PORT), free_port(WEB_PORT)
-        self.source = f"rerun+http://{HERE}:{port}/proxy"
+        self.source = _source(port)
         self._window = has_screen(os.environ, sys.platform)
         web = [] if self._window else ["--serve-web", "--web-viewer-port", str(web_port)]
         self._process = _started("--port", str(port), "--memory-limit", _MEMORY, *web)
@@ -225,7 +228,7 @@ class LiveViewer:
         if not self._window:
             _end(self._process)
 
-    @releasing
+    @write.releasing
     def show(self, recording: Path) -> None:
         """Open a recording that is whole, beside those it shows."""
         stream = rr.RecordingStream(APPLICATION, recording_id=f"show-{recording.parent.name}", send_properties=False)
@@ -297,16 +300,16 @@ def _headless(recording: Path) -> Iterator[ViewerClient]:
         process = _started(str(recording.resolve()), "--headless", "--port", str(port))
         try:
             interrupts.at_once()
-            yield _connected(process, ViewerClient, f"rerun+http://{HERE}:{port}/proxy")
+            yield _connected(process, _source(port))
         finally:
             _end(process)
 
 
-def _connected(process: subprocess.Popen[bytes], kind: type[ViewerClient], address: str) -> ViewerClient:
+def _connected(process: subprocess.Popen[bytes], address: str) -> ViewerClient:
     until = time.monotonic() + _TO_DRAW_S
     while time.monotonic() < until and process.poll() is None:
         try:
-            client = kind.connect(address)
+            client = ViewerClient.connect(address)
             client.set_time(TIME, duration=0.0, play_state="paused")
         except (ConnectionError, RuntimeError):
             time.sleep(0.2)

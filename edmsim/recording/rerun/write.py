@@ -2,17 +2,21 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings as bindings
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.files import replacing
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
@@ -21,12 +25,10 @@ from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
 from edmsim.recording.report import PassFigures, Report, duration_text, mm_text, outcome_text, rate_text
 from edmsim.recording.rerun import logs
-from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
-from edmsim.recording.rerun.stream import CLASS_COLOURS, PATH, TIME, indexes, log_changing, releasing, saved
+from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY, PATH, TIME, Sizes
 from edmsim.recording.scene import Scene, round_factor, round_number
 from edmsim.recording.windows import (
     AROUND,
-    EQUALISING_COLUMNS,
     PULSES,
     THREADING_S,
     Closeups,
@@ -34,8 +36,8 @@ from edmsim.recording.windows import (
     column,
     columns,
     group_means,
-    lag_along_um,
     pause_rows,
+    quantity,
 )
 
 # The layout of a recording in the viewer: views, curves and cameras.
@@ -59,26 +61,8 @@ class Plot(NamedTuple):
     series: tuple[Series, ...]
 
 
-class Sizes(NamedTuple):
-    """What the views need to know of a cut; the recording stores it, so that it can be laid out again."""
-
-    # size_mm, height_mm, wire_diameter_um: the largest of the drawing's sides and the workpiece's height, that
-    # height, the wire
-    size_mm: float
-    height_mm: float
-    wire_diameter_um: float
-    x0_mm: float  # x0_mm, y0_mm, x1_mm, y1_mm: box around the drawing
-    y0_mm: float
-    x1_mm: float
-    y1_mm: float
-    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are drawn
-    deflection_factor: float
-    error_factor: float
-    end_s: float  # machine time at the end
-
-
 PROCESS: tuple[Plot, ...] = (
-    Plot("pulses", "pulses, %", tuple(Series(name, name, colour) for name, colour in CLASS_COLOURS.items())),
+    Plot("pulses", "pulses, %", tuple(Series(name, name, colour) for name, colour in palette.CLASS_COLOURS.items())),
     Plot("feed", "feed, µm/s", (Series("feed_um_s", "feed", palette.SKY),)),
     Plot("gap", "gap, wire lag, profile error, µm", (
         Series("gap_um", "gap", palette.SKY), Series("lag_um", "wire lag", palette.ORANGE),
@@ -373,6 +357,52 @@ def _corners(scene: Scene, place: Floats) -> list[Event]:
     return _thinned(found)
 
 
+# The file of a recording: what is logged, written whole.
+
+_Args = ParamSpec("_Args")
+
+
+def releasing(write: Callable[_Args, None]) -> Callable[_Args, None]:
+    """Let a function release the recordings that it makes and disconnects, with their threads, when it is over."""
+
+    @wraps(write)
+    def released(*args: _Args.args, **options: _Args.kwargs) -> None:
+        try:
+            write(*args, **options)
+        finally:
+            bindings.flush_and_cleanup_orphaned_recordings()
+
+    return released
+
+
+@contextmanager
+def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint) -> Iterator[None]:
+    """Write what is logged inside to a file, which is replaced whole or not at all; the recording is disconnected."""
+    # rerun's own file sink waits for ever on a full disk, and takes no names that are not UTF-8
+    memory = recording.memory_recording()
+    try:
+        _send_blueprint(recording, layout)
+        yield
+        recording.flush()
+        with replacing(file) as partial:
+            partial.write_bytes(memory.drain_as_bytes())
+    finally:
+        recording.disconnect()
+
+
+def _send_blueprint(recording: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+    """Make a layout the default one, as rerun does, and disconnect the stream for it, which rerun keeps for ever."""
+    name = rr.get_application_id(recording)
+    assert name is not None
+    made = bindings.new_blueprint(name, make_default=False, make_thread_default=False, default_enabled=True)
+    stream = rr.RecordingStream._from_native(made)
+    stream.set_time("blueprint", sequence=0)
+    layout._log_to_stream(stream)
+    storage = stream.memory_recording().storage
+    bindings.send_blueprint(storage, make_active=False, make_default=True, recording=recording.to_native())
+    stream.disconnect()
+
+
 MAX_ROWS = 20_000  # most rows of a series; a longer table is averaged in groups
 
 
@@ -511,7 +541,7 @@ def _log_events(recording: rr.RecordingStream, windows: pa.Table, shown: list[Ev
         rows = np.array([event.row for event in shown])
         recording.send_columns(
             "events",
-            indexes(column(windows, "t_s")[rows], column(windows, "path_um")[rows]),
+            logs.indexes(column(windows, "t_s")[rows], column(windows, "path_um")[rows]),
             rr.TextLog.columns(text=[event.text for event in shown], level=[event.level for event in shown]),
         )
 
@@ -523,10 +553,10 @@ def _log_series(
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
     if rows:
-        absent = {extra.name for extra in EQUALISING_COLUMNS} - set(windows.column_names)
+        known = {*windows.column_names, "lag_um"}
         curves = (
-            (f"{plot.origin}/{series.entity}", series, _values(windows, series.entity))
-            for plot in PROCESS + ELECTRICAL for series in plot.series if series.entity not in absent
+            (f"{plot.origin}/{series.entity}", series, quantity(windows, series.entity))
+            for plot in PROCESS + ELECTRICAL for series in plot.series if series.entity in known
         )  # fmt: skip
         times = column(windows, "t_s"), column(windows, "path_um")
         _log_curves(recording, curves, *times, group_starts(rows, group, event_rows), passes)
@@ -550,14 +580,14 @@ def _log_curves(
     # each pass has a timeline of its own besides, from its begin on
     pauses = pause_rows(t_s)
     starts = np.union1d(starts, pauses)  # no mean reaches over a pause
-    threaded = indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
+    threaded = logs.indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
     mean_t_s, mean_path_um = group_means(t_s, starts), group_means(path_um, starts)
     for entity, series, values in curves:
         look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
         mean = group_means(values, starts)
         known = np.isfinite(mean)
-        when = indexes(mean_t_s[known], mean_path_um[known])
-        log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
+        when = logs.indexes(mean_t_s[known], mean_path_um[known])
+        logs.log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
         _log_by_pass(recording, entity, passes, mean_t_s, mean)
         if len(pauses):  # a viewer draws no line over what is cleared
             recording.send_columns(entity, threaded, rr.Clear.columns(is_recursive=[False] * len(pauses)))
@@ -574,16 +604,6 @@ def _log_by_pass(
         if mine.any():
             when = [rr.TimeColumn(name, duration=t_s[mine] - row.begin_s)]
             recording.send_columns(entity, when, rr.Scalars.columns(scalars=values[mine]))
-
-
-def _values(windows: pa.Table, name: str) -> Floats:
-    """Return a column of the table; wire lag along the feed, pulse counts as a share in percent."""
-    if name == "lag_um":
-        return lag_along_um(windows)
-    if name in ("short", "open", "spark", "arc"):
-        total = sum(column(windows, kind) for kind in ("short", "open", "spark", "arc"))
-        return np.asarray(100.0 * column(windows, name) / np.maximum(total, 1.0))
-    return column(windows, name)
 
 
 def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray[np.int64]:
