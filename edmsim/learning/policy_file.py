@@ -25,7 +25,7 @@ from edmsim.envs.registry import arguments_with, make_family
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, invalid_entry, one_of, refuses_wrong_types
 from edmsim.files import read_arrays, replacing
-from edmsim.learning import bandit_file
+from edmsim.learning import bandit
 from edmsim.user_code import named, policy_of
 
 FORMAT = "edmsim-policy-1"
@@ -308,8 +308,8 @@ def load(name: str, env_id: str | None = None) -> Policy:
     except OSError as error:
         raise InputError(f"the policy cannot be read: {error.strerror}", file) from None
     except ValidationError as error:
-        if bandit_file.find(name) is not None:
-            networks = ", ".join(each for each in models.policies() if bandit_file.find(each) is None)
+        if bandit.find(name) is not None:
+            networks = ", ".join(each for each in models.policies() if bandit.find(each) is None)
             reason = f"this policy chooses settings of a law and has no network: give one that has, as {networks}"
         else:
             reason = f"this is not a policy, or a damaged one: {invalid_entry(error)}"
