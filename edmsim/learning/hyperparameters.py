@@ -12,8 +12,7 @@ from typing_extensions import TypedDict
 from edmsim import models
 from edmsim.envs.registry import arguments_with, base_of, find
 from edmsim.errors import InputError, invalid_entry, located, one_of, refuse_unknown, refuses_wrong_types
-from edmsim.evaluation.episode import ORACLE
-from edmsim.evaluation.lines import lines_of
+from edmsim.evaluation.episode import ORACLE, lines_of
 from edmsim.files import read_toml
 from edmsim.numeric import Number, WholeNumber, real, whole_from
 

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from edmsim.evaluation.compare import leaderboard
-from edmsim.evaluation.table import draw_returns, markdown_table, write_page
+from edmsim.evaluation.compare import draw_returns, leaderboard, markdown_table, write_page
 
 BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.jsonl"
 
