@@ -14,12 +14,10 @@ import gymnasium as gym
 import numpy as np
 
 from edmsim.controllers import OF_A_TASK, SAME_LAW, FeedController, from_text, names
-from edmsim.controllers.protocols import FeedCommand
 from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.part_task import Part
-from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.envs.reward import REFERENCE_S
 from edmsim.errors import refuses_wrong_types
@@ -255,8 +253,7 @@ class Episode:
         """Cut to the end."""
         for _ in self.windows():
             pass
-        if self._recorder is not None:
-            self._write(self._recorder)
+        self._write()
         assert self.outcome is not None
         return self._result(self.outcome)
 
@@ -265,22 +262,25 @@ class Episode:
         while self.outcome is None:
             command = self._command
             result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
-            self.outcome = self._follow(command, result)
+            self.outcome = self._follow(result)
             yield result
         self._law.stop()
 
-    def _write(self, recorder: EpisodeRecorder) -> None:
-        """Write the recording of the cut, which is over."""
-        assert self._record is not None
-        recorder.stop()
+    def _write(self) -> None:
+        """Write the recording of the cut, which is over, if it was recorded."""
+        if self._record is None or self._recorder is None:
+            return
+        self._recorder.stop()
         task = type(self.task.family).__name__
         settings = {"environment": task, "controller": self._name, "seed of the reset": self._seed}
         outcome = WORDS[StopCause.PERSISTENT_SHORT].report if self._controller_stopped else None
-        recorder.write(self._record / RECORDING, f"{task} by {self._name}, seed {self._seed}", settings, outcome)
+        title = f"{task} by {self._name}, seed {self._seed}"
+        self._recorder.write(self._record / RECORDING, title, settings, outcome)
 
-    def _follow(self, command: FeedCommand, result: StepResult) -> str | None:
+    def _follow(self, result: StepResult) -> str | None:
         """Let the controller decide after a window; returns the outcome if that was the last."""
         self._add(result)
+        command = self._command
         if self._recorder is not None:
             setting = [math.nan if v is None else v for v in (command.t_on_us, command.t_period_us)]
             action = [command.feed_um_s, *setting, command.offset_um]

@@ -26,7 +26,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
 from edmsim import models
 from edmsim.controllers import from_text
@@ -63,10 +63,8 @@ _Positive = Annotated[FiniteFloat, Field(gt=0)]
 _Share = Annotated[FiniteFloat, Field(ge=0)]
 
 
-class Choices(BaseModel):
+class Choices(BaseModel, extra="forbid", frozen=True):
     """What a bandit chooses among, and when."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     law: str  # see `edmsim.controllers.from_text`
     # parameters of the law by name, 2 settings or more. A new wire begins with the first.
@@ -90,7 +88,7 @@ class Choices(BaseModel):
         return self
 
 
-class BanditCard(Choices):
+class BanditCard(Choices, frozen=True):
     """Contents of the file: choices, and a prior."""
 
     format: Literal["edmsim-bandit-1"]  # `FORMAT`
@@ -328,7 +326,7 @@ class BanditController(Snapshots):
         return int(np.argmax(self.belief.at_best(self.card.bonus, self.lost_s)))
 
 
-class BanditSettings(Choices):
+class BanditSettings(Choices, frozen=True):
     """Settings of a training: those of the policy (see `Choices`), and of its prior."""
 
     machines: Annotated[int, Field(ge=2)]  # training machines, 2 or more

@@ -13,7 +13,6 @@ from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, refuse_unknown
 from edmsim.learning import bandit, hyperparameters, policy_file, score
 from edmsim.learning.hyperparameters import ALGORITHMS, Hyperparameters
-from edmsim.learning.policy_file import Policy
 from edmsim.progress import ShownProgress
 from edmsim.runs import RunTable
 from edmsim.screen import ScreenTable
@@ -35,7 +34,7 @@ class TrainOptions(NamedTuple):
     live: bool = False  # whether these are shown in rerun's viewer as they end
     safe: int | None = None  # machines on which what was learned must not earn less than the start
 
-    def policy(self) -> Policy | None:
+    def policy(self) -> policy_file.Policy | None:
         """Return the policy that the training starts from."""
         return None if self.start is None else policy_file.load(self.start)
 
