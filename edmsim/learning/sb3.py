@@ -19,8 +19,9 @@ from __future__ import annotations
 import platform
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,7 +40,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, Flatten
 from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecMonitor, VecNormalize, VecVideoRecorder
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvWrapper
 
-from edmsim.controllers import from_text
+from edmsim.controllers import FeedController, from_text
 from edmsim.controllers.user_controllers import rehearsed
 from edmsim.envs.arguments import plain
 from edmsim.envs.environment import EdmEnv, check_acts
@@ -60,21 +61,40 @@ LEAST_RATE = 0.02
 PACKAGES = ("edmsim", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", "numpy")
 
 
-class TaughtVecEnv(VecEnvWrapper):
-    """Sub-environments, each with a teacher that observes every window; they record observations and its actions."""
+class _WithLawsVecEnv(VecEnvWrapper):
+    """Sub-environments, each with a law that observes every window."""
+
+    def __init__(self, venv: EdmVecEnv, make: Callable[[], FeedController]) -> None:
+        super().__init__(venv)
+        self._laws = [venv.env.attach_controller(index, make()) for index in range(self.num_envs)]
+
+    def reset(self) -> Any:
+        """Begin an episode, and the law, in every sub-environment."""
+        observations = self.venv.reset()
+        for law in self._laws:
+            law.begin()
+        return observations
+
+    def step_wait(self) -> Any:
+        """Run a step, which the laws see."""
+        observations, rewards, done, infos = self.venv.step_wait()
+        for index in np.flatnonzero(done):
+            self._laws[index].begin()
+        return observations, rewards, done, infos
+
+
+class TaughtVecEnv(_WithLawsVecEnv):
+    """Sub-environments, each with a teacher; they record observations and its actions."""
 
     def __init__(self, venv: EdmVecEnv, teacher: str) -> None:
-        super().__init__(venv)
-        self._laws = [venv.env.attach_controller(index, from_text(teacher)) for index in range(self.num_envs)]
+        super().__init__(venv, partial(from_text, teacher))
         self._observations: Any = None
         self._states: list[NDArray[np.float32]] = []
         self._teacher_actions: list[NDArray[np.float32]] = []
 
     def reset(self) -> Any:
         """Begin an episode, and the teacher, in every sub-environment."""
-        self._observations = self.venv.reset()
-        for law in self._laws:
-            law.begin()
+        self._observations = super().reset()
         return self._observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
@@ -84,11 +104,9 @@ class TaughtVecEnv(VecEnvWrapper):
         self.venv.step_async(actions)
 
     def step_wait(self) -> Any:
-        """Run a step, which the teachers see."""
-        self._observations, rewards, done, infos = self.venv.step_wait()
-        for index in np.flatnonzero(done):
-            self._laws[index].begin()
-        return self._observations, rewards, done, infos
+        """Run a step."""
+        self._observations, *rest = super().step_wait()
+        return self._observations, *rest
 
     def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return observations (n, entries) and the teacher's actions (n, k) since the last call, and forget them."""
@@ -304,39 +322,21 @@ class AsymmetricPolicy(ActorCriticPolicy):
         return {**super()._get_constructor_parameters(), "shown_entries": self._shown_entries}
 
 
-class ResidualVecEnv(VecEnvWrapper):
+class ResidualVecEnv(_WithLawsVecEnv):
     """Environments whose first action is added to the feed of a law (Johannink et al., ICRA 2019)."""
 
     def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:
-        super().__init__(venv)
+        super().__init__(venv, residual.make)
         self.residual = residual
-        envs = venv.env
-        family = envs.family
-        assert isinstance(family, Family)
-        self._family = family
-        self._laws = [envs.attach_controller(index, residual.make()) for index in range(self.num_envs)]
-        self._feed_um_s = np.zeros(self.num_envs)
-
-    def reset(self) -> Any:
-        """Begin an episode and reset the law in every sub-environment."""
-        observations = self.venv.reset()
-        for index, law in enumerate(self._laws):
-            self._feed_um_s[index] = law.begin().feed_um_s
-        return observations
+        assert isinstance(venv.env.family, Family)
+        self._family = venv.env.family
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Add the actions to the laws' commands."""
         total = np.array(actions, np.float32)
-        for index, feed_um_s in enumerate(self._feed_um_s):
-            total[index, 0] = self.residual.action(self._family, feed_um_s, total[index, 0])
-        self.venv.step_async(total)
-
-    def step_wait(self) -> Any:
-        """Run a step, and take the laws' commands for the next one."""
-        observations, rewards, done, infos = self.venv.step_wait()
         for index, law in enumerate(self._laws):
-            self._feed_um_s[index] = (law.begin() if done[index] else law.command()).feed_um_s
-        return observations, rewards, done, infos
+            total[index, 0] = self.residual.action(self._family, law.command().feed_um_s, total[index, 0])
+        self.venv.step_async(total)
 
 
 KINDS: dict[str, Any] = {
@@ -376,17 +376,13 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
         commands = rehearsed(residual.make, family.greatest_feed_um_s)
         if any((command.t_on_us, command.t_period_us) != (None, None) for command in commands):
             raise InputError(f"'{residual.law}' turns the generator's knobs: a policy adds to a law that only feeds")
-        if family.action != "speed" or family.decision_s is not None:
-            raise InputError("a residual policy commands a speed every window: the environment has another action")
+        residual.check(family)
 
 
 def residual_of(parameters: Hyperparameters) -> Residual | None:
-    """Return the law that a policy adds to, checked."""
-    if parameters.residual is None:
-        return None
-    residual = Residual(law=parameters.residual, range_um_s=parameters.residual_um_s)
-    residual.make()
-    return residual
+    """Return the law that a policy adds to."""
+    law = parameters.residual
+    return None if law is None else Residual(law=law, range_um_s=parameters.residual_um_s)
 
 
 def vec_env_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingEnvs:
