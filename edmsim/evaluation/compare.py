@@ -474,13 +474,15 @@ NAME_LETTERS = 48  # a controller of more letters is named without its parameter
 
 
 def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
-    """Write the page, and its figures as ``NAME-ENVIRONMENT.png`` in the same folder; see `draw`."""
+    """Write the page, and its figures as ``NAME-ENVIRONMENT.png`` in the same folder; see `draw_returns`."""
+    from edmsim.recording.figures.style import own_style, write_figure
+
     make_writable(file.parent)
     parts = ["# Controllers compared", ""]
     for made in comparisons:
         name = f"{file.stem}-{re.sub(r'[^0-9A-Za-z]+', '-', made.env_id.rpartition('/')[2])}.png"
-        with replacing(file.with_name(name)) as partial:
-            draw_returns(made).savefig(partial, format="png", dpi=110)
+        with own_style():
+            write_figure(draw_returns(made), file.with_name(name))
         lines = lines_of(made.env_id)
         parts += [
             f"## {made.env_id}", "", f"![Return of every cut, and the mean of each controller]({name})", "",
@@ -498,7 +500,7 @@ def draw_returns(made: Comparison) -> "Drawing":
     from matplotlib.figure import Figure as Drawing
 
     names = ranked(made, "total_return")
-    figure = Drawing(figsize=(7.2, 0.9 + 0.42 * len(names)), layout="constrained")
+    figure = Drawing(figsize=(7.2, 0.9 + 0.42 * len(names)), layout="constrained", dpi=110)
     axes = figure.add_subplot()
     within = np.linspace(0.28, -0.28, len(made.seeds))
     for row, name in enumerate(reversed(names)):
