@@ -242,7 +242,7 @@ class Episode:
         self._short = self._open = self._pulses = 0
         self._time_s = self._cut_um = self._area_mm2 = self._return = self._hottest_K = 0.0
         self._near_um = self._error2_um3 = 0.0
-        self._cost, self._controller_stopped, self._broke = 0.0, False, False
+        self._cost, self._broke = 0.0, False
         task.reset(seed)
         self._record = record
         self._recorder = None if record is None else task.recorder()
@@ -273,7 +273,7 @@ class Episode:
         self._recorder.stop()
         task = type(self.task.family).__name__
         settings = {"environment": task, "controller": self._name, "seed of the reset": self._seed}
-        outcome = WORDS[StopCause.PERSISTENT_SHORT].report if self._controller_stopped else None
+        outcome = WORDS[StopCause.PERSISTENT_SHORT].report if self.outcome == STOPPED else None
         title = f"{task} by {self._name}, seed {self._seed}"
         self._recorder.write(self._record / RECORDING, title, settings, outcome)
 
@@ -291,7 +291,6 @@ class Episode:
         alarm = self._law.latest.alarm is not None
         cause = StopCause(judge(False, False, False, False, alarm, result.late, False))
         if cause is StopCause.PERSISTENT_SHORT:
-            self._controller_stopped = True
             self._return -= self.task.family.reward_weights.limit * self._threading_s / REFERENCE_S
             self._cost += 1.0
             return STOPPED

@@ -264,7 +264,7 @@ class Search:
 
     def _rough(self, target: PassTarget) -> tuple[PassSetting, Cut]:
         """Shorten the pause until the wire breaks or nothing is gained, and take some of it back."""
-        one = self._setting(target, 1, None)
+        one = self._setting(target, 1)
         machine = self._job.machine_of(one)
         least_us = self._least_period_us(machine)
         period_us, best, held = one.t_period_us, 0.0, 0.0
@@ -280,7 +280,7 @@ class Search:
             one = one.model_copy(update={"t_period_us": round(held, 1)})
             cut = self._cut(one, 1, FIRST_MM, None)
             if cut.outcome == "finished":
-                return self._with_found(one, cut, None), cut
+                return self._with_found(one, cut, 0.0), cut
             held *= GENTLE
         raise InputError(f"no rough pass was found that holds: {cut.outcome} at a period of {held:.1f} us")
 
@@ -288,7 +288,7 @@ class Search:
         self, target: PassTarget, number: int, offset_mm: float, metal: KerfField, before: PassSetting
     ) -> tuple[PassSetting, Cut, float]:
         """Find step and power of a trim: it takes its stock and keeps its feed."""
-        one = self._setting(target, number, before)
+        one = self._setting(target, number)
         same = one.generator == before.generator
         last_um = before.last_offset_um if same else self._radius_um + 0.3 * (before.last_offset_um - self._radius_um)
         for _ in range(MOST_TRIES):
@@ -332,7 +332,7 @@ class Search:
     def _radius_um(self) -> float:
         return self._job.setup("production").wire_diameter_um / 2
 
-    def _setting(self, target: PassTarget, number: int, before: PassSetting | None) -> PassSetting:
+    def _setting(self, target: PassTarget, number: int) -> PassSetting:
         """Return the setting to begin with: pulses that make the Ra asked for, at some power."""
         plain = self._job.setup(target.generator, t_on_us=target.t_on_us)
         current_A = _current_for(plain, target.ra_um)
@@ -354,12 +354,12 @@ class Search:
             last_offset_um=self._radius_um, found=_found(0.0, 0.0, 0.0, 0.0),
         )  # fmt: skip
 
-    def _with_found(self, one: PassSetting, cut: Cut, took_um: float | None) -> PassSetting:
+    def _with_found(self, one: PassSetting, cut: Cut, took_um: float) -> PassSetting:
         assert cut.record.wall is not None
         feed = cut.record.feed_mm_min if one.feed == "adaptive" else one.feed_mm_min
         return one.model_copy(update={
             "last_offset_um": round(cut.last_offset_um, 1), "feed_mm_min": round(feed, 3),
-            "found": _found(cut.record.feed_mm_min, took_um or 0.0, cut.ra_um, cut.record.wall.bow_um),
+            "found": _found(cut.record.feed_mm_min, took_um, cut.ra_um, cut.record.wall.bow_um),
         })
 
     def _cut(self, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
