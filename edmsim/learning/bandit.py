@@ -537,6 +537,7 @@ def train(
     first = FIRST_SEED + seed
     whole_within("seed", seed, 0, HELD_BACK - FIRST_SEED - machines)
     _check_time(env_id, settings)
+    known_as, _ = registry.stand_in(*registry.find(env_id))  # refuses what no policy file could describe
     with locked(out, "edmsim train"):
         of = {"env_id": env_id, "seed": seed, "settings": settings.model_dump(), "options": options}
         table = RunTable(file, of)
@@ -548,7 +549,6 @@ def train(
     histories = _histories(rows, len(settings.settings), file)
     command += f" --steps {machines * settings.segments} --seed {seed}{options}"
     segments = sum(len(history.rows) for history in histories)
-    known_as, _ = registry.stand_in(*registry.find(env_id))
     return card_of(known_as, settings, prior_of(histories, settings), command, seed, segments)
 
 

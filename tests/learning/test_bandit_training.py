@@ -2,11 +2,14 @@
 
 import json
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from edmsim.controllers import from_text
+from edmsim.envs import register
 from edmsim.envs.episode import Task
+from edmsim.envs.shift import MaxRateShift
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
 from edmsim.learning import bandit
@@ -171,6 +174,17 @@ def test_settings_that_cannot_be_used_are_refused_in_one_line(tmp_path, text, na
     with pytest.raises(InputError) as refused:
         bandit.train(ENV_ID, tmp_path / "out", settings=bandit.settings_of(ENV_ID, tmp_path / "own.toml"))
     assert named in str(refused.value)
+
+
+def test_a_shift_that_no_policy_file_describes_is_refused_before_its_machines_are_cut(tmp_path, monkeypatch):
+    class Cornered(MaxRateShift):
+        knows_corners = True
+
+    register("lab/Cornered-v0", Cornered)
+    monkeypatch.setattr(bandit, "record", lambda *_: pytest.fail("a machine was cut"))
+    with pytest.raises(InputError, match="Cornered has other observations or actions"):
+        bandit.train("lab/Cornered-v0", tmp_path, settings=SETTINGS)
+    del gym.registry["lab/Cornered-v0"]
 
 
 def test_every_shift_has_settings_of_its_own():
