@@ -54,7 +54,7 @@ def _register() -> None:
     from edmsim.user_code import MAKERS, PASS_MAKERS
 
     register_all()
-    MAKERS["policy"] = "edmsim.learning.bandit_controller:from_name"
+    MAKERS["policy"] = "edmsim.learning.policy_controller:from_name"
     PASS_MAKERS["policy"] = "edmsim.learning.policy_controller:passes_from_name"
 
 

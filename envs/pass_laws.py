@@ -58,7 +58,7 @@ class Corrected(Constant):
     next one will; that moves its path. What the rough pass left says nothing of the first trim. Set-points: a trim is
     fast if few pulses of the pass before shorted. Pauses: every wire that breaks lengthens them for the rest of the
     pass, and of the same pass along the tab. The numbers are ours: fits to some of the training machines
-    (`edmsim.evaluation.lines`).
+    (`edmsim.evaluation.episode`).
     """
 
     fast: float = 0.7  # set-point of a fast trim

@@ -38,10 +38,8 @@ from IPython.display import Markdown
 
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
-from edmsim.evaluation.compare import evaluate
-from edmsim.evaluation.episode import Episode
-from edmsim.evaluation.lines import ORACLE_GAPS_UM
-from edmsim.evaluation.table import markdown_table
+from edmsim.evaluation.compare import evaluate, markdown_table
+from edmsim.evaluation.episode import ORACLE_GAPS_UM, Episode
 from edmsim.recording.figures.palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, VERMILION
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})

@@ -41,8 +41,7 @@ import numpy as np
 from IPython.display import Markdown
 
 import edmsim
-from edmsim.evaluation.compare import evaluate
-from edmsim.evaluation.table import markdown_table
+from edmsim.evaluation.compare import evaluate, markdown_table
 from edmsim.learning import policy_file
 from edmsim.learning.train import train
 from edmsim.recording.figures.palette import BLUE, ORANGE, PURPLE, VERMILION

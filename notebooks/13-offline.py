@@ -44,8 +44,7 @@ import torch
 from IPython.display import Markdown
 
 from edmsim.envs.registry import make_family
-from edmsim.evaluation.compare import evaluate
-from edmsim.evaluation.table import markdown_table
+from edmsim.evaluation.compare import evaluate, markdown_table
 from edmsim.learning import policy_file
 from edmsim.learning.dataset import record
 from edmsim.recording.figures.palette import BLUE, ORANGE, VERMILION

@@ -514,7 +514,7 @@ class TrueGap(Measure):
 # Rules of gap laws for corners: a longer pulse period, and an offset of the guides.
 #
 # Less power bends the wire less. The offset moves the guides off the path by as much as the wire bends. The numbers
-# are ours; those of a task's reference lines are in `edmsim.evaluation.lines`.
+# are ours; those of a task's reference lines are in `edmsim.evaluation.episode`.
 
 def _corners(points_um: NDArray[Any], start_um: float) -> tuple[Floats, Floats]:
     """Return the length of path at a leg's corners, and how far it turns there, to the left."""

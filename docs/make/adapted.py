@@ -19,7 +19,7 @@ from sections import table, write_sections
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import held_back, mean, ratio
 from edmsim.evaluation.episode import Result, cut
-from edmsim.learning import bandit_file, score
+from edmsim.learning import bandit, score
 
 ENV_ID, POLICY, LAW = "edmsim/MaxRateShift-v0", "policy:MaxRateShift-adapt", "adaptive-hold"
 MACHINES = 36
@@ -35,10 +35,10 @@ FOUND = Path("out/adapted")
 
 def law_below(policy: str) -> str:
     """Return the law of a bandit with its first setting: one for all machines, without adaptation."""
-    file = bandit_file.find(policy)
+    file = bandit.find(policy)
     if file is None:
         raise InputError(f"'{policy}' is not a policy that adapts")
-    return bandit_file.load(file).law
+    return bandit.load(file).law
 
 
 def earnings(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:

@@ -16,10 +16,8 @@ import numpy as np
 from headroom import shown
 
 from edmsim.evaluation.compare import ratio
-from edmsim.learning import bandit_training
-from edmsim.learning.bandit_controller import BanditController
-from edmsim.learning.bandit_file import Belief, Segment
-from edmsim.learning.bandit_training import BanditSettings, History
+from edmsim.learning import bandit
+from edmsim.learning.bandit import BanditController, BanditSettings, Belief, History, Segment
 
 ENV_ID = "edmsim/MaxRateShift-v0"
 SHIFT_S, TEST_S, THREADING_S = 1200.0, 60.0, 20.0
@@ -29,7 +27,7 @@ REPEATS = 20
 class Known(NamedTuple):
     """What settings do on a machine."""
 
-    effects: np.ndarray  # (settings, 3): see `edmsim.learning.bandit_file.QUANTITIES`
+    effects: np.ndarray  # (settings, 3): see `edmsim.learning.bandit.QUANTITIES`
     lost_per_s: np.ndarray  # (settings,)
 
     def net(self, lost_s: float) -> np.ndarray:
@@ -39,7 +37,7 @@ class Known(NamedTuple):
 
 def read(folder: Path) -> tuple[BanditSettings, list[History]]:
     """Return the settings and the recordings of a training."""
-    lines = [json.loads(line) for line in (folder / bandit_training.HISTORIES).read_text().splitlines()]
+    lines = [json.loads(line) for line in (folder / bandit.HISTORIES).read_text().splitlines()]
     settings = BanditSettings.model_validate({**lines[0]["of"]["settings"], "machines": len(lines) - 1})
     return settings, [History(row["rows"], row["lost"], row["cut_s"]) for row in lines[1:]]
 
@@ -86,15 +84,15 @@ def main() -> None:
     settings, histories = read(parser.parse_args().folder)
     rng, rows = np.random.default_rng(0), []
     for number, history in enumerate(histories):
-        others = bandit_training.prior_of([*histories[:number], *histories[number + 1 :]], settings)
-        card = bandit_training.card_of(ENV_ID, settings, others, "", 0, 0)
+        others = bandit.prior_of([*histories[:number], *histories[number + 1 :]], settings)
+        card = bandit.card_of(ENV_ID, settings, others, "", 0, 0)
         controller = BanditController(card)
         machine, level = known(controller, history)
         net = machine.net(THREADING_S + settings.start_s)
-        bandit = np.mean([shift(controller, machine, rng) for _ in range(REPEATS)]) / (SHIFT_S - TEST_S)
-        rows.append((level * net[0], level * bandit, level * net.max()))
-    first, bandit, best = np.array(rows).T
-    for name, returns in (("the bandit", bandit), ("the best setting of each machine", best)):
+        tried = np.mean([shift(controller, machine, rng) for _ in range(REPEATS)]) / (SHIFT_S - TEST_S)
+        rows.append((level * net[0], level * tried, level * net.max()))
+    first, tried, best = np.array(rows).T
+    for name, returns in (("the bandit", tried), ("the best setting of each machine", best)):
         part = ratio(100 * returns, first)
         print(f"{name}: {shown(part, 1)} % of the first setting")
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 from sections import DOCS, table
 
+from edmsim.envs.registry import registered_ids
 from edmsim.errors import EdmsimError
-from edmsim.evaluation.compare import CUT_TEXTS, Comparison, env_ids, evaluate, leaderboard
-from edmsim.evaluation.lines import ORACLE_GAPS_UM, USUAL, lines_of
-from edmsim.evaluation.table import markdown_table, ranked, shown
+from edmsim.evaluation.compare import CUT_TEXTS, Comparison, evaluate, leaderboard, markdown_table, ranked, shown
+from edmsim.evaluation.episode import ORACLE_GAPS_UM, USUAL, lines_of
 from edmsim.runs import RunTable
 
 BOARD, PAGE = DOCS / "leaderboard.jsonl", DOCS / "benchmark.md"
@@ -131,7 +131,7 @@ def verdicts(comparison: Comparison) -> list[str]:
         pass
     elif score.high - score.low > 1.0:
         text += " These are too few cuts for such different machines."
-    elif score.value >= NEARLY_ALL and lines_of(comparison.env_id) is not USUAL:
+    elif score.value >= NEARLY_ALL and lines_of(comparison.env_id).blind != USUAL.blind:
         text += " So a constant setting reaches the reference, which chooses among constants and longer pauses."
     elif score.value >= NEARLY_ALL:
         text += (
@@ -159,14 +159,15 @@ def main() -> None:
     parser.add_argument("env_ids", nargs="*", metavar="ENV_ID", help="environments to cut again, or all")
     requested = parser.parse_args().env_ids
     try:
-        for env_id in env_ids() if requested == ["all"] else requested:
+        for env_id in registered_ids() if requested == ["all"] else requested:
             cuts = RunTable(BOARD, texts=CUT_TEXTS)
             cuts.keep([row for row in cuts.rows.values() if row["env_id"] != env_id])
             evaluate(env_id, table=cuts)
         board = leaderboard(BOARD)
     except EdmsimError as error:
         parser.error(str(error))
-    PAGE.write_text(page([board[of] for env_id in env_ids() for of in board if of[0] == env_id]), encoding="utf-8")
+    compared = [board[of] for env_id in registered_ids() for of in board if of[0] == env_id]
+    PAGE.write_text(page(compared), encoding="utf-8")
 
 
 if __name__ == "__main__":

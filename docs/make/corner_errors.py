@@ -17,8 +17,7 @@ from sections import DOCS, table, write_sections
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
 from edmsim.evaluation.compare import held_back, leaderboard, mean, ratio
-from edmsim.evaluation.episode import Episode
-from edmsim.evaluation.lines import lines_of
+from edmsim.evaluation.episode import Episode, lines_of
 
 ENV_ID, POLICY = "edmsim/Corner-v3", "policy:Corner-lag"
 MACHINES = 16  # held-back ones whose cuts are made again

@@ -24,8 +24,7 @@ from sections import DOCS, table
 
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.evaluation.compare import CUT_TEXTS, Figure, held_back, leaderboard, mean
-from edmsim.evaluation.episode import Result, cut_job, engine_of
-from edmsim.evaluation.lines import OF_TASK, ORACLE_GAPS_UM
+from edmsim.evaluation.episode import OF_TASK, ORACLE_GAPS_UM, Result, cut_job, engine_of
 from edmsim.runs import RunTable, perform
 
 FOUND, PAGE, CUTS = DOCS / "headroom.json", DOCS / "headroom.md", Path("out/headroom")

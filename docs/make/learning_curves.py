@@ -19,7 +19,7 @@ from tasks import PAGES
 
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation.compare import leaderboard
-from edmsim.evaluation.lines import lines_of
+from edmsim.evaluation.episode import lines_of
 from edmsim.learning.command import in_words
 from edmsim.recording.figures.palette import BLUE, MUTED
 

@@ -1,4 +1,4 @@
-"""Candidates for the reference lines of tasks, on training machines: what `edmsim.evaluation.lines` was chosen from.
+"""Candidates for the reference lines of tasks, on training machines: what `OF_TASK` was chosen from.
 
 python docs/make/lines.py Corner Trim    # prints a table for each task; all by default
 

@@ -16,8 +16,7 @@ from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import ServoLaw
 from edmsim.controllers.feed.periods import AdaptiveHold
 from edmsim.envs.episode import Task
-from edmsim.evaluation.episode import Episode
-from edmsim.evaluation.lines import OF_TASK
+from edmsim.evaluation.episode import OF_TASK, Episode
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 THIN = next(law for law in OF_TASK["ThinWireShift"].compared if law.startswith("adaptive-hold"))

@@ -15,10 +15,8 @@ from sections import DOCS, table, write_sections
 
 import edmsim  # noqa: F401 - registers the environments
 from edmsim.envs.registry import env_id_of
-from edmsim.evaluation.compare import Comparison, leaderboard
-from edmsim.evaluation.episode import is_part
-from edmsim.evaluation.lines import lines_of
-from edmsim.evaluation.table import ranked, shown
+from edmsim.evaluation.compare import Comparison, leaderboard, ranked, shown
+from edmsim.evaluation.episode import is_part, lines_of
 
 PAGES = {
     "GapFeed": "gap-feed", "HeightStep": "height-step", "Corner": "corner", "Contour": "contour",

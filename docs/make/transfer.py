@@ -14,9 +14,8 @@ from sections import table, write_sections
 
 from edmsim.envs.arguments import ends_of
 from edmsim.envs.registry import make_family
-from edmsim.evaluation.compare import held_back, mean
+from edmsim.evaluation.compare import held_back, mean, shown
 from edmsim.evaluation.episode import Result, cut, engine_of
-from edmsim.evaluation.table import shown
 from edmsim.runs import perform
 
 ENV_ID = "edmsim/GapFeed-v2"

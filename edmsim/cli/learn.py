@@ -137,7 +137,7 @@ def evaluate(
     **options: Any,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
-    from edmsim.evaluation import compare, episode, table
+    from edmsim.evaluation import compare, episode
     from edmsim.learning import policy_file, score
     from edmsim.numeric import listed, whole_from
     from edmsim.runs import RunTable
@@ -161,7 +161,7 @@ def evaluate(
     for name in policy or ():
         score.env_id_of(name)  # an unknown one is refused before the first cut
     for env_id, laws in chosen.items():
-        compare.check(env_id, laws, episode.episodes(env_id) if seeds is None else seeds, resolution)
+        compare.check(env_id, laws, episode.lines_of(env_id).seeds if seeds is None else seeds, resolution)
     if page is not None:
         check_suffix(page, "a page", ".md")
     if leaderboard is not None:
@@ -190,11 +190,11 @@ def evaluate(
             if write_card:
                 score.write_card(name, scores[name])
     if page is not None:
-        table.write_page(page, found)
+        compare.write_page(page, found)
     if journal is not None:
         journal.unlink(missing_ok=True)
     if json:
-        sys.stdout.write(table.as_json(found, scores) + "\n")
+        sys.stdout.write(compare.as_json(found, scores) + "\n")
         return
-    for shown in (*(table.render(made, OUT.width) for made in found), *map(score.render, scores.values())):
+    for shown in (*(compare.render(made, OUT.width) for made in found), *map(score.render, scores.values())):
         OUT.print(shown)

@@ -84,6 +84,7 @@ RA_SHARE = 0.12  # Ra is that asked for within this share (ours)
 FEED_REACHED = 0.85  # a trim that keeps less of its feed than this gets more power (ours)
 ROUGH_MM, TRIM_MM, OFFSET_MM = 1.6, 1.8, 1.4  # length of the straight cuts (ours: 12 to 16 places are measured)
 MARGIN_MM, HOLE_MM, LEAD_MM = 3.0, 0.3, 0.5
+FIRST_MM = 0.5  # offset with which a search begins (ours)
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,6 @@ class Search:
         job.check()
         self._job, self._tell = job, tell
         self._known = () if known is None else known.passes
-        self._first_mm = 0.5
         self._made_with: dict[str, Any] = {}  # setting and offset of the last cut
         self._runs = RunTable(journal, {
             **{name: value for name, value in asdict(job).items() if name != "passes"},
@@ -209,7 +209,7 @@ class Search:
     def _passes(self, found: list[PassSetting]) -> list[PassSetting]:
         """Return the passes asked for; those found are cut once more if others follow, for the metal behind them."""
         metal: KerfField | None = None
-        offset_mm = self._first_mm
+        offset_mm = FIRST_MM
         if len(found) >= self._job.passes:
             return found
         for number, target in enumerate(TARGETS[: self._job.passes], 1):
@@ -218,25 +218,17 @@ class Search:
                 made: dict[str, Any] = {"setting": one, "offset_mm": offset_mm} if row is None else row["cut"]
                 cut = self._cut(PassSetting.model_validate(made["setting"]), number, made["offset_mm"], metal)
             else:
-                one, cut, offset_mm, found = self._next(target, number, offset_mm, metal, found)
+                if metal is None:
+                    one, cut = self._rough(target)
+                    found = [one]
+                else:  # its stock determines the step from the pass before, and thus its offset
+                    one, cut, step_um = self._trim(target, number, offset_mm, metal, found[-1])
+                    offset_mm -= round(step_um, 1) * 1e-3
+                    found = [*found[:-1], found[-1].model_copy(update={"step_um": round(step_um, 1)}), one]
                 passes = [setting.model_dump() for setting in found]
                 self._runs.add({"id": str(number), "passes": passes, "cut": self._made_with})
             metal, offset_mm = cut.metal, offset_mm - one.step_um * 1e-3
         return found
-
-    def _next(
-        self, target: PassTarget, number: int, offset_mm: float, metal: KerfField | None, found: list[PassSetting]
-    ) -> tuple[PassSetting, Cut, float, list[PassSetting]]:
-        """Find the next pass; its stock determines the step from the pass before, and thus its offset."""
-        if number == 1:
-            one, cut = self._rough(target)
-            return one, cut, offset_mm, [one]
-        assert metal is not None
-        before = found[-1]
-        one, cut, step_um = self._trim(target, number, offset_mm, metal, before)
-        offset_mm -= round(step_um, 1) * 1e-3
-        found = [*found[:-1], before.model_copy(update={"step_um": round(step_um, 1)}), one]
-        return one, cut, offset_mm, found
 
     def _with_offsets(self, at: AtHeight) -> AtHeight:
         """Return passes with the offsets at which straight cuts through all of them would meet the drawing."""
@@ -272,12 +264,12 @@ class Search:
 
     def _rough(self, target: PassTarget) -> tuple[PassSetting, Cut]:
         """Shorten the pause until the wire breaks or nothing is gained, and take some of it back."""
-        one = self._setting(target, 1, None)
+        one = self._setting(target, 1)
         machine = self._job.machine_of(one)
         least_us = self._least_period_us(machine)
         period_us, best, held = one.t_period_us, 0.0, 0.0
         while period_us > least_us:
-            cut = self._cut(one.model_copy(update={"t_period_us": round(period_us, 1)}), 1, self._first_mm, None)
+            cut = self._cut(one.model_copy(update={"t_period_us": round(period_us, 1)}), 1, FIRST_MM, None)
             rate = cut.record.feed_mm_min * self._job.height_mm
             if cut.outcome != "finished" or rate < NO_GAIN * best:
                 held = period_us / SHORTENING if cut.outcome == "finished" else period_us * GENTLE
@@ -286,9 +278,9 @@ class Search:
         held = max(held, least_us)
         for _ in range(MOST_BREAKS):
             one = one.model_copy(update={"t_period_us": round(held, 1)})
-            cut = self._cut(one, 1, self._first_mm, None)
+            cut = self._cut(one, 1, FIRST_MM, None)
             if cut.outcome == "finished":
-                return self._with_found(one, cut, None), cut
+                return self._with_found(one, cut, 0.0), cut
             held *= GENTLE
         raise InputError(f"no rough pass was found that holds: {cut.outcome} at a period of {held:.1f} us")
 
@@ -296,7 +288,7 @@ class Search:
         self, target: PassTarget, number: int, offset_mm: float, metal: KerfField, before: PassSetting
     ) -> tuple[PassSetting, Cut, float]:
         """Find step and power of a trim: it takes its stock and keeps its feed."""
-        one = self._setting(target, number, before)
+        one = self._setting(target, number)
         same = one.generator == before.generator
         last_um = before.last_offset_um if same else self._radius_um + 0.3 * (before.last_offset_um - self._radius_um)
         for _ in range(MOST_TRIES):
@@ -340,7 +332,7 @@ class Search:
     def _radius_um(self) -> float:
         return self._job.setup("production").wire_diameter_um / 2
 
-    def _setting(self, target: PassTarget, number: int, before: PassSetting | None) -> PassSetting:
+    def _setting(self, target: PassTarget, number: int) -> PassSetting:
         """Return the setting to begin with: pulses that make the Ra asked for, at some power."""
         plain = self._job.setup(target.generator, t_on_us=target.t_on_us)
         current_A = _current_for(plain, target.ra_um)
@@ -362,12 +354,12 @@ class Search:
             last_offset_um=self._radius_um, found=_found(0.0, 0.0, 0.0, 0.0),
         )  # fmt: skip
 
-    def _with_found(self, one: PassSetting, cut: Cut, took_um: float | None) -> PassSetting:
+    def _with_found(self, one: PassSetting, cut: Cut, took_um: float) -> PassSetting:
         assert cut.record.wall is not None
         feed = cut.record.feed_mm_min if one.feed == "adaptive" else one.feed_mm_min
         return one.model_copy(update={
             "last_offset_um": round(cut.last_offset_um, 1), "feed_mm_min": round(feed, 3),
-            "found": _found(cut.record.feed_mm_min, took_um or 0.0, cut.ra_um, cut.record.wall.bow_um),
+            "found": _found(cut.record.feed_mm_min, took_um, cut.ra_um, cut.record.wall.bow_um),
         })
 
     def _cut(self, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
@@ -467,9 +459,7 @@ def _only(path: CutPath, number: int) -> CutPath:
         return path
     points = contour.passes[0].points_um[contour.passes[0].approach_moves :]
     back = number % 2 == 0
-    shortened = points.copy()
-    way = shortened[::-1] if back else shortened
-    one = CutPass(number, "profile", way, 0, contour.offset_um, back)
+    one = CutPass(number, "profile", points[::-1] if back else points, 0, contour.offset_um, back)
     return replace(path, contours=(replace(contour, passes=(one,)),))
 
 

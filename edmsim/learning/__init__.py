@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from edmsim.learning.sb3_policy import export_sb3, start_sb3
+    from edmsim.learning.sb3 import export_sb3, start_sb3
 
 __all__ = ["export_sb3", "start_sb3"]
 
@@ -14,7 +14,7 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'edmsim.learning' has no attribute '{name}'")
     try:
-        value = getattr(import_module(f"{__name__}.sb3_policy"), name)
+        value = getattr(import_module(f"{__name__}.sb3"), name)
     except ImportError as error:
         from edmsim.errors import InputError
 

@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, refuse_unknown
-from edmsim.learning import bandit_file, bandit_training, hyperparameters, policy_file, safe
+from edmsim.learning import bandit, hyperparameters, policy_file, score
 from edmsim.learning.hyperparameters import ALGORITHMS, Hyperparameters
-from edmsim.learning.policy_file import Policy
-from edmsim.learning.score import measure, render, write_card
 from edmsim.progress import ShownProgress
 from edmsim.runs import RunTable
 from edmsim.screen import ScreenTable
 
 BANDIT = "bandit"
-"""The algorithm that has no learner of stable-baselines3: see `edmsim.learning.bandit_training`."""
+"""The algorithm that has no learner of stable-baselines3: see `edmsim.learning.bandit`."""
 
 
 class TrainOptions(NamedTuple):
@@ -36,7 +34,7 @@ class TrainOptions(NamedTuple):
     live: bool = False  # whether these are shown in rerun's viewer as they end
     safe: int | None = None  # machines on which what was learned must not earn less than the start
 
-    def policy(self) -> Policy | None:
+    def policy(self) -> policy_file.Policy | None:
         """Return the policy that the training starts from."""
         return None if self.start is None else policy_file.load(self.start)
 
@@ -94,7 +92,7 @@ def run(
     from edmsim.learning.train import TrainingProgress, train  # refuses, in one line, where the extra is missing
 
     if options.safe is not None:
-        safe.check(options.safe, options.start)
+        score.check_safe(options.safe, options.start)
     if resume and options.words():
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
@@ -121,7 +119,7 @@ def run(
         curve = in_words(*np.array(trained.curve).reshape(-1, 2).T.tolist())
         bar.show("train", done.steps, done.steps, f"return {curve}")
         if options.safe is not None and options.start is not None:
-            verdict = safe.accept(done.env_id, written, options.start, options.safe, bar.show)
+            verdict = score.accept(done.env_id, written, options.start, options.safe, bar.show)
             bar.show("accept", 1, 1, verdict.words())
         return _scored(done.env_id, file, episodes, bar)
 
@@ -138,18 +136,18 @@ def _bandit(
     if resume and options.settings is not None:
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
-    settings = None if resume else bandit_training.load(named, options.settings)
+    settings = None if resume else bandit.settings_of(named, options.settings)
     with ShownProgress(keep=True) as bar:
 
         def watch(machines: int, total: int) -> None:
             bar.show("train", machines, total, f"{machines} of {total} machines recorded")
 
-        card = bandit_training.train(
+        card = bandit.train(
             named, file.parent, steps=steps, seed=seed, resume=resume, settings=settings, watch=watch,
             command=f"edmsim train {env_id} --algo {BANDIT}", options=options.words(),
         )  # fmt: skip
-        bandit_file.write(card, file)
-        return [bandit_training.described(card), *_scored(named, file, episodes, bar)]
+        bandit.write(card, file)
+        return [bandit.described(card), *_scored(named, file, episodes, bar)]
 
 
 def _scored(env_id: str, file: Path, episodes: int, bar: ShownProgress) -> list[ScreenTable]:
@@ -157,10 +155,10 @@ def _scored(env_id: str, file: Path, episodes: int, bar: ShownProgress) -> list[
     if not episodes:
         return []
     runs = file.with_name("score.runs.jsonl")  # of the cuts of an interrupted scoring
-    scores = measure(env_id, str(file), episodes, bar.show, table=RunTable(runs))
-    write_card(str(file), scores)
+    scores = score.measure(env_id, str(file), episodes, bar.show, table=RunTable(runs))
+    score.write_card(str(file), scores)
     runs.unlink(missing_ok=True)
-    return [render(scores)]
+    return [score.render(scores)]
 
 
 def _recorders(options: TrainOptions, out: Path) -> list[Any]:

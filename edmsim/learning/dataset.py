@@ -5,7 +5,6 @@ During the recording every episode is a separate file, so you can resume an inte
 assembled from these files at the end.
 """
 
-import inspect
 import json
 import math
 import os
@@ -23,16 +22,14 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import from_text
-from edmsim.envs.arguments import plain
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.episode import check_acts
-from edmsim.envs.registry import env_id_of, find, make_family
+from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.evaluation.compare import check_controllers
+from edmsim.evaluation.compare import check_controllers, made_with
 from edmsim.evaluation.episode import HELD_BACK, is_part
 from edmsim.files import folder_of, locked, replacing
 from edmsim.numeric import whole_from, whole_within
-from edmsim.runs import digests_of
 from edmsim.user_code import policy_of
 
 SAVED_INFOS = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wires_lost")
@@ -99,15 +96,15 @@ def record(
     out = folder_of(out)
     ids = {name: f"edmsim/{type(family).__name__.lower()}/{_plain(name)}-v0" for name in controllers}
     folders = {name: out / UNFINISHED / _plain(name) for name in controllers}
-    made_with = {name: _made_with(env_id, name, seed) for name in controllers}
+    of_controllers = {name: {**made_with(env_id, name), "seed": seed} for name in controllers}
     with locked(out, "edmsim dataset"):
         for name, folder in folders.items():
-            _refuse_others(folder / MADE_WITH, made_with[name], out / ids[name])
+            _refuse_others(folder / MADE_WITH, of_controllers[name], out / ids[name])
         made = []
         for name, folder in folders.items():
             folder.mkdir(parents=True, exist_ok=True)
             with replacing(folder / MADE_WITH) as partial:
-                partial.write_text(json.dumps(made_with[name]), encoding="utf-8")
+                partial.write_text(json.dumps(of_controllers[name]), encoding="utf-8")
             files = _episodes(env, name, steps, seed, folder, watch)
             made.append(_assemble(minari, env, ids[name], name, files, out))
         for folder in folders.values():
@@ -126,22 +123,12 @@ def _minari() -> Any:
     return minari
 
 
-def _made_with(env_id: str, name: str, seed: int) -> dict[str, Any]:
-    """Return what decides on a controller's episodes, for JSON."""
-    family, arguments = find(env_id)
-    files = digests_of([name, inspect.getfile(family), *arguments.values()])
-    return {
-        **plain(arguments), "env_id": env_id, "controller": name, "seed": seed, "edmsim_version": __version__,
-        "files": sorted(files.values()),
-    }  # fmt: skip
-
-
-def _refuse_others(file: Path, made_with: dict[str, Any], dataset: Path) -> None:
+def _refuse_others(file: Path, expected: dict[str, Any], dataset: Path) -> None:
     """Raise `InputError` if a controller's folder has episodes of another recording, or its data set is finished."""
     if not file.is_file():
         if dataset.exists():
             raise InputError("this data set would be replaced: record into another folder, or delete it", dataset)
-    elif json.loads(file.read_text(encoding="utf-8")) != made_with:
+    elif json.loads(file.read_text(encoding="utf-8")) != expected:
         raise InputError("an interrupted recording of something else is in this folder: give another", file.parent)
 
 

@@ -12,8 +12,7 @@ from typing_extensions import TypedDict
 from edmsim import models
 from edmsim.envs.registry import arguments_with, base_of, find
 from edmsim.errors import InputError, invalid_entry, located, one_of, refuse_unknown, refuses_wrong_types
-from edmsim.evaluation.episode import ORACLE
-from edmsim.evaluation.lines import lines_of
+from edmsim.evaluation.episode import ORACLE, lines_of
 from edmsim.files import read_toml
 from edmsim.numeric import Number, WholeNumber, real, whole_from
 
@@ -78,7 +77,7 @@ class Network(BaseModel, extra="forbid", frozen=True):
 
 
 class Lagrangian(BaseModel, extra="forbid", frozen=True):
-    """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`)."""
+    """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.sb3`)."""
 
     multiplier: Annotated[Number, Field(ge=0, allow_inf_nan=False)]  # first reduction of the reward per unit of cost
     rate: Positive  # change of the multiplier per rollout and unit of cost above the limit
@@ -93,11 +92,11 @@ class Hyperparameters(BaseModel, extra="forbid", frozen=True):
     algorithm: Algorithm
     network: Network
     lagrangian: Lagrangian | None = None  # only for Lagrangian PPO
-    residual: str | None = None  # classic law whose feed the policy corrects (see `edmsim.learning.kinds`)
+    residual: str | None = None  # classic law whose feed the policy corrects (see `edmsim.learning.sb3`)
     # change of that feed per action of 1 (ours: a fifth of a cutting feed, which leaves the law in control)
     residual_um_s: Positive = 5.0
-    teacher: str | None = None  # imitation: controller to imitate (see `edmsim.learning.kinds`)
-    # PPO: whether the value network observes the true state (see `edmsim.learning.kinds`)
+    teacher: str | None = None  # imitation: controller to imitate (see `edmsim.learning.sb3`)
+    # PPO: whether the value network observes the true state (see `edmsim.learning.sb3`)
     privileged_critic: bool = False
 
 

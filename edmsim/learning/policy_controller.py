@@ -1,4 +1,4 @@
-"""A trained policy as a feed controller or who decides on passes, as in its environment."""
+"""Trained policies as feed controllers or who decides on passes, as in their environments."""
 
 from contextlib import suppress
 from typing import ClassVar
@@ -14,6 +14,7 @@ from edmsim.envs.part_task import Part
 from edmsim.envs.sub_envs import ObservationBuilder
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
+from edmsim.learning import bandit
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
@@ -202,6 +203,12 @@ class PolicyController(Snapshots):
             with suppress(InputError):
                 self._setting_us = setting_us
                 break
+
+
+def from_name(name: str) -> bandit.BanditController | PolicyController:
+    """Make the controller of a policy from its file or its name under ``models/policies``."""
+    file = bandit.find(name)
+    return PolicyController(load(name)) if file is None else bandit.BanditController(bandit.load(file))
 
 
 class PassPolicy:

@@ -22,9 +22,9 @@ from edmsim.controllers import FeedController, SeesTruth, from_text, names
 from edmsim.envs.part_task import ACTIONS
 from edmsim.envs.registry import arguments_with, make_family
 from edmsim.envs.task import KNOBS, EnvArguments, Family
-from edmsim.errors import InputError, invalid_entry, one_of, refuses_wrong_types
+from edmsim.errors import InputError, invalid_entry, located, one_of, refuses_wrong_types
 from edmsim.files import read_arrays, replacing
-from edmsim.learning import bandit_file
+from edmsim.learning import bandit
 from edmsim.user_code import named, policy_of
 
 FORMAT = "edmsim-policy-1"
@@ -70,6 +70,12 @@ class Residual(BaseModel, extra="forbid", frozen=True):
                 f"a policy adds to a law of edmsim that a machine could have, not to '{self.law}'; there are: {laws}"
             )
         return law
+
+    def check(self, family: EnvArguments) -> None:
+        """Refuse a law there is not, and an environment whose actions are not feeds of a window."""
+        self.make()
+        if not isinstance(family, Family) or family.action != "speed" or family.decision_s is not None:
+            raise InputError("a policy that adds to a law commands a speed every window; its environment does not")
 
     def action(self, family: Family, law_um_s: float, correction: float) -> np.float32:
         """Return the action for an environment with ``action="speed"``: the law's feed plus the correction."""
@@ -307,8 +313,8 @@ def load(name: str, env_id: str | None = None) -> Policy:
     except OSError as error:
         raise InputError(f"the policy cannot be read: {error.strerror}", file) from None
     except ValidationError as error:
-        if bandit_file.find(name) is not None:
-            networks = ", ".join(each for each in models.policies() if bandit_file.find(each) is None)
+        if bandit.find(name) is not None:
+            networks = ", ".join(each for each in models.policies() if bandit.find(each) is None)
             reason = f"this policy chooses settings of a law and has no network: give one that has, as {networks}"
         else:
             reason = f"this is not a policy, or a damaged one: {invalid_entry(error)}"
@@ -334,23 +340,14 @@ def _check_environment(card: Card, file: Path) -> None:
             "in another version of it", file,
         )
     if card.residual is not None:
-        _check_residual(card.residual, family, file)
+        with located(file):
+            card.residual.check(family)
     commands = meanings(family)
     if card.action != commands:
         raise InputError(
             f"the policy commands {', '.join(card.action)}; {card.env_id} takes {', '.join(commands)}: it was "
             "trained in another version of it", file,
         )
-
-
-def _check_residual(residual: Residual, family: EnvArguments, file: Path) -> None:
-    """Refuse a law there is not, and an environment whose actions are not feeds of a window."""
-    try:
-        residual.make()
-    except InputError as error:
-        raise InputError(f"the law that the policy adds to: {error}", file) from None
-    if not isinstance(family, Family) or family.action != "speed" or family.decision_s is not None:
-        raise InputError("a policy that adds to a law commands a speed every window; its environment does not", file)
 
 
 def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, ...], Lstm | None]:

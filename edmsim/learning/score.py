@@ -1,28 +1,39 @@
-"""Scores of a policy and of classic controllers, from their cuts of held-back episodes.
+"""What a policy earns: scores beside classic controllers, and whether it may replace what its training started from.
 
-``edmsim evaluate --policy NAME --write-card`` measures a policy again and writes the scores into its card.
+``edmsim evaluate --policy NAME --write-card`` measures a policy again and writes the scores into its card. A safe
+training accepts its policy only if its return on other machines is not lower than that of its start.
 """
 
+import shutil
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from edmsim.envs.families import Shift
 from edmsim.envs.registry import find
-from edmsim.errors import refuses_wrong_types
-from edmsim.evaluation.compare import run
-from edmsim.evaluation.episode import Result, is_part
-from edmsim.learning import bandit_file, policy_file
+from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.evaluation.compare import Figure, mean, run
+from edmsim.evaluation.episode import HELD_BACK, Result, cut_job, engine_of, is_part
+from edmsim.learning import bandit, policy_file
 from edmsim.numeric import whole_from
 from edmsim.plant.resolution import RESOLUTIONS
-from edmsim.runs import RunTable
+from edmsim.runs import RunTable, perform
 from edmsim.screen import ScreenTable
 from edmsim.user_code import policy_of
 
 RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic servo on the mean voltage."""
+FIRST_SEED = HELD_BACK - 100_000
+"""First seed of the machines that test a policy: comparisons use others, as their seeds must not choose a policy;
+training, which draws its seeds from 32 bits, meets one only by chance."""
+LEAST_MACHINES = 4
+"""Least number of machines (ours: with fewer, a bootstrap has only a handful of means)."""
+MOST_LOSS_SHARE = 0.02
+"""How far below zero the difference's interval may reach, as a share of the start's return (ours: a policy compared
+with itself must pass; one whose loss is unknown must not)."""
 
 
 def measured_with(env_id: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -101,22 +112,25 @@ def score(results: Sequence[Result], resolution: str) -> Score:
 
 def write_card(policy: str, scores: Sequence[Score]) -> None:
     """Write scores of `measure` into a policy's card, in the place of those at the same resolutions."""
-    bandit = bandit_file.find(policy)
-    card: Any = policy_file.load(policy).card if bandit is None else bandit_file.load(bandit)
+    card = _card(policy)
     measured = {row.resolution for row in scores}
     others = [row for row in card.scores if row["resolution"] not in measured]
     card = card.model_copy(update={"scores": [*others, *(row._asdict() for row in scores)]})
-    if bandit is not None:
-        bandit_file.write(card, bandit)
-        return
     file = policy_file.locate(policy)
-    policy_file.write(card, file.with_suffix(".npz").read_bytes(), file)
+    if isinstance(card, bandit.BanditCard):
+        bandit.write(card, file)
+    else:
+        policy_file.write(card, file.with_suffix(".npz").read_bytes(), file)
+
+
+def _card(policy: str) -> policy_file.Card | bandit.BanditCard:
+    file = bandit.find(policy)
+    return policy_file.load(policy).card if file is None else bandit.load(file)
 
 
 def env_id_of(policy: str) -> str:
     """Return the environment of a policy's training."""
-    bandit = bandit_file.find(policy)
-    return policy_file.load(policy).card.env_id if bandit is None else bandit_file.load(bandit).env_id
+    return _card(policy).env_id
 
 
 def render(scores: list[Score]) -> ScreenTable:
@@ -130,3 +144,64 @@ def render(scores: list[Score]) -> ScreenTable:
             f"{row.rate_mm2_min:.2f}", error, f"{row.breaks} of {row.seeds}", f"{row.limits} of {row.seeds}",
         )
     return table
+
+
+class Verdict(NamedTuple):
+    """Comparison of a policy with its start on the same machines."""
+
+    # start, difference: mean return of the start, and of the paired differences, with their 95 % bootstrap intervals
+    start: Figure
+    difference: Figure
+    machines: int
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the lower end of the interval is within the allowed loss."""
+        return bool(self.difference.low >= -MOST_LOSS_SHARE * abs(self.start.value))
+
+    def words(self) -> str:
+        """Return the verdict as a line of text."""
+        value, low, high = self.difference.value, self.difference.low, self.difference.high
+        how = "accepted" if self.accepted else "refused"
+        return (f"{how}: on {self.machines} other machines it earns {value:+.4g} ({low:+.4g} to {high:+.4g}) "
+                f"beside {self.start.value:.4g} of its start")  # fmt: skip
+
+
+def check_safe(machines: int, start: str | None) -> None:
+    """Raise `InputError` before the training if there are too few machines, or no start."""
+    if machines < LEAST_MACHINES:
+        raise InputError(f"{machines} machines tell too little to accept a policy: give {LEAST_MACHINES} or more")
+    if start is None:
+        raise InputError("--safe compares with what the training starts from: give --start policy:NAME")
+
+
+def verdict(returns: Sequence[float], start_returns: Sequence[float]) -> Verdict:
+    """Compare the returns of a policy and of its start, machine by machine."""
+    new, old = np.array(returns, float), np.array(start_returns, float)
+    return Verdict(mean(old), mean(new - old), len(new))
+
+
+def accept(
+    env_id: str, trained: Path, start: str, machines: int, watch: Callable[[str, int, int], None] | None = None
+) -> Verdict:
+    """Compare a trained policy with its start: it becomes ``policy.json`` of its folder, or ``refused.json``.
+
+    If it is refused, the start becomes ``policy.json``. The start is a file or a name. `watch` is called with a name,
+    finished cuts and all.
+    """
+    both = f"policy:{trained}", f"policy:{policy_of(start)}"
+    jobs = [(name, FIRST_SEED + k) for k in range(machines) for name in both]
+    results = perform(
+        partial(cut_job, env_id), jobs, watch and partial(watch, "accept"), engine=engine_of(env_id, len(jobs))
+    )
+    returns = [result.total_return for result in results]
+    found = verdict(returns[::2], returns[1::2])
+    file, refused = trained.with_name("policy.json"), trained.with_name("refused.json")
+    first = policy_file.locate(start)
+    for ending in (".json", ".npz"):
+        trained.with_suffix(ending).replace((file if found.accepted else refused).with_suffix(ending))
+        if found.accepted:
+            refused.with_suffix(ending).unlink(missing_ok=True)
+        else:
+            shutil.copy(first.with_suffix(ending), file.with_suffix(ending))
+    return found

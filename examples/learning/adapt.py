@@ -25,9 +25,8 @@ import numpy as np
 
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
-from edmsim.learning import bandit_file, bandit_training
-from edmsim.learning.bandit_controller import BanditController
-from edmsim.learning.bandit_training import BanditSettings, History
+from edmsim.learning import bandit
+from edmsim.learning.bandit import BanditController, BanditSettings, History
 from edmsim.runs import RunTable, perform
 
 ENV_ID, FIRST_SEED, NEW_MACHINE = "edmsim/MaxRateShift-v0", 23_000, 24_000
@@ -77,15 +76,15 @@ def main() -> None:
     table = RunTable(arguments.out / "histories.jsonl", {"settings": SETTINGS.model_dump()})
     seeds = [FIRST_SEED + k for k in range(arguments.machines)]
     rows = perform(
-        lambda seed: bandit_training.record(ENV_ID, SETTINGS, seed)._asdict(), seeds,
+        lambda seed: bandit.record(ENV_ID, SETTINGS, seed)._asdict(), seeds,
         lambda done, total: print(f"{done} of {total} machines recorded", flush=True),
         table=table, ids=[str(seed) for seed in seeds],
     )  # fmt: skip
     histories = [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
     steps = sum(len(history.rows) for history in histories)
-    prior, command = bandit_training.prior_of(histories, SETTINGS), "python " + " ".join(sys.argv)
-    card = bandit_training.card_of(ENV_ID, SETTINGS, prior, command, 0, steps)
-    bandit_file.write(card, arguments.out / "policy.json")
+    prior, command = bandit.prior_of(histories, SETTINGS), "python " + " ".join(sys.argv)
+    card = bandit.card_of(ENV_ID, SETTINGS, prior, command, 0, steps)
+    bandit.write(card, arguments.out / "policy.json")
     if arguments.watch:
         print("Rate beside that of setting 0, by what the policy knows of a new machine:")
         task = Task(ENV_ID, episode_s=arguments.watch)

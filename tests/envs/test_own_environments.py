@@ -181,7 +181,7 @@ def test_a_cut_that_cannot_be_drawn_is_one_line_with_its_place(bend, returned, s
 
 def test_registered_arguments_stay_where_controllers_are_compared_and_policies_trained(bend: str) -> None:
     resolve(bend)
-    assert episode.episodes(BEND_ID) == episode.episodes("edmsim/GapFeed-v2")
+    assert episode.lines_of(BEND_ID).seeds == episode.lines_of("edmsim/GapFeed-v2").seeds
     assert hyperparameters.load(BEND_ID, "ppo").num_envs == hyperparameters.load("GapFeed", "ppo").num_envs
 
 

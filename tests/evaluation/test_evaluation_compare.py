@@ -20,9 +20,8 @@ from edmsim.envs.registry import arguments_with, register
 from edmsim.envs.reward import Weights
 from edmsim.errors import InputError
 from edmsim.evaluation import compare
-from edmsim.evaluation.episode import HELD_BACK, Episode, Result, engine_of
-from edmsim.evaluation.lines import ORACLE_GAPS_UM, lines_of
-from edmsim.evaluation.table import as_json, render, shown
+from edmsim.evaluation.compare import as_json, render, shown
+from edmsim.evaluation.episode import HELD_BACK, ORACLE_GAPS_UM, Episode, Result, engine_of, lines_of
 from edmsim.learning import hyperparameters
 from edmsim.runs import RunTable, processors
 

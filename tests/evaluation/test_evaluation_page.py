@@ -2,10 +2,22 @@
 
 from pathlib import Path
 
-from edmsim.evaluation.compare import leaderboard
-from edmsim.evaluation.table import draw_returns, markdown_table, write_page
+import matplotlib
+import pytest
+
+from edmsim.evaluation.compare import draw_returns, leaderboard, markdown_table, write_page
 
 BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.jsonl"
+
+
+@pytest.mark.slow
+def test_a_style_of_the_user_does_not_get_into_the_figures_of_a_page(tmp_path):
+    made = leaderboard(BOARD)["edmsim/GapFeed-v2", "fast"]
+    write_page(tmp_path / "plain.md", [made])
+    with matplotlib.rc_context({"axes.facecolor": "black", "text.usetex": True}):
+        write_page(tmp_path / "styled.md", [made])
+    plain, styled = ((tmp_path / f"{name}-GapFeed-v2.png").read_bytes() for name in ("plain", "styled"))
+    assert plain == styled
 
 
 def test_a_page_has_the_table_and_a_row_of_the_figure_for_every_controller(tmp_path):

@@ -10,10 +10,8 @@ import pytest
 
 from edmsim.envs.registry import make_family, registered_ids
 from edmsim.errors import InputError
-from edmsim.evaluation.compare import Comparison, evaluate, leaderboard
-from edmsim.evaluation.episode import Result, cut
-from edmsim.evaluation.lines import lines_of
-from edmsim.evaluation.table import as_json
+from edmsim.evaluation.compare import Comparison, as_json, evaluate, leaderboard
+from edmsim.evaluation.episode import Result, cut, lines_of
 from edmsim.runs import RunTable
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from edmsim.learning import bandit_file
+from edmsim.learning import bandit
 
 FILE = Path(__file__).parents[2] / "examples" / "learning" / "adapt.py"
 
@@ -26,4 +26,4 @@ def test_the_example_learns_and_shows_what_it_expects(adapt, tmp_path, monkeypat
     assert lines[2] == "2 of 2 machines recorded"
     assert next(line.split()[-1] for line in lines if "next:" in line) in ("1", "2")  # an untried setting
     assert "mm2/min" in lines[-1]
-    assert bandit_file.load(tmp_path / "out" / "policy.json").steps == 18
+    assert bandit.load(tmp_path / "out" / "policy.json").steps == 18

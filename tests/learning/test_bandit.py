@@ -11,9 +11,8 @@ from edmsim.controllers.user_controllers import check_controller
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
-from edmsim.learning import bandit_file, score
-from edmsim.learning.bandit_controller import BanditController
-from edmsim.learning.bandit_file import BanditCard, Belief, Segment
+from edmsim.learning import bandit, score
+from edmsim.learning.bandit import BanditCard, BanditController, Belief, Segment
 
 ENV_ID = "edmsim/MaxRateShift-v0"
 SETTINGS = [{"open_target_share": 0.0, "shortest_us": 18.0}, {"open_target_share": 0.1, "shortest_us": 12.5},
@@ -25,7 +24,7 @@ LOST_S = 25.0  # that a lost wire costs
 def card(**changes):
     size = 3 * len(SETTINGS)
     usual = {
-        "format": bandit_file.FORMAT, "env_id": ENV_ID, "environment": {}, "law": "adaptive-hold",
+        "format": bandit.FORMAT, "env_id": ENV_ID, "environment": {}, "law": "adaptive-hold",
         "settings": SETTINGS, "segment_s": 0.5, "settle_s": 0.1, "first_s": 0.5, "start_s": 0.2, "trial_s": 2.0,
         "trial_bonus": 2.0, "bonus": 0.3, "mean": [0.0] * size, "covariance": (0.04 * np.eye(size)).tolist(),
         "noise": [0.05, 0.02, 0.02], "offset_drift": 0.02, "drift": 0.01, "breaks": [0.002] * len(SETTINGS),
@@ -37,7 +36,7 @@ def card(**changes):
 
 @pytest.fixture
 def policy(tmp_path):
-    bandit_file.write(card(), tmp_path / "policy.json")
+    bandit.write(card(), tmp_path / "policy.json")
     return from_text(f"policy:{tmp_path / 'policy.json'}")
 
 
@@ -110,7 +109,7 @@ def test_a_setting_that_can_hardly_be_the_best_is_not_tried(tmp_path):
     for deviation in (0.01, 0.2):
         covariance = np.diag([deviation**2] * 3 + [0.04] * 6)
         mean = [0.0, 0.0, -0.2, *[0.1] * 6]
-        bandit_file.write(card(mean=mean, covariance=covariance.tolist()), tmp_path / "policy.json")
+        bandit.write(card(mean=mean, covariance=covariance.tolist()), tmp_path / "policy.json")
         controller = from_text(f"policy:{tmp_path / 'policy.json'}")
         tried.append([controller.choose() for _ in range(2)])
     assert 2 not in tried[0]
@@ -175,10 +174,10 @@ def test_a_file_that_does_not_fit_is_refused_in_one_line(tmp_path, changes, matc
 
 def test_its_card_takes_scores(tmp_path):
     file = tmp_path / "policy.json"
-    bandit_file.write(card(), file)
+    bandit.write(card(), file)
     row = score.Score("policy", "fast", 2, 1.0, 0.1, 10.0, None, 4.0, 0, 0)
     score.write_card(str(file), [row])
-    assert bandit_file.load(file).scores == [row._asdict()]
+    assert bandit.load(file).scores == [row._asdict()]
     assert score.env_id_of(str(file)) == ENV_ID
 
 
@@ -187,4 +186,4 @@ def test_its_card_takes_scores(tmp_path):
     [((100,) * 5, 1.0), ((100, 100, 100, 50, 0), 0.7), ((130, 100, 5, 0, 0), 0.409), ((90, 0, 0, 0, 0), 0.2)],
 )
 def test_the_local_height_follows_from_where_pulses_ignite(fifths, share):
-    assert bandit_file.height_share(fifths) == pytest.approx(share, abs=0.01)
+    assert bandit.height_share(fifths) == pytest.approx(share, abs=0.01)

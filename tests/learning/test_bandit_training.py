@@ -2,19 +2,21 @@
 
 import json
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from edmsim.controllers import from_text
+from edmsim.envs import register
 from edmsim.envs.episode import Task
+from edmsim.envs.families import MaxRateShift
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
-from edmsim.learning import bandit_file, bandit_training
-from edmsim.learning.bandit_file import Belief, Segment
-from edmsim.learning.bandit_training import History
+from edmsim.learning import bandit
+from edmsim.learning.bandit import Belief, History, Segment
 
 ENV_ID = "edmsim/MaxRateShift-v0"
-SHIPPED = bandit_training.load(ENV_ID)
+SHIPPED = bandit.settings_of(ENV_ID)
 COUNT = 6
 SETTINGS = SHIPPED.model_copy(update={"settings": SHIPPED.settings[:COUNT], "passes": 4})
 SHORT = """law = "adaptive-hold"
@@ -48,7 +50,7 @@ def histories(count=60, noise=0.04):
 
 def test_the_prior_is_what_machines_have_in_common():
     made, rates = histories()
-    prior = bandit_training.prior_of(made, SETTINGS)
+    prior = bandit.prior_of(made, SETTINGS)
     assert prior.noise[0] == pytest.approx(0.05, rel=0.2)  # with the meter's
     assert prior.noise[2] == pytest.approx(0.01, rel=0.2)
     assert prior.mean[:COUNT] == pytest.approx(rates.mean(axis=0), abs=0.02)
@@ -56,7 +58,7 @@ def test_the_prior_is_what_machines_have_in_common():
 
 
 def test_with_the_prior_one_segment_tells_which_setting_pays():
-    card = bandit_training.card_of(ENV_ID, SETTINGS, bandit_training.prior_of(histories()[0], SETTINGS), "", 0, 0)
+    card = bandit.card_of(ENV_ID, SETTINGS, bandit.prior_of(histories()[0], SETTINGS), "", 0, 0)
     for short, best in ((0.2, {2, 3}), (0.4, {4, 5})):
         belief = Belief(card)
         belief.learn(0, Segment(6.0, 0.1, short))
@@ -68,29 +70,29 @@ def test_lost_wires_are_counted_by_setting_and_machine():
     factor = rng.gamma(2.0, 0.5, size=(4000, 1))  # of a machine: a variance of a half
     cut_s = np.full((4000, 3), 100.0)
     lost = rng.poisson(factor * np.array([0.001, 0.004, 0.01]) * cut_s)
-    per_s, weight_s = bandit_training.breaks_of(lost.astype(float), cut_s)
+    per_s, weight_s = bandit.breaks_of(lost.astype(float), cut_s)
     assert per_s == pytest.approx([0.001, 0.004, 0.01], rel=0.15)
     assert weight_s == pytest.approx(2.0 / 0.005, rel=0.5)  # the shape over the mean rate
-    per_s, weight_s = bandit_training.breaks_of(np.zeros((5, 2)), np.full((5, 2), 100.0))
+    per_s, weight_s = bandit.breaks_of(np.zeros((5, 2)), np.full((5, 2), 100.0))
     assert per_s == pytest.approx([0.001, 0.001], rel=0.05)  # as if one wire had been lost
     assert weight_s == 1000.0
 
 
 def test_a_setting_is_no_worse_than_others_by_two_lost_wires_alone():
     cut_s = np.full((4, 2), 250.0)
-    per_s, _ = bandit_training.breaks_of(np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), cut_s)
-    mean, shape = 3.0 / 2000.0, 1.0 / bandit_training.LEAST_SPREAD  # one more than were lost; no spread beyond chance
+    per_s, _ = bandit.breaks_of(np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), cut_s)
+    mean, shape = 3.0 / 2000.0, 1.0 / bandit.LEAST_SPREAD  # one more than were lost; no spread beyond chance
     assert per_s == pytest.approx([mean * shape / (shape + 1.5), mean * (shape + 2.0) / (shape + 1.5)])
-    many, _ = bandit_training.breaks_of(20.0 * np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0], [0.0, 1.0]]), cut_s)
+    many, _ = bandit.breaks_of(20.0 * np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0], [0.0, 1.0]]), cut_s)
     assert many[1] > 10.0 * many[0]  # eighty wires are no chance
 
 
 def test_machines_that_tried_too_little_are_left_out_and_none_is_refused():
     made, _ = histories(count=6)
     short = made[0]._replace(rows=made[0].rows[:COUNT])
-    assert bandit_training.prior_of([short, *made[1:]], SETTINGS) != bandit_training.prior_of(made, SETTINGS)
+    assert bandit.prior_of([short, *made[1:]], SETTINGS) != bandit.prior_of(made, SETTINGS)
     with pytest.raises(InputError, match="only 0 of 2 training machines"):
-        bandit_training.prior_of([short, short], SETTINGS)
+        bandit.prior_of([short, short], SETTINGS)
 
 
 @pytest.fixture
@@ -108,7 +110,7 @@ def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, sho
     assert first.status == 0
     assert "per hour" in first.out
     assert f"Compare it: edmsim evaluate {ENV_ID} --controllers policy:{out / 'policy.json'}" in first.out
-    card = bandit_file.load(out / "policy.json")
+    card = bandit.load(out / "policy.json")
     assert card.steps == 18  # two settings in three passes on three machines
     assert [setting["open_target_share"] for setting in card.settings] == [0.0, 0.2]
     rows = [json.loads(line) for line in (out / "histories.jsonl").read_text().splitlines()[1:]]
@@ -123,7 +125,7 @@ def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, sho
     assert (out / "histories.jsonl").read_bytes().startswith(before)
     assert edmsim(*words, "--settings", short_file).status == 2  # the folder has a training
     assert edmsim(*words, "--resume").status == 0  # with as many machines as it began with
-    card = bandit_file.load(out / "policy.json")
+    card = bandit.load(out / "policy.json")
     assert card.steps == 18
     assert card.command == f"edmsim train {ENV_ID} --algo bandit --steps 18 --seed 0 --settings {short_file}"
     other = edmsim(*words, "--resume", "--seed", 5)
@@ -170,13 +172,24 @@ def test_what_cannot_be_trained_is_refused_in_one_line(edmsim, tmp_path, words, 
 def test_settings_that_cannot_be_used_are_refused_in_one_line(tmp_path, text, named):
     (tmp_path / "own.toml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as refused:
-        bandit_training.train(ENV_ID, tmp_path / "out", settings=bandit_training.load(ENV_ID, tmp_path / "own.toml"))
+        bandit.train(ENV_ID, tmp_path / "out", settings=bandit.settings_of(ENV_ID, tmp_path / "own.toml"))
     assert named in str(refused.value)
+
+
+def test_a_shift_that_no_policy_file_describes_is_refused_before_its_machines_are_cut(tmp_path, monkeypatch):
+    class Cornered(MaxRateShift):
+        knows_corners = True
+
+    register("lab/Cornered-v0", Cornered)
+    monkeypatch.setattr(bandit, "record", lambda *_: pytest.fail("a machine was cut"))
+    with pytest.raises(InputError, match="Cornered has other observations or actions"):
+        bandit.train("lab/Cornered-v0", tmp_path, settings=SETTINGS)
+    del gym.registry["lab/Cornered-v0"]
 
 
 def test_every_shift_has_settings_of_its_own():
     for env_id in (ENV_ID, "edmsim/ThinWireShift-v0"):
-        law = bandit_file.law_of(bandit_training.load(env_id))
-        first = bandit_training.load(env_id).settings[0]
+        law = bandit.law_of(bandit.settings_of(env_id))
+        first = bandit.settings_of(env_id).settings[0]
         for name, value in first.items():  # a new wire begins as the law itself does
             assert [getattr(part, name) for part in law.parts if hasattr(part, name)] == [value]

@@ -16,7 +16,7 @@ from edmsim.envs.episode import Task
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
 from edmsim.job.plan import make_controller
-from edmsim.learning import bandit_file, policy_file
+from edmsim.learning import bandit, policy_file
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.score import measured_with
 
@@ -188,9 +188,9 @@ def test_the_corners_of_a_later_leg_are_observed_where_they_are(make_policy):
 
 @pytest.mark.parametrize("file", sorted((ROOT / "models" / "policies").glob("*.json")), ids=lambda f: f.stem)
 def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
-    bandit = bandit_file.find(file.stem)
-    card = bandit_file.load(bandit) if bandit else policy_file.load(file.stem).card
-    name, trained_in = ("adapt", None) if bandit else (card.algorithm, card.trained_in)
+    found = bandit.find(file.stem)
+    card = bandit.load(found) if found else policy_file.load(file.stem).card
+    name, trained_in = ("adapt", None) if found else (card.algorithm, card.trained_in)
     assert file.stem == f"{card.env_id.removeprefix('edmsim/')[:-3]}-{name}"
     made_by = f"edmsim train {trained_in or card.env_id} --algo {card.algorithm} "
     assert card.command.startswith((made_by, f"python examples/learning/{name}.py "))
@@ -199,7 +199,7 @@ def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
         (c, r) for c in ("policy", *rivals) for r in resolutions
     }
-    if bandit:
+    if found:
         return
     policy = policy_file.load(file.stem)
     assert file.with_suffix(".npz").stat().st_size < 100_000

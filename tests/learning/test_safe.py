@@ -5,7 +5,7 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK
-from edmsim.learning import command, policy_file, safe
+from edmsim.learning import command, policy_file, score
 
 RNG = np.random.default_rng(1)
 MACHINES = RNG.uniform(500, 3000, 12)  # what a start earns: machines differ far more than policies
@@ -17,14 +17,14 @@ MACHINES = RNG.uniform(500, 3000, 12)  # what a start earns: machines differ far
     ids=["the same", "better", "worse", "better on most", "not known to be no worse"],
 )
 def test_a_policy_is_accepted_by_its_differences_machine_by_machine(change, accepted):
-    found = safe.verdict(MACHINES + change, MACHINES)
+    found = score.verdict(MACHINES + change, MACHINES)
     assert found.accepted is accepted
     assert found.words().startswith("accepted" if accepted else "refused")
     assert found.difference.low <= found.difference.value <= found.difference.high
 
 
 def test_the_machines_are_none_of_a_comparison():
-    assert safe.FIRST_SEED + 1000 < HELD_BACK
+    assert score.FIRST_SEED + 1000 < HELD_BACK
 
 
 @pytest.mark.parametrize(("worse", "left"), [(True, "start"), (False, "trained")])
@@ -40,10 +40,10 @@ def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, wors
     class Cut:
         def __init__(self, seed, name):
             assert not policy_json.exists()  # an interruption leaves no policy that was not accepted
-            self.total_return = MACHINES[seed - safe.FIRST_SEED] - (500.0 if worse and "trained" in name else 0.0)
+            self.total_return = MACHINES[seed - score.FIRST_SEED] - (500.0 if worse and "trained" in name else 0.0)
 
-    monkeypatch.setattr(safe, "cut_job", lambda env_id, job: Cut(job[1], job[0].replace(str(trained), "trained")))
-    found = safe.accept("edmsim/GapFeed-v2", trained, "policy:GapFeed-ppo", 6)
+    monkeypatch.setattr(score, "cut_job", lambda env_id, job: Cut(job[1], job[0].replace(str(trained), "trained")))
+    found = score.accept("edmsim/GapFeed-v2", trained, "policy:GapFeed-ppo", 6)
     assert found.machines == 6
     assert (policy_file.load(str(policy_json)).card.command == "trained") is (left == "trained")
     assert not trained.exists()
@@ -57,7 +57,7 @@ def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, wors
 )
 def test_what_cannot_be_compared_is_refused_before_the_training(machines, start, said):
     with pytest.raises(InputError, match=said):
-        safe.check(machines, start)
+        score.check_safe(machines, start)
 
 
 @pytest.mark.parametrize("algo", ["ppo", "bandit"])

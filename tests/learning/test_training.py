@@ -208,9 +208,9 @@ def test_a_disk_full_in_a_training_leaves_its_last_checkpoint(
 @pytest.mark.slow
 @needs_rl
 def test_a_training_that_learned_nothing_leaves_none(short_training, tmp_path, edmsim, monkeypatch):
-    from edmsim.learning import train
+    from edmsim.learning import sb3
 
-    monkeypatch.setattr(train, "callbacks_of", lambda *_: signal.raise_signal(signal.SIGHUP))
+    monkeypatch.setattr(sb3, "callbacks_of", lambda *_: signal.raise_signal(signal.SIGHUP))
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
     status, _, err = edmsim("train", "edmsim/GapFeed-v2", "--out", tmp_path)
     signal.signal(signal.SIGHUP, before)

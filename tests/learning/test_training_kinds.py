@@ -84,7 +84,7 @@ def test_a_correction_beyond_an_action_of_1_adds_no_more_than_1():
 
 @pytest.mark.slow
 def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(short_training, tmp_path):
-    from edmsim.learning.train import vec_env_of
+    from edmsim.learning.sb3 import vec_env_of
 
     law = "voltage:reference_V=20"  # a gap wide enough that the law asks for less than the planner's greatest feed
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual=law)
@@ -155,7 +155,7 @@ def test_a_recurrent_imitation_resumes_with_all_rollouts(short_training, tmp_pat
 
 def test_a_teacher_says_what_it_would_do_where_the_learner_is():
     from edmsim.envs.sb3 import make_sb3_vec_env
-    from edmsim.learning.kinds import TaughtVecEnv
+    from edmsim.learning.sb3 import TaughtVecEnv
 
     taught = TaughtVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, action="speed"), "fixed:feed_um_s=9")
     observed = [taught.reset()]
@@ -224,7 +224,7 @@ def test_costs_beyond_the_limit_raise_their_price():
     from stable_baselines3.common.logger import Logger
 
     from edmsim.envs import make_sb3_vec_env
-    from edmsim.learning.kinds import CostVecEnv, Multiplier
+    from edmsim.learning.sb3 import CostVecEnv, Multiplier
 
     vec_env = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
     plain = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2)
