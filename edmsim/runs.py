@@ -518,3 +518,12 @@ class Cluster:
             return self._ray.get(reference)
         except self._ray.exceptions.RayError as error:
             return LostJob(str(error).strip().split("\n")[0] or type(error).__name__)
+
+
+def engine_of(ray: str | None, processes: int | None) -> Engine:
+    """Return where a command makes its runs: in processes of this computer, or on a cluster."""
+    if ray is None:
+        return Processes(None if processes is None else whole_from("--processes", processes, 1))
+    if processes is not None:
+        raise InputError("--processes are those of this computer: leave them out with --ray")
+    return Cluster(ray)

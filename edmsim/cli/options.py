@@ -1,4 +1,4 @@
-"""Options of a cut as options of commands: names, types, defaults and help from where they are declared."""
+"""Options that several commands have; those of a cut with names, types, defaults and help of their declaration."""
 
 import inspect
 import itertools
@@ -16,6 +16,14 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
+Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
+Environment = Annotated[
+    str,
+    typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
+]
+DriveAxis = Annotated[str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 _Command = TypeVar("_Command", bound=Callable[..., None])
 _TAKEN = "_options_taken"
 SET_UP = "set-up"  # in the place of names: all options of a set-up but the machine

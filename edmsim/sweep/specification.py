@@ -3,7 +3,7 @@
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
@@ -23,6 +23,7 @@ from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
 from edmsim.numeric import WholeNumber, listed, plain, real, whole
 from edmsim.runs import digests_of, identity
+from edmsim.user_code import named
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER}):({_NUMBER})")
@@ -262,6 +263,38 @@ def read_specification(file: str | Path) -> Specification:
         raise error if error.file else InputError(error.reason, file) from None
     except RecursionError:
         raise InputError("its tables stand too deep within each other", file) from None
+
+
+_FLAGS = {"seeds": "--seeds", "machine_samples": "--machine-samples", "recordings": "--record"}
+
+
+def specification_of(what: str, words: Sequence[str], **options: Any) -> Specification:
+    """Return the specification of a file, or of the short form: a program or an environment, and what follows it."""
+    chosen = {name: value for name, value in options.items() if value not in (None, [])}
+    if what.endswith(".toml"):
+        if superfluous := [*(_FLAGS[name] for name in chosen), *words]:
+            raise InputError(f"a specification has all settings: leave out {' '.join(superfluous)}")
+        return read_specification(what)
+    is_program = named(what) is None and (Path(what).is_file() or Path(what).suffix)
+    kind = "program" if is_program else "environment"
+    return Specification.model_validate({kind: what, "grid": _grid_of(words), **chosen})
+
+
+def _grid_of(words: Sequence[str]) -> dict[str, str]:
+    """Take ``--height 5,10 --t-on=10:40:5`` apart."""
+    found: dict[str, str] = {}
+    left = list(words)
+    while left:
+        name, joined, value = left.pop(0).partition("=")
+        if not name.startswith("--"):
+            raise InputError(f"'{name}' belongs to no option; values are given as --height 5,10,20")
+        if not joined:
+            if not left:
+                raise InputError(f"{name} has no values: give some, as {name} 5,10,20")
+            value = left.pop(0)
+        key = name.removeprefix("--")
+        found[key] = f"{found[key]},{value}" if key in found else value
+    return found
 
 
 def _repeated(values: list[Any]) -> Any:

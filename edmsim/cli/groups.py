@@ -1,21 +1,20 @@
-"""Commands with many runs: sweep, and tune, which searches gains, settings, trainings, technologies, drives."""
+"""Commands in groups: sweeps and searches of many runs, measurements of a machine, consoles."""
 
+import json as codec
+import math
 import shlex
+import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from pkgutil import resolve_name
+from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import OUT, DriveAxis, Environment, Quiet, interruptible, print_line, say
-from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.errors import STOPPED, InputError
+from edmsim.cli.console import ERR, OUT, interruptible, print_line, progress, say
+from edmsim.cli.options import SET_UP, Among, DriveAxis, Environment, Json, Quiet, Unset, takes
+from edmsim.errors import BAD_INPUT, INTERRUPTED, STOPPED, InputError
 from edmsim.files import check_suffix, make_writable, replacing
-
-if TYPE_CHECKING:
-    from edmsim.runs import Engine
-    from edmsim.sweep.run import SweepProgress
-    from edmsim.sweep.specification import Specification
 
 Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
 ProcessCount = Annotated[
@@ -45,13 +44,17 @@ def run(
     --height 5,10,20 --t-on 10:40:5 --gap.critical_um 4,5.
     If a sweep was interrupted, the same command makes only the missing runs.
     """
-    from edmsim.sweep.run import sweep
+    from edmsim.runs import engine_of
+    from edmsim.sweep.run import SweepProgress, sweep
+    from edmsim.sweep.specification import specification_of
 
-    specification = _specification(what, context.args, seeds, machine_samples, record)
+    specification = specification_of(
+        what, context.args, seeds=seeds, machine_samples=machine_samples, recordings=record
+    )
     engine = engine_of(ray, processes)
     with interruptible("run the same command to make the missing runs", keep=True) as bar:
 
-        def watch(progress: "SweepProgress") -> None:
+        def watch(progress: SweepProgress) -> None:
             failed = f", {progress.failed} failed" if progress.failed else ""
             text = f"{progress.done} of {progress.total}{failed}"
             bar.show("runs", progress.done, progress.total, text)
@@ -82,56 +85,6 @@ def show(
     print_line(f"Written: {folder / 'pareto.png'}")
 
 
-_FLAGS = {"seeds": "--seeds", "machine_samples": "--machine-samples", "recordings": "--record"}
-
-
-def _specification(
-    what: str, words: list[str], seeds: int | None, machine_samples: int | None, record: list[str] | None
-) -> "Specification":
-    """Return the specification of a file, or of the short form."""
-    from edmsim.sweep.specification import Specification, read_specification
-    from edmsim.user_code import named
-
-    over = {"seeds": seeds, "machine_samples": machine_samples, "recordings": record or None}
-    chosen = {name: value for name, value in over.items() if value is not None}
-    if what.endswith(".toml"):
-        if superfluous := [*(_FLAGS[name] for name in chosen), *words]:
-            raise InputError(f"a specification has all settings: leave out {' '.join(superfluous)}")
-        return read_specification(what)
-    is_program = named(what) is None and (Path(what).is_file() or Path(what).suffix)
-    kind = "program" if is_program else "environment"
-    return Specification.model_validate({kind: what, "grid": _options(words), **chosen})
-
-
-def _options(words: list[str]) -> dict[str, Any]:
-    """Take ``--height 5,10 --t-on=10:40:5`` apart."""
-    found: dict[str, Any] = {}
-    left = list(words)
-    while left:
-        name, joined, value = left.pop(0).partition("=")
-        if not name.startswith("--"):
-            raise InputError(f"'{name}' belongs to no option; values are given as --height 5,10,20")
-        if not joined:
-            if not left:
-                raise InputError(f"{name} has no values: give some, as {name} 5,10,20")
-            value = left.pop(0)
-        key = name.removeprefix("--")
-        found[key] = f"{found[key]},{value}" if key in found else value
-    return found
-
-
-def engine_of(ray: str | None, processes: int | None) -> "Engine":
-    """Return where runs are made: the processes of this computer, or a cluster's."""
-    from edmsim.numeric import whole_from
-    from edmsim.runs import Cluster, Processes
-
-    if ray is None:
-        return Processes(None if processes is None else whole_from("--processes", processes, 1))
-    if processes is not None:
-        raise InputError("--processes are those of this computer: leave them out with --ray")
-    return Cluster(ray)
-
-
 Study = Annotated[Path, typer.Option("--out", help="Folder of the study; an existing one is resumed.")]
 Trials = Annotated[int, typer.Option(help="Trials in all.")]
 FirstSeed = Annotated[int, typer.Option("--seed", help="First training seed, also the seed of the search.")]
@@ -152,6 +105,7 @@ def training(
     processes: ProcessCount = None,
 ) -> None:
     """Search for settings of a training (extras rl and tune)."""
+    from edmsim.runs import engine_of
     from edmsim.sweep.tune import tune_training
 
     with interruptible() as bar:
@@ -205,6 +159,7 @@ def controller(
     **options: Any,
 ) -> None:  # fmt: skip
     """Search for settings of a controller on drawn machines (extra tune)."""
+    from edmsim.runs import engine_of
     from edmsim.sweep.tune import BEST, tune_controller
 
     height = {key: options.pop(key) for key in ("height_mm",) if key in options}
@@ -284,3 +239,181 @@ def _print_values(name: str, values: dict[str, float], score: str, out: Path) ->
     if (out / "policy.json").is_file():
         policy = shlex.quote(f"policy:{out / 'policy.json'}")
         print_line(f"Cut with the best policy: edmsim cut PROGRAM --controller {policy} --out DIR")
+
+
+@takes(
+    "machine", "compensation", "seed",
+    compensation=Unset("What is written is then what these tables, in force, have left."),
+)
+def table(
+    out: Annotated[Path | None, typer.Option(help="File for the compensation tables, .toml.")] = None,
+    interval: Annotated[float | None, typer.Option(help="Distance between targets in mm; default: 0.5.")] = None,
+    runs: Annotated[int | None, typer.Option(help="Runs to every target in each direction; default: 5.")] = None,
+    cubic: Annotated[bool, typer.Option("--cubic", help="Interpolate the tables by curves.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="File for the figure, .png .svg or .pdf.")] = None,
+    json: Json = False,
+    **options: Any,
+) -> None:
+    """Measure a machine's table as a laser interferometer does."""
+    from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
+    from edmsim.job.settings import CutSettings
+    from edmsim.measure import as_json, headline, measure_table, render, table_figure
+    from edmsim.recording.figures.style import check_figure, write_figure
+
+    if plot is not None:
+        check_figure(plot)
+    if out is not None:
+        check_suffix(out, "a compensation file", ".toml")
+    settings = CutSettings.model_validate(options)
+    compensation = settings.compensation
+    loaded = None if compensation is None else load_tables(read_tables(compensation), compensation)
+    worn = settings.load_machine()
+    for file in (out, plot):
+        if file is not None:
+            make_writable(file.parent)
+    found = measure_table(worn, interval_mm=interval, runs=runs, seed=settings.seed, compensation=loaded)
+    if out is not None:
+        left = "" if compensation is None else f" with {Path(compensation).name} in force"
+        about = f"Errors of the table of {settings.machine}{left}: what an axis indicates less where it truly is."
+        with replacing(out) as partial:
+            partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
+    if plot is not None:
+        write_figure(table_figure({"measured": found}), plot)
+    if json:
+        sys.stdout.write(as_json(found) + "\n")
+        return
+    OUT.print(render(found))
+    if out is not None and compensation is None:
+        use = f"--machine {shlex.quote(settings.machine)} --compensation {shlex.quote(str(out))}"
+        print_line(f"Cut with it: edmsim cut PROGRAM {use} --out DIR")
+
+
+@takes(
+    "machine", "height_mm", "wire", "constants", "taper_deg", "guide_errors_mm", "resolution", "seed",
+    resolution="fast", taper_deg=10.0,
+)  # fmt: skip
+def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
+    """Measure the heights of the wire guides by a test cut."""
+    from edmsim.job.cut import CutProgress
+    from edmsim.job.settings import CutSettings
+    from edmsim.measure import measure_guides
+
+    settings = CutSettings.model_validate(options)
+    with progress(quiet) as bar:
+        found = measure_guides(
+            settings.load_machine(), settings.taper_deg, settings.guide_errors_mm or (0.0, 0.0), seed=settings.seed,
+            resolution=settings.resolution, watch=CutProgress(bar, "test cut").show,
+        )
+    lower_mm, upper_mm = found.uncertainty_mm
+    if json:
+        sys.stdout.write(codec.dumps({
+            "lower_mm": found.lower_mm, "upper_mm": found.upper_mm, "uncertainty_mm": found.uncertainty_mm,
+            "heights_mm": found.heights_mm.tolist(), "shift_um": found.shift_um.tolist(),
+        }) + "\n")  # fmt: skip
+        return
+    for name, error, own in (("lower", found.lower_mm, lower_mm), ("upper", found.upper_mm, upper_mm)):
+        OUT.print(f"the {name} guide is {error:+.3f} mm higher than its file says, ±{own:.3f} mm", highlight=False)
+    errors = f"--guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}"
+    print_line(f"Cut with it: edmsim cut PROGRAM --machine {shlex.quote(settings.machine)} {errors} --out DIR")
+
+
+@takes("machine", "material", "wire", "height_mm", "tension", "planner", "resolution", "seed",
+       planner=Among(lambda: resolve_name("edmsim.controllers.planner.registry:counting")()))  # fmt: skip
+def terminal(
+    host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
+    speed: Annotated[
+        float | None, typer.Option(help="Machine seconds per second; default: 1, or full speed in a pipe.")
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="Inject a fault: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; repeatable."),
+    ] = None,
+    monitor: Annotated[bool, typer.Option("--monitor", help="Begin in the monitor; G 0400 starts MAIN.")] = False,
+    tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default: the current one.")] = None,
+    view: Annotated[bool, typer.Option(help="Show digits and pulses live in a terminal.")] = True,
+    **options: Any,
+) -> None:
+    """Operate the controller of 1982 at its terminal."""
+    from edmsim.consoles.computer_1982.rig import Rig
+    from edmsim.consoles.computer_1982.session import choose_faults, run
+    from edmsim.job.settings import CutSettings
+
+    settings = CutSettings.model_validate(options)
+    faults = choose_faults(fault or (), settings.seed)
+    try:
+        with ERR.status("starting; the first time, the pulse loop is compiled"):
+            rig = Rig(
+                settings.load_machine(), settings.seed, resolution=settings.resolution, planner=settings.planner,
+                faults=faults,
+            )
+            rig.warm_up()
+        raise typer.Exit(run(rig, host, speed, view, monitor, tapes))
+    except KeyboardInterrupt:
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def servo(
+    drive: Annotated[str, typer.Argument(help="Drive: uhu or servo-module.", show_default=False)],
+    axis: DriveAxis = "bench",
+    tuned: Annotated[bool, typer.Option("--tuned", help="Start with parameters tuned for the axis.")] = False,
+    pty: Annotated[bool, typer.Option("--pty", help="Open a serial port for a terminal program.")] = False,
+    speed: Annotated[
+        float | None, typer.Option(help="Simulated seconds per second; default: 1; scripts run at full speed.")
+    ] = None,
+    scope: Annotated[
+        bool, typer.Option("--scope", help="Draw tracking error, duty, current, position, speed live in rerun.")
+    ] = False,
+    record: Annotated[Path | None, typer.Option(help="File for these curves, .rrd.")] = None,
+) -> None:
+    """Operate a servo drive at its serial terminal."""
+    from edmsim.consoles.servo import Scope, bench_for, serve
+    from edmsim.controllers.axis import Uhu
+
+    bench = bench_for(drive, axis, tuned)
+    streams = isinstance(bench.drive(), Uhu)
+    screen = Scope(scope, record, streams) if scope or record is not None else None
+    bench.trace = screen is not None
+    if screen is not None and screen.notice:
+        say(screen.notice)
+    try:
+        serve(bench, pty=pty, speed=speed, scope=screen, say=say)
+    except KeyboardInterrupt:
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        if screen is not None:
+            screen.close()
+
+
+_SHOWN = 10  # problems of a text that are listed (ours): the manual's example has fewer
+
+
+def positioner(
+    configuration: Annotated[Path, typer.Argument(help="Configuration, .CNF.", show_default=False)],
+    program: Annotated[Path, typer.Argument(help="Program in QCL, .MOD.", show_default=False)],
+    seconds: Annotated[float, typer.Option(help="Simulated time in s.")] = 10.0,
+    press: Annotated[list[str] | None, typer.Option(help="Close an input, NAME=FROM:TO in s; repeatable.")] = None,
+    contactor: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="OUTPUT=DEVICE", help="Output that connects a shared drive to a motor, OUTPUT=DEVICE; repeatable."
+        ),
+    ] = None,
+    axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",
+) -> None:
+    """Run a QCL program on EANPOS positioners and their axes."""
+    from edmsim.consoles.positioner import Station, contactors_of, press_of, run_and_tell
+    from edmsim.controllers.qcl import QclError
+
+    presses = [press_of(text) for text in press or []]
+    contactors = contactors_of(contactor or [])
+    if not 0 < seconds < math.inf:
+        raise InputError(f"--seconds is above 0, not {seconds:g}")
+    try:
+        station = Station.of_files(configuration, program, axis, contactors)
+    except QclError as error:
+        for problem in error.problems[:_SHOWN]:
+            say(f"{error.file}:{problem.line}: {problem.what}")
+        if (more := len(error.problems) - _SHOWN) > 0:
+            say(f"and {more} more")
+        raise typer.Exit(BAD_INPUT) from None
+    run_and_tell(station, seconds, presses, print_line)
