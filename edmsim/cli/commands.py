@@ -4,13 +4,16 @@ import json as codec
 import math
 import shlex
 import sys
+import tempfile
 import warnings
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
+import gymnasium as gym
 import typer
 
+import edmsim
 from edmsim.cli.console import ERR, OUT, RESUME, interrupted, interruptible, print_line, progress, say
 from edmsim.cli.options import SET_UP, Environment, Json, Program, Quiet, Unset, takes
 from edmsim.envs.registry import resolve
@@ -33,10 +36,8 @@ def cut(
     **options: Any,
 ) -> None:
     """Cut a part program."""
-    from edmsim.cosim.stops import WORDS, StopCause
     from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import CutProgress
-    from edmsim.job.cut import cut as run_cut
 
     folder = Path(options.pop("out", _default_folder(program)))
     if traces is not None:
@@ -47,7 +48,7 @@ def cut(
         with progress(quiet, keep=True) as bar, warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: say(str(message))
             shown = CutProgress(bar, program.name)
-            result = run_cut(program, out=folder, **options, watch=shown.show, enter=shown.enter)
+            result = edmsim.cut(program, out=folder, **options, watch=shown.show, enter=shown.enter)
     except KeyboardInterrupt as interrupt:
         if result is None:
             resumable = "interrupted; run the same command with --resume to continue"
@@ -64,9 +65,8 @@ def cut(
             from edmsim.recording.report import render_table
 
             OUT.print(render_table(result.report))
-            where = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
-            print_line(where)
-    if result.report.outcome != WORDS[StopCause.FINISHED].report:
+            print_line(f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}")
+    if result.report.outcome != "finished":
         raise typer.Exit(STOPPED)
 
 
@@ -83,8 +83,7 @@ def check(
     **options: Any,
 ) -> None:
     """Check a program before the cut: path, notices, time."""
-    from edmsim.job.check import check as look_at
-    from edmsim.job.check import lines_of
+    from edmsim.job import check as checking
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
     from edmsim.recording.figures.path import path_figure
@@ -96,7 +95,7 @@ def check(
     unknown: dict[str, list[int]] = {}
 
     try:
-        found = look_at(program, settings)
+        found = checking.check(program, settings)
     except UnknownWordsError as error:
         unknown = error.words
         for word, lines in unknown.items():
@@ -108,8 +107,8 @@ def check(
             say(f"{', '.join(deciding)} may decide the contour: correct or delete {these}{error.hint}")
             raise typer.Exit(BAD_INPUT) from None
         say("the rest is shown without them, as with --ignore " + ",".join(unknown))
-        found = look_at(program, settings.model_copy(update={"ignore": (*settings.ignore, *unknown)}))
-    for name, text in lines_of(found):
+        found = checking.check(program, settings.model_copy(update={"ignore": (*settings.ignore, *unknown)}))
+    for name, text in checking.lines_of(found):
         print_line(f"{name:<12}{text}")
     for notice in found.path.notices:
         print_line(f"note: {notice}")
@@ -126,10 +125,9 @@ def view(
     ] = None,
 ) -> None:
     """Play a cut back in rerun, or two side by side."""
-    from edmsim.recording.rerun.viewer import compare as show_both
-    from edmsim.recording.rerun.viewer import view as show
+    from edmsim.recording.rerun import viewer
 
-    raise typer.Exit(show(directory) if other is None else show_both(directory, other))
+    raise typer.Exit(viewer.view(directory) if other is None else viewer.compare(directory, other))
 
 
 def report(
@@ -475,43 +473,6 @@ def bench(
             OUT.print(table)
 
 
-_LINE = "G0 X0 Y0\nG1 X0.5\nM2\n"
-
-
-def warm_up() -> None:
-    """Compile beforehand what cuts and environments would wait for."""
-    from edmsim.plant.kernel.memory import window_function
-    from edmsim.plant.plant import shapes
-    from edmsim.runs import perform
-
-    total = len(shapes()) + 1
-    with interruptible("what is compiled is kept") as bar:
-        bar.show("compile", 0, total)
-        perform(lambda shape: window_function(*shape), shapes(), lambda done, _: bar.show("compile", done, total))
-        _use_once()
-        bar.show("compile", total, total)
-    OUT.print("All code of cuts and environments is compiled, for all resolutions.")
-
-
-def _use_once() -> None:
-    """Make a cut and a step of an environment: planners, observations and rewards are compiled with their types."""
-    import tempfile
-
-    import gymnasium as gym
-
-    import edmsim
-    import edmsim.envs
-
-    with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "line.ngc"
-        program.write_text(_LINE, encoding="ascii")
-        edmsim.cut(program, offset="none", resolution="fast", max_time_s=0.1)
-    env = gym.make("edmsim/GapFeed-v2", resolution="fast")
-    env.reset(seed=0)
-    env.step(env.action_space.sample())
-    env.close()
-
-
 @takes("machine", SET_UP, "resolution", "seed", resolution="fast",
        generator=Unset("Default: the board's, or iso-pulse."))  # fmt: skip
 def gap(
@@ -616,3 +577,33 @@ def gap(
         say(f"{logged.count} rows in {log}")
     if rig.gap.lost and serial is None:
         say(rig.gap.lost)
+
+
+_LINE = "G0 X0 Y0\nG1 X0.5\nM2\n"
+
+
+def warm_up() -> None:
+    """Compile beforehand what cuts and environments would wait for."""
+    from edmsim.plant.kernel.memory import window_function
+    from edmsim.plant.plant import shapes
+    from edmsim.runs import perform
+
+    total = len(shapes()) + 1
+    with interruptible("what is compiled is kept") as bar:
+        bar.show("compile", 0, total)
+        perform(lambda shape: window_function(*shape), shapes(), lambda done, _: bar.show("compile", done, total))
+        _use_once()
+        bar.show("compile", total, total)
+    OUT.print("All code of cuts and environments is compiled, for all resolutions.")
+
+
+def _use_once() -> None:
+    """Make a cut and a step of an environment: planners, observations and rewards are compiled with their types."""
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "line.ngc"
+        program.write_text(_LINE, encoding="ascii")
+        edmsim.cut(program, offset="none", resolution="fast", max_time_s=0.1)
+    env = gym.make("edmsim/GapFeed-v2", resolution="fast")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    env.close()

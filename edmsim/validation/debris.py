@@ -16,7 +16,7 @@ from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.validation import ignition
 from edmsim.validation.breakage import ROUGH_PERIOD_US, rough_rig
 from edmsim.validation.rows import Check, Row, Seeds, differences
-from edmsim.validation.setups import PRACTICE, STILL, UNBREAKABLE, altered, in_a_hole, servo_cut
+from edmsim.validation.setups import NO_IGNITION, PRACTICE, STILL, UNBREAKABLE, altered, in_a_hole, servo_cut
 
 WIDER = (
     f"{PRACTICE}: more energy per pulse, a wider gap at one voltage; {ignition.ESTEVES}: energy influences the delay"
@@ -157,7 +157,6 @@ FAR_UM, FAR_SHARE = (28.0, 30.0, 32.0), 0.01
 """Gaps of rough cuts, where only the largest particles ignite, and a share at which some pulses find one and some do
 not (ours)."""
 LOADED_WINDOWS = 16  # windows per seed and gap: 4080 pulses
-NO_LONG_BRANCH = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
 
 
 def particles(seeds: Seeds) -> list[Row]:
@@ -200,7 +199,7 @@ def mean_size_um(machine: Machine) -> float:
 def loaded_machine() -> Machine:
     """Return the default machine at the law's nominal voltage: its debris has its size, nothing makes or moves it."""
     usual = _at_80_V()
-    still = altered(usual, {**STILL, **ignition.STILL_WATER, **NO_LONG_BRANCH})
+    still = altered(usual, {**STILL, **ignition.STILL_WATER, **NO_IGNITION})
     return altered(still, {"base.gap.particle_share": mean_size_um(usual) / crater_um3(still) ** (1 / 3)})
 
 

@@ -7,12 +7,11 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.gap.debris import bridged_probability, flush, jets
 from edmsim.plant.resolution import resolution
 from edmsim.validation.rows import Check, Row, Seeds, differences
-from edmsim.validation.setups import STILL, altered, in_a_hole
+from edmsim.validation.setups import NO_IGNITION, STILL, altered, in_a_hole
 
 SPARC = "SPARC (ETH, MIT licence): short above min(0.95, 0.3 + 0.02 g)"
 SLOT = "slot flow, residence time 12 eta h^2 / (dp g^2)"
 LEAK = "leakage sigma V A / g; 10 uS/cm, 30 mm, 20 um, 80 V"
-NO_IGNITION = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
 
 
 def critical_share(gap_um: float) -> float:
