@@ -15,10 +15,11 @@ import typer
 
 import edmsim
 from edmsim.cli.console import ERR, OUT, RESUME, interrupted, interruptible, print_line, progress, say
-from edmsim.cli.options import SET_UP, Environment, Json, Program, Quiet, Unset, takes
+from edmsim.cli.options import SET_UP, Environment, Json, Program, Quiet, Unset, settings_of, takes
 from edmsim.envs.registry import resolve
 from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED, InputError
 from edmsim.files import check_suffix, make_writable
+from edmsim.user_code import listed
 
 
 def _default_folder(program: Path) -> Path:
@@ -84,14 +85,13 @@ def check(
 ) -> None:
     """Check a program before the cut: path, notices, time."""
     from edmsim.job import check as checking
-    from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
     from edmsim.recording.figures.path import path_figure
     from edmsim.recording.figures.style import check_figure, write_figure
 
     picture = _default_folder(program) / "path.png" if out is None else out
     check_figure(picture)
-    settings = CutSettings.model_validate(options)
+    settings = settings_of(options)
     unknown: dict[str, list[int]] = {}
 
     try:
@@ -259,7 +259,6 @@ def dataset(
 ) -> None:
     """Record controllers as data sets of Minari (extra offline)."""
     from edmsim.learning.dataset import record
-    from edmsim.numeric import listed
 
     with interruptible() as bar:
         made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
@@ -310,7 +309,7 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from edmsim.evaluation import compare, episode, table
     from edmsim.learning import policy_file, score
-    from edmsim.numeric import listed, whole_from
+    from edmsim.numeric import whole_from
     from edmsim.runs import RunTable
 
     resolution, named = options.get("resolution"), env_ids or []
@@ -392,8 +391,6 @@ def calibrate(
     from edmsim import calibration
     from edmsim.calibration import comparison, output
     from edmsim.calibration import fit as fitting
-    from edmsim.job.settings import CutSettings
-    from edmsim.numeric import listed
     from edmsim.runs import RunTable
 
     check_suffix(out, "the fitted machine", ".toml")
@@ -421,7 +418,7 @@ def calibrate(
         sys.stdout.write(output.as_json(found, files) + "\n")
         return
     OUT.print(output.render(found, settings.resolution))
-    usual, of_set_up = CutSettings(), ("material", "wire", "generator", "resolution")
+    usual, of_set_up = settings_of({}), ("material", "wire", "generator", "resolution")
     others = {name: now for name in of_set_up if (now := getattr(settings, name)) != getattr(usual, name)}
     fitted = " ".join(f"--{part} {shlex.quote(str(value))}" for part, value in {**others, **files}.items())
     print_line(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR")
@@ -513,7 +510,6 @@ def gap(
     from edmsim.hil.rig import Rig
     from edmsim.hil.samples import SampleFile, Sensing
     from edmsim.hil.session import RatioLog, run_alone, serve
-    from edmsim.job.settings import CutSettings
 
     is_run = not (serial is None and samples is None and log is None)
     if not is_run and delays is None and fmu is None:
@@ -534,7 +530,7 @@ def gap(
         raise InputError("--log-rate is that of a log: give the file with --log")
     board = None if serial is None else make_board(serial)
     of_board = {} if board is None else {"generator": board.generator}
-    settings = CutSettings.model_validate({**of_board, **options})
+    settings = settings_of({**of_board, **options})
     set_up, seed = settings.load_machine(), settings.seed
     if fmu is not None:
         from edmsim.hil.fmu import export_fmu

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from edmsim.cli.console import ERR, OUT, interruptible, print_line, progress, say
-from edmsim.cli.options import SET_UP, Among, DriveAxis, Environment, Json, Quiet, Unset, takes
+from edmsim.cli.options import SET_UP, Among, DriveAxis, Environment, Json, Quiet, Unset, settings_of, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, STOPPED, InputError
 from edmsim.files import check_suffix, make_writable, replacing
 
@@ -160,7 +160,7 @@ def controller(
 ) -> None:  # fmt: skip
     """Search for settings of a controller on drawn machines (extra tune)."""
     from edmsim.runs import engine_of
-    from edmsim.sweep.tune import BEST, tune_controller
+    from edmsim.sweep.tune import tune_controller
 
     height = {key: options.pop(key) for key in ("height_mm",) if key in options}
     machine = {"name" if key == "machine" else key: value for key, value in options.items()}
@@ -170,15 +170,13 @@ def controller(
             watch=lambda made, best: bar.show(name, made, trials, f"{best:.4g}"),
             **({"machine": machine} if machine else {}), **height,
         )  # fmt: skip
-    listed = ",".join(f"{key}={value:g}" for key, value in found.values.items())
     tried = sorted(found.tried_again.items(), key=lambda item: item[1][1].worst)
-    lines = [
-        *(f"{'in use' if number < 0 else f'trial {number}'}: {spread}" for number, (_, spread) in tried),
-        f"{name}:{listed}", f"on {found.machines} other machines: {found.spread}",
-        f"settings in use:      {found.first_spread}",
-        f"{found.trials} trials, {found.failed} failed. Written: {out / BEST}",
-    ]  # fmt: skip
-    print_line("\n".join(lines))
+    for number, (_, spread) in tried:
+        print_line(f"{'in use' if number < 0 else f'trial {number}'}: {spread}")
+    _print_values(
+        name, found.values, f"on {found.machines} other machines: {found.spread}\n"
+        f"settings in use:      {found.first_spread}\n{found.trials} trials, {found.failed} failed", out,
+    )  # fmt: skip
 
 
 @takes("height_mm", "wire", "machine", "resolution", "seed", wire="brass-254", machine="production")
@@ -256,7 +254,6 @@ def table(
 ) -> None:
     """Measure a machine's table as a laser interferometer does."""
     from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
-    from edmsim.job.settings import CutSettings
     from edmsim.measure import as_json, headline, measure_table, render, table_figure
     from edmsim.recording.figures.style import check_figure, write_figure
 
@@ -264,7 +261,7 @@ def table(
         check_figure(plot)
     if out is not None:
         check_suffix(out, "a compensation file", ".toml")
-    settings = CutSettings.model_validate(options)
+    settings = settings_of(options)
     compensation = settings.compensation
     loaded = None if compensation is None else load_tables(read_tables(compensation), compensation)
     worn = settings.load_machine()
@@ -295,10 +292,9 @@ def table(
 def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
     """Measure the heights of the wire guides by a test cut."""
     from edmsim.job.cut import CutProgress
-    from edmsim.job.settings import CutSettings
     from edmsim.measure import measure_guides
 
-    settings = CutSettings.model_validate(options)
+    settings = settings_of(options)
     with progress(quiet) as bar:
         found = measure_guides(
             settings.load_machine(), settings.taper_deg, settings.guide_errors_mm or (0.0, 0.0), seed=settings.seed,
@@ -336,9 +332,8 @@ def terminal(
     """Operate the controller of 1982 at its terminal."""
     from edmsim.consoles.computer_1982.rig import Rig
     from edmsim.consoles.computer_1982.session import choose_faults, run
-    from edmsim.job.settings import CutSettings
 
-    settings = CutSettings.model_validate(options)
+    settings = settings_of(options)
     faults = choose_faults(fault or (), settings.seed)
     try:
         with ERR.status("starting; the first time, the pulse loop is compiled"):

@@ -16,6 +16,8 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
+    from edmsim.job.settings import CutSettings
+
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
 Environment = Annotated[
     str,
@@ -82,6 +84,13 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, *shown)}
     run.__name__, run.__doc__ = command.__name__, command.__doc__
     return run
+
+
+def settings_of(options: dict[str, Any]) -> "CutSettings":
+    """Return the options of a cut that a command got, checked, with the others at their defaults."""
+    from edmsim.job.settings import CutSettings
+
+    return CutSettings.model_validate(options)
 
 
 _NO_FLAG = {"height_areas", "watch", "enter"}  # options that are no text: a polygon, functions

@@ -21,9 +21,9 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.options import USUAL_MACHINE, TextOrPath, as_text, bare_name, kind_of
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
-from edmsim.numeric import WholeNumber, listed, plain, real, whole
+from edmsim.numeric import WholeNumber, plain, real, whole
 from edmsim.runs import digests_of, identity
-from edmsim.user_code import named
+from edmsim.user_code import listed, named
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER}):({_NUMBER})")
