@@ -5,9 +5,9 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from functools import cache, lru_cache, wraps
-from importlib import import_module
 from inspect import getattr_static, isfunction
 from pathlib import Path
+from pkgutil import resolve_name
 from traceback import FrameSummary, extract_tb
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -64,8 +64,7 @@ def listed(text: str) -> list[str]:
 
 def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     """Make what ``KIND:REST`` names, by the function registered in `MAKERS`, or in others."""
-    module, _, function = makers[kind].partition(":")
-    return getattr(import_module(module), function)(rest)
+    return resolve_name(makers[kind])(rest)
 
 
 def run(file: str) -> ModuleType:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationErro
 from edmsim import __version__
 from edmsim.controllers import from_text
 from edmsim.envs.registry import make_family, resolve
-from edmsim.errors import InputError, one_of, refused_entry, refuses_wrong_types
+from edmsim.errors import InputError, located, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_toml
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
@@ -258,9 +258,8 @@ def read_specification(file: str | Path) -> Specification:
     """
     data = read_toml(file)
     try:
-        return Specification.model_validate(data)
-    except InputError as error:
-        raise error if error.file else InputError(error.reason, file) from None
+        with located(file):
+            return Specification.model_validate(data)
     except RecursionError:
         raise InputError("its tables stand too deep within each other", file) from None
 
