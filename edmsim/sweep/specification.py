@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -214,7 +215,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         if not self.seeds:
             raise InputError("a sweep without seeds has no run: give a number of them, or a list")
         for file in self.program:
-            if not _is_file(file):
+            if not os.path.isfile(file):  # False for a name longer than names are, or with a byte of zero
                 raise InputError("there is no such program", file)
         ranges = () if self.sobol is None else self.sobol.ranges
         names = [_option(name, self) for name in (*self.settings, *self.grid, *ranges)]
@@ -274,7 +275,7 @@ def specification_of(what: str, words: Sequence[str], **options: Any) -> Specifi
         if superfluous := [*(_FLAGS[name] for name in chosen), *words]:
             raise InputError(f"a specification has all settings: leave out {' '.join(superfluous)}")
         return read_specification(what)
-    is_program = named(what) is None and (Path(what).is_file() or Path(what).suffix)
+    is_program = named(what) is None and (os.path.isfile(what) or Path(what).suffix)
     kind = "program" if is_program else "environment"
     return Specification.model_validate({kind: what, "grid": _grid_of(words), **chosen})
 
@@ -305,13 +306,6 @@ def _repeated(values: list[Any]) -> Any:
             return value
         known.add(key)
     return None
-
-
-def _is_file(name: str) -> bool:
-    try:
-        return Path(name).is_file()
-    except (OSError, ValueError):  # a name longer than names are, or with a byte of zero
-        return False
 
 
 def _first_seeds(count: int, held_back: bool) -> list[int]:
