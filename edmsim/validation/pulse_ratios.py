@@ -179,7 +179,7 @@ def _short_shares(machine: Machine, feed_um_s: float, seeds: Seeds) -> list[floa
     shares = []
     for seed in seeds:
         try:
-            shares.append(cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=15.0).share("short"))
+            shares.append(_train(machine, feed_um_s, seed).share("short"))
         except PlantError:
             shares.append(1.0)
     return shares
