@@ -18,6 +18,7 @@ from edmsim.errors import InputError
 
 _MOST = sys.float_info.max  # a whole number may be greater
 
+
 def _scalar(value: object) -> object:
     """Return what an array without a dimension holds."""
     return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
