@@ -210,6 +210,9 @@ def run_command(run: Callable[[], object]) -> None:
         print("edmsim: " + " ".join(str(error).splitlines()), file=sys.stderr)
         sys.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            print(f"edmsim: {InputError('the name is too long for a file', error.filename)}", file=sys.stderr)
+            sys.exit(BAD_INPUT)
         if error.errno not in _FULL:
             raise
         what = f"{error.filename}:"

@@ -33,12 +33,12 @@ from edmsim.plant.axes.ways import StillTable
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import plan_path
 from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
+from edmsim.screen import ScreenTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
-    from rich.console import RenderableType
 
     from edmsim.controllers.axis.elcam.module import Elcam
     from edmsim.recording.scene import ErrorMap
@@ -330,10 +330,8 @@ def as_json(found: TableMeasurement) -> str:
     )
 
 
-def render(found: TableMeasurement) -> RenderableType:
+def render(found: TableMeasurement) -> ScreenTable:
     """Return all figures as a table for the terminal."""
-    from edmsim.screen import ScreenTable
-
     table = ScreenTable(
         "ISO 230-2, um", numbers=("x", "y"), title=f"{len(found.along['x', 'x'].targets_mm)} targets an axis"
     )

@@ -18,6 +18,7 @@ from edmsim.errors import InputError
 
 _MOST = sys.float_info.max  # a whole number may be greater
 
+
 def _scalar(value: object) -> object:
     """Return what an array without a dimension holds."""
     return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
@@ -107,8 +108,6 @@ Number = Annotated[float, BeforeValidator(_for_pydantic)]
 WholeNumber = Annotated[int, BeforeValidator(_for_pydantic)]
 
 
-# Numbers with names as a command line has them, ``name=number,...``, and lists of controllers with such numbers.
-
 def named_numbers(text: str, what: str) -> dict[str, float]:
     """Read ``name=number,...``, empty for none; `what` says in a message whose numbers they are."""
     found = {}
@@ -123,14 +122,3 @@ def named_numbers(text: str, what: str) -> dict[str, float]:
         if not equals:
             raise InputError(f"{what} parameter '{pair}' must read name=number")
     return found
-
-
-def listed(text: str) -> list[str]:
-    """Split a list at its commas, but for those between the numbers of a controller: ``a:x=1,y=2,b,b`` is two."""
-    pieces: list[str] = []
-    for piece in text.split(","):
-        if pieces and "=" in piece and ":" not in piece:
-            pieces[-1] += f",{piece}"
-        else:
-            pieces.append(piece.strip())
-    return list(dict.fromkeys(piece for piece in pieces if piece))

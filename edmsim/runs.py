@@ -21,8 +21,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from traceback import format_exception, print_exc
 from typing import Any, BinaryIO, Protocol
 
@@ -416,8 +416,7 @@ class _Worker:
 
 def serve() -> None:
     """Run the jobs of a pipe until it is closed, which also ends a job in progress: the main program of a process."""
-    module, _, attribute = sys.argv[1].partition(":")
-    function = getattr(import_module(module), attribute)
+    function = resolve_name(sys.argv[1])
     source = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a user's code prints goes where a person sees it, and not between the answers
@@ -518,3 +517,12 @@ class Cluster:
             return self._ray.get(reference)
         except self._ray.exceptions.RayError as error:
             return LostJob(str(error).strip().split("\n")[0] or type(error).__name__)
+
+
+def engine_of(ray: str | None, processes: int | None) -> Engine:
+    """Return where a command makes its runs: in processes of this computer, or on a cluster."""
+    if ray is None:
+        return Processes(None if processes is None else whole_from("--processes", processes, 1))
+    if processes is not None:
+        raise InputError("--processes are those of this computer: leave them out with --ray")
+    return Cluster(ray)

@@ -5,9 +5,9 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from functools import cache, lru_cache, wraps
-from importlib import import_module
 from inspect import getattr_static, isfunction
 from pathlib import Path
+from pkgutil import resolve_name
 from traceback import FrameSummary, extract_tb
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -51,10 +51,20 @@ def file_of(text: str) -> str | None:
     return f"{policy.rpartition('.')[0]}.json"
 
 
+def listed(text: str) -> list[str]:
+    """Split a list at its commas, but for those between the numbers of a controller: ``a:x=1,y=2,b,b`` is two."""
+    pieces: list[str] = []
+    for piece in text.split(","):
+        if pieces and "=" in piece and ":" not in piece:
+            pieces[-1] += f",{piece}"
+        else:
+            pieces.append(piece.strip())
+    return list(dict.fromkeys(piece for piece in pieces if piece))
+
+
 def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     """Make what ``KIND:REST`` names, by the function registered in `MAKERS`, or in others."""
-    module, _, function = makers[kind].partition(":")
-    return getattr(import_module(module), function)(rest)
+    return resolve_name(makers[kind])(rest)
 
 
 def run(file: str) -> ModuleType:

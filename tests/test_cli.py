@@ -182,6 +182,13 @@ def test_an_interrupt_when_all_is_written_ends_nothing(small_punch, tmp_path, ed
     assert sorted(f.name for f in tmp_path.iterdir()) == FILES
 
 
+@pytest.mark.parametrize("words", [["sweep", "show"], ["console", "servo", "uhu", "--record"], ["sweep", "run"]])
+def test_a_name_too_long_for_a_file_is_refused(edmsim, tmp_path, words):
+    long = "a" * 300 + ".rrd"
+    more = ["--out", tmp_path] if words == ["sweep", "run"] else []
+    assert_refused(edmsim(*words, long, *more), "a" * 10)
+
+
 def test_model_outside_its_validity_is_one_line_and_exit_1(small_punch, tmp_path, edmsim, monkeypatch):
     def fail(simulation):
         window = simulation.plant.advance()

@@ -17,7 +17,7 @@ from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings
 from edmsim.learning import hyperparameters
 from edmsim.machine.overrides import with_overrides
-from edmsim.numeric import finite, listed, plain, real, whole, whole_from
+from edmsim.numeric import finite, plain, real, whole, whole_from
 
 EIGHTS = (8, 8.0, np.float32(8), np.float64(8), np.float16(8), np.longdouble(8), np.int8(8), np.uint64(8),
           Fraction(8), np.array(8), np.array(8.0, np.float32))  # fmt: skip
@@ -175,7 +175,3 @@ def test_a_controller_takes_it_as_parameter(value):
 def test_a_controller_refuses_what_is_no_number(value):
     with pytest.raises(InputError, match="feed_um_s of the fixed controller must be a number of 0 or more"):
         controllers.make("fixed", feed_um_s=value)
-
-
-def test_a_list_has_each_controller_once():
-    assert listed("counts, fixed:feed_um_s=2,patience_s=1,counts,") == ["counts", "fixed:feed_um_s=2,patience_s=1"]

@@ -170,8 +170,8 @@ def measure() -> dict[str, float]:
         "ray_sums_per_s": bound,  # if a pulse were nothing else
         "ray_sum_share": default / bound,
         "mujoco_realtime_factor": mujoco_realtime_factor(),
-        "servo_realtime_factor": servo_realtime_factor(),
-        "positioner_realtime_factor": positioner_realtime_factor(),
+        "servo_realtime_factor": min(drive_realtime_factor(name) for name in CHIPS),
+        "positioner_realtime_factor": drive_realtime_factor("eanpos"),  # at a sample of 1 ms
         **elcam_figures(),
         "env_steps_per_s": env_steps_per_s(),
         "vector_env_steps_per_s": vector_env_steps_per_s(),
@@ -377,17 +377,8 @@ SPAN_S = 1.0  # simulated time of such a run
 SERVO_REPEATS = 6  # runs per figure of a servo
 
 
-def servo_realtime_factor() -> float:
-    """Simulated seconds per second of the processor: the slower of two drives that move an axis to and fro."""
-    return min(_factor(name) for name in CHIPS)
-
-
-def positioner_realtime_factor() -> float:
-    """Simulated seconds per second of the processor: an EANPOS at a sample of 1 ms that moves an axis to and fro."""
-    return _factor("eanpos")
-
-
-def _factor(name: str) -> float:
+def drive_realtime_factor(name: str) -> float:
+    """Simulated seconds per second of the processor: a drive that moves an axis to and fro."""
     bench = AxisBench({"x": tuned(name)})
     bench.run(0.1)
     least_s = float("inf")

@@ -127,6 +127,14 @@ def _rates(name: str, root: Path, sizes: tuple[str, ...]) -> dict[str, float]:
     return rates
 
 
+def measured(
+    revision: str, count: int | None, watch: Callable[[str], None]
+) -> tuple[dict[str, object], ScreenTable]:
+    """Return a comparison with a revision as numbers and texts only, and as a table for the terminal."""
+    found = compare(revision, PAIRS if count is None else count, watch)
+    return as_numbers(found), render(found)
+
+
 def as_numbers(pairs: Pairs) -> dict[str, object]:
     """Return a comparison as numbers and texts only."""
     figures = {}

@@ -11,23 +11,24 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from edmsim.bench.figures import SETTLE_WINDOWS
 from edmsim.bench.subject import FEED_UM_S
 from edmsim.compiled.specialised import marked
 from edmsim.errors import EdmsimError
+from edmsim.files import make_writable
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.memory import CALL, fire_windows
 from edmsim.plant.plant import Plant, shapes
 from edmsim.plant.resolution import RESOLUTIONS
+from edmsim.recording.figures import palette, style
 from edmsim.screen import ScreenTable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PROFILED = ("fast", "default")
 """Resolutions whose time is shared out."""
@@ -166,6 +167,19 @@ def _fire(plant: Plant, fire: Callable[[int, int], None]) -> float:
     return spent_s
 
 
+def measured(
+    figure: Path | None, watch: Callable[[str], None]
+) -> tuple[dict[str, object], ScreenTable]:
+    """Return profiles as numbers and texts only, and as a table for the terminal; draw them, if a file is named."""
+    if figure is not None:
+        style.check_figure(figure)
+        make_writable(figure.parent)
+    found = profile(watch)
+    if figure is not None:
+        style.write_figure(draw(found), figure)
+    return as_numbers(found), render(found)
+
+
 def as_numbers(found: dict[str, LoopProfile]) -> dict[str, object]:
     """Return profiles as numbers and texts only."""
     return {
@@ -190,23 +204,20 @@ def render(found: dict[str, LoopProfile]) -> ScreenTable:
     return table
 
 
-def draw(found: dict[str, LoopProfile]) -> "Figure":
+@style.in_style
+def draw(found: dict[str, LoopProfile]) -> Figure:
     """Return the profiles as a figure: a bar for each part and resolution."""
-    from edmsim.recording.figures.palette import BLUE, ORANGE
-    from edmsim.recording.figures.style import LABEL_PT, column_figure, dress, legend, own_style
-
-    with own_style():
-        figure = column_figure(3.2, left_in=0.72, top_in=0.3)
-        axes = figure.add_subplot()
-        high, middles = 0.8 / len(found), np.arange(len(PARTS))
-        for k, (resolution, one) in enumerate(found.items()):
-            places = middles + (k - (len(found) - 1) / 2) * high
-            spent_ns = [one.ns(part) for part in PARTS]
-            bars = axes.barh(places, spent_ns, high, color=(BLUE, ORANGE)[k], label=resolution)
-            axes.bar_label(bars, fmt="%.0f", fontsize=LABEL_PT - 1.5, padding=2)
-        axes.set_yticks(middles, list(PARTS))
-        axes.invert_yaxis()
-        axes.margins(x=0.12)
-        dress(axes, "processor time per pulse, ns", "")
-        legend(axes, above=True, columns=len(found))
-        return figure
+    figure = style.column_figure(3.2, left_in=0.72, top_in=0.3)
+    axes = figure.add_subplot()
+    high, middles = 0.8 / len(found), np.arange(len(PARTS))
+    for k, (resolution, one) in enumerate(found.items()):
+        places = middles + (k - (len(found) - 1) / 2) * high
+        spent_ns = [one.ns(part) for part in PARTS]
+        bars = axes.barh(places, spent_ns, high, color=(palette.BLUE, palette.ORANGE)[k], label=resolution)
+        axes.bar_label(bars, fmt="%.0f", fontsize=style.LABEL_PT - 1.5, padding=2)
+    axes.set_yticks(middles, list(PARTS))
+    axes.invert_yaxis()
+    axes.margins(x=0.12)
+    style.dress(axes, "processor time per pulse, ns", "")
+    style.legend(axes, above=True, columns=len(found))
+    return figure

@@ -52,7 +52,10 @@ def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dic
     found: dict[str, float] = {}
     for count in counts:
         watch(f"first rollouts of {count} environments")
-        both = {"training": _Training(_ours(count)), "half_cheetah_training": _Training(_half_cheetahs(count))}
+        with half_cheetahs():
+            cheetahs = DummyVecEnv([lambda: gym.make("HalfCheetah-v5")] * count)
+        ours = make_sb3_vec_env(ENV_ID, num_envs=count, seed=0, machine_episodes=4)
+        both = {"training": _Training(ours), "half_cheetah_training": _Training(cheetahs)}
         for spell in range(SPELLS):
             watch(f"{count} environments, {spell + 1} of {SPELLS}")
             for training in both.values():  # by turns: neither always has the warmer machine
@@ -62,15 +65,6 @@ def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dic
             found[f"{name}_env_share_{count}"] = training.env_share
             training.vec_env.close()
     return found
-
-
-def _ours(count: int) -> Any:
-    return make_sb3_vec_env(ENV_ID, num_envs=count, seed=0, machine_episodes=4)
-
-
-def _half_cheetahs(count: int) -> Any:
-    with half_cheetahs():
-        return DummyVecEnv([lambda: gym.make("HalfCheetah-v5")] * count)
 
 
 class _Training:

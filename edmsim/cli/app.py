@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from edmsim import __version__
-from edmsim.cli import cut, learn, machines, search, studies
+from edmsim.cli import commands, groups
 from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.options import Command
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
@@ -34,20 +34,21 @@ _UsageError: Any = typer.BadParameter.__base__  # of click, which newer releases
 
 COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "": ("", {
-        "cut": cut.cut, "check": cut.check, "view": cut.view, "report": cut.report, "train": learn.train,
-        "dataset": learn.dataset, "evaluate": learn.evaluate, "calibrate": studies.calibrate,
-        "validate": studies.validate, "bench": studies.bench, "gap": machines.gap, "warm-up": studies.warm_up,
+        "cut": commands.cut, "check": commands.check, "view": commands.view, "report": commands.report,
+        "train": commands.train, "dataset": commands.dataset, "evaluate": commands.evaluate,
+        "calibrate": commands.calibrate, "validate": commands.validate, "bench": commands.bench, "gap": commands.gap,
+        "warm-up": commands.warm_up,
     }),
-    "sweep": ("Run many cuts from one specification.", {"run": search.run, "show": search.show}),
+    "sweep": ("Run many cuts from one specification.", {"run": groups.run, "show": groups.show}),
     "tune": ("Search settings, trainings, technologies; tune a drive.", {
-        "controller": search.controller, "training": search.training, "population": search.population,
-        "technology": search.technology, "drive": search.drive,
+        "controller": groups.controller, "training": groups.training, "population": groups.population,
+        "technology": groups.technology, "drive": groups.drive,
     }),
     "measure": ("Measure a machine's table, or its wire guides.", {
-        "table": machines.table, "guides": machines.guides,
+        "table": groups.table, "guides": groups.guides,
     }),
     "console": ("Operate the controller of 1982, a servo drive or a positioner.", {
-        "1982": machines.terminal, "servo": machines.servo, "positioner": machines.positioner,
+        "1982": groups.terminal, "servo": groups.servo, "positioner": groups.positioner,
     }),
 }  # fmt: skip
 """Every command by its group: what the group is for, and its commands."""
@@ -55,7 +56,7 @@ COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 for _name, (_purpose, _commands) in COMMANDS.items():
     _group = typer.Typer(no_args_is_help=True, help=_purpose) if _name else app
     for _word, _command in _commands.items():
-        _settings = search.SHORT_FORM if _command is search.run else {}
+        _settings = groups.SHORT_FORM if _command is groups.run else {}
         _group.command(_word, cls=Command, context_settings=_settings, options_metavar="[OPTIONS]")(_command)
     if _name:
         app.add_typer(_group, name=_name, options_metavar="[OPTIONS]")

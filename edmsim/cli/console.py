@@ -1,12 +1,11 @@
-"""Shared by all commands: standard output and error, exit statuses, and common options."""
+"""Shared by all commands: standard output and error, and what Ctrl-C does."""
 
 import codecs
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -17,14 +16,6 @@ if TYPE_CHECKING:
 OUT = Console()
 ERR = Console(stderr=True)
 RESUME = "run the same command to resume"
-Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
-Environment = Annotated[
-    str,
-    typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
-]
-DriveAxis = Annotated[str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 _PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "…": "~", "±": "+-", "°": " deg"})
 
 
@@ -53,19 +44,24 @@ def print_line(text: str) -> None:
     OUT.print(text, highlight=False, soft_wrap=True, markup=False)
 
 
+def progress(quiet: bool = False, keep: bool = False) -> "ShownProgress":
+    """Return what shows progress; it is loaded by commands that last."""
+    from edmsim.progress import ShownProgress
+
+    return ShownProgress(quiet, keep)
+
+
 @contextmanager
 def interruptible(then: str | Callable[[], str] = RESUME, keep: bool = False) -> "Iterator[ShownProgress]":
     """Yield what shows progress; Ctrl-C ends the command with one line, which says what to do then."""
-    from edmsim.progress import ShownProgress
-
     try:
-        with ShownProgress(keep=keep) as bar:
+        with progress(keep=keep) as bar:
             yield bar
     except KeyboardInterrupt as interrupt:
-        say(f"interrupted; {then if isinstance(then, str) else then()}")
-        raise typer.Exit(128 + next(iter(interrupt.args), signal.SIGINT)) from None  # as shells have it
+        raise interrupted(interrupt, f"interrupted; {then if isinstance(then, str) else then()}") from None
 
 
-def default_folder(program: Path) -> Path:
-    """Return the folder for the outputs of a program that was given none."""
-    return Path("out") / program.stem
+def interrupted(interrupt: KeyboardInterrupt, said: str) -> typer.Exit:
+    """Say on standard error what a signal interrupted, and return what ends the command as shells have it."""
+    say(said)
+    return typer.Exit(128 + next(iter(interrupt.args), signal.SIGINT))

@@ -1,4 +1,4 @@
-"""Options of a cut as options of commands: names, types, defaults and help from where they are declared."""
+"""Options that several commands have; those of a cut with names, types, defaults and help of their declaration."""
 
 import inspect
 import itertools
@@ -16,6 +16,16 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
+    from edmsim.job.settings import CutSettings
+
+Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
+Environment = Annotated[
+    str,
+    typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
+]
+DriveAxis = Annotated[str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 _Command = TypeVar("_Command", bound=Callable[..., None])
 _TAKEN = "_options_taken"
 SET_UP = "set-up"  # in the place of names: all options of a set-up but the machine
@@ -74,6 +84,13 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, *shown)}
     run.__name__, run.__doc__ = command.__name__, command.__doc__
     return run
+
+
+def settings_of(options: dict[str, Any]) -> "CutSettings":
+    """Return the options of a cut that a command got, checked, with the others at their defaults."""
+    from edmsim.job.settings import CutSettings
+
+    return CutSettings.model_validate(options)
 
 
 _NO_FLAG = {"height_areas", "watch", "enter"}  # options that are no text: a polygon, functions

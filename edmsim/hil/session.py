@@ -211,3 +211,13 @@ def serve(rig: Rig, *, speed: float, seconds: float | None, say: Callable[[str],
             session.run(seconds, lambda: interrupts.pending, say)
     finally:
         session.close()
+
+
+def run_alone(rig: Rig, *, feed_um_s: float, seconds: float) -> None:
+    """Move x at a feed without ports, until Ctrl-C or for some machine time."""
+    interrupts = Interrupts()
+    with interrupts.caught():
+        until_s = rig.time_s + seconds
+        while rig.time_s < until_s and not interrupts.pending:
+            rig.gap.setpoints.move_at((feed_um_s, 0.0), rig.gap.plant.time_ns)
+            rig.frame()

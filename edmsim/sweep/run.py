@@ -68,16 +68,13 @@ def blank(run: SweepRun) -> dict[str, Any]:
     """Return the row of a run without results."""
     settings = dict(run.settings)
     constants = dict(settings.pop("constants", ()))
+    files = sorted(f"{Path(file).name} {found[:8]}" for file, found in run.files.items())
     return {
         "id": run.id, "task": Path(run.task).name if run.is_cut else run.task, "seed": run.seed,
         "machine_sample": run.machine_sample, **settings, **constants, "error": None, "outcome": None,
-        **dict.fromkeys(FIGURES), "report": None, "files": _texts_of(run.files),
+        **dict.fromkeys(FIGURES), "report": None, "files": ", ".join(files),
         "edmsim_version": __version__, "wall_time_s": None, "host": None,
     }  # fmt: skip
-
-
-def _texts_of(files: Mapping[str, str]) -> str:
-    return ", ".join(sorted(f"{Path(file).name} {found[:8]}" for file, found in files.items()))
 
 
 def said(error: Exception) -> str:

@@ -2,8 +2,9 @@
 
 import itertools
 import math
+import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
@@ -14,15 +15,16 @@ from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationErro
 from edmsim import __version__
 from edmsim.controllers import from_text
 from edmsim.envs.registry import make_family, resolve
-from edmsim.errors import InputError, one_of, refused_entry, refuses_wrong_types
+from edmsim.errors import InputError, located, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_toml
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import USUAL_MACHINE, TextOrPath, as_text, bare_name, kind_of
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
-from edmsim.numeric import WholeNumber, listed, plain, real, whole
+from edmsim.numeric import WholeNumber, plain, real, whole
 from edmsim.runs import digests_of, identity
+from edmsim.user_code import listed, named
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER}):({_NUMBER})")
@@ -213,7 +215,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         if not self.seeds:
             raise InputError("a sweep without seeds has no run: give a number of them, or a list")
         for file in self.program:
-            if not _is_file(file):
+            if not os.path.isfile(file):  # False for a name longer than names are, or with a byte of zero
                 raise InputError("there is no such program", file)
         ranges = () if self.sobol is None else self.sobol.ranges
         names = [_option(name, self) for name in (*self.settings, *self.grid, *ranges)]
@@ -257,11 +259,42 @@ def read_specification(file: str | Path) -> Specification:
     """
     data = read_toml(file)
     try:
-        return Specification.model_validate(data)
-    except InputError as error:
-        raise error if error.file else InputError(error.reason, file) from None
+        with located(file):
+            return Specification.model_validate(data)
     except RecursionError:
         raise InputError("its tables stand too deep within each other", file) from None
+
+
+_FLAGS = {"seeds": "--seeds", "machine_samples": "--machine-samples", "recordings": "--record"}
+
+
+def specification_of(what: str, words: Sequence[str], **options: Any) -> Specification:
+    """Return the specification of a file, or of the short form: a program or an environment, and what follows it."""
+    chosen = {name: value for name, value in options.items() if value not in (None, [])}
+    if what.endswith(".toml"):
+        if superfluous := [*(_FLAGS[name] for name in chosen), *words]:
+            raise InputError(f"a specification has all settings: leave out {' '.join(superfluous)}")
+        return read_specification(what)
+    is_program = named(what) is None and (os.path.isfile(what) or Path(what).suffix)
+    kind = "program" if is_program else "environment"
+    return Specification.model_validate({kind: what, "grid": _grid_of(words), **chosen})
+
+
+def _grid_of(words: Sequence[str]) -> dict[str, str]:
+    """Take ``--height 5,10 --t-on=10:40:5`` apart."""
+    found: dict[str, str] = {}
+    left = list(words)
+    while left:
+        name, joined, value = left.pop(0).partition("=")
+        if not name.startswith("--"):
+            raise InputError(f"'{name}' belongs to no option; values are given as --height 5,10,20")
+        if not joined:
+            if not left:
+                raise InputError(f"{name} has no values: give some, as {name} 5,10,20")
+            value = left.pop(0)
+        key = name.removeprefix("--")
+        found[key] = f"{found[key]},{value}" if key in found else value
+    return found
 
 
 def _repeated(values: list[Any]) -> Any:
@@ -273,13 +306,6 @@ def _repeated(values: list[Any]) -> Any:
             return value
         known.add(key)
     return None
-
-
-def _is_file(name: str) -> bool:
-    try:
-        return Path(name).is_file()
-    except (OSError, ValueError):  # a name longer than names are, or with a byte of zero
-        return False
 
 
 def _first_seeds(count: int, held_back: bool) -> list[int]:

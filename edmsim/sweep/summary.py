@@ -4,21 +4,21 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import rich.console
+from matplotlib.figure import Figure as Drawing
 from numpy.typing import NDArray
 
 from edmsim.errors import refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.compare import Figure, ratio
+from edmsim.recording.figures.palette import BLUE, LINE, VERMILION
+from edmsim.recording.figures.style import colour_bar, column_figure, dress, in_style, legend, nothing_to_show
 from edmsim.screen import ScreenTable
 from edmsim.sweep.run import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, sensitivity
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Drawing
 
 KEYS = {
     "cutting_rate_mm2_min": "rate mm2/min", "ra_um": "Ra um", "error_rms_um": "error um rms", "short_share": "shorts",
@@ -225,34 +225,31 @@ def _errors(table: pa.Table) -> list[str]:
     return [f"{count} failed: {error}" for error, count in counts.most_common(MOST_LINES)]
 
 
-def pareto_figure(table: pa.Table) -> "Drawing":
+@in_style
+def pareto_figure(table: pa.Table) -> Drawing:
     """Draw the groups of a sweep by rate, roughness and error, and mark the Pareto front."""
-    from edmsim.recording.figures.palette import BLUE, LINE, VERMILION
-    from edmsim.recording.figures.style import colour_bar, column_figure, dress, legend, nothing_to_show, own_style
-
     goals = goals_of(table)
     found, front = front_of(table)
-    with own_style():
-        if len(goals) < 2 or not found:
-            return nothing_to_show("No two of rate, roughness and error were measured in a run.")
-        figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
-        values = {name: np.array([group.figures[name].value for group in found]) for name in goals}
-        x, y = goals[0], goals[1]
-        axes = figure.subplots()
-        order = np.argsort(values[x][front])
-        axes.plot(values[x][front][order], values[y][front][order], color=LINE, lw=1.0, zorder=1)
-        colour: dict[str, Any] = {"c": values[goals[2]], "cmap": "viridis_r"} if len(goals) > 2 else {"c": BLUE}
-        dots = axes.scatter(values[x], values[y], s=14, lw=0, zorder=2, **colour)
-        axes.scatter(
-            values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
-            label="Pareto-optimal",
-        )
-        axes.ticklabel_format(useOffset=False)  # values that hardly differ are read as they are
-        dress(axes, _label(x), _label(y))
-        legend(axes)
-        if len(goals) > 2:
-            colour_bar(figure, dots, _label(goals[2]))
-        return figure
+    if len(goals) < 2 or not found:
+        return nothing_to_show("No two of rate, roughness and error were measured in a run.")
+    figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
+    values = {name: np.array([group.figures[name].value for group in found]) for name in goals}
+    x, y = goals[0], goals[1]
+    axes = figure.subplots()
+    order = np.argsort(values[x][front])
+    axes.plot(values[x][front][order], values[y][front][order], color=LINE, lw=1.0, zorder=1)
+    colour: dict[str, Any] = {"c": values[goals[2]], "cmap": "viridis_r"} if len(goals) > 2 else {"c": BLUE}
+    dots = axes.scatter(values[x], values[y], s=14, lw=0, zorder=2, **colour)
+    axes.scatter(
+        values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
+        label="Pareto-optimal",
+    )
+    axes.ticklabel_format(useOffset=False)  # values that hardly differ are read as they are
+    dress(axes, _label(x), _label(y))
+    legend(axes)
+    if len(goals) > 2:
+        colour_bar(figure, dots, _label(goals[2]))
+    return figure
 
 
 def _label(name: str) -> str:

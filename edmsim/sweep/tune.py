@@ -85,6 +85,8 @@ BOUNDS = {
 }  # fmt: skip
 """What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or
 a gap that closes is not noticed. What is found for `counts` hunts at long periods, so it is not shipped."""
+
+
 def training_seeds(seed: int, seeds: int) -> range:
     """Return the training seeds from `seed` on; raises `InputError` if they reach the held-back ones."""
     if not 0 <= whole_from("seed", seed) <= HELD_BACK - whole_from("seeds", seeds, 1):

@@ -8,8 +8,8 @@ from edmsim.runs import Engine, perform
 from edmsim.validation.rows import Check, Row
 
 MODULES = (
-    "ignition", "craters", "strings", "heat", "gas", "water", "corners", "taper", "pulse_ratios", "cuts",
-    "debris", "lag", "breakage", "stable_rate", "quality", "passes", "spread",
+    "ignition", "craters", "wire", "gas", "water", "corners", "taper", "pulse_ratios", "cuts", "debris", "lag",
+    "breakage", "stable_rate", "quality", "passes", "spread",
 )
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = tuple(range(1, 9))

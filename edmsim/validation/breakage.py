@@ -11,7 +11,7 @@ from edmsim.controllers import from_text, make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import StablePeriod, quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
-from edmsim.validation.rows import Check, Row, differences, extended, ratios
+from edmsim.validation.rows import Check, Row, Seeds, differences, extended, ratios
 from edmsim.validation.setups import UNBREAKABLE, altered
 
 SATO = "Sato et al., Wire-break Prevention on WEDM, J. Japan Soc. Electrical Machining Engineers (2013)"
@@ -82,7 +82,7 @@ def break_limit_A(machine: Machine, seed: int) -> float:
     return max((step.current_A for step in held_periods(machine, seed)), default=0.0)
 
 
-def limits_A(machine: Machine, seeds: Sequence[int]) -> list[float]:
+def limits_A(machine: Machine, seeds: Seeds) -> list[float]:
     """Search the limit, a search per seed."""
     return [break_limit_A(machine, seed) for seed in seeds]
 
@@ -98,7 +98,7 @@ HANGS_ON: Mapping[str, Mapping[str, float]] = {
 its favourable end, which the machine has, and a wire that cannot break."""
 
 
-def stable_point(seeds: Sequence[int]) -> list[Row]:
+def stable_point(seeds: Seeds) -> list[Row]:
     """The limit on 80 mm against Sato's stable cutting, whose wire broke when the pause fell from 8 to 6 us."""
     charge = PEAK_A / 2 * PULSE_US * 1e-6
     stable_A = charge * STABLE_HZ
@@ -115,7 +115,7 @@ def stable_point(seeds: Sequence[int]) -> list[Row]:
     ]
 
 
-def concentration(seeds: Sequence[int]) -> list[Row]:
+def concentration(seeds: Seeds) -> list[Row]:
     """Mori's rig: in how many runs the wire breaks."""
     runs = [mori_cut(mori_rig(), seed).broken for seed in seeds]
     return [Row.band("rupture", "share of runs that break, 1 mm wide piece, pause 4 us", MORI, low=1.0, high=1.0,
@@ -136,7 +136,7 @@ PAIRED = 32  # seeds of a difference as small as a step of the search
 OFF_MM = 2.0  # distance by which Sato took one nozzle off the piece
 
 
-def limits(seeds: Sequence[int]) -> list[Row]:
+def limits(seeds: Seeds) -> list[Row]:
     """What the limit does with height, flushing, cooling and tension."""
     cooling = "base.cooling.convection_W_m2K"
     paired = extended(seeds, PAIRED)

@@ -1,14 +1,13 @@
 """Corner error of a wire that trails its guides at a constant lag."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from shapely import LineString, Point, Polygon
 
 from edmsim import models
 from edmsim.geometry import pursuit
-from edmsim.validation.rows import Check, Row, worst
+from edmsim.validation.rows import Check, Row, Seeds, worst
 
 TRACTRIX = "constant-lag pursuit through a sharp corner, derived: lengths in units of the lag"
 COLUMNS = {
@@ -31,7 +30,7 @@ def corner(turn_deg: float) -> tuple[float, float, float]:
     return path.distance(Point(0.0, 0.0)), undercut, off
 
 
-def check_corners(seeds: Sequence[int]) -> list[Row]:
+def check_corners(seeds: Seeds) -> list[Row]:
     """All 8 rows of the table; of every turn the quantity that differs most is shown."""
     rows = []
     for row in models.published("analytic_corner_pursuit_model"):

@@ -12,7 +12,7 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.constants import constants
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.craters import crater_diameter
-from edmsim.validation.rows import Check, Row
+from edmsim.validation.rows import Check, Row, Seeds
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 ESTEVES = "Esteves, Sikora, Kuffa, Wegener, Procedia CIRP 113:232 (2022), data in SPARC (ETH, MIT licence)"
@@ -58,7 +58,7 @@ def published() -> list[Measured]:
     return found
 
 
-def check_shape(seeds: Sequence[int]) -> list[Row]:
+def check_shape(seeds: Seeds) -> list[Row]:
     """Diameter and depth that the loop gives a crater of the measured volume; nothing is drawn."""
     machine = Machine.load()
     numbers, flatness = constants(machine, resolution("default")), machine.base.discharge.crater_flatness.value
@@ -77,7 +77,7 @@ def check_shape(seeds: Sequence[int]) -> list[Row]:
     return rows
 
 
-def craters_um3(current_A: float, duration_us: float, seeds: Sequence[int]) -> list[NDArray[np.float64]]:
+def craters_um3(current_A: float, duration_us: float, seeds: Seeds) -> list[NDArray[np.float64]]:
     """Craters of single discharges of a rectangular pulse, per seed; draws of their own at every current."""
     machine = Machine.load(generator="iso-energetic", t_on_us=1.0)
     voltage = machine.generator.open_voltage_V.value - machine.material.burning_voltage_V.value
@@ -101,7 +101,7 @@ def fitted_duration_us() -> float:
     return float((alike_us * reference_us**exponent) ** (1 / (1 + exponent)))
 
 
-def check_volume(seeds: Sequence[int]) -> list[Row]:
+def check_volume(seeds: Seeds) -> list[Row]:
     """Mean volume at every current with one duration, the slope of volume over current, and the scatter."""
     table, duration = published(), fitted_duration_us()
     runs = [craters_um3(crater.current_A, duration, seeds) for crater in table]

@@ -1,6 +1,5 @@
 """Rows on the result of a cut: kerf, gaps, removal per charge and energy, cutting rate, thickness estimate."""
 
-from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +8,7 @@ from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import PAUSE_US, sato_rig
-from edmsim.validation.rows import Check, Row, differences
+from edmsim.validation.rows import Check, Row, Seeds, differences
 from edmsim.validation.setups import UNBREAKABLE, feed_within, servo_cut
 
 TEXTBOOK = "textbook figure 1.8 W per mm3/min"
@@ -31,7 +30,7 @@ def _by_counts(machine: Machine, seed: int) -> Cut:
     return cut_straight(machine, make("counts"), seed, settle_s=10.0, seconds=15.0)
 
 
-def removal(seeds: Sequence[int]) -> list[Row]:
+def removal(seeds: Seeds) -> list[Row]:
     """Energy per removed volume and cutting rate of the default set-up, energy and charge in production cutting."""
     machine = Machine.load()
     cuts = [_by_counts(machine, seed) for seed in seeds]
@@ -61,7 +60,7 @@ def production() -> Machine:
 PAUSE_PERIODS_US = (100.0, 150.0, 250.0)  # of the same pulse, with up to three times the default pause (ours)
 
 
-def pauses(seeds: Sequence[int]) -> list[Row]:
+def pauses(seeds: Seeds) -> list[Row]:
     """Charge per volume over the pause, the feed in proportion to the pulse frequency."""
     longest_over_shortest = []
     for seed in seeds:
@@ -77,7 +76,7 @@ def pauses(seeds: Sequence[int]) -> list[Row]:
                       simulated=longest_over_shortest)]
 
 
-def thickness(seeds: Sequence[int]) -> list[Row]:
+def thickness(seeds: Seeds) -> list[Row]:
     """Thickness of 10 and 40 mm from working current, kerf and feed, calibrated at 20 mm."""
     known_mm = 20.0
     cuts = {h: [_by_counts(Machine.load(height_mm=h), seed) for seed in seeds] for h in (10.0, known_mm, 40.0)}
@@ -96,7 +95,7 @@ def thickness(seeds: Sequence[int]) -> list[Row]:
 DIAMETERS_UM = (100.0, 150.0, 200.0, 250.0, 300.0)
 
 
-def diameters(seeds: Sequence[int]) -> list[Row]:
+def diameters(seeds: Seeds) -> list[Row]:
     """Kerf against wire diameter, under the count law and the wire's default stress."""
     kerf = np.array(
         [
@@ -120,7 +119,7 @@ def diameters(seeds: Sequence[int]) -> list[Row]:
 FEEDS_UM_S = (7.0, 14.0, 28.0)  # fixed feeds, each twice the one before, if they are within the capacity (ours)
 
 
-def overcut(seeds: Sequence[int]) -> list[Row]:
+def overcut(seeds: Seeds) -> list[Row]:
     """Kerf against fixed feed: the walls of a slow cut face the wire for longer."""
     machine = Machine.load()
     feeds = [feed_within(feed, machine) for feed in FEEDS_UM_S]

@@ -1,7 +1,6 @@
 """Rows on debris in the gap: gap width by pulse energy, delays in debris, sizes of debris."""
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -16,8 +15,8 @@ from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.validation import ignition
 from edmsim.validation.breakage import ROUGH_PERIOD_US, rough_rig
-from edmsim.validation.rows import Check, Row, differences
-from edmsim.validation.setups import PRACTICE, STILL, UNBREAKABLE, altered, in_a_hole, servo_cut
+from edmsim.validation.rows import Check, Row, Seeds, differences
+from edmsim.validation.setups import NO_IGNITION, PRACTICE, STILL, UNBREAKABLE, altered, in_a_hole, servo_cut
 
 WIDER = (
     f"{PRACTICE}: more energy per pulse, a wider gap at one voltage; {ignition.ESTEVES}: energy influences the delay"
@@ -36,7 +35,7 @@ BRIEF_US, LONG_US = 0.4, 1.4
 """On-times of one current and one pause: the longer pulse has three and a half times the energy (ours)."""
 
 
-def gap_over_energy(seeds: Sequence[int]) -> list[Row]:
+def gap_over_energy(seeds: Seeds) -> list[Row]:
     """Gap where discharges strike, with brief pulses and with long ones of the same peak."""
     brief, long = (
         [servo_cut(rough_pulses(on), seed, open_share=OPEN_SHARE) for seed in seeds] for on in (BRIEF_US, LONG_US)
@@ -63,7 +62,7 @@ SETTLED_UM, KERF_UM, LONGEST_S = 40.0, 20.0, 600.0
 FEW = 3  # seeds of these slots (ours: the fine pulses of a slot are five million)
 
 
-def side_gap_over_energy(seeds: Sequence[int]) -> list[Row]:
+def side_gap_over_energy(seeds: Seeds) -> list[Row]:
     """Side gap of a slot cut with fine pulses and with those of a rough cut."""
     fine, coarse = (
         [side_gap_um(slot_rig(energy, on), seed) for seed in seeds[:FEW]]
@@ -118,7 +117,7 @@ HOLES, BEFORE, MEASURED = 6, 1, 1
 """Holes per seed, windows of 25 ms until the debris is steady where water flows, and windows measured."""
 
 
-def delay_in_debris(seeds: Sequence[int]) -> list[Row]:
+def delay_in_debris(seeds: Seeds) -> list[Row]:
     """Mean delay among the debris that discharges leave, over the speed of the water that carries it off."""
     # craters remove metal here, as nothing else makes debris; whatever else moves or clears the water stays off
     delay = {
@@ -158,10 +157,9 @@ FAR_UM, FAR_SHARE = (28.0, 30.0, 32.0), 0.01
 """Gaps of rough cuts, where only the largest particles ignite, and a share at which some pulses find one and some do
 not (ours)."""
 LOADED_WINDOWS = 16  # windows per seed and gap: 4080 pulses
-NO_LONG_BRANCH = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
 
 
-def particles(seeds: Sequence[int]) -> list[Row]:
+def particles(seeds: Seeds) -> list[Row]:
     """Particles that ignite in a hole whose water holds debris: their number, and how it falls with the gap."""
     critical_um, size_um = Machine.load().base.gap.critical_um.value, mean_size_um(_at_80_V())
     sizes = (np.array(FAR_UM) - critical_um) / size_um
@@ -201,7 +199,7 @@ def mean_size_um(machine: Machine) -> float:
 def loaded_machine() -> Machine:
     """Return the default machine at the law's nominal voltage: its debris has its size, nothing makes or moves it."""
     usual = _at_80_V()
-    still = altered(usual, {**STILL, **ignition.STILL_WATER, **NO_LONG_BRANCH})
+    still = altered(usual, {**STILL, **ignition.STILL_WATER, **NO_IGNITION})
     return altered(still, {"base.gap.particle_share": mean_size_um(usual) / crater_um3(still) ** (1 / 3)})
 
 

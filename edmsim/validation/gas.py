@@ -1,7 +1,6 @@
 """Closed forms of gas, film, added mass and magnetic force: the compiled loop against its laws."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution, resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2
 from edmsim.plant.workpiece.blanks import started_slot
-from edmsim.validation.rows import Check, Row, differences
+from edmsim.validation.rows import Check, Row, Seeds, differences
 from edmsim.validation.setups import STILL, altered
 
 SHARE = "x / (1 + x), each bubble replacing the one before (closed form of the model)"
@@ -57,7 +56,7 @@ def steady_coverage(covers: float) -> float:
     return float(np.mean(values[len(values) // 2 :]))
 
 
-def check_gas_share(seeds: Sequence[int]) -> list[Row]:
+def check_gas_share(seeds: Seeds) -> list[Row]:
     """Coverage of one slice at a steady rate of discharges."""
     rows = []
     for covers in COVERED:
@@ -90,7 +89,7 @@ def film_N_s_m2(angle: Floats, gaps: Floats) -> float:
     return float(12 * 1e-3 * 125.0**3 * abs(angle[1] - angle[0]) * across)
 
 
-def check_film(seeds: Sequence[int]) -> list[Row]:
+def check_film(seeds: Seeds) -> list[Row]:
     """Drag of the film in uniform gaps and in a kerf, and the limit of suction."""
     rows = [
         Row.value("film", f"resistance of the film, uniform gap of {gap:g} um", REYNOLDS,
@@ -143,7 +142,7 @@ def _let_go(plant: Plant, mode_um: float, pulses: int) -> tuple[Floats, Floats]:
 SHORT_US, LONG_US = 8.0, 100.0  # periods of a rough cut's and of the default pulses
 
 
-def check_film_motion(seeds: Sequence[int]) -> list[Row]:
+def check_film_motion(seeds: Seeds) -> list[Row]:
     """A wire that is let go: it creeps back in a thin film, and swings in the film of a usual gap."""
     res = FAST
     modes = modal_model(altered(Machine.load(), STILL), res)
@@ -190,7 +189,7 @@ def slot_frequency_Hz(machine: Machine) -> float:
     return float(brentq(mismatch, 0.5 * most, most)) / math.tau
 
 
-def check_added_mass(seeds: Sequence[int]) -> list[Row]:
+def check_added_mass(seeds: Seeds) -> list[Row]:
     """Added mass of the water in the slot, and the first frequency with it."""
     machine = Machine.load()
     wire = wire_setup(machine)
@@ -208,7 +207,7 @@ def check_added_mass(seeds: Sequence[int]) -> list[Row]:
 # --- pull-in and magnetic force ---
 
 
-def check_forces(seeds: Sequence[int]) -> list[Row]:
+def check_forces(seeds: Seeds) -> list[Row]:
     """Where the pull draws the wire in, and the attraction of a current by the slot it lies in."""
     angle = np.linspace(-0.05, 0.05, 16)
     rays, row = rays_with(np.full(16, 30.0), angle), np.zeros((1, 4))
@@ -241,7 +240,7 @@ SKIP_FEED_UM_S, ALL_FROM_UM = 24.0, 40.0
 """A feed at which the wire comes near the metal, and a front gap under which all of the film is followed (ours)."""
 
 
-def check_skip(seeds: Sequence[int]) -> list[Row]:
+def check_skip(seeds: Seeds) -> list[Row]:
     """Lag and shorts with the film followed everywhere, less those with it followed in narrow gaps."""
 
     def cuts(res: Resolution) -> list[Cut]:

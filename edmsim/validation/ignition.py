@@ -18,7 +18,7 @@ from edmsim.machine.parts import Gap
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.gap.water import flow_speed_m_s
 from edmsim.plant.plant import Plant
-from edmsim.validation.rows import Check, Row, differences
+from edmsim.validation.rows import Check, Row, Seeds, differences
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 SPARC = "SPARC (ETH, MIT licence), ignition law"
@@ -61,7 +61,7 @@ def _quiet(machine: Machine, voltage_V: float) -> Machine:
     return altered(machine.with_(height_mm=reference_mm / 2), constants)
 
 
-def delays_us(gap_um: float, seeds: Sequence[int], draws: int = DRAWS) -> tuple[Floats, Floats]:
+def delays_us(gap_um: float, seeds: Seeds, draws: int = DRAWS) -> tuple[Floats, Floats]:
     """Draw delays in us at a gap, `draws` per seed, at the reference voltage and area; and the gaps the rays see."""
     machine = Machine.load(generator="iso-energetic", t_on_us=1.0)
     machine = _quiet(machine, machine.base.gap.reference_voltage_V.value)
@@ -100,7 +100,7 @@ def mixture(delay_us: Floats, gaps_um: Floats, gap: Gap) -> Floats:
     return total
 
 
-def check_isolated_gap(seeds: Sequence[int]) -> list[Row]:
+def check_isolated_gap(seeds: Seeds) -> list[Row]:
     """Medians against the published table, share of short delays against gap, and the claimed mixture."""
     gaps = sorted({*LAW_GAPS_UM, *REGIME_GAPS_UM, *MIXTURE_GAPS_UM})
     drawn = {gap: delays_us(gap, seeds) for gap in gaps}
@@ -194,7 +194,7 @@ def mean_delay_us(windows: Sequence[PulseWindow]) -> float:
     return (lit + THESIS_ON_US * opened) / pulses if pulses else math.nan
 
 
-def check_figure_2_9(seeds: Sequence[int]) -> list[Row]:
+def check_figure_2_9(seeds: Seeds) -> list[Row]:
     """The delay rises with gap and with flow speed; a fast flow leaves next to no ignition (row T-10)."""
     points = {(gap, speed) for gap, speed, *_ in _STEPS} | {(gap, speed) for *_, gap, speed in _STEPS}
     cuts = {point: [thesis_point(*point, seed) for seed in seeds] for point in sorted({*points, (20.0, 4.0)})}

@@ -11,7 +11,7 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.validation.breakage import ROUGH_TENSION_N, rough_rig
 from edmsim.validation.pulse_ratios import drum_um
-from edmsim.validation.rows import Check, Row, differences, ratios
+from edmsim.validation.rows import Check, Row, Seeds, differences, ratios
 from edmsim.validation.setups import PRACTICE, UNBREAKABLE, altered, servo_cut
 
 LAG = "usual lag of rough cuts"
@@ -42,7 +42,7 @@ ROUGH_OPEN_SHARE = 0.2
 DEFAULT_S = 12.0  # machine time in which the default set-up settles, and is measured
 
 
-def rough_cuts(seeds: Sequence[int], machine: Machine) -> list[Cut]:
+def rough_cuts(seeds: Seeds, machine: Machine) -> list[Cut]:
     """Cut with a servo, a cut per seed."""
     return [servo_cut(machine, seed, open_share=ROUGH_OPEN_SHARE) for seed in seeds]
 
@@ -62,7 +62,7 @@ def impulse_ends(machine: Machine) -> tuple[float, float]:
     return bounds
 
 
-def rough_lag(seeds: Sequence[int]) -> list[Row]:
+def rough_lag(seeds: Seeds) -> list[Row]:
     """Lag and vibration of rough cuts, the lag's range, and what magnet, tension, height and jets do to it."""
     base = rough_cuts(seeds, rough_rig(ROUGH_MM))
     without_um = [cut.lag_um for cut in rough_cuts(seeds, rough_rig(ROUGH_MM, {MAGNETIC: 0.0}))]
@@ -98,7 +98,7 @@ def _usual(name: str, cuts: Sequence[Cut]) -> Row:
 WEAK_PA = 0.2e5  # pressure of both nozzles where their jets hardly act: a tenth of the rough cut's
 
 
-def jets(flushed: Sequence[Cut], seeds: Sequence[int]) -> Row:
+def jets(flushed: Sequence[Cut], seeds: Seeds) -> Row:
     """Lag of a rough cut in austenitic steel over the pressure, against the same cut in a weak flow."""
     machine = rough_rig(ROUGH_MM, NON_MAGNETIC)
     weak = rough_cuts(seeds, machine.with_(flushing_lower_Pa=WEAK_PA, flushing_upper_Pa=WEAK_PA))
@@ -109,7 +109,7 @@ def jets(flushed: Sequence[Cut], seeds: Sequence[int]) -> Row:
     )
 
 
-def default_lag(seeds: Sequence[int]) -> list[Row]:
+def default_lag(seeds: Seeds) -> list[Row]:
     """Lag of the default cut under the servo, whatever its sign, over the range of the impulse."""
 
     def found(changes: Mapping[str, float]) -> list[float]:
@@ -125,7 +125,7 @@ def default_lag(seeds: Sequence[int]) -> list[Row]:
     ]
 
 
-def experiments(seeds: Sequence[int]) -> list[Row]:
+def experiments(seeds: Seeds) -> list[Row]:
     """The model's predictions for the two experiments that would separate the causes of the lag."""
     steel = rough_cuts(seeds, rough_rig(ROUGH_MM))
     other = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
@@ -153,7 +153,7 @@ PRODUCTION_S = 20.0  # in which production cuts settle, and are measured (ours: 
 FEW = 4  # seeds of these cuts (ours: the signs of whole micrometres are asked for)
 
 
-def lag_over_height(seeds: Sequence[int]) -> list[Row]:
+def lag_over_height(seeds: Seeds) -> list[Row]:
     """Lag of the production machine as it is loaded, its wire unbreakable, over the height; the wall's hollow."""
     cuts = {}
     for height in HEIGHTS_MM:
@@ -173,7 +173,7 @@ def lag_over_height(seeds: Sequence[int]) -> list[Row]:
     ]
 
 
-def default_over_height(seeds: Sequence[int]) -> list[Row]:
+def default_over_height(seeds: Seeds) -> list[Row]:
     """Lag of the default set-up at other heights than its own."""
     rows = []
     for height in DEFAULT_HEIGHTS_MM:
@@ -220,7 +220,7 @@ def trim(machine: Machine, seed: int) -> tuple[float, float]:
     return float(np.mean([w.deflection_um[1] for w in windows])), cut.share("short")
 
 
-def trims(seeds: Sequence[int]) -> list[Row]:
+def trims(seeds: Seeds) -> list[Row]:
     """Deflection towards the wall over energy and voltage, and the energy at which it turns."""
     runs = {energy: [trim(trim_machine(energy), seed) for seed in seeds] for energy in TRIM_MJ}
     towards = {energy: [run[0] for run in of] for energy, of in runs.items()}

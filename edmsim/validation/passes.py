@@ -1,7 +1,7 @@
 """Rows on passes: offsets, feeds and roughness of one to seven against a shop's table, corners, accuracy, bow."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from edmsim.machine.technology import Technology, technology_for
 from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error
 from edmsim.metrology.roughness import face_roughness_um
 from edmsim.metrology.shares import unreachable_um
-from edmsim.validation.rows import Check, Row, differences, worst
+from edmsim.validation.rows import Check, Row, Seeds, differences, worst
 
 SHOP = "a job shop's table for 1 to 7 passes, brass 0.254 mm, steel, 25.4 mm high (second hand)"
 TALL = "one cut of the same shop, 76.2 mm high (second hand)"
@@ -75,7 +75,7 @@ def chain(height_mm: float, passes: int, seed: int, resolution: str = "fast") ->
     return Chain(records, face_roughness_um(volumes, taken, simulation.machine.base.discharge.crater_flatness.value))
 
 
-def by_passes(seeds: Sequence[int]) -> list[Row]:
+def by_passes(seeds: Seeds) -> list[Row]:
     """Compare one to seven passes on 25.4 mm with the shop's table; one seed, as the fine passes take minutes."""
     found = chain(HEIGHT_MM, 7, seeds[0])
     ends = [found.last_offset_um(number) for number in range(1, 8)]
@@ -102,7 +102,7 @@ def by_passes(seeds: Sequence[int]) -> list[Row]:
     return rows
 
 
-def tall(seeds: Sequence[int]) -> list[Row]:
+def tall(seeds: Seeds) -> list[Row]:
     """Compare a single pass on 76.2 mm with the shop's."""
     cuts = [chain(TALL_MM, 1, seed) for seed in seeds]
     return [
@@ -153,7 +153,7 @@ def without_roughness(error_um: Floats) -> Floats:
     return np.asarray(gaussian_filter1d(error_um, deviation / PROFILE_STEP_MM, axis=1, mode="reflect"))
 
 
-def accuracy(seeds: Sequence[int]) -> list[Row]:
+def accuracy(seeds: Seeds) -> list[Row]:
     """Accuracy by number of passes, and what trims leave of a corner's error."""
     cuts = {passes: [corner(passes, seed) for seed in seeds[:CORNERS]] for passes in ACCURACY_UM}
     rough, trimmed = (float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3))
@@ -169,7 +169,7 @@ def accuracy(seeds: Sequence[int]) -> list[Row]:
     ]
 
 
-def bow(seeds: Sequence[int]) -> list[Row]:
+def bow(seeds: Seeds) -> list[Row]:
     """The bow that a trim leaves, over tension and energy of its pulses, on 25.4 mm."""
     at = technology_for("tool-steel").heights[0]
     job, offset_mm = Job("tool-steel", height_mm=at.height_mm, resolution="fast"), 0.3

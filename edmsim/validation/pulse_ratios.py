@@ -11,7 +11,7 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.constants import flushing
 from edmsim.plant.window import PlantError
 from edmsim.validation.breakage import HELD_SHARE, MIDDLE_MM, held_periods, rough_rig, sato_rig
-from edmsim.validation.rows import Check, Row, differences, extended
+from edmsim.validation.rows import Check, Row, Seeds, differences, extended
 from edmsim.validation.setups import PRACTICE, UNBREAKABLE, altered, capacity_um_s, feed_within, in_a_hole, servo_cut
 
 LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
@@ -37,7 +37,7 @@ def sparks_ratio(cut: Cut, kind: str) -> float:
     return cut.share(kind) / (cut.share("spark") + cut.share("arc") + cut.share("short"))
 
 
-def pulse_trains(seeds: Sequence[int]) -> list[Row]:
+def pulse_trains(seeds: Seeds) -> list[Row]:
     """Signs of Liao and Woo at fixed feed: on-time, off-time and feed against both ratios and the delay."""
     machine = Machine.load()
     on, off = machine.t_on_us, machine.t_period_us - machine.t_on_us
@@ -83,7 +83,7 @@ LOADINGS = (0.06, 0.14)  # shares of debris in the water of the flushing study
 LOADING_RATIO = 2.3  # ratio of these; in a cut the loading goes with the feed
 
 
-def debris(seeds: Sequence[int]) -> list[Row]:
+def debris(seeds: Seeds) -> list[Row]:
     """Debris and flushing: debris, bridging and drum of a cut, and the share that is flushed out without one."""
     machine = Machine.load(height_mm=DEBRIS_HEIGHT_MM)
     usual_Pa = machine.base.dielectric.flushing_pressure_Pa.value
@@ -174,18 +174,18 @@ NO_FILM: Mapping[str, float] = {
 NO_PULL: Mapping[str, float] = {"base.dielectric.permittivity": 1e-6}
 
 
-def _short_shares(machine: Machine, feed_um_s: float, seeds: Sequence[int]) -> list[float]:
+def _short_shares(machine: Machine, feed_um_s: float, seeds: Seeds) -> list[float]:
     """Share of shorts at a fixed feed, a cut per seed; 1 if the wire was driven into the metal."""
     shares = []
     for seed in seeds:
         try:
-            shares.append(cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=15.0).share("short"))
+            shares.append(_train(machine, feed_um_s, seed).share("short"))
         except PlantError:
             shares.append(1.0)
     return shares
 
 
-def causes(seeds: Sequence[int]) -> list[Row]:
+def causes(seeds: Seeds) -> list[Row]:
     """Shorts over the feed, and what of them is the pull's, with the film of water and without it."""
     machine = Machine.load()
     feeds = [feed_within(feed, machine) for feed in FEEDS_UM_S]
@@ -208,7 +208,7 @@ OPEN_SHARES = (0.02, 0.05, 0.1, 0.2, 0.35)
 """Shares of open pulses that the servo is set to hold (ours: from next to the metal to far from it)."""
 
 
-def rate_over_shorts(seeds: Sequence[int]) -> list[Row]:
+def rate_over_shorts(seeds: Seeds) -> list[Row]:
     """Cutting rate of a servo over the shorts it lets happen."""
     runs = {share: [servo_cut(rough_rig(30.0), seed, open_share=share) for seed in seeds] for share in OPEN_SHARES}
     rates = [float(np.mean([cut.feed_um_s for cut in runs[share]])) for share in OPEN_SHARES]
@@ -236,7 +236,7 @@ ARC_PERIOD_US = 10.0
 that the search begins with nothing is left of a channel."""
 
 
-def price(seeds: Sequence[int]) -> list[Row]:
+def price(seeds: Seeds) -> list[Row]:
     """What a servo that runs on shorts pays: heat, arcs, and the power at which the wire breaks."""
     slow = sato_rig(MIDDLE_MM, UNBREAKABLE)
     off, on = _off_and_on_shorts(slow, seeds)
@@ -260,7 +260,7 @@ def price(seeds: Sequence[int]) -> list[Row]:
     ]
 
 
-def _off_and_on_shorts(machine: Machine, seeds: Sequence[int]) -> tuple[list[Cut], list[Cut]]:
+def _off_and_on_shorts(machine: Machine, seeds: Seeds) -> tuple[list[Cut], list[Cut]]:
     """Cut with a servo that stays off the metal, and with one that runs on shorts."""
     off, on = ([servo_cut(machine, seed, open_share=share) for seed in seeds] for share in (ON_SPARKS, ON_SHORTS))
     return off, on
@@ -278,7 +278,7 @@ PUSHES = (0.0, 0.3, 1.0)
 """Shares of a bubble's push that metal melting in a short gives: the range's ends and the machine's own."""
 
 
-def jams(seeds: Sequence[int]) -> list[Row]:
+def jams(seeds: Seeds) -> list[Row]:
     """Shorts of a feed above capacity, by the push that a short gives."""
     feed_um_s = ABOVE * capacity_um_s(rough_rig(30.0))
     rows = []

@@ -1,7 +1,7 @@
 """Rows on the part's quality and the wire's motion: roughness, vibration, corner error."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from edmsim.machine.machine import Machine
 from edmsim.metrology.roughness import roughness_um
 from edmsim.validation.breakage import ROUGH_TENSION_N, rough_rig
 from edmsim.validation.lag import NON_MAGNETIC
-from edmsim.validation.rows import Check, Row, differences, extended
+from edmsim.validation.rows import Check, Row, Seeds, differences, extended
 from edmsim.validation.setups import PRACTICE, altered
 
 ROUGHNESS = "usual: Ra = C E^n, n = 0.3..0.4; rough cuts 2.5..4 um"
@@ -26,7 +26,7 @@ PAGE = "docs/theory/emergence.md"
 ON_TIMES_US = (10.0, 30.0, 74.0)  # of discharges of 1, 4 and 10 mJ in the mean (ours)
 
 
-def roughness(seeds: Sequence[int]) -> list[Row]:
+def roughness(seeds: Seeds) -> list[Row]:
     """Ra from the craters of a cut, over the energy of its discharges."""
     by_on_time = {on: [_ra_and_energy(on, seed) for seed in seeds] for on in ON_TIMES_US}
     logarithms = [np.log(cuts).T for cuts in zip(*by_on_time.values(), strict=True)]
@@ -56,7 +56,7 @@ def _ra_and_energy(t_on_us: float, seed: int) -> Roughness:
 FEED_UM_S = 20.0  # feed of the cuts whose wire is watched: half of the pulses open (ours)
 
 
-def vibration(seeds: Sequence[int]) -> list[Row]:
+def vibration(seeds: Seeds) -> list[Row]:
     """Signs of Habib's linear terms on the wire's vibration; a higher servo voltage is a lower feed here."""
     machine = Machine.load()
     water, guides = machine.base.dielectric, machine.base.guides
@@ -104,7 +104,7 @@ class CornerPass(NamedTuple):
     inside_um: float
 
 
-def corner(seeds: Sequence[int]) -> list[Row]:
+def corner(seeds: Seeds) -> list[Row]:
     """Corner error of a lagging wire against the pursuit of constant lag, and against tension."""
     slack = [cut_corner(corner_rig(5.0), seed) for seed in seeds]
     taut = [cut_corner(corner_rig(10.0), seed) for seed in seeds]
@@ -155,7 +155,7 @@ def cut_corner(
     return CornerPass(float(np.mean(lags)), math.dist(passing, corner_um), farthest, float(inside))
 
 
-def corner_over_feed(seeds: Sequence[int]) -> list[Row]:
+def corner_over_feed(seeds: Seeds) -> list[Row]:
     """How far inside an outside corner the wire of a rough cut passes, over the feed: austenitic and tool steel."""
     rows = []
     for metal, machine in (

@@ -107,7 +107,8 @@ class Row:
         )
 
 
-Check = Callable[[Sequence[int]], list[Row]]
+Seeds = Sequence[int]
+Check = Callable[[Seeds], list[Row]]
 """Simulates with some seeds and returns rows; the same seeds give the same rows."""
 
 
@@ -140,7 +141,7 @@ def ratios(
     return [of(b) / of(a) for a, b in zip(before, after, strict=True)]
 
 
-def extended(seeds: Sequence[int], count: int) -> Sequence[int]:
+def extended(seeds: Seeds, count: int) -> Seeds:
     """Return `count` seeds from the first one on, for a row whose scatter needs more; none of none."""
     return range(seeds[0], seeds[0] + count) if seeds else ()
 

@@ -59,6 +59,10 @@ def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "
     return Plant(machine, seed, stock=stock, position_um=centre_um, resolution=resolution)
 
 
+NO_IGNITION: Mapping[str, float] = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
+"""A gap whose long delays last beyond any pulse: nothing ignites but what is primed."""
+
+
 FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}  # breaks at its first discharge: see `single_discharges`
 
 

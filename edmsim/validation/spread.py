@@ -11,14 +11,14 @@ from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.machine.machine import Machine
 from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
 from edmsim.validation.lag import LAG
-from edmsim.validation.rows import Check, Row, differences, mean_and_interval
+from edmsim.validation.rows import Check, Row, Seeds, differences, mean_and_interval
 from edmsim.validation.setups import feed_within
 
 MACHINES_PER_SEED = 3  # machines drawn (ours: with eight seeds two dozen, of which the outermost bound the interval)
 PAGE = "docs/theory/emergence.md#ranges"
 
 
-def drawn_cuts(seeds: Sequence[int]) -> list[Cut]:
+def drawn_cuts(seeds: Seeds) -> list[Cut]:
     """Cut straight under the count law on machines drawn within the ranges of all constants; the wire may break."""
     cuts = []
     for seed in seeds:
@@ -29,7 +29,7 @@ def drawn_cuts(seeds: Sequence[int]) -> list[Cut]:
     return cuts
 
 
-def ranges(seeds: Sequence[int]) -> list[Row]:
+def ranges(seeds: Seeds) -> list[Row]:
     """Rate, gaps and lag of drawn machines: the median, and half of what 95 % of them span."""
     # a machine that the law does not feed by a wire's diameter has a rate, but no kerf; it is left out of gaps
     # and lag
@@ -79,7 +79,7 @@ FIGURES = (
 )
 
 
-def resolutions(seeds: Sequence[int]) -> list[Row]:
+def resolutions(seeds: Seeds) -> list[Row]:
     """Shorts, lag and vibration of the default cut at a fixed feed, coarse over fine."""
     machine = Machine.load()
     feed_um_s = feed_within(FEED_UM_S, machine)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from edmsim.evaluation.stable_rate import highest_stable_rate
 from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import OFF_MM
-from edmsim.validation.rows import Check, Row, differences, extended, mean_and_interval
+from edmsim.validation.rows import Check, Row, Seeds, differences, extended, mean_and_interval
 from edmsim.validation.setups import PRACTICE
 
 NOTE = "docs/theory/emergence.md#greatest-stable-rate"
@@ -29,7 +29,7 @@ def preset(height_mm: float) -> Machine:
     return Machine.load("production", generator="production", height_mm=height_mm)
 
 
-def rates_mm2_min(machine: Machine, seeds: Sequence[int]) -> list[float]:
+def rates_mm2_min(machine: Machine, seeds: Seeds) -> list[float]:
     """Greatest stable rate, a search per seed."""
     return [
         highest_stable_rate(machine, seeds=(seed,), hold_s=HOLD_S, approach_s=APPROACH_S).rate_mm2_min
@@ -48,7 +48,7 @@ LEVEL = 0.25  # share by which the rate may change from strong flushing to four 
 QUICKER = 3.0
 
 
-def water_and_wire(seeds: Sequence[int]) -> list[Row]:
+def water_and_wire(seeds: Seeds) -> list[Row]:
     """What pressure, a nozzle and the wire's speed do to the rate."""
     base = preset(FLUSHED_MM)
     weak, strong, strongest = (
@@ -77,7 +77,7 @@ LOW_MM, BEST_MM, HIGH_MM = 15.0, 40.0, 120.0
 """Heights below, within and above the range in which the rate in area per time is greatest."""
 
 
-def heights(seeds: Sequence[int]) -> list[Row]:
+def heights(seeds: Seeds) -> list[Row]:
     """Rate over the workpiece's height."""
     low, best, high = (rates_mm2_min(preset(height), seeds) for height in (LOW_MM, BEST_MM, HIGH_MM))
     most = "greatest between some 30 and 60 mm, then a slow fall"
@@ -93,7 +93,7 @@ THIN_N, THIN_ON_US = 4.0, 0.7
 THIN_PEAKS_A = (75.0, 150.0, 300.0)  # peaks tried, 0.6 to 2.3 mJ per discharge (ours: a shop looks for the best)
 
 
-def thin_wire(seeds: Sequence[int]) -> list[Row]:
+def thin_wire(seeds: Seeds) -> list[Row]:
     """Rate of a wire of 0.1 mm, with the peak current that gives most."""
     rows = []
     for height in THIN_MM:

@@ -6,7 +6,6 @@ error.
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from edmsim.machine.overrides import with_overrides
 from edmsim.metrology.profile import profile_error
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import plan_path
-from edmsim.validation.rows import Check, Row
+from edmsim.validation.rows import Check, Row, Seeds
 
 ELLIPSE = "geometry: across the slope a wire that leans by a keeps (r + gap) / cos a in a horizontal plane"
 PLAIN = "geometry: the offset r + gap leaves (r + gap) (1 / cos a - 1) too little"
@@ -56,7 +55,7 @@ def wall_errors_um(
     return np.asarray(np.nanmean(profile.error_um[:, inner], axis=1))
 
 
-def check_faces(seeds: Sequence[int]) -> list[Row]:
+def check_faces(seeds: Seeds) -> list[Row]:
     """Contours below and above of walls that lean, with the offset by the ellipse."""
     rows = []
     for angle_deg in (3.0, 15.0):
@@ -69,7 +68,7 @@ def check_faces(seeds: Sequence[int]) -> list[Row]:
     return rows
 
 
-def check_plain_offset(seeds: Sequence[int]) -> list[Row]:
+def check_plain_offset(seeds: Seeds) -> list[Row]:
     """What a wall that leans by 15 degrees loses if its offset is that of an upright one."""
     full_mm, cosine = Machine.load(height_mm=HEIGHT_MM).auto_offset_mm, math.cos(math.radians(15.0))
 
@@ -82,7 +81,7 @@ def check_plain_offset(seeds: Sequence[int]) -> list[Row]:
     )]  # fmt: skip
 
 
-def check_guide(seeds: Sequence[int]) -> list[Row]:
+def check_guide(seeds: Seeds) -> list[Row]:
     """What a lower guide that is 0.1 mm too high does to a wall that leans by 15 degrees, in its lowest slice."""
     machine = Machine.load(height_mm=HEIGHT_MM)
     guides, tangent = guides_of(machine, (0.0, 0.0)), math.tan(math.radians(15.0))

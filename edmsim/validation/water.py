@@ -1,19 +1,17 @@
 """The dielectric: bridging by debris, flushing, and the leakage through the gap."""
 
-from collections.abc import Sequence
 
 import numpy as np
 
 from edmsim.machine.machine import Machine
 from edmsim.plant.gap.water import bridged_probability, flush, jets
 from edmsim.plant.resolution import resolution
-from edmsim.validation.rows import Check, Row, differences
-from edmsim.validation.setups import STILL, altered, in_a_hole
+from edmsim.validation.rows import Check, Row, Seeds, differences
+from edmsim.validation.setups import NO_IGNITION, STILL, altered, in_a_hole
 
 SPARC = "SPARC (ETH, MIT licence): short above min(0.95, 0.3 + 0.02 g)"
 SLOT = "slot flow, residence time 12 eta h^2 / (dp g^2)"
 LEAK = "leakage sigma V A / g; 10 uS/cm, 30 mm, 20 um, 80 V"
-NO_IGNITION = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
 
 
 def critical_share(gap_um: float) -> float:
@@ -42,7 +40,7 @@ def bridged_share(gap_um: float, debris: float, seed: int) -> float:
     return sum(w.short for w in windows) / sum(w.pulses for w in windows)
 
 
-def check_bridging(seeds: Sequence[int]) -> list[Row]:
+def check_bridging(seeds: Seeds) -> list[Row]:
     """The critical share of debris at three gaps, and the signs of bridging in the pulse loop."""
     rows = [
         Row.value(
@@ -74,7 +72,7 @@ def residence_ms(pressure_Pa: float, height_mm: float, gap_um: float) -> float:
     return time_us * 1e-3
 
 
-def check_flushing(seeds: Sequence[int]) -> list[Row]:
+def check_flushing(seeds: Seeds) -> list[Row]:
     """Residence time at 2 bar, 30 mm, 40 um: its size, and its dependence on height, pressure and gap."""
     # the closed form is 34 ms for a flow through the whole height; two jets need to reach mid-height only
     base = residence_ms(2e5, 30.0, 40.0)
@@ -94,7 +92,7 @@ def check_flushing(seeds: Sequence[int]) -> list[Row]:
     return rows
 
 
-def check_leakage(seeds: Sequence[int]) -> list[Row]:
+def check_leakage(seeds: Seeds) -> list[Row]:
     """Current through the water and what it takes from the open voltage of a supply of 100 ohm."""
     # measured at open pulses: half of the height, as the hole faces the whole girth and the example half of it
     supply_ohm, voltage = 100.0, 80.0

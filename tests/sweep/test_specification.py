@@ -8,6 +8,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK
 from edmsim.machine.machine import Machine
 from edmsim.sweep.specification import Specification, read_specification, runs_of, values_of
+from edmsim.user_code import listed
 
 
 @pytest.mark.parametrize(("written", "meant"), [
@@ -142,3 +143,7 @@ def test_a_file_that_is_none_says_where(tmp_path):
         file.write_bytes(text.encode("utf-8", "surrogateescape"))
         with pytest.raises(InputError, match=r"sweep.toml: "):
             read_specification(file)
+
+
+def test_a_list_has_each_controller_once():
+    assert listed("counts, fixed:feed_um_s=2,patience_s=1,counts,") == ["counts", "fixed:feed_um_s=2,patience_s=1"]

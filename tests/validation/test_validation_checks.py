@@ -21,7 +21,6 @@ from edmsim.validation import (
     craters,
     debris,
     gas,
-    heat,
     ignition,
     lag,
     passes,
@@ -29,8 +28,8 @@ from edmsim.validation import (
     setups,
     spread,
     stable_rate,
-    strings,
     water,
+    wire,
 )
 from edmsim.validation.rows import extended
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
@@ -228,11 +227,11 @@ def test_shorts_of_two_resolutions_agree_within_a_tenth_or_a_hundredth(fine, coa
 
 @pytest.mark.slow
 def test_laws_of_the_string_hold():
-    assert failing([*strings.check_static_lag(()), *strings.check_frequencies(())]) == []
+    assert failing([*wire.check_static_lag(()), *wire.check_frequencies(())]) == []
 
 
 def test_the_pull_is_that_of_a_cylinder_before_a_plane():
-    assert failing(strings.check_electrostatic_pull(())) == []
+    assert failing(wire.check_electrostatic_pull(())) == []
 
 
 @pytest.mark.parametrize(("wave_mm", "left"), [(0.2, 0.0), (passes.CUTOFF_MM, 0.5), (8.0, 0.993)])
@@ -249,11 +248,14 @@ def test_a_row_with_more_seeds_begins_with_those_of_all():
 
 
 def test_a_heavier_wire_has_another_frequency():
-    assert strings.frequencies_Hz(80.0)[0] < strings.frequencies_Hz(40.0)[0] / 1.9
+    assert wire.frequencies_Hz(80.0)[0] < wire.frequencies_Hz(40.0)[0] / 1.9
 
 
 def test_heat_agrees_with_its_closed_forms():
-    assert failing([row for check in heat.CHECKS for row in check(())]) == []
+    of_heat = (
+        wire.check_joule_heat, wire.check_joule_shares, wire.check_cooling, wire.check_spark_heat, wire.check_boiling,
+    )
+    assert failing([row for check in of_heat for row in check(())]) == []
 
 
 @pytest.mark.slow
