@@ -389,6 +389,8 @@ def keep_apart(legs: Sequence[OffsetOutline]) -> None:
     for leg in shut:
         line = shapely.LineString(leg.path)
         for other in shut:
+            if other is leg and leg.guides is not None:  # `wall_and_wire` has looked at all heights
+                continue
             distance = line.distance(other.edge)
             if distance < leg.offset_mm - _SEPARATION_MM:
                 pair = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"

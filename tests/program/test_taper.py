@@ -157,6 +157,20 @@ def test_the_programs_plane_may_be_the_upper_face_or_within_the_workpiece(corner
         assert away == pytest.approx(OFFSET / math.cos(math.radians(5.0)))
 
 
+@pytest.mark.parametrize("corners", ["conical", "sharp"])
+def test_an_angle_changes_at_a_tangent_by_what_a_wire_can_cut(corners):
+    same = rounded_square(2.0, corners)
+
+    def changed(by_deg):
+        angles = np.where(np.array(same.elements) > 4, 2.0 + by_deg, 2.0)
+        return replace(same, taper=Taper(tuple(angles.tolist()), corners=corners))
+
+    wall, _ = wall_and_wire(changed(0.02), OFFSET, GUIDES)
+    leans = np.degrees(np.arctan(np.abs(wall.slope).max(axis=0)))
+    np.testing.assert_allclose(leans, 2.02, atol=1e-6)
+    assert "the taper changes from 3 to 2 degrees at X2.000 Y-3.000, where two lines" in refused(changed(1.0))
+
+
 def test_an_arc_so_small_that_it_has_two_chords_becomes_a_cone():
     fine = rounded_square(-5.0, "conical", radius=0.02)
     chosen = [91 * quarter + i for quarter in range(4) for i in (0, 45, 90)]
