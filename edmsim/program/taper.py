@@ -396,20 +396,42 @@ def _pieces(outline: Outline) -> list[_Piece]:
 
 def _refuse_steps(outline: Outline, reach_mm: float) -> None:
     """Refuse an angle that changes where two lines or arcs are tangent: a step is then between their walls."""
-    taper = outline.taper
-    assert taper is not None
-    if not np.ptp(_tangents(outline)) * reach_mm > GOUGE_MM:
-        return
-    pieces = _pieces(outline)
-    for one, other in pairwise([pieces[-1], *pieces] if outline.closed else pieces):
-        is_step = abs(other.tangent - one.tangent) * reach_mm > GOUGE_MM
-        arcs_stay = taper.corners in ("cylindrical", "rounded") and not one.centre is other.centre is None
-        if is_step and not arcs_stay and abs(_turn(one.ends[1], other.ends[0])) < math.radians(SHARP_DEG):
-            x, y = other.points[0]
-            first, second = (math.degrees(math.atan(piece.tangent)) for piece in (one, other))
-            raise InputError(f"the taper changes from {first:g} to {second:g} degrees at X{x:.3f} Y{y:.3f}, where "
-                             "two lines or arcs are tangent, and the wire cannot cut the step between their walls: "
-                             "change it at a corner", line=other.line or None)
+    for one, other, turns in _changes(outline, GOUGE_MM / reach_mm):
+        if not turns and abs(_turn(one.ends[1], other.ends[0])) < math.radians(SHARP_DEG):
+            reason = f"the taper changes {_from_to(one, other)}, where two lines or arcs are tangent"
+            raise InputError(f"{reason}, and the wire cannot cut the step between their walls: change it at a corner",
+                             line=other.line or None)
+
+
+def _changes(outline: Outline, least: float) -> list[tuple[_Piece, _Piece, bool]]:
+    """Return neighbours whose walls lean by different angles, and whether an arc turns the wall beside it."""
+    # by `least`, in tangents; an arc that keeps its radius moves the end of a line as far as its own
+    if np.ptp(_tangents(outline)) <= least:
+        return []
+    assert outline.taper is not None
+    pieces, keeps = _pieces(outline), outline.taper.corners in ("cylindrical", "rounded")
+    return [
+        (one, other, keeps and (one.centre is None) != (other.centre is None))
+        for one, other in pairwise([pieces[-1], *pieces] if outline.closed else pieces)
+        if abs(other.tangent - one.tangent) > least
+    ]
+
+
+def _from_to(one: _Piece, other: _Piece) -> str:
+    x, y = other.points[0]
+    first, second = (math.degrees(math.atan(piece.tangent)) for piece in (one, other))
+    return f"from {first:g} to {second:g} degrees at X{x:.3f} Y{y:.3f}"
+
+
+def turned_walls(outline: Outline) -> list[str]:
+    """Say where an arc that keeps its radius turns the wall beside it from one angle to another."""
+    if outline.taper is None or outline.taper.upper_mm is not None:
+        return []
+    return [
+        f"line {other.line}: the taper changes {_from_to(one, other)}, beside an arc that keeps its radius: the wall "
+        "there turns from the one angle to the other"
+        for one, other, turns in _changes(outline, 0.0) if turns
+    ]  # fmt: skip
 
 
 def _circle(points: Floats) -> tuple[Floats, float, float] | None:
