@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError, located
 from edmsim.geometry import Floats, arc_lengths
 from edmsim.program.outline import Outline, Side, chords_of, signed_area
-from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
+from edmsim.program.taper import GuideHeights, Ruled, turned_walls, wall_and_wire
 
 QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
 SIMPLIFY_MM = 0.00025  # points are dropped where the path moves by less (ours: below the whole um to follow)
@@ -345,6 +345,7 @@ def leaning_outline(
             raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
                              "whose file has guides.upper_travel_mm")
         wall, wire = wall_and_wire(outline, offset_mm, guides)
+    notices += turned_walls(outline)
     if outline.wire_side is not None:
         notices += _corners_of_wall(wall, wire, offset_mm)
     return OffsetOutline(outline, wire.lower_mm, wall.lower_mm, offset_mm, (wall, wire), guides)
@@ -389,6 +390,8 @@ def keep_apart(legs: Sequence[OffsetOutline]) -> None:
     for leg in shut:
         line = shapely.LineString(leg.path)
         for other in shut:
+            if other is leg and leg.guides is not None:  # `wall_and_wire` has looked at all heights
+                continue
             distance = line.distance(other.edge)
             if distance < leg.offset_mm - _SEPARATION_MM:
                 pair = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"

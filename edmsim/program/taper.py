@@ -297,16 +297,15 @@ def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> 
 
 def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
     """Refuse a surface of which a part vanishes, and turns round, at some height of the workpiece."""
+    # but for what is next to nothing in the program's plane, where the wire only turns
     low, rise = np.diff(wall.lower_mm, axis=0), np.diff(wall.slope, axis=0)
-    along = np.where(np.hypot(*low.T)[:, None] > _NOTHING_MM, low, rise * (1 if wall.high_mm > wall.low_mm else -1))
-    faces = [(low + rise * (z - wall.low_mm) * 1.0) for z in (0.0, height_mm)]
-    at_faces = np.stack([(face * along).sum(axis=1) for face in faces])
-    size = np.hypot(*along.T)
-    gone = np.flatnonzero((at_faces < -size * 1e-6).any(axis=0))
+    at_faces = np.stack([((low + rise * (z - wall.low_mm)) * low).sum(axis=1) for z in (0.0, height_mm)])
+    size = np.hypot(*low.T)
+    gone = np.flatnonzero((at_faces < -size * 1e-6).any(axis=0) & (size > _STRAIGHT_MM))
     if not len(gone):
         return
-    slope = (rise * along).sum(axis=1)
-    place = wall.low_mm - (low * along).sum(axis=1) / np.where(slope == 0, 1.0, slope)
+    slope = (rise * low).sum(axis=1)
+    place = wall.low_mm - size**2 / np.where(slope == 0, 1.0, slope)
     place = np.clip(place, 0.0, height_mm)
     near = np.abs(place[gone] - wall.low_mm)
     k = int(gone[np.flatnonzero(near < near.min() + _NOTHING_MM)[0]])  # all chords of an arc vanish at one height
@@ -332,8 +331,7 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
 def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
     """Refuse a wire that comes too near to the wall at some height of the workpiece."""
     for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
-        line, points = shapely.LineString(wall.at(z)), shapely.points(wire.at(z))
-        into_mm = offset_mm - float(line.distance(points).min())
+        into_mm = offset_mm - shapely.LineString(wall.at(z)).distance(shapely.LineString(wire.at(z)))
         if into_mm > GOUGE_MM:
             raise InputError(f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a "
                              "smaller angle or offset, or draw the contour wider")
@@ -394,6 +392,46 @@ def _pieces(outline: Outline) -> list[_Piece]:
             piece = piece._replace(points=piece.points[[0, -1]])
         found.append(piece)
     return found
+
+
+def _refuse_steps(outline: Outline, reach_mm: float) -> None:
+    """Refuse an angle that changes where two lines or arcs are tangent: a step is then between their walls."""
+    for one, other, turns in _changes(outline, GOUGE_MM / reach_mm):
+        if not turns and abs(_turn(one.ends[1], other.ends[0])) < math.radians(SHARP_DEG):
+            reason = f"the taper changes {_from_to(one, other)}, where two lines or arcs are tangent"
+            raise InputError(f"{reason}, and the wire cannot cut the step between their walls: change it at a corner",
+                             line=other.line or None)
+
+
+def _changes(outline: Outline, least: float) -> list[tuple[_Piece, _Piece, bool]]:
+    """Return neighbours whose walls lean by different angles, and whether an arc turns the wall beside it."""
+    # by `least`, in tangents; an arc that keeps its radius moves the end of a line as far as its own
+    if np.ptp(_tangents(outline)) <= least:
+        return []
+    assert outline.taper is not None
+    pieces, keeps = _pieces(outline), outline.taper.corners in ("cylindrical", "rounded")
+    return [
+        (one, other, keeps and (one.centre is None) != (other.centre is None))
+        for one, other in pairwise([pieces[-1], *pieces] if outline.closed else pieces)
+        if abs(other.tangent - one.tangent) > least
+    ]
+
+
+def _from_to(one: _Piece, other: _Piece) -> str:
+    x, y = other.points[0]
+    first, second = (math.degrees(math.atan(piece.tangent)) for piece in (one, other))
+    return f"from {first:g} to {second:g} degrees at X{x:.3f} Y{y:.3f}"
+
+
+def turned_walls(outline: Outline) -> list[str]:
+    """Say where an arc that keeps its radius turns the wall beside it from one angle to another."""
+    if outline.taper is None or outline.taper.upper_mm is not None:
+        return []
+    return [
+        f"line {other.line}: the taper changes {_from_to(one, other)}, beside an arc that keeps its radius: the wall "
+        "there turns from the one angle to the other"
+        for one, other, turns in _changes(outline, 0.0) if turns
+    ]  # fmt: skip
 
 
 def _circle(points: Floats) -> tuple[Floats, float, float] | None:
@@ -573,6 +611,8 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
         outline = replace(outline, taper=taper)
     if not (math.isfinite(low) and math.isfinite(high) and abs(high - low) > _NEAR_MM):
         raise InputError(f"program plane and second plane lie at {low:g} and {high:g} mm: give two different heights")
+    if taper.upper_mm is None and offset_mm > 0:
+        _refuse_steps(outline, max(abs(low), abs(guides.height_mm - low)))
     if taper.upper_mm is None and taper.corners in ("sharp", "conical"):
         wall, wire = _of_pieces(outline, low, high, offset_mm)
     else:

@@ -12,6 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
+from edmsim.program.offset import leaning_outline
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import load_program, plan_path
 from edmsim.program.taper import GuideHeights, leaning, offset_surface, wall_and_wire
@@ -155,6 +156,30 @@ def test_the_programs_plane_may_be_the_upper_face_or_within_the_workpiece(corner
         assert np.abs(wall.at(z)).max() == pytest.approx(half)
         away = shapely.LinearRing(wall.at(z)).distance(shapely.LinearRing(wire.at(z)))
         assert away == pytest.approx(OFFSET / math.cos(math.radians(5.0)))
+
+
+@pytest.mark.parametrize("corners", ["conical", "sharp"])
+def test_an_angle_changes_at_a_tangent_by_what_a_wire_can_cut(corners):
+    same = rounded_square(2.0, corners)
+
+    def changed(by_deg):
+        angles = np.where(np.array(same.elements) > 4, 2.0 + by_deg, 2.0)
+        return replace(same, taper=Taper(tuple(angles.tolist()), corners=corners))
+
+    wall, _ = wall_and_wire(changed(0.02), OFFSET, GUIDES)
+    leans = np.degrees(np.arctan(np.abs(wall.slope).max(axis=0)))
+    np.testing.assert_allclose(leans, 2.02, atol=1e-6)
+    assert "the taper changes from 3 to 2 degrees at X2.000 Y-3.000, where two lines" in refused(changed(1.0))
+
+
+def test_a_notice_says_where_an_arc_of_constant_radius_turns_a_wall():
+    same = rounded_square(2.0, "cylindrical")
+    angles = np.where(np.array(same.elements) == 1, 3.0, 2.0)
+    outline = replace(same, taper=Taper(tuple(angles.tolist()), corners="cylindrical"))
+    notices = []
+    leaning_outline(outline, OFFSET, GUIDES, notices)
+    said = ["from 2 to 3 degrees at X2.000 Y-3.000, beside an arc", "from 3 to 2 degrees at X3.000 Y-2.000, beside"]
+    assert [text in notice for text, notice in zip(said, notices, strict=True)] == [True, True]
 
 
 def test_an_arc_so_small_that_it_has_two_chords_becomes_a_cone():
