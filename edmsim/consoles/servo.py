@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
-from edmsim.axis_bench.motion import SAMPLE_ROW
 from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, is_terminal
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis import tuned as tuned_drive
@@ -74,8 +73,7 @@ class Scope:
         if heard:
             errors = np.array([byte - STREAM - self._zero for byte, _ in heard])
             self._send("tracking_error", np.array([at_s for _, at_s in heard]), errors)
-        samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE_ROW)
-        if len(samples):
+        if blocks and len(samples := np.concatenate(blocks)):
             self._drawn_s = samples["time_ns"][-1] * 1e-9
             for name in _CURVES:
                 self._send(name, samples["time_ns"] * 1e-9, samples[name])
