@@ -9,7 +9,6 @@ from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
 from edmsim.controllers.mcu.chips.bus import CPORT2, PORT2A, PORT2B, TIMERS, Bus
 from edmsim.controllers.mcu.chips.cpu import A, C, Cpu8085, NoCodeError
 from edmsim.controllers.mcu.chips.dac import COARSE
-from edmsim.controllers.mcu.chips.uart import BITS_PER_CHARACTER
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.mcu.firmware.optimise import optimise
@@ -25,8 +24,6 @@ from edmsim.snapshots import Snapshots
 # Two kinds of moves share them. For the program's own moves, POSCAL computes the direction once, as in 1982: the
 # timers count down from values for XVELOC and YVELOC, and each routine takes its T-states. A planner's steps use the
 # same timers, interrupts and lines, at the planner's times.
-
-SIGN = 0x8000  # bit of a negative word
 
 
 class Steppers(Snapshots):
@@ -61,11 +58,6 @@ class Steppers(Snapshots):
         """Whether an axis is under way in a move of the program's own: XVELOC or YVELOC is not 0."""
         return self.own and any(self.board.bus.word(area + at.VELOCITY) for area in at.AREAS)
 
-    def signed(self, address: int) -> int:
-        """Word in RAM as a signed number."""
-        word = self.board.bus.word(address)
-        return word - 0x10000 if word & SIGN else word
-
     def stop(self) -> None:
         """Unload both timers, and forget the move; the counters and the targets stay."""
         self.own, self._aim = False, None
@@ -94,7 +86,7 @@ class Steppers(Snapshots):
     def look_to(self, x: int, y: int) -> None:
         """Note where a planner leads the wire: XVELOC and YVELOC point there, and it makes the steps."""
         self.aim(x, y)
-        self.set_speed(self.signed(at.CUTVEL))
+        self.set_speed(self.board.bus.signed(at.CUTVEL))
 
     def set_speed(self, units: int) -> None:
         """VELOCM with the way resolved before; XVELOC and YVELOC are read by the next interrupts."""
@@ -146,7 +138,7 @@ class Steppers(Snapshots):
         for time_ns, axis, direction in steps:
             board.now_ns = time_ns
             area = at.AREAS[axis]
-            if self.signed(area + at.VELOCITY) * direction <= 0:
+            if bus.signed(area + at.VELOCITY) * direction <= 0:
                 bus.store(area + at.VELOCITY, direction)
             tick = self._clock.before(time_ns + 1)
             waited = max(tick - self._last_tick[axis], 1)
@@ -167,7 +159,7 @@ class Steppers(Snapshots):
         """
         area = at.AREAS[axis]
         self._spend(timers.ENTRY_T)
-        velocity = self.signed(area + at.VELOCITY)
+        velocity = self.board.bus.signed(area + at.VELOCITY)
         if not velocity:
             return
         if self.own:
@@ -335,7 +327,7 @@ def set_up_monitor(memory: Bus) -> None:
     memory.store(at.COADR, at.TERMINAL_OUT)
 
 
-CALL_T, CHARACTER_T = 18, CPU_HZ * BITS_PER_CHARACTER // BIT_RATE
+CALL_T, CHARACTER_T = 18, CPU_HZ * uart.BITS_PER_CHARACTER // BIT_RATE
 """T-states of a call of a routine of ours, and of a character sent or fetched."""
 LONGEST_T = 30 * CPU_HZ // 1000
 """An interrupt routine that has not returned by then is lost (ours: half of the shortest time between two steps)."""
@@ -449,10 +441,6 @@ class Computer(Snapshots):
         self.code = MachineCode(self.board, self.streams, routines)
         load_start_values(self.bus)
         set_up_monitor(self.bus)
-
-    def signed(self, address: int) -> int:
-        """Word in RAM as a signed number."""
-        return self.steppers.signed(address)
 
     @property
     def t_states(self) -> int:
@@ -617,7 +605,7 @@ class Computer(Snapshots):
     def optimise(self, clock: int, path: int) -> tuple[int, int]:
         """Read the counts and run the optimising routine in RAM; returns speed in units and T-states."""
         if not self.result_waits():
-            return self.signed(at.CUTVEL), timers.READ_OUT_T
+            return self.bus.signed(at.CUTVEL), timers.READ_OUT_T
         short, open = self.read_counts()
         memory = self.bus
         variables = at.variables(memory)
