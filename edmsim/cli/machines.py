@@ -138,8 +138,7 @@ def gap(
     """Simulate the gap for a real controller or another simulator."""
     from edmsim.hil.boards import PlainGenerator, make_board
     from edmsim.hil.rig import Rig
-    from edmsim.hil.samples import SampleFile, Sensing
-    from edmsim.hil.session import RatioLog
+    from edmsim.hil.samples import RatioLog, SampleFile, Sensing
     from edmsim.job.settings import CutSettings
 
     is_run = not (serial is None and samples is None and log is None)
@@ -197,7 +196,7 @@ def _run(rig: "Rig", has_ports: bool, speed: float, seconds: float | None, feed:
 
         serve(rig, speed=speed, seconds=seconds, say=say)
         return
-    from edmsim.consoles.computer_1982.devices import Interrupts
+    from edmsim.consoles.devices import Interrupts
 
     interrupts = Interrupts()
     with interrupts.caught():

@@ -18,12 +18,12 @@ from rich.table import Table
 from rich.text import Text
 
 from edmsim.consoles.computer_1982 import line_input
-from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, Pipe, is_terminal
 from edmsim.consoles.computer_1982.main_program import MainProgram
 from edmsim.consoles.computer_1982.monitor import STARTS, Monitor
 from edmsim.consoles.computer_1982.operation import FIELDS, LEGEND, TOGGLE, Operation, typed_keys
 from edmsim.consoles.computer_1982.rig import END_SWITCHES, Rig
 from edmsim.consoles.computer_1982.words import Status
+from edmsim.consoles.devices import Interrupts, Keyboard, Pipe, is_terminal
 from edmsim.controllers.mcu.board import WIRE_BREAK, DropOut, Faults, SerialNoise
 from edmsim.controllers.mcu.chips import bus
 from edmsim.controllers.mcu.chips.display import BANK

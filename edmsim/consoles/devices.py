@@ -1,4 +1,4 @@
-"""Input and output of the terminal's bytes: a pipe, a file, or a person's terminal, character by character."""
+"""Input and output of a terminal's bytes: a pipe, a file, a pseudo-terminal, or a person's, key by key."""
 
 from __future__ import annotations
 
@@ -97,12 +97,8 @@ class Pipe:
 
     def write(self, data: bytes) -> None:
         """Print; the display adds the CR before every LF."""
-        view = memoryview(b"" if self._drops else data.replace(b"\r\n", b"\n"))
-        try:
-            while view:
-                view = view[os.write(self._sink, view) :]
-        except BrokenPipeError:  # nobody reads any more
-            raise SystemExit(128 + signal.SIGPIPE) from None
+        if not self._drops:
+            put(self._sink, data.replace(b"\r\n", b"\n"))
 
     def refresh(self, operation: Operation) -> None:
         """Show nothing but the dialogue."""
@@ -130,6 +126,53 @@ class Keyboard(Pipe):
         finally:
             with suppress(termios.error):  # a closed one has no settings
                 termios.tcsetattr(self._source, termios.TCSADRAIN, before)
+
+
+class PseudoTerminal:
+    """A serial port of this computer without a wire; a terminal program opens its `name`, as ``/dev/pts/3``."""
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.name = os.ttyname(self._theirs)
+
+    def fileno(self) -> int:
+        """Return the descriptor of this side, to wait for with others."""
+        return self._ours
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Return the bytes that have come; none after the timeout."""
+        if not select.select([self._ours], [], [], timeout_s)[0]:
+            return b""
+        return os.read(self._ours, _CHUNK)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; if the system's buffer is full, unread bytes are lost, as on an open line."""
+        while data and (sent := self.send(data)):
+            data = data[sent:]
+
+    def send(self, data: bytes) -> int:
+        """Send as many bytes as there is room for, and return how many."""
+        try:
+            return os.write(self._ours, data)
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """Let the pseudo-terminal go."""
+        for end in (self._ours, self._theirs):
+            os.close(end)
+
+
+def put(sink: int, data: bytes) -> None:
+    """Write bytes to the end of all; where nobody reads any more, the program ends."""
+    view = memoryview(data)
+    try:
+        while view:
+            view = view[os.write(sink, view) :]
+    except BrokenPipeError:
+        raise SystemExit(128 + signal.SIGPIPE) from None
 
 
 def is_terminal() -> bool:
