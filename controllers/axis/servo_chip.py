@@ -48,6 +48,9 @@ class Registers(MutableMapping[str, int]):
             raise InputError(f"the {self.OWNER}'s {name} is {value!r}; it must be a whole number {low} to {high}")
         return int(number)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
     def __delitem__(self, name: str) -> None:
         raise InputError(f"the {self.OWNER}'s {name} cannot be taken away; set it to another value")
 

@@ -146,8 +146,9 @@ _COUNTER = "COUNTER"
 _LAST_LINES = ("(C)ounter", "(R)eset")
 """The first is a remainder of an older version, whose letter is the cycle's now (row U-A9)."""
 _OK, _UNKNOWN, _BAD_BANK = "OK", "?", "EEPROM: Error!"
-_LARGEST_GO = 32_000
 _BANKS = range(3)
+_TAKEN = {_LOAD: _BANKS, _SAVE: _BANKS, _GO: range(-32_000, 32_001)}
+"""Numbers that these take; a parameter takes a word."""
 
 
 def _reply(*lines: str) -> bytes:
@@ -391,12 +392,8 @@ class Uhu(ServoChip):
     def _help_line(self, letter: str) -> str:
         return _COMMAND_LINES.get(letter) or f"{_LABELS[letter]}{self.value(letter)}"
 
-    def _set(self, letter: str, number: int | None) -> bytes:
-        if letter == _GO:
-            known = number is not None and abs(number) <= _LARGEST_GO
-        else:
-            known = number in (_BANKS if letter in _COMMAND_LINES else range(WORD))
-        if number is None or not known:
+    def _set(self, letter: str, number: int) -> bytes:
+        if number not in _TAKEN.get(letter, range(WORD)):
             return _reply(_UNKNOWN)
         if letter == _LOAD:
             return _reply(_OK if self.load(number) else _BAD_BANK)

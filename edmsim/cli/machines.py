@@ -16,7 +16,7 @@ from edmsim.errors import BAD_INPUT, INTERRUPTED, InputError
 from edmsim.files import check_suffix, make_writable, replacing
 
 if TYPE_CHECKING:
-    from edmsim.hil.rig import Rig
+    from edmsim.hil.boards import Rig
     from edmsim.job.settings import CutSettings
     from edmsim.machine.machine import Machine
 
@@ -136,8 +136,7 @@ def gap(
     **options: Any,
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""
-    from edmsim.hil.boards import PlainGenerator, make_board
-    from edmsim.hil.rig import Rig
+    from edmsim.hil.boards import PlainGenerator, Rig, make_board
     from edmsim.hil.samples import RatioLog, SampleFile, Sensing
     from edmsim.job.settings import CutSettings
 

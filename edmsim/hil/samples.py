@@ -18,8 +18,8 @@ from scipy.signal import lfilter
 
 from edmsim.errors import InputError
 from edmsim.files import check_suffix
+from edmsim.hil.boards import NO_TIME_S, Rig, next_due_s
 from edmsim.hil.gap import Frame
-from edmsim.hil.rig import NO_TIME_S, Rig, next_due_s
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.kernel.state import OPEN, SHORT
 

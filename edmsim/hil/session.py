@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from edmsim.consoles.devices import Interrupts, PseudoTerminal
 from edmsim.errors import InputError
-from edmsim.hil.rig import MOST_LINE, Rig
+from edmsim.hil.boards import MOST_LINE, Rig
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16
 """Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""
