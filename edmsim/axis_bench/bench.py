@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.axis_bench.motion import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, run
 from edmsim.axis_bench.serial_link import SerialLink
 from edmsim.compiled import axis_rows
-from edmsim.compiled.axis_rows import N_AXES
-from edmsim.compiled.jit import compiled
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
 from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.numeric import finite, whole_from
-from edmsim.plant.axes.board import NOBODY, fault_net_low, first_due, hold_in_reset, serve
+from edmsim.plant.axes.board import fault_net_low, hold_in_reset
 from edmsim.plant.axes.drives import AXIS_NAMES, Drives
 from edmsim.plant.axes.encoder import LONG_AGO_NS, read_phases
-from edmsim.plant.axes.shaft import coast_all
-from edmsim.plant.axes.steps import DIR_OPEN, MOVE, STEP_OPEN, make_steps, move
+from edmsim.plant.axes.steps import DIR_OPEN, MOVE, STEP_OPEN, move
 from edmsim.plant.constants import screws, table_mechanics
 from edmsim.plant.kernel.declare import sizes_of
-from edmsim.plant.kernel.state import STATE, Axes
-from edmsim.plant.mechanics.mujoco_axes import FullLink, coast_table, lay_out_axes
+from edmsim.plant.kernel.state import STATE
 from edmsim.plant.mechanics.mujoco_table import TableMechanics
 
 _TURN_NS = 10_000_000  # a drive is asked for what it sends unasked so often (ours)
@@ -36,75 +33,6 @@ _LONGEST_US = 100.0
 _PHASES = {"A": axis_rows.PHASE_A, "B": axis_rows.PHASE_B, "AB": axis_rows.PHASE_A | axis_rows.PHASE_B}
 _WIRES = {**_PHASES, "index": axis_rows.INDEX_WIRE}
 _STEP_INPUTS = {"step": STEP_OPEN, "dir": DIR_OPEN}
-
-
-# The compiled loop: motion, samples and outputs in time order, and their records.
-
-SAMPLE_ROW = np.dtype(
-    [
-        ("axis", "i8"), ("time_ns", "i8"), ("setpoint", "i8"), ("count", "i8"), ("command", "f8"), ("pins", "i8"),
-        ("duty", "f8"), ("current_A", "f8"), ("place_um", "f8"), ("rotor_um", "f8"), ("speed_rad_s", "f8"),
-    ]
-)  # fmt: skip
-"""A sample as the bench notes it: what the drive read and wrote, and the axis as it was."""
-CHANGE_ROW = np.dtype([("axis", "i8"), ("time_ns", "i8"), ("pins", "i8")])
-"""A change of a drive's output pins: the bits of ``DRIVE.lines`` from this time on."""
-DONE, FULL, LOST = range(3)
-"""How a run ended: at its time; early, as the notes were full; with a command or a place that is not a number."""
-
-
-@compiled
-def _note(axes: Axes, axis: int, row: NDArray[np.void]) -> None:
-    drive, at = axes.drives[axis], axes.rows[axis]
-    row[0].axis = axis
-    row[0].time_ns = drive.now_ns
-    row[0].setpoint = drive.setpoint
-    row[0].count = at.count
-    row[0].command = drive.command
-    row[0].pins = at.pins
-    row[0].duty = at.duty
-    row[0].current_A = at.current_A
-    row[0].place_um = at.place_um
-    row[0].rotor_um = at.rotor_um
-    row[0].speed_rad_s = at.speed_rad_s
-
-
-@compiled
-def _run_axes(
-    state: NDArray[np.void], axes: Axes, link: FullLink | None, moves: NDArray[np.void],
-    unplugged: NDArray[np.int64], until_ns: int, samples: NDArray[np.void], changes: NDArray[np.void],
-    noted: NDArray[np.int64],
-) -> int:
-    """Run drives and axes to a time, the table by MuJoCo if there is a `link`; returns `DONE`, `FULL` or `LOST`.
-
-    `samples` and `changes` are room for notes, of which `noted` (2,) counts those there are.
-    """
-    noted[:] = 0
-    if link is not None:
-        lay_out_axes(axes, link)
-    while True:
-        if noted[1] == changes.shape[0] or (samples.shape[0] > 0 and noted[0] == samples.shape[0]):
-            return FULL
-        who, due_ns = first_due(axes, until_ns)
-        if link is not None and not coast_table(state, axes, link, due_ns):
-            return LOST
-        if not coast_all(axes, 0 if link is None else 2, due_ns):
-            return LOST
-        axis = who % N_AXES
-        if who != NOBODY:
-            axes.drives[axis].setpoint += make_steps(moves, axis, unplugged[axis], due_ns)
-            pins, samples_before = axes.rows[axis].pins, axes.rows[axis].time_ns
-            if not (serve(axes, who, due_ns) and abs(axes.rows[axis].place_um) < 1e9):
-                return LOST
-            if axes.rows[axis].pins != pins:
-                changes[noted[1]].axis, changes[noted[1]].time_ns = axis, due_ns
-                changes[noted[1]].pins = axes.rows[axis].pins
-                noted[1] += 1
-            if samples.shape[0] > 0 and axes.rows[axis].time_ns != samples_before:
-                _note(axes, axis, samples[noted[0] : noted[0] + 1])
-                noted[0] += 1
-        else:
-            return DONE
 
 
 class Pins(NamedTuple):
@@ -161,7 +89,7 @@ class AxisBench:
         self._drives = Drives(drives, travel_um, sizes_of(1, 8, 1), screws(machine) if machine else None)
         if not drives or self._drives.axes.loops != len(drives):
             raise InputError("a bench needs drives with a loop: a motor and a sample")
-        place_um = np.zeros(N_AXES)
+        place_um = np.zeros(axis_rows.N_AXES)
         if machine:
             place_um[:2] = machine.base.table.centre_um
         self._drives.switch_on(place_um, whole_from("seed", seed))
@@ -172,7 +100,7 @@ class AxisBench:
         self._now_ns = 0
         self.trace = False
         self._moves: NDArray[np.void] = np.zeros(0, MOVE)
-        self._unplugged = np.zeros(N_AXES, np.int64)  # bits of `steps` of every axis
+        self._unplugged = np.zeros(axis_rows.N_AXES, np.int64)  # bits of `steps` of every axis
         self._notes = np.zeros(_SAMPLES, SAMPLE_ROW), np.zeros(_CHANGES, CHANGE_ROW), np.zeros(2, np.int64)
         self._samples: list[NDArray[np.void]] = []
         self._changes: list[NDArray[np.void]] = []
@@ -236,7 +164,7 @@ class AxisBench:
         self._state["time_ns"] = self._now_ns
         end = None
         while end != DONE:
-            end = _run_axes(self._state, axes, link, self._moves, self._unplugged, until_ns, traced, changes, noted)
+            end = run(self._state, axes, link, self._moves, self._unplugged, until_ns, traced, changes, noted)
             if self.trace:
                 self._samples.append(samples[: noted[0]].copy())
             if noted[1]:
@@ -459,9 +387,7 @@ class AxisBench:
 
     def drive(self, axis: str = "") -> Drive:
         """Return the bench's copy of a drive."""
-        found: Any = self._drives.by_axis[AXIS_NAMES[self._number(axis)]]
-        drive: Drive = found
-        return drive
+        return cast(Drive, self._drives.by_axis[AXIS_NAMES[self._number(axis)]])
 
     def axis(self, axis: str = "") -> np.void:
         """Return an axis' row (`edmsim.compiled.axis_rows.AXIS`); you can write it."""
@@ -493,11 +419,11 @@ class AxisBench:
         )
 
     def samples(self, axis: str = "") -> NDArray[np.void]:
-        """Return an axis' samples since the last call (`edmsim.axis_bench.bench.SAMPLE_ROW`)."""
+        """Return an axis' samples since the last call (`edmsim.axis_bench.motion.SAMPLE_ROW`)."""
         return _taken(self._samples, SAMPLE_ROW, self._number(axis))
 
     def changes(self, axis: str = "") -> NDArray[np.void]:
-        """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.bench.CHANGE_ROW`)."""
+        """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.motion.CHANGE_ROW`)."""
         return _taken(self._changes, CHANGE_ROW, self._number(axis))
 
     def snapshot(self) -> dict[str, Any]:

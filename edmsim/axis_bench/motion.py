@@ -1,0 +1,78 @@
+"""The bench's compiled loop: motion, samples and outputs in time order, and their records."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled.axis_rows import N_AXES
+from edmsim.compiled.jit import compiled
+from edmsim.plant.axes.board import NOBODY, first_due, serve
+from edmsim.plant.axes.shaft import coast_all
+from edmsim.plant.axes.steps import make_steps
+from edmsim.plant.kernel.state import Axes
+from edmsim.plant.mechanics.mujoco_axes import FullLink, coast_table, lay_out_axes
+
+SAMPLE_ROW = np.dtype(
+    [
+        ("axis", "i8"), ("time_ns", "i8"), ("setpoint", "i8"), ("count", "i8"), ("command", "f8"), ("pins", "i8"),
+        ("duty", "f8"), ("current_A", "f8"), ("place_um", "f8"), ("rotor_um", "f8"), ("speed_rad_s", "f8"),
+    ]
+)  # fmt: skip
+"""A sample as the bench notes it: what the drive read and wrote, and the axis as it was."""
+CHANGE_ROW = np.dtype([("axis", "i8"), ("time_ns", "i8"), ("pins", "i8")])
+"""A change of a drive's output pins: the bits of ``DRIVE.lines`` from this time on."""
+DONE, FULL, LOST = range(3)
+"""How a run ended: at its time; early, as the notes were full; with a command or a place that is not a number."""
+
+
+@compiled
+def _note(axes: Axes, axis: int, row: NDArray[np.void]) -> None:
+    drive, at = axes.drives[axis], axes.rows[axis]
+    row[0].axis = axis
+    row[0].time_ns = drive.now_ns
+    row[0].setpoint = drive.setpoint
+    row[0].count = at.count
+    row[0].command = drive.command
+    row[0].pins = at.pins
+    row[0].duty = at.duty
+    row[0].current_A = at.current_A
+    row[0].place_um = at.place_um
+    row[0].rotor_um = at.rotor_um
+    row[0].speed_rad_s = at.speed_rad_s
+
+
+@compiled
+def run(
+    state: NDArray[np.void], axes: Axes, link: FullLink | None, moves: NDArray[np.void],
+    unplugged: NDArray[np.int64], until_ns: int, samples: NDArray[np.void], changes: NDArray[np.void],
+    noted: NDArray[np.int64],
+) -> int:
+    """Run drives and axes to a time, the table by MuJoCo if there is a `link`; returns `DONE`, `FULL` or `LOST`.
+
+    `samples` and `changes` are room for notes, of which `noted` (2,) counts those there are.
+    """
+    noted[:] = 0
+    if link is not None:
+        lay_out_axes(axes, link)
+    while True:
+        if noted[1] == changes.shape[0] or (samples.shape[0] > 0 and noted[0] == samples.shape[0]):
+            return FULL
+        who, due_ns = first_due(axes, until_ns)
+        if link is not None and not coast_table(state, axes, link, due_ns):
+            return LOST
+        if not coast_all(axes, 0 if link is None else 2, due_ns):
+            return LOST
+        axis = who % N_AXES
+        if who != NOBODY:
+            axes.drives[axis].setpoint += make_steps(moves, axis, unplugged[axis], due_ns)
+            pins, samples_before = axes.rows[axis].pins, axes.rows[axis].time_ns
+            if not (serve(axes, who, due_ns) and abs(axes.rows[axis].place_um) < 1e9):
+                return LOST
+            if axes.rows[axis].pins != pins:
+                changes[noted[1]].axis, changes[noted[1]].time_ns = axis, due_ns
+                changes[noted[1]].pins = axes.rows[axis].pins
+                noted[1] += 1
+            if samples.shape[0] > 0 and axes.rows[axis].time_ns != samples_before:
+                _note(axes, axis, samples[noted[0] : noted[0] + 1])
+                noted[0] += 1
+        else:
+            return DONE
