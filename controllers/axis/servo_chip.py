@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis.drive import Drive, Screw, SerialDrive, axis_row
-from edmsim.errors import InputError
-from edmsim.numeric import real, whole
+from edmsim.errors import InputError, methods_refuse_wrong_types
+from edmsim.numeric import real, whole, whole_from
 
 
 class Registers(MutableMapping[str, int]):
@@ -414,6 +414,7 @@ class Recording(NamedTuple):
     output: NDArray[np.int16]
 
 
+@methods_refuse_wrong_types
 class Extensions(Registers):
     """A drive's settings by name, its recorder, and the time of its output at the limit.
 
@@ -468,6 +469,7 @@ class Extensions(Registers):
         """
         if trigger not in TRIGGERS:
             raise InputError(f"the recorder has no trigger {trigger!r}; it has {', '.join(TRIGGERS)}")
+        level, before, every = whole_from("level", level), whole_from("before", before), whole_from("every", every)
         if not 0 <= before < SAMPLES or every < 1 or level < 0:
             raise InputError(
                 f"a recording of {before} samples before the trigger, one every {every} intervals, level {level}: it "

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.files import check_suffix
 from edmsim.hil.boards import NO_TIME_S, Rig, next_due_s
 from edmsim.hil.gap import Frame
@@ -123,6 +123,7 @@ def _edges(frame: Frame) -> tuple[Array, Array]:
     return times, values
 
 
+@methods_refuse_wrong_types
 class SampleReader:
     """Iterator over samples of a rig; the rig runs as samples are read.
 
