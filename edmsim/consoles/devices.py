@@ -71,11 +71,9 @@ class Pipe:
     The number of a closed one may be that of another file by now, so Python's streams are asked.
     """
 
-    def __init__(self, interrupts: Interrupts, source: int = _INPUT, sink: int = _OUTPUT) -> None:
+    def __init__(self, interrupts: Interrupts) -> None:
         self._interrupts = interrupts
-        self._source, self._sink = source, sink
-        self._drops = sink == _OUTPUT and sys.stdout is None
-        self.at_end = source == _INPUT and sys.stdin is None
+        self.at_end = sys.stdin is None
 
     def read(self, timeout_s: float | None) -> bytes:
         """Bytes that have come; empty after the timeout (None waits for ever), at the end, and after Ctrl-C."""
@@ -85,10 +83,10 @@ class Pipe:
         until = math.inf if timeout_s is None else time.monotonic() + timeout_s
         while not self._interrupts.pending:
             left = min(_POLL_S, max(until - time.monotonic(), 0.0))
-            if select.select([self._source], [], [], left)[0]:
+            if select.select([_INPUT], [], [], left)[0]:
                 data = b""
                 with suppress(OSError):  # a pseudo-terminal whose other side is gone
-                    data = os.read(self._source, _CHUNK)
+                    data = os.read(_INPUT, _CHUNK)
                 self.at_end = not data
                 return data
             if time.monotonic() >= until:
@@ -97,8 +95,7 @@ class Pipe:
 
     def write(self, data: bytes) -> None:
         """Print; the display adds the CR before every LF."""
-        if not self._drops:
-            put(self._sink, data.replace(b"\r\n", b"\n"))
+        put(data.replace(b"\r\n", b"\n"))
 
     def refresh(self, operation: Operation) -> None:
         """Show nothing but the dialogue."""
@@ -110,14 +107,14 @@ class Keyboard(Pipe):
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:
         """Read character by character; only Ctrl-C remains a signal. The end restores a terminal still there."""
-        before = termios.tcgetattr(self._source)
+        before = termios.tcgetattr(_INPUT)
         try:
-            tty.setcbreak(self._source)
-            now = termios.tcgetattr(self._source)
-            off = os.fpathconf(self._source, "PC_VDISABLE")
+            tty.setcbreak(_INPUT)
+            now = termios.tcgetattr(_INPUT)
+            off = os.fpathconf(_INPUT, "PC_VDISABLE")
             for key in (termios.VQUIT, termios.VSUSP):
                 now[6][key] = bytes([off])
-            termios.tcsetattr(self._source, termios.TCSANOW, now)
+            termios.tcsetattr(_INPUT, termios.TCSANOW, now)
             yield
         except OSError as error:
             if error.errno != errno.EIO:
@@ -125,7 +122,7 @@ class Keyboard(Pipe):
             raise SystemExit(128 + signal.SIGHUP) from None  # its window was closed
         finally:
             with suppress(termios.error):  # a closed one has no settings
-                termios.tcsetattr(self._source, termios.TCSADRAIN, before)
+                termios.tcsetattr(_INPUT, termios.TCSADRAIN, before)
 
 
 class PseudoTerminal:
@@ -165,12 +162,12 @@ class PseudoTerminal:
             os.close(end)
 
 
-def put(sink: int, data: bytes) -> None:
-    """Write bytes to the end of all; where nobody reads any more, the program ends."""
-    view = memoryview(data)
+def put(data: bytes) -> None:
+    """Write all bytes to standard output; a closed one drops them, and where nobody reads any more the program ends."""
+    view = memoryview(b"" if sys.stdout is None else data)
     try:
         while view:
-            view = view[os.write(sink, view) :]
+            view = view[os.write(_OUTPUT, view) :]
     except BrokenPipeError:
         raise SystemExit(128 + signal.SIGPIPE) from None
 

@@ -219,7 +219,7 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
         quiet = 0
         while quiet < 3:
             heard = _advance(bench, scope)
-            _print(heard)
+            put(heard)
             busy = bench.sending() or (isinstance(drive, ServoModule) and drive.recording)
             quiet = 0 if busy or any(byte < STREAM for byte in heard) else quiet + 1
     _pause(bench, _LAST_S, scope)
@@ -228,12 +228,7 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
 def _pause(bench: AxisBench, seconds: float, scope: Scope | None) -> None:
     until_s = bench.time_s + seconds
     while bench.time_s < until_s:
-        _print(_advance(bench, scope))
-
-
-def _print(data: bytes) -> None:
-    if sys.stdout is not None:
-        put(sys.stdout.fileno(), data)
+        put(_advance(bench, scope))
 
 
 class _DriveKeyboard(Keyboard):

@@ -84,7 +84,6 @@ class PowercoreV2(Board):
     generator: ClassVar[str] = "powercore-v2"
 
     def __init__(self) -> None:
-        self.enabled = True
         self._last: deque[bool] = deque([False] * ALERT_PULSES, ALERT_PULSES)
         self._amps = 0.0
 
@@ -144,7 +143,6 @@ class PowercoreV3(Board):
     generator: ClassVar[str] = "powercore-v3"
 
     def __init__(self) -> None:
-        self.enabled = True
         self._time_s = 0.0
         self._power_up()
         self._ready_s = 0.0  # the bench begins when it has started
@@ -364,7 +362,6 @@ class Pulser(Board):
     generator: ClassVar[str] = "spark-pulser"
 
     def __init__(self) -> None:
-        self.enabled = True
         self._set = {POLARITY: 0, PULSE_CURRENT: 10, PULSE_DUR: 50, MAX_DUTY: 25, TEST: 0}
         self._shown = dict.fromkeys((CKP_N_PULSE, R_PULSE, R_SHORT, R_OPEN), 0)
         self._shown |= dict.fromkeys((T_IGNITION, T_IGNITION_SD), _INVALID)

@@ -41,9 +41,9 @@ _BAR_CELLS = 40
 class View(Keyboard):
     """A person's terminal with a panel that stays at its lower edge; what is printed scrolls above it."""
 
-    def __init__(self, interrupts: Interrupts, console: Console | None = None) -> None:
+    def __init__(self, interrupts: Interrupts) -> None:
         super().__init__(interrupts)
-        self._console = console or Console(highlight=False)
+        self._console = Console(highlight=False)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._partial = ""
         self._next_s = 0.0
