@@ -163,7 +163,7 @@ class PseudoTerminal:
 
 
 def put(data: bytes) -> None:
-    """Write all bytes to standard output; a closed one drops them, and where nobody reads any more the program ends."""
+    """Write all bytes to standard output; a closed one drops them, and where nobody reads the program ends."""
     view = memoryview(b"" if sys.stdout is None else data)
     try:
         while view:
