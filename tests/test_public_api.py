@@ -15,7 +15,7 @@ import edmsim
 from edmsim.axis_bench.bench import AxisBench
 from edmsim.controllers import axis
 from edmsim.evaluation.compare import evaluate
-from edmsim.hil.rig import Rig
+from edmsim.hil.boards import Rig
 from edmsim.measure import measure_guides, measure_table
 from edmsim.program.path import load_program, plan_path
 from edmsim.program.tables import read_offsets

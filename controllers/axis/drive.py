@@ -66,6 +66,7 @@ class Drive(Protocol):
 
     def line(self, text: bytes) -> bytes:
         """Receive text over the drive's serial line and return the answer; empty if it has no line."""
+        return b""
 
 
 @runtime_checkable
@@ -160,7 +161,7 @@ def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
 # The stepper: a step edge turns the motor's field by one step, without feedback from the rotor.
 
 
-class Stepper:
+class Stepper(Drive):
     """A stepping motor without a loop, the default drive of an axis.
 
     Its step length, torque, friction and backlash come from the machine (``table`` in its TOML file, and the MJCF).
@@ -173,10 +174,6 @@ class Stepper:
     def __init__(self) -> None:
         self.record: NDArray[np.void] = new_record()
         self.motor: NDArray[np.void] | None = None
-
-    def line(self, text: bytes) -> bytes:
-        """Answer nothing: a stepper has no serial line."""
-        return b""
 
 
 # A check of your own drive against the rules for all drives.
@@ -282,7 +279,6 @@ def _wrong(drive: Drive, what: str) -> InputError:
     return InputError(f"the {drive.name} drive {what}")
 
 
-
 # The reference servo: a direct-current motor with an encoder, and a proportional-derivative loop in whole numbers.
 #
 # Use it as a template for your own drive. Its constants are in ``models/drives/servo.toml``.
@@ -303,7 +299,7 @@ def _servo(drive_at: Any, axis_at: Any) -> None:
     drive.command = min(max(duty, -32768), 32768) / 32768.0
 
 
-class PositionServo:
+class PositionServo(Drive):
     """A position servo for step edges, without a serial dialogue.
 
     If the following error exceeds ``largest_error`` counts, the drive reports a fault and switches the motor's
@@ -332,7 +328,3 @@ class PositionServo:
         if not self.record["lines"][0] & FAULT:
             return ""
         return f"its following error passed the limit of {self.record['reg'][0, LARGEST_ERROR]} counts"
-
-    def line(self, text: bytes) -> bytes:
-        """Answer nothing: this servo has no serial line."""
-        return b""

@@ -9,32 +9,29 @@
 
 import itertools
 import re
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.axis.drive import Screw, axis_row
-from edmsim.errors import InputError
-from edmsim.numeric import real, whole
-
-
-class HasRecord(Protocol):
-    """Owner of a drive's record; a plant replaces the first record by its own row."""
-
-    record: NDArray[np.void]
+from edmsim.controllers.axis.drive import Drive, Screw, SerialDrive, axis_row
+from edmsim.errors import InputError, methods_refuse_wrong_types
+from edmsim.numeric import real, whole, whole_from
 
 
 class Registers(MutableMapping[str, int]):
-    """Registers of a drive's record by name; `places` has of each its number and its least and largest value."""
+    """Registers of a drive's record by name; `places` has of each its number and its least and largest value.
+
+    A plant replaces the first record by its own row, so the record is looked up at every access.
+    """
 
     OWNER: ClassVar[str] = "drive"  # in messages
 
-    def __init__(self, owner: HasRecord, places: Mapping[str, tuple[int, int, int]]) -> None:
+    def __init__(self, owner: Drive, places: Mapping[str, tuple[int, int, int]]) -> None:
         self._owner, self._places = owner, dict(places)
 
     def __getitem__(self, name: str) -> int:
@@ -50,6 +47,9 @@ class Registers(MutableMapping[str, int]):
         if number is None or not low <= number <= high or number != int(number):
             raise InputError(f"the {self.OWNER}'s {name} is {value!r}; it must be a whole number {low} to {high}")
         return int(number)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"the {self.OWNER}'s {name} cannot be taken away; set it to another value")
@@ -84,16 +84,14 @@ def by_name(changes: Mapping[str, float], name_of: Callable[[str], str], owner: 
 _MOST_LAW = 2**31  # of a setting of a law (ours): most are times in ns
 
 
-class ServoChip(ABC):
+class ServoChip(SerialDrive):
     """A chip with an EEPROM and a serial line: 8 data bits, no parity, 1 stop bit."""
 
-    name: str
     title: ClassVar[str]  # in messages
     data: ClassVar[Mapping[str, Any]]  # ``models/drives/NAME.toml``
     signed: ClassVar[str] = ""  # the parameter that has a sign
     wraps: ClassVar[bool] = False  # whether its arithmetic wraps, see `Extensions`
     echoes: ClassVar[bool] = False  # whether it sends back what is typed
-    baud: float  # bits per second
 
     def __init__(
         self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None,
@@ -125,14 +123,6 @@ class ServoChip(ABC):
     @abstractmethod
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
         """Prepare a new drive; fill its EEPROM, with parameters if there are any."""
-
-    @abstractmethod
-    def power_up(self) -> bytes:
-        """Start as after power-up, and return the start-up text."""
-
-    @abstractmethod
-    def receive_error(self) -> None:
-        """Take note that a byte came without a stop bit, or before the last one was read."""
 
     @classmethod
     def tuned(
@@ -289,7 +279,6 @@ def command_in(text: str) -> Command | None:
     return Command(found[1], None if found[2] is None else int(found[2])) if found else None
 
 
-
 # Extensions of both chips beyond their manuals; in compatible mode all settings are 0.
 #
 # They follow the manual pages of LinuxCNC's components ``pid``, ``encoder`` and ``halscope``, without their code:
@@ -425,6 +414,7 @@ class Recording(NamedTuple):
     output: NDArray[np.int16]
 
 
+@methods_refuse_wrong_types
 class Extensions(Registers):
     """A drive's settings by name, its recorder, and the time of its output at the limit.
 
@@ -445,7 +435,7 @@ class Extensions(Registers):
         Whether the chip's arithmetic wraps; only then it has the last setting.
     """
 
-    def __init__(self, owner: HasRecord, *, wraps: bool) -> None:
+    def __init__(self, owner: Drive, *, wraps: bool) -> None:
         super().__init__(owner, {name: place for name, place in _PLACES.items() if wraps or name != _WRAPS})
 
     @property
@@ -479,6 +469,7 @@ class Extensions(Registers):
         """
         if trigger not in TRIGGERS:
             raise InputError(f"the recorder has no trigger {trigger!r}; it has {', '.join(TRIGGERS)}")
+        level, before, every = whole_from("level", level), whole_from("before", before), whole_from("every", every)
         if not 0 <= before < SAMPLES or every < 1 or level < 0:
             raise InputError(
                 f"a recording of {before} samples before the trigger, one every {every} intervals, level {level}: it "

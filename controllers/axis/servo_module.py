@@ -539,7 +539,7 @@ class ServoModule(ServoChip):
         return "its loop is off" if reg[STATUS] & FAULT_BIT and not reg[STATUS] & EXTERNAL_BIT else ""
 
     def line(self, text: bytes) -> bytes:
-        """Receive text over the serial line and return the answer."""
+        """Receive text over the serial line and return the answer; a new loop rate or filter acts from now on."""
         reg = self._reg
         reg[NOW_NS] = self.record["now_ns"][0]
         take_steps(reg, int(self.record["setpoint"][0]))
@@ -548,7 +548,9 @@ class ServoModule(ServoChip):
             _, typed = self._editor.take(byte)
             if typed is not None:
                 sent += answer(reg, typed)
-        _obey(self.record)
+        self.record["count_rate_Hz"] = _count_rate(reg)
+        if _period_ns(reg) != self.record["num"][0]:
+            set_period(self.record, _period_ns(reg), 1)
         return lines_of(sent)
 
     def power_up(self) -> bytes:
@@ -583,11 +585,3 @@ def _count_rate(reg: Words) -> float:
     """Return the fastest encoder edges that pass the filter (guide 4.19)."""
     rates: list[float] = _CHIP["filter_Hz"]
     return rates[min(int(reg[FILTER]), len(rates) - 1)]
-
-
-def _obey(record: NDArray[np.void]) -> None:
-    """Let a new loop rate and a new filter act."""
-    reg = record["reg"][0]
-    record["count_rate_Hz"] = _count_rate(reg)
-    if _period_ns(reg) != record["num"][0]:
-        set_period(record, _period_ns(reg), 1)

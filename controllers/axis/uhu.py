@@ -16,7 +16,7 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import servo_chip
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.servo_chip import ServoChip, command_in, lines_of
+from edmsim.controllers.axis.servo_chip import WORD, ServoChip, command_in, lines_of
 from edmsim.errors import methods_refuse_wrong_types
 
 DATA = data_of("uhu")
@@ -53,7 +53,6 @@ STREAM_ON, STREAM_WAIT = 34, 35  # whether the stream of tracking errors is on, 
 
 _ONE = 256
 _LARGEST_ERROR = 32767
-_LARGEST_WORD = 65535
 
 
 @exactly_compiled
@@ -81,7 +80,7 @@ def reset_loop(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> 
 @exactly_compiled
 def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
     """Count false transitions of the encoder, and latch what shuts the output off (rows U-6, U-21, U-50)."""
-    reg[O] = min(reg[O] + illegal - reg[LAST_ILLEGAL], _LARGEST_WORD)
+    reg[O] = min(reg[O] + illegal - reg[LAST_ILLEGAL], WORD - 1)
     reg[LAST_ILLEGAL] = illegal
     if error_input_low and reg[LATCHED] & OWN_FAULTS == 0:
         reg[LATCHED] |= ERROR_INPUT
@@ -147,9 +146,9 @@ _COUNTER = "COUNTER"
 _LAST_LINES = ("(C)ounter", "(R)eset")
 """The first is a remainder of an older version, whose letter is the cycle's now (row U-A9)."""
 _OK, _UNKNOWN, _BAD_BANK = "OK", "?", "EEPROM: Error!"
-_LARGEST_GO = 32_000
 _BANKS = range(3)
-_WORDS = range(1 << 16)
+_TAKEN = {_LOAD: _BANKS, _SAVE: _BANKS, _GO: range(-32_000, 32_001)}
+"""Numbers that these take; a parameter takes a word."""
 
 
 def _reply(*lines: str) -> bytes:
@@ -157,7 +156,6 @@ def _reply(*lines: str) -> bytes:
 
 
 _DUTY_RANGE = 0  # place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase
-_N_BANKS = 3
 _TABLE = DATA["parameter"]
 _LABELS = {row["letter"]: row["label"] for row in _TABLE}  # what precedes the values in the help
 _NAMES = {row["letter"]: row["name"] for row in _TABLE}
@@ -265,7 +263,7 @@ class Uhu(ServoChip):
         return record
 
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
-        for bank in range(_N_BANKS):
+        for bank in _BANKS:
             self.save(bank, false_checksum=True)
         if stored is not None:
             self.parameters.update(stored)
@@ -394,12 +392,8 @@ class Uhu(ServoChip):
     def _help_line(self, letter: str) -> str:
         return _COMMAND_LINES.get(letter) or f"{_LABELS[letter]}{self.value(letter)}"
 
-    def _set(self, letter: str, number: int | None) -> bytes:
-        if letter == _GO:
-            known = number is not None and abs(number) <= _LARGEST_GO
-        else:
-            known = number in (_BANKS if letter in _COMMAND_LINES else _WORDS)
-        if number is None or not known:
+    def _set(self, letter: str, number: int) -> bytes:
+        if number not in _TAKEN.get(letter, range(WORD)):
             return _reply(_UNKNOWN)
         if letter == _LOAD:
             return _reply(_OK if self.load(number) else _BAD_BANK)

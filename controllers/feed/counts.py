@@ -37,15 +37,6 @@ TICKS_PER_S = 1_000_000_000 // TICK_NS
 
 
 @dataclass
-class Occupation:
-    """State of the processor: its clock, and the end of its current calculation."""
-
-    clock_ns: int = 0  # time since the leg began
-    busy_until_ns: int = 0  # when the speed found last is in XVELOC and YVELOC
-    units: int = 0  # that speed
-
-
-@dataclass
 class CountsController(Snapshots):
     """Sets the feed from the counts of short and open pulses; retracts from shorts and stops if one never clears.
 
@@ -74,7 +65,9 @@ class CountsController(Snapshots):
     max_tries: int = 8  # retracts, and waits of `dwell_s`, for one short before the alarm
 
     _state: State = field(default_factory=State, init=False, repr=False)
-    _cpu: Occupation = field(default_factory=Occupation, init=False, repr=False)
+    _clock_ns: int = field(default=0, init=False, repr=False)  # since the leg began
+    _busy_until_ns: int = field(default=0, init=False, repr=False)  # when the last speed is in XVELOC and YVELOC
+    _units: int = field(default=0, init=False, repr=False)  # that speed
     _analyser: PulseAnalyser = field(default_factory=PulseAnalyser, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -97,19 +90,18 @@ class CountsController(Snapshots):
             check_feed(self.name, name, getattr(self, name), max_feed_um_s)
         self._settings = self.settings(max_feed_um_s)
         self._state = State(speed=self._settings.start)
-        self._cpu = Occupation(units=self._settings.start)
+        self._clock_ns, self._busy_until_ns, self._units = 0, 0, self._settings.start
         self._analyser = PulseAnalyser()
-        return FeedCommand(self._cpu.units * UNIT_UM_S)
+        return FeedCommand(self._units * UNIT_UM_S)
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed for the next window, from the counts and the position along the path."""
-        cpu = self._cpu
-        cpu.clock_ns += round(window.duration_s * 1e9)
+        self._clock_ns += round(window.duration_s * 1e9)
         self._counters.count_window(window.short, window.open)
-        if cpu.clock_ns >= cpu.busy_until_ns:
-            tick = cpu.clock_ns // TICK_NS & WORD
-            cpu.units, t_states = self._decide(tick, window.path_um)
-            cpu.busy_until_ns = cpu.clock_ns + nanoseconds(t_states)
+        if self._clock_ns >= self._busy_until_ns:
+            tick = self._clock_ns // TICK_NS & WORD
+            self._units, t_states = self._decide(tick, window.path_um)
+            self._busy_until_ns = self._clock_ns + nanoseconds(t_states)
         return self._command(window.path_um)
 
     def settings(self, max_feed_um_s: float) -> Settings:
@@ -174,8 +166,8 @@ class CountsController(Snapshots):
         """Return the command, which takes effect when the processor is ready; an alarm stops the machine at once."""
         if self._state.phase == ALARM:
             return FeedCommand(0.0, PERSISTENT_SHORT)
-        latency_ns = max(self._cpu.busy_until_ns - self._cpu.clock_ns, 0)
-        return FeedCommand(self._cpu.units * UNIT_UM_S, latency_s=latency_ns * 1e-9)
+        latency_ns = max(self._busy_until_ns - self._clock_ns, 0)
+        return FeedCommand(self._units * UNIT_UM_S, latency_s=latency_ns * 1e-9)
 
 
 # The law behind registers. The counts reach the program as on the machine: 255 clocks of SYNC, strobes, latches at
@@ -301,9 +293,8 @@ class McuController(CountsController):
         """Feed for the next window; the routines of the steps put off what the program computes."""
         self._computer.serve()
         if self._run is not None:
-            computer, cpu = self._computer, self._cpu
-            late_ns = max(computer.steppers.free_ns - computer.board.now_ns, 0)
-            cpu.busy_until_ns = cpu.clock_ns + round(window.duration_s * 1e9) + late_ns
+            late_ns = max(self._computer.steppers.free_ns - self._computer.board.now_ns, 0)
+            self._busy_until_ns = self._clock_ns + round(window.duration_s * 1e9) + late_ns
         return super().update(window)
 
     def drive(self, steps: list[Step]) -> list[Step]:

@@ -152,6 +152,13 @@ class Measure(Part, ABC):
 class PeriodRule(Part):
     """Chooses the setting of the generator; by default the operator's."""
 
+    operator_us = 0.0
+    """The operator's period; 0 where no set-up is known."""
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Read the operator's period."""
+        self.operator_us = machine.t_period_us
+
     def first_setting_us(self, law: "ServoLaw") -> tuple[float | None, float | None]:
         """Return on-time and period for the beginning of a leg or wire; None keeps the present ones."""
         return None, None

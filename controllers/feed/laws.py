@@ -4,21 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from edmsim.controllers.feed import periods
-from edmsim.controllers.feed.law import (
-    Corners,
-    FuzzyRules,
-    MeanDelay,
-    MeanVoltage,
-    OpenShare,
-    OuterCorners,
-    ServoLaw,
-    ShortShare,
-    TrueBend,
-    TrueGap,
-    TruthLaw,
-)
-from edmsim.controllers.feed.periods import AdaptiveHold, ClimbingHold, GuardedHold, StreamGauge
+from edmsim.controllers.feed import law, periods
+from edmsim.controllers.feed.law import OpenShare, ServoLaw, TruthLaw
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
 from edmsim.snapshots import Snapshots
 
@@ -35,19 +22,19 @@ FINDING = {
 """Defaults of laws that search for the heat flux at which wires break: down to the supply's shortest period."""
 
 
-class VoltageController(ServoLaw, measure=MeanVoltage):
+class VoltageController(ServoLaw, measure=law.MeanVoltage):
     """Holds the mean gap voltage at a reference."""
 
     name: ClassVar[str] = "voltage"
 
 
-class DelayController(ServoLaw, measure=MeanDelay):
+class DelayController(ServoLaw, measure=law.MeanDelay):
     """Holds the mean ignition delay of all pulses at a reference."""
 
     name: ClassVar[str] = "delay"
 
 
-class FuzzyController(ServoLaw, measure=FuzzyRules):
+class FuzzyController(ServoLaw, measure=law.FuzzyRules):
     """Changes the feed by fuzzy rules from the ratios of short and open pulses."""
 
     name: ClassVar[str] = "fuzzy"
@@ -72,7 +59,7 @@ class SatoController(
     name: ClassVar[str] = "sato"
 
 
-class OracleController(TruthLaw, measure=TrueGap):
+class OracleController(TruthLaw, measure=law.TrueGap):
     """Holds the true gap at a target and slows down if the wire is too hot: a bound for comparisons.
 
     It is not proved to be the fastest: `edmsim evaluate` therefore tries several gaps for every cut and keeps the
@@ -98,8 +85,8 @@ class HeatFluxController(
 
 
 class ClimbingHoldController(
-    ServoLaw, measure=OpenShare, period=ClimbingHold, gauge=periods.FluxGauge, hold_share=0.3, break_hold_share=0.85,
-    **FINDING,
+    ServoLaw, measure=OpenShare, period=periods.ClimbingHold, gauge=periods.FluxGauge, hold_share=0.3,
+    break_hold_share=0.85, **FINDING,
 ):  # fmt: skip
     """Raises the held local heat flux until a wire breaks; then lowers it and raises it more slowly."""
 
@@ -107,7 +94,7 @@ class ClimbingHoldController(
 
 
 class AdaptiveHoldController(
-    ServoLaw, measure=OpenShare, period=AdaptiveHold, gauge=periods.FluxGauge,
+    ServoLaw, measure=OpenShare, period=periods.AdaptiveHold, gauge=periods.FluxGauge,
     fixed=("hold_share", "break_hold_share"), **FINDING,
 ):  # fmt: skip
     """Holds the local heat flux with the largest expected return, estimated from the breaks so far."""
@@ -116,7 +103,8 @@ class AdaptiveHoldController(
 
 
 class GuardedHoldController(
-    ServoLaw, measure=OpenShare, period=GuardedHold, gauge=StreamGauge, fixed=("hold_share", "break_hold_share"),
+    ServoLaw, measure=OpenShare, period=periods.GuardedHold, gauge=periods.StreamGauge,
+    fixed=("hold_share", "break_hold_share"),
     **{**FINDING, "proportional_share": 0.4, "integral_per_s": 2.5, "limit_share": 0.16, "limit_spread": 0.2},
 ):  # fmt: skip
     """Holds the heat flux as `adaptive-hold` does, and relieves the wire after bursts of discharges."""
@@ -126,7 +114,7 @@ class GuardedHoldController(
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed for the next window; in a relief it falls as the period grows."""
         command = super().update(window)
-        assert isinstance(self.period, GuardedHold)
+        assert isinstance(self.period, periods.GuardedHold)
         if not self.period.relieving or command.t_period_us is None:
             return command
         usual_us = math.exp(self.period.log_us)
@@ -143,7 +131,7 @@ class HeatOracleController(
 
 
 class SetPointController(
-    ServoLaw, measure=OpenShare, period=periods.SetPoint, corner=Corners, fixed=("short_weight",)
+    ServoLaw, measure=OpenShare, period=periods.SetPoint, corner=law.Corners, fixed=("short_weight",)
 ):
     """Holds the share of opens minus shorts with the feed, at a setting in proportion to the operator's.
 
@@ -153,21 +141,21 @@ class SetPointController(
     name: ClassVar[str] = "set-point"
 
 
-class ClimbController(ServoLaw, measure=OpenShare, period=periods.Climb, corner=Corners, fixed=("short_weight",)):
+class ClimbController(ServoLaw, measure=OpenShare, period=periods.Climb, corner=law.Corners, fixed=("short_weight",)):
     """Shortens the period step by step until the wire breaks, then stays at a longer one."""
 
     name: ClassVar[str] = "climb"
 
 
 class LeadOracleController(
-    TruthLaw, measure=OpenShare, period=periods.SetPoint, corner=TrueBend, fixed=("short_weight",)
+    TruthLaw, measure=OpenShare, period=periods.SetPoint, corner=law.TrueBend, fixed=("short_weight",)
 ):
     """Cuts like `SetPointController`, with an offset that keeps the bent wire on the path."""
 
     name: ClassVar[str] = "lead-oracle"
 
 
-class TrimController(ServoLaw, measure=ShortShare, period=periods.CornerPeriod, corner=OuterCorners):
+class TrimController(ServoLaw, measure=law.ShortShare, period=periods.CornerPeriod, corner=law.OuterCorners):
     """Runs at a constant feed, slower with more shorts, retracts from a short that lasts, and spares outer corners.
 
     Most machines do this in trim cuts.
@@ -180,12 +168,12 @@ class TrimController(ServoLaw, measure=ShortShare, period=periods.CornerPeriod, 
         command = super().update(window)
         if command.alarm is not None or self.servo.retracting:
             return command
-        assert isinstance(self.measure, ShortShare)
+        assert isinstance(self.measure, law.ShortShare)
         return command._replace(feed_um_s=self.measure.slowed_um_s)
 
     def see_part(self, side: Literal["left", "right"] | None) -> None:
         """Read on which side of the next leg the part lies."""
-        assert isinstance(self.corner, OuterCorners)
+        assert isinstance(self.corner, law.OuterCorners)
         self.corner.part_side = side
 
 

@@ -71,17 +71,10 @@ class NormalPulses(PeriodRule):
     base_us: float = field(default=0.0, init=False)
     period_us: float = field(default=0.0, init=False)
 
-    def __post_init__(self) -> None:
-        self._usual_us = 0.0  # where no set-up is known
-
-    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Read the operator's period."""
-        self._usual_us = machine.t_period_us
-
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
         """Add a window; every 100 ms compare with the threshold and set the period."""
         if not self.base_us:  # without a set-up the first window tells the operator's period
-            usual_us = self._usual_us or round(window.duration_s * 1e6 / WINDOW_PULSES, 6)
+            usual_us = self.operator_us or round(window.duration_s * 1e6 / WINDOW_PULSES, 6)
             self.base_us = self.period_us = usual_us
         self.seconds += window.duration_s
         self.normal += WINDOW_PULSES - window.short - window.open
@@ -144,12 +137,10 @@ class RisingPeriod(PeriodRule):
 
     cutting_s: float = field(default=0.0, init=False)  # since the wire was threaded
 
-    def __post_init__(self) -> None:
-        self._usual_us = self.period_us  # 0 where neither a period nor a set-up is known
-
-    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Read the operator's period."""
-        self._usual_us = self.period_us or machine.t_period_us
+    @property
+    def usual_us(self) -> float:
+        """Period after the slow approach; 0 where neither a period nor a set-up is known."""
+        return self.period_us or self.operator_us
 
     def fresh_wire(self) -> None:
         """Begin the slow approach to the period again, with the next wire."""
@@ -163,7 +154,7 @@ class RisingPeriod(PeriodRule):
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period after the slow approach."""
-        return self._usual_us
+        return self.usual_us
 
 
 @dataclass
@@ -196,7 +187,7 @@ class HoldHeat(RisingPeriod):
     def begin(self) -> None:
         """Begin a leg."""
         super().begin()
-        self.log_us, self.hold = math.log(max(self._usual_us, 1.0)), self.hold_share
+        self.log_us, self.hold = math.log(max(self.usual_us, 1.0)), self.hold_share
 
     def fresh_wire(self) -> None:
         """Lower the target after a break."""
@@ -287,9 +278,7 @@ class HeatGauge(Gauge):
     """The true superheat, 0 at the boiling point and 1 where the wire of this very machine boils dry."""
 
     superheat: float = field(default=0.0, init=False)
-
-    def __post_init__(self) -> None:
-        self._superheat_K = 30.0
+    _superheat_K = 30.0  # where no set-up is known
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the superheat at which this machine's wire boils dry."""
@@ -310,13 +299,6 @@ class CornerPeriod(PeriodRule):
 
     slower: bool = field(default=False, init=False)  # whether the period is longer than the operator's
 
-    def __post_init__(self) -> None:
-        self._period_us = 0.0
-
-    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Read the operator's period."""
-        self._period_us = machine.t_period_us
-
     def first_setting_us(self, law: ServoLaw) -> _Setting:
         """Return the setting at the start of a leg."""
         return self._at(law.corner.start_um, law)
@@ -328,7 +310,7 @@ class CornerPeriod(PeriodRule):
     def _at(self, path_um: float, law: ServoLaw) -> _Setting:
         factor, before = law.corner.slowing(path_um), self.slower
         self.slower = factor > 1.0
-        return None, self._period_us * factor if self.slower or before else None
+        return None, self.operator_us * factor if self.slower or before else None
 
 
 @dataclass
@@ -344,14 +326,11 @@ class SetPoint(PeriodRule):
 
     slowing: float = field(default=1.0, init=False)  # period away from corners, in the operator's
     factor: float = field(default=1.0, init=False)  # period in force, in the operator's
-
-    def __post_init__(self) -> None:
-        self._machine: Machine | None = None
-        self._on_us, self._least_us = 1.0, 0.0
+    _on_us, _least_us = 1.0, 0.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the operator's setting and the shortest period of the supply."""
-        self._machine = machine
+        super().set_up(machine, points_um, start_um)
         self._on_us = machine.t_on_us * self.on_factor
         self._least_us = float(math.ceil(least_period_us(machine, self._on_us) / STEP_US) * STEP_US)
 
@@ -366,7 +345,7 @@ class SetPoint(PeriodRule):
     @property
     def least_factor(self) -> float:
         """Shortest period that the supply gives, in the operator's; 0 where no set-up is known."""
-        return 0.0 if self._machine is None else self._least_us / self._machine.t_period_us
+        return self._least_us / self.operator_us if self.operator_us else 0.0
 
     def factor_at(self, path_um: float, law: ServoLaw) -> float:
         """Return the period at a place of the path, in the operator's, and not shorter than the supply gives."""
@@ -385,9 +364,9 @@ class SetPoint(PeriodRule):
         return self._whole_us()
 
     def _whole_us(self) -> _Setting:
-        if self._machine is None:
+        if not self.operator_us:
             return None, None
-        return self._on_us, float(round(self._machine.t_period_us * self.factor))
+        return self._on_us, float(round(self.operator_us * self.factor))
 
 
 @dataclass
@@ -491,10 +470,7 @@ class AdaptiveHold(HoldHeat):
     seconds: float = field(default=0.0, init=False)  # since the last decision
     level_s: float = field(default=0.0, init=False)  # the logarithm of the flux over that time
     level: float | None = field(default=None, init=False)  # its slow mean now; None where nothing was seen of a wire
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._threading_s = 0.0
+    _threading_s = 0.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in how long the machine threads."""

@@ -69,9 +69,7 @@ class SerialNoise(_Drawn):
 
     def __call__(self, byte: int, mean_current_A: float) -> int:
         """Return the character as it arrives."""
-        if mean_current_A <= NOISE_FROM_A:
-            return byte
-        if not self.draw():
+        if mean_current_A <= NOISE_FROM_A or not self.draw():
             return byte
         self.disturbed += 1
         return byte ^ 1 << self._bit

@@ -9,7 +9,6 @@ from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
 from edmsim.controllers.mcu.chips.bus import CPORT2, PORT2A, PORT2B, TIMERS, Bus
 from edmsim.controllers.mcu.chips.cpu import A, C, Cpu8085, NoCodeError
 from edmsim.controllers.mcu.chips.dac import COARSE
-from edmsim.controllers.mcu.chips.uart import BITS_PER_CHARACTER
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.mcu.firmware.optimise import optimise
@@ -26,8 +25,6 @@ from edmsim.snapshots import Snapshots
 # timers count down from values for XVELOC and YVELOC, and each routine takes its T-states. A planner's steps use the
 # same timers, interrupts and lines, at the planner's times.
 
-SIGN = 0x8000  # bit of a negative word
-
 
 class Steppers(Snapshots):
     """Both axes: their variables in RAM, their timers, their lines."""
@@ -36,7 +33,7 @@ class Steppers(Snapshots):
     _aim: Displacement | None
 
     def __init__(self, board: Board, serve: Callable[[], bool], unit: Unit, wrap: bool) -> None:
-        self.board = board
+        self.board, self._bus = board, board.bus
         self.own = False  # whether the timers make the steps, of a move of the program's own
         self.t_states = 0  # what the routines have cost
         self.free_ns = 0  # when the main program has done what it computes; interrupts put that off
@@ -59,47 +56,39 @@ class Steppers(Snapshots):
     @property
     def moving(self) -> bool:
         """Whether an axis is under way in a move of the program's own: XVELOC or YVELOC is not 0."""
-        return self.own and any(self.board.bus.word(area + at.VELOCITY) for area in at.AREAS)
-
-    def signed(self, address: int) -> int:
-        """Word in RAM as a signed number."""
-        word = self.board.bus.word(address)
-        return word - 0x10000 if word & SIGN else word
+        return self.own and any(self._bus.word(area + at.VELOCITY) for area in at.AREAS)
 
     def stop(self) -> None:
         """Unload both timers, and forget the move; the counters and the targets stay."""
         self.own, self._aim = False, None
-        bus = self.board.bus
         for axis, area in enumerate(at.AREAS):
-            bus.write(TIMERS + pit.CONTROL, pit.control_word(axis, pit.TERMINAL_COUNT))
-            bus.store(area + at.VELOCITY, 0)
-            bus.store(area + at.ROUNDS, 0)
+            self._bus.write(TIMERS + pit.CONTROL, pit.control_word(axis, pit.TERMINAL_COUNT))
+            self._bus.store(area + at.VELOCITY, 0)
+            self._bus.store(area + at.ROUNDS, 0)
 
     def aim(self, x: int, y: int, heading: int = 1) -> int:
         """Note the target and resolve the way there (POSCAL, row T-69); returns T-states with VELOCM."""
-        bus = self.board.bus
         self.lead_to(x, y)
-        dx, x_direction = subsgn(x, bus.word(at.XPOS))
-        dy, y_direction = subsgn(y, bus.word(at.YPOS))
+        dx, x_direction = subsgn(x, self._bus.word(at.XPOS))
+        dy, y_direction = subsgn(y, self._bus.word(at.YPOS))
         self._aim = poscal.resolve(dx, dy, x_direction * heading, y_direction * heading, self._wrap)
-        cost = timers.poscal_t_states(dx, dy, bus.word(at.MAXVEL))
+        cost = timers.poscal_t_states(dx, dy, self._bus.word(at.MAXVEL))
         self.t_states += cost
         return cost
 
     def lead_to(self, x: int, y: int) -> None:
         """Note the target alone: the way stays the one resolved before."""
-        self.board.bus.store(at.NEWX, x)
-        self.board.bus.store(at.NEWY, y)
+        self._bus.store(at.NEWX, x)
+        self._bus.store(at.NEWY, y)
 
     def look_to(self, x: int, y: int) -> None:
         """Note where a planner leads the wire: XVELOC and YVELOC point there, and it makes the steps."""
         self.aim(x, y)
-        self.set_speed(self.signed(at.CUTVEL))
+        self.set_speed(self._bus.signed(at.CUTVEL))
 
     def set_speed(self, units: int) -> None:
         """VELOCM with the way resolved before; XVELOC and YVELOC are read by the next interrupts."""
-        bus = self.board.bus
-        bus.store(at.CUTVEL, units)
+        self._bus.store(at.CUTVEL, units)
         if self._aim is None:
             return
         for axis, speed in enumerate(velocm(self._aim, min(abs(units), BYTE))):
@@ -107,14 +96,14 @@ class Steppers(Snapshots):
             if self.own and velocity:
                 if not self._to_go(area, velocity):
                     velocity = 0
-                elif not bus.word(area + at.VELOCITY):
+                elif not self._bus.word(area + at.VELOCITY):
                     self._load(axis, timers.reload_count(abs(velocity)))
-            bus.store(area + at.VELOCITY, velocity)
+            self._bus.store(area + at.VELOCITY, velocity)
 
     def begin(self, x: int, y: int, heading: int = 1) -> int:
         """Begin a move of the program's own with POSCAL, from a stand; `set_speed` starts the timers."""
         for area in at.AREAS:
-            self.board.bus.store(area + at.VELOCITY, 0)
+            self._bus.store(area + at.VELOCITY, 0)
         self.own = True
         self._tick = max(self._tick, self._clock.before(self.board.now_ns))
         return self.aim(x, y, heading)
@@ -141,18 +130,18 @@ class Steppers(Snapshots):
 
     def drive(self, steps: Iterable[Step]) -> None:
         """Make a planner's steps: it says into which counter what time is loaded, and which way."""
-        board, bus = self.board, self.board.bus
+        board = self.board
         self.own = False
         for time_ns, axis, direction in steps:
             board.now_ns = time_ns
             area = at.AREAS[axis]
-            if self.signed(area + at.VELOCITY) * direction <= 0:
-                bus.store(area + at.VELOCITY, direction)
+            if self._bus.signed(area + at.VELOCITY) * direction <= 0:
+                self._bus.store(area + at.VELOCITY, direction)
             tick = self._clock.before(time_ns + 1)
             waited = max(tick - self._last_tick[axis], 1)
             self._last_tick[axis] = tick
             # whole rounds of the counter are waited before the rest is loaded
-            bus.store(area + at.ROUNDS, (waited - 1) // timers.TIMER_COUNT)
+            self._bus.store(area + at.ROUNDS, (waited - 1) // timers.TIMER_COUNT)
             self._load(axis, waited)
             if board.timers.counters[axis].run(waited & WORD or timers.TIMER_COUNT):
                 board.interrupts.request(pic.X_STEPPER + axis)
@@ -167,21 +156,20 @@ class Steppers(Snapshots):
         """
         area = at.AREAS[axis]
         self._spend(timers.ENTRY_T)
-        velocity = self.signed(area + at.VELOCITY)
+        velocity = self._bus.signed(area + at.VELOCITY)
         if not velocity:
             return
         if self.own:
             self._load(axis, timers.reload_count(abs(velocity)))
         self._spend(timers.LOAD_T + timers.PULSE_T)
         direction, pulse = self._bits[axis]
-        bus = self.board.bus
-        bus.write(CPORT2, direction << 1 | (velocity > 0))
-        bus.write(CPORT2, pulse << 1 | 1)
-        bus.write(CPORT2, pulse << 1)
-        bus.store(area, poscal.positi(bus.word(area), 1 if velocity > 0 else -1, self._wrap, self.unit))
+        self._bus.write(CPORT2, direction << 1 | (velocity > 0))
+        self._bus.write(CPORT2, pulse << 1 | 1)
+        self._bus.write(CPORT2, pulse << 1)
+        self._bus.store(area, poscal.positi(self._bus.word(area), 1 if velocity > 0 else -1, self._wrap, self.unit))
         self._spend(timers.POSITI_T + timers.RETURN_T)
         if self.own and not self._to_go(area, velocity):
-            bus.store(area + at.VELOCITY, 0)
+            self._bus.store(area + at.VELOCITY, 0)
 
     def _spend(self, t_states: int) -> None:
         """Let a routine take its time: the timers run on, and the main program waits."""
@@ -203,13 +191,12 @@ class Steppers(Snapshots):
 
     def _to_go(self, area: int, velocity: int) -> bool:
         """Whether an axis is more than half a step from its target."""
-        bus = self.board.bus
-        left = bus.word(area + at.TARGET) - bus.word(area)
+        left = self._bus.word(area + at.TARGET) - self._bus.word(area)
         return (left if velocity > 0 else -left) > self._half_step
 
     def _load(self, axis: int, count: int) -> None:
-        self.board.bus.write(TIMERS + axis, count & BYTE)
-        self.board.bus.write(TIMERS + axis, count >> 8 & BYTE)
+        self._bus.write(TIMERS + axis, count & BYTE)
+        self._bus.write(TIMERS + axis, count >> 8 & BYTE)
 
 
 # The program's control of generator and wire: codes of the converters, less energy before a corner, wire tension.
@@ -335,7 +322,7 @@ def set_up_monitor(memory: Bus) -> None:
     memory.store(at.COADR, at.TERMINAL_OUT)
 
 
-CALL_T, CHARACTER_T = 18, CPU_HZ * BITS_PER_CHARACTER // BIT_RATE
+CALL_T, CHARACTER_T = 18, CPU_HZ * uart.BITS_PER_CHARACTER // BIT_RATE
 """T-states of a call of a routine of ours, and of a character sent or fetched."""
 LONGEST_T = 30 * CPU_HZ // 1000
 """An interrupt routine that has not returned by then is lost (ours: half of the shortest time between two steps)."""
@@ -449,10 +436,6 @@ class Computer(Snapshots):
         self.code = MachineCode(self.board, self.streams, routines)
         load_start_values(self.bus)
         set_up_monitor(self.bus)
-
-    def signed(self, address: int) -> int:
-        """Word in RAM as a signed number."""
-        return self.steppers.signed(address)
 
     @property
     def t_states(self) -> int:
@@ -615,9 +598,7 @@ class Computer(Snapshots):
         return self.bus.read(bus.PORT3C) & full == full
 
     def optimise(self, clock: int, path: int) -> tuple[int, int]:
-        """Read the counts and run the optimising routine in RAM; returns speed in units and T-states."""
-        if not self.result_waits():
-            return self.signed(at.CUTVEL), timers.READ_OUT_T
+        """Read the counts that wait and run the optimising routine in RAM; returns speed in units and T-states."""
         short, open = self.read_counts()
         memory = self.bus
         variables = at.variables(memory)

@@ -11,17 +11,8 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.numba_internals import address_of, call_returning
+from edmsim.controllers.mcu.firmware import timers
 from edmsim.controllers.mcu.firmware.poscal import WORD, Displacement, counted, look_up, resolve, subsgn, velocm
-from edmsim.controllers.mcu.firmware.timers import (
-    NEVER,
-    STEP_PHASE,
-    TIMER_COUNT,
-    loaded,
-    run_phase,
-    tick_before,
-    tick_time_ns,
-    ticks_to_overflow,
-)
 
 # A planner's data in compiled code: a row of numbers and the corners of its path.
 
@@ -88,7 +79,7 @@ def count(row: Row, axis: int, direction: int) -> bool:
 def note(row: Row, out: Ints, made: int, tick: int, axis: int, direction: int) -> int:
     """Write a step behind those made, if there is room; return how many there are."""
     if made < out.shape[0]:
-        out[made, 0], out[made, 1], out[made, 2] = tick_time_ns(tick, row.hertz, row.per), axis, direction
+        out[made, 0], out[made, 1], out[made, 2] = timers.tick_time_ns(tick, row.hertz, row.per), axis, direction
     return made + 1
 
 
@@ -151,7 +142,7 @@ def _until_step(row: Row, points: Floats, lengths: Ints, axis: int, heading: int
     """Length until the running point is more than half a step ahead of an axis."""
     run = _nm(points[row.move + 1, axis] - points[row.move, axis]) * heading
     if run == 0:
-        return NEVER
+        return timers.NEVER
     # Measured from the end the point comes from, in the axis' own direction of travel.
     length, step = lengths[row.move], _nm(row.step_um)
     origin = _nm(points[row.move, axis] if heading > 0 else points[row.move + 1, axis])
@@ -285,7 +276,7 @@ def run_literal(row: Row, points: Floats, tick: int, last: int, speed: int, out:
         due = last - tick
         for axis in range(2):
             if row.rate[axis] != 0:
-                row.timer[axis] = loaded(row.timer[axis], row.rate[axis])
+                row.timer[axis] = timers.loaded(row.timer[axis], row.rate[axis])
                 due = min(due, row.timer[axis])
         tick += due
         for axis in range(2):
@@ -348,12 +339,13 @@ def run_poscal(row: Row, points: Floats, tick: int, last: int, speed: int, out: 
     made = 0
     _command(row, points, speed)
     while tick < last and not at_end(row, points):
-        to_step = min(ticks_to_overflow(row.timer[0], row.rate[0]), ticks_to_overflow(row.timer[1], row.rate[1]))
+        x_ticks = timers.ticks_to_overflow(row.timer[0], row.rate[0])
+        to_step = min(x_ticks, timers.ticks_to_overflow(row.timer[1], row.rate[1]))
         to_steer = min(to_step, _ticks_to_arrival(row, points))
         due = min(to_steer, last - tick)
         tick += due
         for axis in range(2):
-            row.timer[axis], direction = run_phase(row.timer[axis], row.rate[axis], due)
+            row.timer[axis], direction = timers.run_phase(row.timer[axis], row.rate[axis], due)
             if direction != 0:
                 if not count(row, axis, direction):
                     return LIMIT
@@ -433,9 +425,9 @@ def _ticks_to_arrival(row: Row, points: Floats) -> int:
     """Ticks until the commanded point reaches the end of the move along its longer component."""
     axis = 0 if row.aim[0] >= row.aim[1] else 1
     if not row.carrot_is_end or row.rate[axis] == 0:
-        return NEVER
+        return timers.NEVER
     target = int(points[row.move + (row.heading > 0), axis])
-    left = (target - place_um(row, axis)) * STEP_PHASE // int(row.step_um)
+    left = (target - place_um(row, axis)) * timers.STEP_PHASE // int(row.step_um)
     return int(-(-(left - row.timer[axis]) // row.rate[axis]))
 
 
@@ -464,7 +456,7 @@ def _find_carrot(row: Row, points: Floats) -> tuple[int, int]:
 @exactly_compiled
 def _quarters(row: Row, axis: int) -> int:
     """Lead of the commanded position over an axis' counter in quarter um, rounded."""
-    return int((row.timer[axis] * QUARTER * int(row.step_um) + STEP_PHASE // 2) // STEP_PHASE)
+    return int((row.timer[axis] * QUARTER * int(row.step_um) + timers.STEP_PHASE // 2) // timers.STEP_PHASE)
 
 
 @exactly_compiled
@@ -504,7 +496,7 @@ def advance(
         return run_exact(row, points, along, start_ns, end_ns, speed, out)
     if speed == 0:
         return 0
-    tick, last = tick_before(start_ns, row.hertz, row.per), tick_before(end_ns, row.hertz, row.per)
+    tick, last = timers.tick_before(start_ns, row.hertz, row.per), timers.tick_before(end_ns, row.hertz, row.per)
     if row.kind == LITERAL:
         return run_literal(row, points, tick, last, speed, out)
     if row.kind == DDA:
@@ -532,7 +524,7 @@ def path_um(row: Row, points: Floats, along: Floats) -> float:
     if row.kind == EXACT:
         return float(row.along / FINE_PER_UM)
     if row.kind == DDA:
-        return float(along[row.move] + row.along * row.step_um / TIMER_COUNT)
+        return float(along[row.move] + row.along * row.step_um / timers.TIMER_COUNT)
     x0, y0 = int(points[row.move, 0]), int(points[row.move, 1])
     x1, y1 = int(points[row.move + 1, 0]), int(points[row.move + 1, 1])
     length = along[row.move + 1] - along[row.move]

@@ -10,10 +10,10 @@ from rich.text import Text
 from sections import DOCS
 
 import edmsim
-from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import Session, panel
+from edmsim.consoles.devices import Interrupts
 from edmsim.recording.figures.style import write_figure
 
 COLUMNS, LINES = 80, 24

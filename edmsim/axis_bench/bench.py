@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from edmsim.axis_bench.motion import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, run
 from edmsim.axis_bench.serial_link import SerialLink
 from edmsim.compiled import axis_rows
-from edmsim.compiled.axis_rows import N_AXES
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
 from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types
 from edmsim.machine.machine import Machine
@@ -89,7 +88,7 @@ class AxisBench:
         self._drives = Drives(drives, travel_um, sizes_of(1, 8, 1), screws(machine) if machine else None)
         if not drives or self._drives.axes.loops != len(drives):
             raise InputError("a bench needs drives with a loop: a motor and a sample")
-        place_um = np.zeros(N_AXES)
+        place_um = np.zeros(axis_rows.N_AXES)
         if machine:
             place_um[:2] = machine.base.table.centre_um
         self._drives.switch_on(place_um, whole_from("seed", seed))
@@ -100,7 +99,7 @@ class AxisBench:
         self._now_ns = 0
         self.trace = False
         self._moves: NDArray[np.void] = np.zeros(0, MOVE)
-        self._unplugged = np.zeros(N_AXES, np.int64)  # bits of `steps` of every axis
+        self._unplugged = np.zeros(axis_rows.N_AXES, np.int64)  # bits of `steps` of every axis
         self._notes = np.zeros(_SAMPLES, SAMPLE_ROW), np.zeros(_CHANGES, CHANGE_ROW), np.zeros(2, np.int64)
         self._samples: list[NDArray[np.void]] = []
         self._changes: list[NDArray[np.void]] = []
@@ -153,7 +152,7 @@ class AxisBench:
             stop_ns = min(end_ns, (self._now_ns // _TURN_NS + 1) * _TURN_NS, *coming)
             self._advance(max(stop_ns, self._now_ns))
             for name in self.names:
-                running = not self._row(name)["in_reset"]
+                running = not self.axis(name)["in_reset"]
                 self._lines[name].exchange(self._now_ns, running, self._now_ns % _TURN_NS == 0)
 
     def _advance(self, until_ns: int) -> None:
@@ -241,7 +240,7 @@ class AxisBench:
 
     def unplug(self, axis: str, wire: str, plugged: bool = False) -> None:
         """Unplug a wire (or plug it in, if `plugged`): A, B, index, step, dir or fault (the input's net)."""
-        row = self._row(axis)
+        row = self.axis(axis)
         if wire in _STEP_INPUTS:
             k, bit, open_ = self._number(axis), _STEP_INPUTS[wire], self._unplugged
             open_[k] = open_[k] & ~bit if plugged else open_[k] | bit
@@ -260,7 +259,7 @@ class AxisBench:
 
     def swap_phases(self, axis: str) -> None:
         """Exchange the encoder's wires A and B."""
-        self._row(axis)["swapped"] ^= 1
+        self.axis(axis)["swapped"] ^= 1
 
     def pulse_encoder(self, axis: str, phases: str, width_s: float) -> None:
         """Disturb A, B or AB by a pulse; the drive's input misses it if it is too short for an edge."""
@@ -269,13 +268,13 @@ class AxisBench:
         drive, motor = self.drive(axis).record[0], self.motor(axis)
         rate_Hz = min(rate for rate in (float(motor["edge_rate_Hz"]), float(drive["count_rate_Hz"])) if rate > 0)
         if finite("width_s", width_s, 0.0) * rate_Hz >= 1.0:
-            row = self._row(axis)
+            row = self.axis(axis)
             for row["disturbed"] in (_PHASES[phases], 0):
                 read_phases(row)
 
     def slip_encoder(self, axis: str, counts: int) -> None:
         """Slip the encoder's disc by counts at once; at 2 counts both phases change together."""
-        row, motor, counts = self._row(axis), self.motor(axis), whole_from("counts", counts)
+        row, motor, counts = self.axis(axis), self.motor(axis), whole_from("counts", counts)
         row["zero_um"] -= counts * motor["um_per_rad"] / motor["counts_per_rad"]
         row["true_count"] += counts
         row["state"] = row["true_count"] & 3 ^ (row["true_count"] & 3) >> 1
@@ -283,19 +282,19 @@ class AxisBench:
 
     def wire(self, axis: str, *, fault_in: bool = True, fault_out: bool = True) -> None:
         """Set a drive's connections to the fault net: input, and output diode."""
-        self._row(axis)["wiring"] = (axis_rows.NET_IN if fault_in else 0) | (axis_rows.NET_OUT if fault_out else 0)
+        self.axis(axis)["wiring"] = (axis_rows.NET_IN if fault_in else 0) | (axis_rows.NET_OUT if fault_out else 0)
 
     def pull_fault_net(self, low: bool) -> None:
         """Pull the fault net low, or release it."""
         for name in self.names:
-            row = self._row(name)
+            row = self.axis(name)
             if row["wiring"] & axis_rows.NET_IN:
                 _switch(row, "hand_lines", axis_rows.FAULT_IN, low)
 
     @property
     def fault_net_low(self) -> bool:
         """Whether the fault net is low."""
-        by_hand = any(self._row(name)["hand_lines"] & axis_rows.FAULT_IN for name in self.names)
+        by_hand = any(self.axis(name)["hand_lines"] & axis_rows.FAULT_IN for name in self.names)
         return bool(by_hand or fault_net_low(self._drives.axes))
 
     def supply(self, axis: str, volts: float) -> None:
@@ -308,11 +307,11 @@ class AxisBench:
 
     def reset_pin(self, axis: str, low: bool) -> None:
         """Pull a drive's reset pin low; on release the drive restarts."""
-        held = bool(self._row(axis)["in_reset"])
+        held = bool(self.axis(axis)["in_reset"])
         if low and not held:
-            k, before = self._number(axis), int(self._row(axis)["pins"])
+            k, before = self._number(axis), int(self.axis(axis)["pins"])
             hold_in_reset(self._drives.axes, k)
-            pins = int(self._row(axis)["pins"])
+            pins = int(self.axis(axis)["pins"])
             if pins != before:
                 self._changes.append(np.array([(k, self._now_ns, pins)], CHANGE_ROW))
         elif held and not low:
@@ -326,7 +325,7 @@ class AxisBench:
         self.rail(axis, data_of("board")["logic"]["rail_V"])
 
     def _power_up(self, name: str) -> None:
-        drive, row = self.drive(name), self._row(name)
+        drive, row = self.drive(name), self.axis(name)
         record = drive.record
         record["now_ns"] = self._now_ns
         row["in_reset"] = 0
@@ -337,22 +336,22 @@ class AxisBench:
 
     def hold(self, axis: str, held: bool) -> None:
         """Lock or release the rotor."""
-        self._row(axis)["locked"] = held
+        self.axis(axis)["locked"] = held
 
     def torque(self, axis: str, torque_Nm: float) -> None:
         """Apply a torque to the shaft, until you set another."""
-        self._row(axis)["hand_Nm"] = finite("torque_Nm", torque_Nm)
+        self.axis(axis)["hand_Nm"] = finite("torque_Nm", torque_Nm)
 
     def force(self, axis: str, force_N: float) -> None:
         """Push the table with a force, until you set another."""
-        self._row(axis)["hand_N"] = finite("force_N", force_N)
+        self.axis(axis)["hand_N"] = finite("force_N", force_N)
 
     def home_cam(
         self, axis: str, low_um: float, high_um: float, *, hysteresis_um: float = 0.0, bounce_s: float = 0.0,
         filter_s: float = 0.0,
     ) -> None:
         """Put a home cam under the table between two places; see `edmsim.compiled.axis_rows.MOTOR`."""
-        motor, row = self.motor(axis), self._row(axis)
+        motor, row = self.motor(axis), self.axis(axis)
         low_um = finite("low_um", low_um)
         high_um = finite("high_um", high_um, low_um)
         times_ns = finite("bounce_s", bounce_s, 0.0) * 1e9, finite("filter_s", filter_s, 0.0) * 1e9
@@ -363,13 +362,13 @@ class AxisBench:
 
     def press_home(self, axis: str, closed: bool) -> None:
         """Close or open the home input of an axis without a cam."""
-        row = self._row(axis)
+        row = self.axis(axis)
         row["cam"], row["cam_ns"] = closed, self._now_ns
 
     def share_output(self, axes: str | Sequence[str], connected: str | None = None) -> None:
         """Let drives share an analogue output; a contactor connects it to the motor of one axis, or of none."""
         for name in axes:
-            row = self._row(name)
+            row = self.axis(name)
             row["shares"], row["apart"] = 1 + AXIS_NAMES.index(axes[0]), name != connected
             _switch(row, "pins", axis_rows.FREEWHEEL, name != connected)
 
@@ -387,13 +386,12 @@ class AxisBench:
 
     def drive(self, axis: str = "") -> Drive:
         """Return the bench's copy of a drive."""
-        found: Any = self._drives.by_axis[AXIS_NAMES[self._number(axis)]]
-        drive: Drive = found
-        return drive
+        return cast(Drive, self._drives.by_axis[AXIS_NAMES[self._number(axis)]])
 
     def axis(self, axis: str = "") -> np.void:
         """Return an axis' row (`edmsim.compiled.axis_rows.AXIS`); you can write it."""
-        return self._row(axis)
+        row: np.void = self._drives.axes.rows[self._number(axis)]
+        return row
 
     def motor(self, axis: str = "") -> np.void:
         """Return the row of an axis' motor (`edmsim.compiled.axis_rows.MOTOR`); you can write it."""
@@ -406,16 +404,12 @@ class AxisBench:
             raise InputError(f"there is no axis {name!r} on this bench; there are: {', '.join(self.names)}")
         return AXIS_NAMES.index(name)
 
-    def _row(self, axis: str) -> np.void:
-        row: np.void = self._drives.axes.rows[self._number(axis)]
-        return row
-
     def _line(self, axis: str) -> SerialLink:
         return self._lines[AXIS_NAMES[self._number(axis)]]
 
     def pins(self, axis: str = "") -> Pins:
         """Return the state of a drive's pins."""
-        row = self._row(axis)
+        row = self.axis(axis)
         pins, net = int(row["pins"]), bool(row["wiring"] & axis_rows.NET_IN) and self.fault_net_low
         return Pins(
             not pins & axis_rows.FREEWHEEL, bool(pins & axis_rows.FAULT_OUT), bool(pins & axis_rows.LED),

@@ -12,8 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from edmsim.errors import EdmsimError
-from edmsim.hil.boards import BOARDS
-from edmsim.hil.rig import Rig
+from edmsim.hil.boards import BOARDS, Rig
 
 ROUND_TRIPS, PAUSE_S = 1000, 0.003
 """Questions, and the pause between two (ours: not a multiple of a frame, so that they meet it at any place)."""

@@ -505,10 +505,9 @@ def gap(
     **options: Any,
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""
-    from edmsim.hil.boards import PlainGenerator, make_board
-    from edmsim.hil.rig import Rig
-    from edmsim.hil.samples import SampleFile, Sensing
-    from edmsim.hil.session import RatioLog, run_alone, serve
+    from edmsim.hil.boards import PlainGenerator, Rig, make_board
+    from edmsim.hil.samples import RatioLog, SampleFile, Sensing
+    from edmsim.hil.session import run_alone, serve
 
     is_run = not (serial is None and samples is None and log is None)
     if not is_run and delays is None and fmu is None:

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from edmsim.axis_bench import AxisBench
 from edmsim.consoles.servo import STREAM, bench_for
 from edmsim.controllers.axis import CHIPS
-from edmsim.controllers.axis.drive import data_of
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
@@ -97,7 +96,6 @@ class Operator(ABC):
     """One who tunes a drive, as delivered, on an axis; `rate_Hz` are the steps per second of a move."""
 
     chip: ClassVar[str]
-    file: ClassVar[str]  # of ``models/drives``
     gains: ClassVar[tuple[str, ...]]
     """Letters of what is found: P, then what is raised against oscillation in the manual's order, then I."""
     fixed: ClassVar[Mapping[str, int]]  # letters of what stays as it is while they are found
@@ -115,8 +113,7 @@ class Operator(ABC):
         self.bench.run(_START_S)
         free_rad_s = float(motor["supply_V"][0] / motor["torque_Nm_A"][0])
         self.rate_Hz = min(_SPEED_SHARE * free_rad_s * float(motor["counts_per_rad"][0]), _MOST_HZ)
-        self._data = data_of(self.file)
-        self.delivered = {row["letter"]: int(row["value"]) for row in self._data["parameter"]}
+        self.delivered = {row["letter"]: int(row["value"]) for row in drive.data["parameter"]}
         self._typed: dict[str, int] = {}
 
     @property
@@ -179,7 +176,7 @@ class Operator(ABC):
 class UhuOperator(Operator):
     """One who tunes a UHU by the fine tuning text of its manual (rows U-25 and U-58) before the analyser."""
 
-    chip, file = "uhu", "uhu"
+    chip = "uhu"
     gains = "P", "H", "D", "I"
     fixed: ClassVar = {"X": 5000, "T": 255, "N": 1000, "C": 63}
     relay: ClassVar = {"P": 65535, "I": 0, "D": 0, "H": 0, "X": 65535, "N": 65535}
@@ -201,14 +198,14 @@ class UhuOperator(Operator):
         heard = [(at_s, byte) for at_s, byte in data if at_s >= 0]
         self.bench.send(b"Z\r")
         self.bench.run(0.02)
-        zero = STREAM + int(self._data["law"]["stream_zero"])
+        zero = STREAM + int(CHIPS[self.chip].data["law"]["stream_zero"])
         return AxisTrace(np.array([at_s for at_s, _ in heard]), np.array([byte - zero for _, byte in heard]))
 
 
 class ModuleOperator(Operator):
     """One who tunes a servo module with its recorder, as the guide says in 4.20."""
 
-    chip, file = "servo-module", "servo_module"
+    chip = "servo-module"
     gains = "P", "D", "I"
     fixed: ClassVar = {"C": 760, "L": 6}
     relay: ClassVar = {"P": 65535, "I": 0, "D": 0}

@@ -1,11 +1,8 @@
 """``edmsim console servo``: a drive on its bench for a person, a script or a program; scope, tuning."""
 
-import os
 import re
-import select
 import sys
 import time
-import tty
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -13,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
-from edmsim.axis_bench.motion import SAMPLE_ROW
-from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, is_terminal
+from edmsim.consoles.devices import Interrupts, Keyboard, PseudoTerminal, is_terminal, put
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_names, axis_row, data_of
@@ -74,8 +70,7 @@ class Scope:
         if heard:
             errors = np.array([byte - STREAM - self._zero for byte, _ in heard])
             self._send("tracking_error", np.array([at_s for _, at_s in heard]), errors)
-        samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE_ROW)
-        if len(samples):
+        if blocks and len(samples := np.concatenate(blocks)):
             self._drawn_s = samples["time_ns"][-1] * 1e-9
             for name in _CURVES:
                 self._send(name, samples["time_ns"] * 1e-9, samples[name])
@@ -117,9 +112,9 @@ def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
     return AxisBench({axis: drive}, mechanics="mujoco") if machine_axis else AxisBench({"x": drive})
 
 
-# A drive at a terminal: the bench runs in simulated real time, and bytes take their time as on a wire.
-# A pseudo-terminal is a serial port of this computer without a wire. Keys follow the UHU's terminal program (rows
-# U-37 and U-60): the space bar for the analyser, cursors for quick moves, ESC to leave. Other keys go to the drive.
+# A drive at a terminal: the bench runs in simulated real time, and bytes take their time as on a wire. Keys follow
+# the UHU's terminal program (rows U-37 and U-60): the space bar for the analyser, cursors for moves, ESC to leave.
+# Other keys go to the drive.
 
 LEAVE = b"\x1b"  # ESC, where no more follows: it ends the program
 _MOVES = {
@@ -152,46 +147,6 @@ def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, 
         elif not leaves:
             sent += pressed.replace(b"\n", b"\r")
     return sent, analysing, leaves
-
-
-_CHUNK = 4096
-
-
-class PseudoTerminal:
-    """Both ends of a pseudo-terminal, in raw mode; a terminal program opens its `name`, as ``/dev/pts/3``."""
-
-    def __init__(self) -> None:
-        self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
-        tty.setraw(self._theirs)
-        os.set_blocking(self._ours, False)
-        self.name = os.ttyname(self._theirs)
-
-    def fileno(self) -> int:
-        """Return the descriptor of this side, to wait for with others."""
-        return self._ours
-
-    def read(self, timeout_s: float | None) -> bytes:
-        """Return the bytes that have come; none after the timeout."""
-        if not select.select([self._ours], [], [], timeout_s)[0]:
-            return b""
-        return os.read(self._ours, _CHUNK)
-
-    def write(self, data: bytes) -> None:
-        """Send bytes; if the system's buffer is full, unread bytes are lost, as on an open line."""
-        while data and (sent := self.send(data)):
-            data = data[sent:]
-
-    def send(self, data: bytes) -> int:
-        """Send as many bytes as there is room for, and return how many."""
-        try:
-            return os.write(self._ours, data)
-        except BlockingIOError:
-            return 0
-
-    def close(self) -> None:
-        """Let the pseudo-terminal go."""
-        for end in (self._ours, self._theirs):
-            os.close(end)
 
 
 FRAME_S = 0.01  # simulated time between two looks at the terminal (ours): far below what a person notices
@@ -264,7 +219,7 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
         quiet = 0
         while quiet < 3:
             heard = _advance(bench, scope)
-            _print(heard)
+            put(heard)
             busy = bench.sending() or (isinstance(drive, ServoModule) and drive.recording)
             quiet = 0 if busy or any(byte < STREAM for byte in heard) else quiet + 1
     _pause(bench, _LAST_S, scope)
@@ -273,13 +228,7 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
 def _pause(bench: AxisBench, seconds: float, scope: Scope | None) -> None:
     until_s = bench.time_s + seconds
     while bench.time_s < until_s:
-        _print(_advance(bench, scope))
-
-
-def _print(data: bytes) -> None:
-    view = memoryview(b"" if sys.stdout is None else data)
-    while view:
-        view = view[os.write(sys.stdout.fileno(), view) :]
+        put(_advance(bench, scope))
 
 
 class _DriveKeyboard(Keyboard):

@@ -4,10 +4,9 @@ The connected controller sets the feed. `Rig` runs without a clock, for unit tes
 `edmsim.hil.session` connects it to pseudo-terminals in real time.
 """
 
-from edmsim.hil.boards import BOARDS
+from edmsim.hil.boards import BOARDS, Rig
 from edmsim.hil.delays import delay_table
 from edmsim.hil.gap import Gap
-from edmsim.hil.rig import Rig
 from edmsim.hil.samples import SampleReader, Sensing
 
 __all__ = ["BOARDS", "Gap", "Rig", "SampleReader", "Sensing", "delay_table"]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edmsim.cosim.straight import begin
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import replacing
 from edmsim.hil.gap import check_gap
 from edmsim.machine.machine import Machine
@@ -33,6 +33,7 @@ class Delays(NamedTuple):
     us: tuple[float, ...]
 
 
+@refuses_wrong_types
 def delay_table(
     machine: Machine, *, gaps_um: Sequence[float] = GAPS_UM, voltages_V: Sequence[float] = VOLTAGES_V,
     draws: int = DRAWS, seed: int = 0, watch: Callable[[int, int], None] | None = None,

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pythonfmu3 as fmu
 from pydantic import ValidationError
-from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3Variability
-from pythonfmu3.fmi3slave import Fmi3StepResult
+from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability
 
 from edmsim import __version__
 from edmsim.errors import EdmsimError, InputError

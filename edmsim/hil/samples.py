@@ -1,4 +1,4 @@
-"""Samples of gap voltage and current, like a converter's: by an iterator, from C, and in a file.
+"""Samples of gap voltage and current, like a converter's: by an iterator, from C, and in a file; logs of ratios.
 
 The model's edges are vertical, and voltage and current are 0 between pulses. Without a low-pass a sample is the value
 at its instant; with one, voltage and current pass a first-order filter before.
@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.files import check_suffix
+from edmsim.hil.boards import NO_TIME_S, Rig, next_due_s
 from edmsim.hil.gap import Frame
-from edmsim.hil.rig import Rig
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.kernel.state import OPEN, SHORT
 
@@ -123,6 +123,7 @@ def _edges(frame: Frame) -> tuple[Array, Array]:
     return times, values
 
 
+@methods_refuse_wrong_types
 class SampleReader:
     """Iterator over samples of a rig; the rig runs as samples are read.
 
@@ -285,3 +286,48 @@ class SampleFile(FrameFile):
 
         columns = {"t_s": time, "voltage_V": voltage.astype(np.float32), "current_A": current.astype(np.float32)}
         self._writer.write_table(pa.table(columns))
+
+
+# A log of ratios and positions like that of an open machine's controller, for ``edmsim calibrate``.
+
+LEAST_ROWS_HZ, MOST_ROWS_HZ = 2.0, 100.0
+COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")
+
+
+class RatioLog(FrameFile):
+    """Writes shares of short and open pulses and the axes' positions, 2 to 100 rows per second, without time off."""
+
+    def __init__(self, file: Path, rig: Rig, rate_Hz: float) -> None:
+        if not LEAST_ROWS_HZ <= rate_Hz <= MOST_ROWS_HZ:
+            allowed = f"{LEAST_ROWS_HZ:g} to {MOST_ROWS_HZ:g}"
+            raise InputError(f"a log of ratios has {allowed} rows per second, not {rate_Hz:g}")
+        check_suffix(file, "a log of ratios", ".csv")
+        self._rig, self._every_s = rig, 1.0 / rate_Hz
+        self._due_s = rig.time_s + self._every_s
+        self._counts = [0, 0, 0]
+        self.count = 0  # rows written
+        super().__init__(file)
+
+    def _open(self) -> None:
+        self._out = self._partial.open("w", encoding="utf-8")
+        self._out.write(",".join(COLUMNS) + "\n")
+
+    def _close(self) -> None:
+        self._out.close()
+
+    def _take(self, frame: Frame) -> None:
+        window = frame.window
+        if frame.on:
+            for k, count in enumerate((window.short, window.open, window.pulses)):
+                self._counts[k] += count
+        now_s = self._rig.time_s
+        if now_s < self._due_s - NO_TIME_S or not self._counts[2]:
+            return
+        self._due_s = next_due_s(self._due_s, self._every_s, now_s)
+        short, open_, pulses = self._counts
+        machine, (x, y) = self._rig.gap.plant.machine, self._rig.gap.place_um
+        self._out.write(
+            f"{now_s:.6f},{x:g},{y:g},{short / pulses:.4f},{open_ / pulses:.4f},"
+            f"{machine.t_on_us:g},{machine.t_period_us:g}\n"
+        )
+        self._counts, self.count = [0, 0, 0], self.count + 1

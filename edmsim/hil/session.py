@@ -9,59 +9,10 @@ import select
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 
-from edmsim.consoles.computer_1982.devices import Interrupts
-from edmsim.consoles.servo import PseudoTerminal
+from edmsim.consoles.devices import Interrupts, PseudoTerminal
 from edmsim.errors import InputError
-from edmsim.files import check_suffix
-from edmsim.hil.gap import Frame
-from edmsim.hil.rig import MOST_LINE, NO_TIME_S, Rig, next_due_s
-from edmsim.hil.samples import FrameFile
-
-# A log of ratios and positions like that of an open machine's controller, for ``edmsim calibrate``.
-
-LEAST_HZ, MOST_HZ = 2.0, 100.0
-COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")
-
-
-class RatioLog(FrameFile):
-    """Writes shares of short and open pulses and the axes' positions, 2 to 100 rows per second, without time off."""
-
-    def __init__(self, file: Path, rig: Rig, rate_Hz: float) -> None:
-        if not LEAST_HZ <= rate_Hz <= MOST_HZ:
-            raise InputError(f"a log of ratios has {LEAST_HZ:g} to {MOST_HZ:g} rows per second, not {rate_Hz:g}")
-        check_suffix(file, "a log of ratios", ".csv")
-        self._rig, self._every_s = rig, 1.0 / rate_Hz
-        self._due_s = rig.time_s + self._every_s
-        self._counts = [0, 0, 0]
-        self.count = 0  # rows written
-        super().__init__(file)
-
-    def _open(self) -> None:
-        self._out = self._partial.open("w", encoding="utf-8")
-        self._out.write(",".join(COLUMNS) + "\n")
-
-    def _close(self) -> None:
-        self._out.close()
-
-    def _take(self, frame: Frame) -> None:
-        window = frame.window
-        if frame.on:
-            for k, count in enumerate((window.short, window.open, window.pulses)):
-                self._counts[k] += count
-        now_s = self._rig.time_s
-        if now_s < self._due_s - NO_TIME_S or not self._counts[2]:
-            return
-        self._due_s = next_due_s(self._due_s, self._every_s, now_s)
-        short, open_, pulses = self._counts
-        machine, (x, y) = self._rig.gap.plant.machine, self._rig.gap.place_um
-        self._out.write(
-            f"{now_s:.6f},{x:g},{y:g},{short / pulses:.4f},{open_ / pulses:.4f},"
-            f"{machine.t_on_us:g},{machine.t_period_us:g}\n"
-        )
-        self._counts, self.count = [0, 0, 0], self.count + 1
-
+from edmsim.hil.boards import MOST_LINE, Rig
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16
 """Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""

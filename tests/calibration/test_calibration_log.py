@@ -17,7 +17,7 @@ from edmsim.calibration.output import causes
 from edmsim.errors import InputError
 from edmsim.hil import Rig
 from edmsim.hil.boards import PlainGenerator
-from edmsim.hil.session import RatioLog
+from edmsim.hil.samples import RatioLog
 
 SETTLE = 100
 """Windows of 25.5 ms at 20 um/s in a travel of 51 um."""

@@ -63,9 +63,9 @@ def drive(name: str) -> Read:
 def terminal(data: bytes, folder: Path) -> object:
     """Let an operator type it, in the monitor if it begins so; the machine has `TERMINAL_S`."""
     from edmsim import Machine
-    from edmsim.consoles.computer_1982.devices import Interrupts
     from edmsim.consoles.computer_1982.rig import Rig
     from edmsim.consoles.computer_1982.session import Session
+    from edmsim.consoles.devices import Interrupts
 
     class LosesPatience(Interrupts):
         """Ctrl-C after some time of the machine: a cut, a jog and WAIT take as long as they are said to."""

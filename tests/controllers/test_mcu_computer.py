@@ -159,7 +159,7 @@ def test_a_move_is_the_literal_planners(dx, dy, speed):  # T-16, T-17, T-70, T-7
     if target == START:
         assert not computer.moving
         return
-    assert (computer.signed(at.XVELOC), computer.signed(at.YVELOC)) == poscal(START, target, speed)
+    assert (computer.bus.signed(at.XVELOC), computer.bus.signed(at.YVELOC)) == poscal(START, target, speed)
     ideal_steps = make_planner("poscal-literal", np.array([START, target])).advance(0, end, speed)
     made = [s for k in range(1, 31) for s in computer.run_until(k * end // 30)]
     made += computer.board.steps  # of a routine that was under way at the end
@@ -302,8 +302,8 @@ def test_bit_rate_is_counter_2_and_the_others_are_the_axes():  # T-22
     assert CPU_HZ / counters[2].reload / 16 == 9600
     assert counters[2].mode == 3
     computer.move_to(30_200, 30_100)
-    assert counters[0].left == 65_536 // abs(computer.signed(at.XVELOC))
-    assert counters[1].left == 65_536 // abs(computer.signed(at.YVELOC))
+    assert counters[0].left == 65_536 // abs(computer.bus.signed(at.XVELOC))
+    assert counters[1].left == 65_536 // abs(computer.bus.signed(at.YVELOC))
 
 
 @pytest.mark.parametrize(("do", "words"), [

@@ -128,8 +128,8 @@ def test_axis_speeds_follow_path_and_counts():  # T-69
             computer.bus.store(at.YPOS, 30_400)
         for _ in range(60):
             whole.update(window(0, 255, path_um))
-        assert computer.signed(at.CUTVEL) == 127
-        speeds = np.array([computer.signed(at.XVELOC), computer.signed(at.YVELOC)])
+        assert computer.bus.signed(at.CUTVEL) == 127
+        speeds = np.array([computer.bus.signed(at.XVELOC), computer.bus.signed(at.YVELOC)])
         assert speeds == pytest.approx(127 * np.array(direction) / np.hypot(*direction), abs=2)
 
 

@@ -132,6 +132,15 @@ def test_a_reader_returns_as_many_as_requested_in_any_portions():
         readers[0].read(-1)
 
 
+def test_counts_and_rigs_of_a_wrong_kind_are_refused_in_a_line():
+    with pytest.raises(InputError, match=r"count cannot be 2\.5: give int"):
+        SampleReader(Rig("powercore", seed=1)).read(2.5)
+    with pytest.raises(InputError, match="rig cannot be 3: give Rig"):
+        SampleReader(3)
+    with pytest.raises(InputError, match=r"gaps_um cannot be 5\.0: give Sequence"):
+        delay_table(Machine.load(), gaps_um=5.0)
+
+
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 def test_a_firmware_in_c_filters_what_it_reads(tmp_path):
     source, library = tmp_path / "firmware.c", tmp_path / "firmware.so"
@@ -235,8 +244,9 @@ def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, edmsim):
 
 
 def test_a_table_of_delays(tmp_path, monkeypatch, edmsim):
-    monkeypatch.setattr(delays.delay_table, "__kwdefaults__", {
-        **delays.delay_table.__kwdefaults__, "draws": 2, "gaps_um": (8.0,), "voltages_V": (80.0,),
+    drawn = delays.delay_table.__wrapped__
+    monkeypatch.setattr(drawn, "__kwdefaults__", {
+        **drawn.__kwdefaults__, "draws": 2, "gaps_um": (8.0,), "voltages_V": (80.0,),
     })  # fmt: skip
     assert edmsim("gap", "--delays", f"{tmp_path}/delays.csv").status == 0
     assert len((tmp_path / "delays.csv").read_text().splitlines()) == 2

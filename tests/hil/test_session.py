@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.hil import Rig
-from edmsim.hil.rig import MOST_LINE
+from edmsim.hil.boards import MOST_LINE
 from edmsim.hil.session import HALF_LINE_S, TOO_LONG, Lines, Session
 
 serial = pytest.importorskip("serial")

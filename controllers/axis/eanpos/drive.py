@@ -1,8 +1,7 @@
 """QEM EANPOS, an analogue positioner: ramps, a loop over an encoder, a reference voltage of 16 bits, homing.
 
-Its registers, commands and states are the manual's (`registers`). `sample` runs a sample and calls `commands`,
-`moves`, `profile` and `homing`. Its constants, and settings that the manual leaves open, are in
-``models/drives/eanpos.toml``.
+Its registers, commands and states are the manual's (`registers`). `sample` runs a sample with commands and homing, by
+the motions of `moves`. Its constants, and settings that the manual leaves open, are in ``models/drives/eanpos.toml``.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import HOLDS_OUTPUT, SampleFunction
-from edmsim.controllers.axis.drive import Screw, axis_row, new_record, restart
+from edmsim.controllers.axis.drive import Screw, StartsAnew, axis_row, new_record, restart
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.controllers.axis.eanpos.moves import warn
 from edmsim.controllers.axis.eanpos.sample import eanpos_sample, start_refused
@@ -140,7 +139,7 @@ def _holds(reg: NDArray[np.int64], condition: str) -> bool:
 
 
 @methods_refuse_wrong_types
-class Eanpos:
+class Eanpos(StartsAnew):
     """A positioner on an axis.
 
     Parameters
@@ -328,10 +327,6 @@ class Eanpos:
         if slow := [name for name in ("setvel", "maxvel") if p[name] <= 0]:
             return f"its {' and '.join(slow)} is 0"
         return f"its warning {p['wrncode']} of {p['wrnvalue']}" if self.states["st_warning"] else ""
-
-    def line(self, text: bytes) -> bytes:
-        """Return nothing: the device has no serial line."""
-        return b""
 
     def power_up(self) -> bytes:
         """Start as at power-up; retentive parameters and st_cntrev keep their values (row Q-56)."""

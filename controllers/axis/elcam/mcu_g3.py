@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import SampleFunction, carray, sample
-from edmsim.controllers.axis.drive import axis_row, new_record
+from edmsim.controllers.axis.drive import Drive, axis_row, new_record
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.table import DATA, Function, Mode
 from edmsim.errors import InputError, methods_refuse_wrong_types
@@ -227,7 +227,7 @@ def _hold(drive_at: Any, axis_at: Any) -> None:
         real[SUM] += real[PROPORTIONAL] * real[PER_SAMPLE] * error
 
 
-class AxisLoop:
+class AxisLoop(Drive):
     """A motor in a control's position loop, for a servo axis of `mcu_g3.MotionControl`."""
 
     name = "mcu-g3"
@@ -244,7 +244,3 @@ class AxisLoop:
         if motor is None:
             bench = axis_row("bench")
             self.motor = axis_row("bench", counts_per_rad=float(bench["um_per_rad"][0]))
-
-    def line(self, text: bytes) -> bytes:
-        """Answer nothing: the control talks to its axes without a line."""
-        return b""

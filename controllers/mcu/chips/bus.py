@@ -74,6 +74,11 @@ class Bus(Snapshots):
         at = address - RAM.start
         return self.ram[at] | self.ram[at + 1] << 8
 
+    def signed(self, address: int) -> int:
+        """Word in RAM as a signed number."""
+        word = self.word(address)
+        return word - 0x10000 if word & 0x8000 else word
+
     def store(self, address: int, word: int) -> None:
         """Put a word into RAM, low byte first, what is above sixteen bits lost (SHLD)."""
         at = address - RAM.start

@@ -144,8 +144,8 @@ def tick_time_ns(tick: int, hertz: int, per: int) -> int:
 class TickClock:
     """The common clock, for callers in Python (see `tick_before`, `tick_time_ns`)."""
 
-    def __init__(self, speed_unit_nm_s: float = SPEED_UNIT_NM_S, step_um: float = STEP_UM) -> None:
-        self.hertz = timer_clock_hz(speed_unit_nm_s, step_um)
+    def __init__(self, speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
+        self.hertz = timer_clock_hz(speed_unit_nm_s)
 
     def before(self, time_ns: int) -> int:
         """Index of the last tick before a time."""

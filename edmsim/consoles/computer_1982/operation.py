@@ -117,7 +117,7 @@ class FrontPanel:
         computer = self._computer
         x, y = computer.position
         values = {
-            "x": x, "y": y, "speed": abs(computer.signed(at.CUTVEL)), "entry": computer.bus.word(at.ENTRY),
+            "x": x, "y": y, "speed": abs(computer.bus.signed(at.CUTVEL)), "entry": computer.bus.word(at.ENTRY),
             "short": 100 * computer.bus.word(at.SHORTS) // WINDOW_PULSES,
             "open": 100 * computer.bus.word(at.OPENS) // WINDOW_PULSES,
         }  # fmt: skip
@@ -230,7 +230,7 @@ class Operation:
         return Status(
             state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else way,
             position=computer.position, unit=rig.unit_name, move=rig.move, time_s=rig.time_ns * 1e-9,
-            speed=computer.speed, running=computer.signed(at.CUTVEL),
+            speed=computer.speed, running=bus.signed(at.CUTVEL),
             short=bus.word(at.SHORTS), open=bus.word(at.OPENS), counted=bus.word(at.COUNTED),
             windows=rig.windows, missed=rig.board.counters.missed,
             t_i=t_i, t_p=t_p, t_i_us=t_i_us, t_p_us=t_p_us,

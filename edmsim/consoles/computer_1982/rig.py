@@ -357,7 +357,7 @@ class Rig:
             return self.computer.run_until(end_ns)
         change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
         planned = self._planner.advance(start_ns, change_ns, self._units)
-        next_units = max(-MAX_SPEED, min(self.computer.signed(at.CUTVEL), MAX_SPEED))
+        next_units = max(-MAX_SPEED, min(self.computer.bus.signed(at.CUTVEL), MAX_SPEED))
         planned += self._planner.advance(change_ns, end_ns, next_units)
         if change_ns < end_ns:
             self._units = next_units

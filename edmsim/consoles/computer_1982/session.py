@@ -18,12 +18,12 @@ from rich.table import Table
 from rich.text import Text
 
 from edmsim.consoles.computer_1982 import line_input
-from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, Pipe, is_terminal
 from edmsim.consoles.computer_1982.main_program import MainProgram
 from edmsim.consoles.computer_1982.monitor import STARTS, Monitor
 from edmsim.consoles.computer_1982.operation import FIELDS, LEGEND, TOGGLE, Operation, typed_keys
 from edmsim.consoles.computer_1982.rig import END_SWITCHES, Rig
 from edmsim.consoles.computer_1982.words import Status
+from edmsim.consoles.devices import Interrupts, Keyboard, Pipe, is_terminal
 from edmsim.controllers.mcu.board import WIRE_BREAK, DropOut, Faults, SerialNoise
 from edmsim.controllers.mcu.chips import bus
 from edmsim.controllers.mcu.chips.display import BANK
@@ -41,9 +41,9 @@ _BAR_CELLS = 40
 class View(Keyboard):
     """A person's terminal with a panel that stays at its lower edge; what is printed scrolls above it."""
 
-    def __init__(self, interrupts: Interrupts, console: Console | None = None) -> None:
+    def __init__(self, interrupts: Interrupts) -> None:
         super().__init__(interrupts)
-        self._console = console or Console(highlight=False)
+        self._console = Console(highlight=False)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._partial = ""
         self._next_s = 0.0

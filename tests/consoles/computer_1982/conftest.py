@@ -6,9 +6,9 @@ from typing import NamedTuple
 import pytest
 
 import edmsim
-from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import Session
+from edmsim.consoles.devices import Interrupts
 
 
 class Script:

@@ -6,11 +6,11 @@ import sys
 import pytest
 from rich.console import Console
 
-from edmsim.consoles.computer_1982.devices import Interrupts, Pipe
 from edmsim.consoles.computer_1982.main_program import MainProgram
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.session import Session, panel
 from edmsim.consoles.computer_1982.words import ALIASES, JOB, WORDS
+from edmsim.consoles.devices import Interrupts, Pipe
 
 from .conftest import Script
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 import edmsim
-from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import Session
 from edmsim.consoles.computer_1982.words import JOB
+from edmsim.consoles.devices import Interrupts
 
 from .conftest import Script
 

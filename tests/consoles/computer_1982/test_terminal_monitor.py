@@ -4,11 +4,11 @@ import re
 
 import pytest
 
-from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.monitor import punch
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import Session
+from edmsim.consoles.devices import Interrupts
 from edmsim.controllers.mcu.firmware import memory_map as at
 
 from .conftest import Script, run_script

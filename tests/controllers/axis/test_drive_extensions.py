@@ -158,6 +158,10 @@ def test_a_wrong_recording_is_refused():
         extensions.record_on("never")
     with pytest.raises(InputError, match="0 to 383 before"):
         extensions.record_on("move", before=384)
+    with pytest.raises(InputError, match=r"every is 1\.5: give a whole number"):
+        extensions.record_on("move", every=1.5)
+    with pytest.raises(InputError, match="trigger cannot be"):
+        extensions.record_on(["move"])
 
 
 def test_parameters_are_refused_alike():
@@ -172,6 +176,9 @@ def test_parameters_are_refused_alike():
             Uhu(law={name: value})
     with pytest.raises(InputError, match="cannot be taken away"):
         del drive.parameters["cycle"]
+    assert "cycle" in drive.parameters
+    assert "C" not in drive.parameters
+    assert "jerk" not in drive.extensions
     with pytest.raises(InputError, match="has no 'gain'; it has proportional_gain"):
         Uhu(stored={"gain": 1})
     with pytest.raises(InputError, match="no UHU is tuned for an axis 'z'; there are: table, bench"):

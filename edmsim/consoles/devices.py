@@ -1,4 +1,4 @@
-"""Input and output of the terminal's bytes: a pipe, a file, or a person's terminal, character by character."""
+"""Input and output of a terminal's bytes: a pipe, a file, a pseudo-terminal, or a person's, key by key."""
 
 from __future__ import annotations
 
@@ -71,11 +71,9 @@ class Pipe:
     The number of a closed one may be that of another file by now, so Python's streams are asked.
     """
 
-    def __init__(self, interrupts: Interrupts, source: int = _INPUT, sink: int = _OUTPUT) -> None:
+    def __init__(self, interrupts: Interrupts) -> None:
         self._interrupts = interrupts
-        self._source, self._sink = source, sink
-        self._drops = sink == _OUTPUT and sys.stdout is None
-        self.at_end = source == _INPUT and sys.stdin is None
+        self.at_end = sys.stdin is None
 
     def read(self, timeout_s: float | None) -> bytes:
         """Bytes that have come; empty after the timeout (None waits for ever), at the end, and after Ctrl-C."""
@@ -85,10 +83,10 @@ class Pipe:
         until = math.inf if timeout_s is None else time.monotonic() + timeout_s
         while not self._interrupts.pending:
             left = min(_POLL_S, max(until - time.monotonic(), 0.0))
-            if select.select([self._source], [], [], left)[0]:
+            if select.select([_INPUT], [], [], left)[0]:
                 data = b""
                 with suppress(OSError):  # a pseudo-terminal whose other side is gone
-                    data = os.read(self._source, _CHUNK)
+                    data = os.read(_INPUT, _CHUNK)
                 self.at_end = not data
                 return data
             if time.monotonic() >= until:
@@ -97,12 +95,7 @@ class Pipe:
 
     def write(self, data: bytes) -> None:
         """Print; the display adds the CR before every LF."""
-        view = memoryview(b"" if self._drops else data.replace(b"\r\n", b"\n"))
-        try:
-            while view:
-                view = view[os.write(self._sink, view) :]
-        except BrokenPipeError:  # nobody reads any more
-            raise SystemExit(128 + signal.SIGPIPE) from None
+        put(data.replace(b"\r\n", b"\n"))
 
     def refresh(self, operation: Operation) -> None:
         """Show nothing but the dialogue."""
@@ -114,14 +107,14 @@ class Keyboard(Pipe):
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:
         """Read character by character; only Ctrl-C remains a signal. The end restores a terminal still there."""
-        before = termios.tcgetattr(self._source)
+        before = termios.tcgetattr(_INPUT)
         try:
-            tty.setcbreak(self._source)
-            now = termios.tcgetattr(self._source)
-            off = os.fpathconf(self._source, "PC_VDISABLE")
+            tty.setcbreak(_INPUT)
+            now = termios.tcgetattr(_INPUT)
+            off = os.fpathconf(_INPUT, "PC_VDISABLE")
             for key in (termios.VQUIT, termios.VSUSP):
                 now[6][key] = bytes([off])
-            termios.tcsetattr(self._source, termios.TCSANOW, now)
+            termios.tcsetattr(_INPUT, termios.TCSANOW, now)
             yield
         except OSError as error:
             if error.errno != errno.EIO:
@@ -129,7 +122,54 @@ class Keyboard(Pipe):
             raise SystemExit(128 + signal.SIGHUP) from None  # its window was closed
         finally:
             with suppress(termios.error):  # a closed one has no settings
-                termios.tcsetattr(self._source, termios.TCSADRAIN, before)
+                termios.tcsetattr(_INPUT, termios.TCSADRAIN, before)
+
+
+class PseudoTerminal:
+    """A serial port of this computer without a wire; a terminal program opens its `name`, as ``/dev/pts/3``."""
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.name = os.ttyname(self._theirs)
+
+    def fileno(self) -> int:
+        """Return the descriptor of this side, to wait for with others."""
+        return self._ours
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Return the bytes that have come; none after the timeout."""
+        if not select.select([self._ours], [], [], timeout_s)[0]:
+            return b""
+        return os.read(self._ours, _CHUNK)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; if the system's buffer is full, unread bytes are lost, as on an open line."""
+        while data and (sent := self.send(data)):
+            data = data[sent:]
+
+    def send(self, data: bytes) -> int:
+        """Send as many bytes as there is room for, and return how many."""
+        try:
+            return os.write(self._ours, data)
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """Let the pseudo-terminal go."""
+        for end in (self._ours, self._theirs):
+            os.close(end)
+
+
+def put(data: bytes) -> None:
+    """Write all bytes to standard output; a closed one drops them, and where nobody reads the program ends."""
+    view = memoryview(b"" if sys.stdout is None else data)
+    try:
+        while view:
+            view = view[os.write(_OUTPUT, view) :]
+    except BrokenPipeError:
+        raise SystemExit(128 + signal.SIGPIPE) from None
 
 
 def is_terminal() -> bool:
