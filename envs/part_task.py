@@ -484,7 +484,7 @@ class PartEpisode:
     number: int = 0  # of the pass that was cut
     # what the gauge says of the metal left, less what is wanted; NaN where nothing was measured
     left_um: float = math.nan
-    terms: Floats = field(default_factory=lambda: np.zeros(len(TERMS)))  # of the reward
+    terms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(TERMS, 0.0))  # of the reward
     # the last two of the whole part, NaN before its end
     cost: float = 0.0
     error_um: float = math.nan
@@ -571,7 +571,7 @@ class Parts:
         """Forget what the last step earned and cost."""
         for one in self.episodes:
             if one is not None:
-                one.terms, one.cost = np.zeros(len(TERMS)), 0.0
+                one.terms, one.cost = dict.fromkeys(TERMS, 0.0), 0.0
 
     def step(self, active: NDArray[np.int64], actions: NDArray[np.float32]) -> Floats:
         """Cut a pass in the active sub-environments, or the rest of one."""
@@ -584,9 +584,9 @@ class Parts:
         else:
             for job in jobs:
                 self._step_one(*job)
-        terms = np.array([np.zeros(len(TERMS)) if one is None else one.terms for one in self.episodes])
-        chosen = [TERMS.index(name) for name in self.family.objectives]
-        return np.asarray(terms[:, chosen] if chosen else terms.sum(axis=1))
+        names = self.family.objectives or TERMS
+        terms = np.array([[0.0 if one is None else one.terms[name] for name in names] for one in self.episodes])
+        return terms if self.family.objectives else np.asarray(terms.sum(axis=1))
 
     def episode(self, index: int) -> PartEpisode:
         """Return the present episode of a sub-environment."""
@@ -614,17 +614,17 @@ class Parts:
     def _pay(self, one: PartEpisode) -> None:
         """Work out what a step earned and cost."""
         cut, weights = one.cut, one.family.reward_weights
-        one.terms[TERMS.index("time")] = -weights.time * one.step.seconds / 60.0
+        one.terms["time"] = -weights.time * one.step.seconds / 60.0
         if one.step.broke:
             threading_s = one.family.base.base.table.threading_s.value
-            one.terms[TERMS.index("wire_break")] = -weights.wire_break * threading_s / 60.0
+            one.terms["wire_break"] = -weights.wire_break * threading_s / 60.0
             one.cost = 1.0
         if cut.cause is StopCause.FINISHED:
             one.error_um, one.ra_um = cut.error_um(), cut.ra_um()
             for name, value in (("error", one.error_um), ("roughness", one.ra_um)):
-                one.terms[TERMS.index(name)] = -getattr(weights, name) * (value if math.isfinite(value) else 0.0)
+                one.terms[name] = -getattr(weights, name) * (value if math.isfinite(value) else 0.0)
         elif one.ended:
-            one.terms[TERMS.index("limit")] = -weights.limit
+            one.terms["limit"] = -weights.limit
             one.cost = 1.0
 
     @property
@@ -668,10 +668,10 @@ class Parts:
         Texts say why the episode ended and what the generator refused, and are empty where nothing did.
         """
         episodes = [self.episode(k) for k in range(len(self.episodes))]
-        rows, terms = [self._info(one) for one in episodes], np.array([one.terms for one in episodes])
+        rows = [self._info(one) for one in episodes]
         return {
             **{name: np.array([row[name] for row in rows]) for name in rows[0]},
-            "reward_terms": {name: terms[:, k].copy() for k, name in enumerate(TERMS)},
+            "reward_terms": {name: np.array([one.terms[name] for one in episodes]) for name in TERMS},
             "cause": np.array([WORDS[one.cut.cause].info if one.ended else "" for one in episodes], object),
             "refused": np.array([one.cut.refused for one in episodes], object),
         }

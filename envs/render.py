@@ -315,7 +315,7 @@ def _last_step(episode: PartEpisode) -> Picture:
         facts += [f"pass {episode.number}: {episode.step.seconds:.0f} s", f"offset {cut.offset_um:.0f} \u00b5m"]
         facts += ["the wire broke"] if episode.step.broke else []
         facts += [f"error {episode.error_um:.2f} \u00b5m", f"Ra {episode.ra_um:.2f} \u00b5m"] if cut.over else []
-        facts.append(f"reward {float(episode.terms.sum()):+.2f}")
+        facts.append(f"reward {sum(episode.terms.values()):+.2f}")
     else:
         facts.append("no pulse yet")
     return _strip(facts, {name: getattr(sums, name) for name in ("spark", "arc", "short", "open")})
