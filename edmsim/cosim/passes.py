@@ -10,10 +10,9 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
+from edmsim.cosim.observers import Turn
 from edmsim.machine.machine import Machine
-from edmsim.machine.pulse_window import PulseWindow
 from edmsim.metrology import edges, kerf, profile
-from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.plant import Plant
 from edmsim.program.passes import CutPass, Piece
 from edmsim.program.path import CutPath, WireContour
@@ -143,8 +142,9 @@ class Sums:
     vibration2_pulses: float = 0.0
     equalising_J: float = 0.0
 
-    def add(self, window: PulseWindow, opposite: OppositePulses | None) -> None:
+    def add(self, turn: Turn) -> None:
         """Add one window and its equalising pulses, if there are any."""
+        window, opposite = turn.window, turn.opposite
         duration_s = window.duration_ns * 1e-9
         net_V = window.mean_voltage_V if opposite is None else opposite.net_voltage_V
         self.short += window.short

@@ -331,7 +331,7 @@ class Simulation:
             self.cause = StopCause.DRIVE_TRIP  # an axis that ran away took the wire along
             self._say(self.plant.fault_reason)
             return Progress(self.path_um, self.total_um, self.plant.time_ns * 1e-9, 0.0, 0, 0)
-        self.sums.add(turn.window, turn.opposite)
+        self.sums.add(turn)
         self.passes.follow(self.plant.time_ns * 1e-9, self.path_um, self.sums)
         opened = self._switches(turn.window)
         cause = self._judge(turn.window, opened)
