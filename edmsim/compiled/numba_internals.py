@@ -318,10 +318,6 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
     """Let numba translate functions to LLVM's language and no further, and report each one by its name."""
     # as it stands numba links each function with all it calls, optimises that and makes machine code of it, again for
     # each function that calls it
-    def finalize(self: Any) -> None:
-        self._raise_if_finalized()
-        self._finalized = True
-
     translate = core.dispatcher._FunctionCompiler.compile
 
     def translate_and_report(self: Any, *arguments: Any) -> Any:
@@ -330,7 +326,7 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         return done
 
     with (
-        replaced(core.codegen.CPUCodeLibrary, finalize=finalize, _optimize_functions=lambda *_: None),
+        replaced(core.codegen.CPUCodeLibrary, finalize=_PartLibrary.finalize, _optimize_functions=lambda *_: None),
         replaced(core.codegen.JITCodeLibrary, get_pointer_to_function=lambda *_: 0),
         replaced(core.codegen.JITCPUCodegen, set_env=lambda *_: None),
         replaced(core.dispatcher._FunctionCompiler, compile=translate_and_report),

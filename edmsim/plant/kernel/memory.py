@@ -30,7 +30,8 @@ _RECORDS: dict[str, Any] = {
     "constants": state.Constants, "heat": HeatLaw, "bubble": BubbleLaw, "timing": state.Timing,
 }
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
-_COUNTED = "tiles", "index_side", "pulses", "levels"  # lengths of `ArraySizes` that change while a plant is at work
+_COUNTED = {"tiles": "tiles", "index_side": "tile_index", "pulses": "pulses", "levels": "levels"}
+"""Lengths of `ArraySizes` that change while a plant is at work, and the arrays of `Own` that have them."""
 _TABLE = np.dtype(
     [(name, "i8") for name in _COUNTED]
     + [(name, state.entries_of(kind)) for name, kind in _GROUPS.items()]
@@ -60,14 +61,10 @@ class Memory:
 
     def put_own(self, **arrays: NDArray[Any]) -> None:
         """Put some arrays of `Own`: the scalars' rows, the kerf field, whose tiles move, or the log of pulses."""
-        if "tiles" in arrays:
-            self._sizes = self._sizes._replace(tiles=len(arrays["tiles"]), index_side=len(arrays["tile_index"]))
-        if "levels" in arrays:
-            self._sizes = self._sizes._replace(levels=len(arrays["levels"]))
-        if "pulses" in arrays:
-            self._sizes = self._sizes._replace(pulses=len(arrays["pulses"]))
-        for length in _COUNTED:
-            self._table[length] = getattr(self._sizes, length)
+        lengths = {length: len(arrays[name]) for length, name in _COUNTED.items() if name in arrays}
+        self._sizes = self._sizes._replace(**lengths)
+        for length, count in lengths.items():
+            self._table[length] = count
         entries = self._table["own"]
         for field in state.fields_of(state.Own):
             if field.name in arrays:

@@ -98,10 +98,18 @@ class TableMechanics:
         self.link = self._link_of_table(drive, longest_us)
 
     def _make_ready(self, drive: DriveSetup) -> None:
+        """Take the linear motors off, give the nuts their play, and leave the integration to plain Euler steps."""
         import mujoco
 
-        _free_motors(self.model, drive)
-        self.data = mujoco.MjData(self.model)
+        model = self.model
+        for axis in "xy":
+            model.tendon_lengthspring[model.tendon(f"{axis}_screw").id] = -drive.backlash_m / 2, drive.backlash_m / 2
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        # explicit damping costs least; without warm start only positions, velocities and forces go into a step
+        off = mujoco.mjtDisableBit
+        for flag in (off.mjDSBL_ACTUATION, off.mjDSBL_EULERDAMP, off.mjDSBL_WARMSTART, off.mjDSBL_AUTORESET):
+            model.opt.disableflags |= flag
+        self.data = mujoco.MjData(model)
 
     def _link_of_table(self, drive: DriveSetup, longest_us: float) -> FullLink:
         """Return the link of a model without a wire."""
@@ -171,19 +179,6 @@ def compile_without_geoms(spec: mujoco.MjSpec) -> mujoco.MjModel:
     for geom in list(spec.geoms):
         spec.delete(geom)
     return cast("mujoco.MjModel", spec.compile())
-
-
-def _free_motors(model: mujoco.MjModel, drive: DriveSetup) -> None:
-    """Take the linear motors off, give the nuts their play, and leave the integration to plain Euler steps."""
-    import mujoco
-
-    for axis in "xy":
-        model.tendon_lengthspring[model.tendon(f"{axis}_screw").id] = -drive.backlash_m / 2, drive.backlash_m / 2
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    # explicit damping costs least; without warm start only positions, velocities and forces go into a step
-    off = mujoco.mjtDisableBit
-    for flag in (off.mjDSBL_ACTUATION, off.mjDSBL_EULERDAMP, off.mjDSBL_WARMSTART, off.mjDSBL_AUTORESET):
-        model.opt.disableflags |= flag
 
 
 def dofs_of(model: mujoco.MjModel, joints: list[str]) -> NDArray[np.int64]:
