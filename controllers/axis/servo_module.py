@@ -3,8 +3,6 @@
 Its parameters, and settings not in its guide, are in ``models/drives/servo_module.toml``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 

@@ -3,8 +3,6 @@
 Source: the manual of 25.9.05 (rows U-1 to U-70); all constants are in ``models/drives/uhu.toml``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The bench: axes with drives, run in compiled code, with access to every wire and shaft."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, cast
 
