@@ -311,15 +311,6 @@ def test_report_is_made_again_and_figures_written(small_cut, tmp_path, edmsim):
     assert (tmp_path / "corner.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("name", [".", "file"])
-def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path, edmsim, name):
-    (tmp_path / "file").touch()
-    outcome = edmsim("report", tmp_path / name)
-    assert outcome.status == 2
-    assert outcome.err.count("\n") == 1
-    assert "report.json: no such file, the folder of a cut is needed" in outcome.err
-
-
 def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
     from edmsim import models
     from edmsim.learning import policy_file

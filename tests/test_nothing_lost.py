@@ -231,8 +231,11 @@ def test_a_command_that_finds_no_room_names_the_file_and_keeps_the_former(tmp_pa
 
 WITHOUT_FIGURES = """
 from edmsim.cli.app import main
+from edmsim.job import result
 from edmsim.recording import html_report
-html_report.pictures = lambda *_: ()
+from edmsim.recording.figures import profile
+html_report.pictures, result.sample_or_reason = lambda *_: (), lambda *_: "not simulated"
+profile.profile_png = lambda *_: b""
 main()
 """
 

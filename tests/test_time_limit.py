@@ -39,7 +39,7 @@ HANGS = {
 ])  # fmt: skip
 def test_a_test_that_hangs_ends_with_its_stack(where, workers, tmp_path):
     file = tmp_path / "test_hanging.py"
-    hanging = [f"def test_hangs_{number}():" + HANGS[kind].replace("\n    ", "\n") for number, kind in enumerate(where)]
+    hanging = [f"def test_hangs_{n}():" + HANGS[kind].replace("\n    ", "\n") for n, kind in enumerate(where)]
     file.write_text("\n\n".join([*hanging, "def test_goes_on():\n    pass\n"]))
     shutil.copy(ROOT / "tests" / "worker_stacks.py", tmp_path / "conftest.py")
     done = subprocess.run(

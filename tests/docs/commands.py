@@ -105,10 +105,11 @@ def run(words: list[str], page: str) -> int:
     is_gap_run = arguments[0] == "gap" and {"--serial", "--samples", "--log"}.intersection(arguments)
     if "--film" in arguments or is_gap_run:
         arguments += ["--seconds", "0.5"]
-    if arguments[0] == "cut":
+    if arguments[0] == "cut" or "--max-time" in arguments:
         seconds = CUT_S
         if "--max-time" in arguments:
-            seconds = min(float(arguments[arguments.index("--max-time") + 1]), CUT_S)
+            seconds = min(float(arguments.pop(arguments.index("--max-time") + 1)), CUT_S)
+            arguments.remove("--max-time")
         elif "--out" in arguments and f"calibrate {arguments[arguments.index('--out') + 1]}/" in page:
             seconds = LOG_S
         arguments += ["--max-time", str(seconds)]

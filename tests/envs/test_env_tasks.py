@@ -210,13 +210,6 @@ def test_feed_is_held_to_the_planners_greatest_and_shown_as_commanded(make_env, 
         assert observation[6] == pytest.approx(feed / 100, abs=1e-6)  # the scale stays
 
 
-def test_changes_of_feed_do_not_pile_up_beyond_the_greatest(make_env):
-    env = make_env("GapFeed", planner="poscal", start_feed_um_s=32.0, max_change_um_s=2.0)
-    env.reset(seed=1)
-    feeds = [env.step(np.array([a], np.float32))[4]["feed_um_s"] for a in (1.0, 1.0, 1.0, -1.0)]
-    assert feeds == pytest.approx([33.3375, 33.3375, 33.3375, 31.2375])
-
-
 def test_corners_are_whole_um_where_the_planner_counts(make_task):
     legs = {}
     for planner in ("poscal", "exact"):

@@ -21,15 +21,6 @@ def test_mean_current_rises_with_the_duty(machine, on, period, less):  # T-35
     assert mean_current_A(setting.with_(t_period_us=period / less)) < mean_current_A(setting) <= 2.0
 
 
-@given(st.floats(1.0, 1_000.0), st.floats(2.0, 10_000.0))
-def test_no_setting_above_two_ampere_runs(machine, on, period):  # T-34
-    if on < period and (100.0 - 22.0) / 11.8 * on / period <= 2.0:
-        assert mean_current_A(machine.with_(t_on_us=on, t_period_us=period)) <= 2.0
-    else:
-        with pytest.raises(edmsim.InputError, match=r"leaves no pause|above the generator's 2 A"):
-            machine.with_(t_on_us=on, t_period_us=period)
-
-
 def test_a_refused_setting_leaves_the_old_one(machine):  # T-34
     plant = edmsim.Plant(machine, seed=1, resolution="fast")
     reference = edmsim.Plant(machine, seed=1, resolution="fast")

@@ -17,6 +17,7 @@ from edmsim.cosim.straight import begin
 ENV = "edmsim/GapFeed-v2"
 SHARED = {"resolution": "fast", "episode_s": 2.0}
 COUNT = 2
+AGAIN = gym.vector.AutoresetMode.SAME_STEP
 
 
 def left_open() -> dict[str, int]:
@@ -40,25 +41,20 @@ def actions(steps: int) -> np.ndarray[Any, Any]:
 
 def in_one_process(steps: int) -> list[float]:
     """Rewards of environments one after the other, seeds 5 and 6, begun again when they end."""
-    env = gym.vector.SyncVectorEnv([make] * COUNT, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP)
-    try:
-        return _gymnasium(env, steps)
-    finally:
-        env.close()
+    return _gymnasium(gym.vector.SyncVectorEnv([make] * COUNT, autoreset_mode=AGAIN), steps)
 
 
 def with_gymnasium(method: str, steps: int) -> list[float]:
     """Rewards of Gymnasium's `AsyncVectorEnv`."""
-    env = gym.vector.AsyncVectorEnv([make] * COUNT, context=method, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP)
-    try:
-        return _gymnasium(env, steps)
-    finally:
-        env.close()
+    return _gymnasium(gym.vector.AsyncVectorEnv([make] * COUNT, context=method, autoreset_mode=AGAIN), steps)
 
 
 def _gymnasium(env: Any, steps: int) -> list[float]:
-    env.reset(seed=[5 + i for i in range(COUNT)])
-    return [float(r) for action in actions(steps) for r in env.step(action)[1]]
+    try:
+        env.reset(seed=[5 + i for i in range(COUNT)])
+        return [float(r) for action in actions(steps) for r in env.step(action)[1]]
+    finally:
+        env.close()
 
 
 def with_sb3(method: str, steps: int) -> list[float]:

@@ -47,36 +47,29 @@ class _Nothing:
 
 
 @pytest.fixture
-def dying(monkeypatch):
-    """Jobs that kill their process, in a file that other processes can import."""
+def jobs(monkeypatch):
+    """Jobs that raise errors or kill their process, in a file that other processes can import."""
     monkeypatch.syspath_prepend(Path(__file__).parent)
-    return importlib.import_module("dying_jobs")
-
-
-@pytest.fixture
-def failing(monkeypatch):
-    """Jobs that raise errors, in a file that other processes can import."""
-    monkeypatch.syspath_prepend(Path(__file__).parent)
-    return importlib.import_module("failing_jobs")
+    return importlib.import_module("jobs")
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying, tmp_path):
-    jobs = [tmp_path / name for name in "abc"]
-    assert sorted(answer for _, answer in Processes(2).done(dying.dies_once, jobs)) == ["a", "b", "c"]
-    found = dict(Processes(2).done(dying.dies, [1, 3]))
+def test_a_process_that_dies_costs_a_retry_and_no_other_run(jobs, tmp_path):
+    files = [tmp_path / name for name in "abc"]
+    assert sorted(answer for _, answer in Processes(2).done(jobs.dies_once, files)) == ["a", "b", "c"]
+    found = dict(Processes(2).done(jobs.dies, [1, 3]))
     assert found[3] == 3
     assert isinstance(found[1], LostJob)
     assert "status -9; given up after 3 attempts" in found[1].why
 
 
 @pytest.mark.slow
-def test_jobs_in_processes_are_answered_in_order_and_saved_once(failing, tmp_path):
+def test_jobs_in_processes_are_answered_in_order_and_saved_once(jobs, tmp_path):
     table = RunTable(tmp_path / "runs.jsonl")
     counts = []
     table.add({"id": "b", "job": "made before"})
     found = perform_jobs(
-        failing.answer, ["x", "y", "z"], lambda *both: counts.append(both), engine=Processes(2), table=table,
+        jobs.answer, ["x", "y", "z"], lambda *both: counts.append(both), engine=Processes(2), table=table,
         ids=["a", "b", "c"],
     )  # fmt: skip
     assert found == [{"id": "a", "job": "x"}, {"id": "b", "job": "made before"}, {"id": "c", "job": "z"}]
@@ -93,21 +86,21 @@ def test_jobs_in_processes_are_answered_in_order_and_saved_once(failing, tmp_pat
     ("own", ZeroDivisionError, "in a user's law"),
     ("unportable", EdmsimError, "this and that"),
 ])  # fmt: skip
-def test_an_error_of_a_job_in_a_process_is_raised_here(failing, job, kind, said):
+def test_an_error_of_a_job_in_a_process_is_raised_here(jobs, job, kind, said):
     with pytest.raises(kind) as caught:
-        perform_jobs(failing.answer, [job], engine=Processes(1))
+        perform_jobs(jobs.answer, [job], engine=Processes(1))
     assert type(caught.value) is kind
     assert str(caught.value) == said
     if job == "own":
-        assert "failing_jobs.py" in caught.value.__notes__[0]  # where it was raised
+        assert "jobs.py" in caught.value.__notes__[0]  # where it was raised
 
 
 @pytest.mark.slow
-def test_a_job_that_cannot_be_sent_or_an_answer_that_cannot_be_read_ends_the_study(failing):
+def test_a_job_that_cannot_be_sent_or_an_answer_that_cannot_be_read_ends_the_study(jobs):
     with pytest.raises((AttributeError, pickle.PicklingError, TypeError)):
-        perform_jobs(failing.answer, [lambda: None], engine=Processes(1))
+        perform_jobs(jobs.answer, [lambda: None], engine=Processes(1))
     with pytest.raises(EdmsimError, match=r"cannot be read: .*second"):
-        perform_jobs(failing.unreadable, ["x"], engine=Processes(1))
+        perform_jobs(jobs.unreadable, ["x"], engine=Processes(1))
 
 
 def test_work_that_another_process_cannot_import_is_refused():
@@ -117,9 +110,9 @@ def test_work_that_another_process_cannot_import_is_refused():
 
 
 @pytest.mark.slow
-def test_a_process_that_always_dies_ends_the_study_with_a_reason(dying):
+def test_a_process_that_always_dies_ends_the_study_with_a_reason(jobs):
     with pytest.raises(EdmsimError, match=r"status -9; given up after 3 attempts"):
-        perform_jobs(dying.dies, [1], engine=Processes(1))
+        perform_jobs(jobs.dies, [1], engine=Processes(1))
 
 
 @pytest.mark.slow

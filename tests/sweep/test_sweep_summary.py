@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from edmsim import runs
 from edmsim.errors import InputError
 from edmsim.sweep.summary import KEYS, front_of, groups, pareto_front, sensitivities
 from edmsim.sweep.table import as_table, read
@@ -119,6 +120,9 @@ def test_the_front_is_what_nothing_surpasses(table):
 @pytest.mark.slow
 def test_the_command_sweeps_shows_and_goes_on(line, giving_up, tmp_path, monkeypatch, edmsim):
     monkeypatch.chdir(tmp_path)
+    counts = []
+    in_threads = type("InThreads", (runs.Threads,), {"__init__": lambda self, count: counts.append(count)})
+    monkeypatch.setattr(runs, "Processes", in_threads)
     words = ("sweep", "run", line, "--height", "5,8", "--controller", f"counts,{giving_up}", "--max-time=1",
              "--resolution", "fast", "--offset", "none", "--out", "o", "--processes", 1)  # fmt: skip
     shown = edmsim(*words)
@@ -128,6 +132,7 @@ def test_the_command_sweeps_shows_and_goes_on(line, giving_up, tmp_path, monkeyp
     again = edmsim(*words)
     assert again.status == 3
     assert "4 runs, 0 made now, 2 failed." in again.out
+    assert counts == [1, 1]
     status, table, _ = edmsim("sweep", "show", "o")
     assert status == 0
     for words in ("4 runs, 2 failed", "Own.update fails: RuntimeError: out of ideas", "height_mm"):

@@ -1,4 +1,8 @@
-"""Jobs that raise errors, for other processes to import."""
+"""Jobs that raise errors, and jobs that kill the process they are done in, for other processes to import."""
+
+import os
+import signal
+from pathlib import Path
 
 from edmsim.errors import EdmsimError, InputError
 
@@ -26,3 +30,19 @@ def answer(job: str) -> dict[str, str]:
 def unreadable(job: str) -> UnportableError:
     """Return what cannot be made again."""
     return UnportableError(job, job)
+
+
+def dies_once(job: Path) -> str:
+    """Die at the first attempt."""
+    if not job.exists():
+        job.write_text("begun")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return job.name
+
+
+def dies(job: int) -> int:
+    """Die at every attempt, but for number 3."""
+    print("what a user's code prints goes elsewhere")
+    if job != 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return job
