@@ -242,13 +242,14 @@ class PassLog(Snapshots):
         error_um = profile.profile_error(plant.field, contour).error_um[:, ::FACE_EVERY]
         self.records[-1].face_um = tuple(tuple(row) for row in np.round(error_um, 1).tolist())
         if one.frees:
+            within = shapely.Polygon(contour.at_mid_height().nominal_mm * 1e3).buffer(one.offset_um)
             for piece in edges.loose_pieces(plant.field, LEAST_PIECE_MM2):
-                self._loosen(piece, one, contour, plant)
+                if piece.within(within):  # others came loose from contours before
+                    self._loosen(piece, one, contour, plant)
 
     def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:
         x, y = one.way.at_mid_height()[-1].tolist()
-        inside = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
-        is_part = inside and piece.contains(shapely.Point(contour.nominal_mm.mean(axis=0) * 1e3))
+        is_part = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
         what = "part" if is_part else "slug"
         far_mm = math.dist((piece.centroid.x, piece.centroid.y), (x, y)) * 1e-3
         if not one.falls or contour.lean is not None:

@@ -75,7 +75,7 @@ def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
     return [
         shapely.Polygon(shapely.Polygon(piece.exterior).buffer(rim).exterior)
         for piece in shapely.get_parts(reduce(shapely.intersection, slices))
-        if piece.area >= least_mm2 * 1e6 and not gone.contains(piece.representative_point())
+        if piece.difference(gone).area >= least_mm2 * 1e6
     ]
 
 

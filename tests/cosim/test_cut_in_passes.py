@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +12,13 @@ import shapely
 import edmsim
 from edmsim.controllers import from_text
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
-from edmsim.cosim.passes import PassSetup
+from edmsim.cosim.passes import PassLog, PassSetup, Sums, legs_of
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.evaluation.technology_search import straight_path
+from edmsim.job.plan import prepared
 from edmsim.job.result import inspect
+from edmsim.job.settings import CutSettings
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import loose_pieces, metal_at
 from edmsim.metrology.roughness import face_roughness_um, roughness_um
@@ -146,6 +149,18 @@ def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it():
     assert waiting[1][1] - plain[1][1] == pytest.approx(waits_s, abs=0.5)
 
 
+@pytest.mark.slow
+def test_what_is_cut_once_after_the_trims_of_another_contour_has_the_rough_setting():
+    simulation, both = started(0.1), setups()
+    contour = simulation.path.contours[0]
+    path = replace(simulation.path, contours=(contour, replace(contour, passes=())))
+    cut = Simulation(both[0].machine, path, both[0].controller, planner="exact", resolution="fast", setups=both)
+    while cut.leg < len(cut.legs) - 1:
+        cut.step()
+    assert cut.controller is both[0].controller
+    assert cut.plant.machine.t_on_us == both[0].machine.t_on_us
+
+
 def test_a_plant_goes_on_under_another_setting():
     rough, trim = setups()
     plant = edmsim.Plant(rough.machine, 3, resolution="fast")
@@ -163,10 +178,10 @@ def test_a_plant_goes_on_under_another_setting():
         plant.change_setup(trim.machine.with_(height_mm=30.0))
 
 
-def ring_of_holes(gap=0):
-    """Return a block with a circle of holes that meet, but for the last `gap` of them."""
+def ring_of_holes(gap=0, radii_um=(500,)):
+    """Return a block with circles of holes that meet, but for the last `gap` of each."""
     angles = np.linspace(0, 2 * np.pi, 80, endpoint=False)[: 80 - gap]
-    holes = tuple((1000 + 500 * np.cos(a), 1000 + 500 * np.sin(a), 60.0) for a in angles)
+    holes = tuple((1000 + r * np.cos(a), 1000 + r * np.sin(a), 60.0) for r in radii_um for a in angles)
     return Stock((0.0, 0.0, 2000.0, 2000.0), holes)
 
 
@@ -192,10 +207,63 @@ def test_a_piece_that_nothing_holds_is_found_and_taken_out():
     assert len(field.gone) == 1
 
 
+def test_a_part_is_found_around_its_slug_that_fell():
+    field = KerfField(3, ring_of_holes(radii_um=(300, 800)), 4.0, 4000.0)
+    field.allocate(1000.0, 1000.0, 1000.0)
+    field.take_out(shapely.Point(1000.0, 1000.0).buffer(250.0))
+    (part,) = loose_pieces(field, 0.02)
+    assert part.area * 1e-6 == pytest.approx(np.pi * 0.74**2, rel=0.05)
+
+
 def test_a_piece_on_its_tab_is_held():
     field = KerfField(3, ring_of_holes(gap=6), 4.0, 4000.0)
     field.allocate(1000.0, 1000.0, 700.0)
     assert loose_pieces(field, 0.02) == []
+
+
+CLIP_AND_BLOCK = """G21 G90
+G92 X0.6 Y-0.5
+G41 G1 X0.6 Y0.0
+X0.0
+Y1.2
+X1.0
+Y0.9
+X0.3
+Y0.3
+X1.0
+Y0.0
+X0.6
+G0 X2.4 Y-0.5
+G41 G1 X2.4 Y0.0
+X2.0
+Y0.5
+X2.6
+Y0.0
+X2.4
+M02
+"""
+
+
+@pytest.mark.slow
+def test_a_part_that_came_loose_is_not_the_slug_of_the_next_contour(tmp_path):
+    (tmp_path / "parts.ngc").write_text(CLIP_AND_BLOCK)
+    cut = CutSettings(height_mm=25.4, passes=2, tab_mm=0.2, after_tab="cut")
+    ready = prepared(tmp_path / "parts.ngc", cut)
+    legs = [leg for contour in ready.path.contours for leg in legs_of(contour)]
+    ways = [shapely.LineString(leg.points_um) for leg in legs if leg.cut_pass.number == 1]
+    places = [way.interpolate(um) for way in ways for um in np.arange(0.0, way.length, 60.0)]
+    field = KerfField(3, Stock((20e3, 20e3, 45e3, 45e3), tuple((p.x, p.y, 160.0) for p in places)), 8.0, 8000.0)
+    field.allocate(*ready.path.contours[0].nominal_mm.mean(axis=0) * 1e3, 4000.0)
+    taken, log = [], PassLog(ready.path, legs)
+    plant = SimpleNamespace(field=field, machine=ready.machine, take_out=taken.append)
+    for number, leg in enumerate(legs):
+        log.begin_leg(number, leg, 0.0, 0.0, Sums())
+        log.end_leg(number, leg, plant)
+    assert taken == []
+    assert [text for text in log.notices if "tip onto the wire" not in text] == [
+        "the part comes loose before its last pass and is taken to lie still: after_tab stop lets the machine stop "
+        "for it to be held"
+    ] * 2
 
 
 @pytest.mark.slow
