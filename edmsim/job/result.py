@@ -14,7 +14,7 @@ import scipy
 import shapely
 
 from edmsim import __version__
-from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums
+from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums, programmed_um
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.cosim.straight import PULSES, PulseSample, sample_pulses
@@ -201,7 +201,8 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats,
     commanded, following, lag, time_s, path_um = windows.ways_um()
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
-        program, table = causes.motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
+        program_um = programmed_um(simulation.legs, path_um)
+        program, table = causes.motor_offsets_um(simulation.machine, commanded, program_um, path_um, simulation.elcam)
         commanded, guides = commanded - program, guides - table
     if simulation.passes.records:
         ways_um = (commanded, guides, guides - lag)

@@ -126,7 +126,10 @@ def table_error(
 def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: Elcam | None) -> Floats:
     """Return by how much the wire truly is off places (n, 2) of the program, with lengths of path (n,)."""
     table, step_um = StillTable(machine, nuts=False), machine.base.table.step_um.value
-    compensation = None if elcam is None else StepCompensation(copy.deepcopy(elcam), step_um)  # it may be at work
+    elcam = copy.deepcopy(elcam)  # it may be at work
+    for one in () if elcam is None else elcam.tables.values():
+        one.reversal = 0.0  # left out like the backlash for which it is
+    compensation = None if elcam is None else StepCompensation(elcam, step_um)
     found = []
     for (x, y), path in zip(points_um.tolist(), path_um.tolist(), strict=True):
         motors = (x, y) if compensation is None else compensation.begin((x, y), path)
@@ -135,22 +138,25 @@ def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: E
 
 
 def motor_offsets_um(
-    machine: Machine, motors_um: Floats, path_um: Floats, elcam: Elcam | None
+    machine: Machine, motors_um: Floats, program_um: Floats, path_um: Floats, elcam: Elcam | None
 ) -> tuple[Floats, Floats]:
-    """Return by how much motors at some places (n, 2) are off the program and off where the table truly is."""
+    """Return by how much motors at places (n, 2) in order of time are off the program and off where the table is."""
     # the compensation is that of the motors' places, which differ from the program's by itself only, and of the
-    # lengths of path (n,) at which they were there
+    # lengths of path (n,) at which they were there; what depends on the direction needs the program's own places
     table = StillTable(machine, nuts=False)
-    by_path = elcam is not None and any(_PATH in (one.master, one.row_axis) for one in elcam.tables.values())
-    states = np.column_stack([motors_um, path_um if by_path else np.zeros(len(motors_um))])
-    places, which = np.unique(states, axis=0, return_inverse=True)
+    tables = [] if elcam is None else elcam.tables.values()
+    reverses = any(one.reversal for one in tables)
+    by_path = reverses or any(_PATH in (one.master, one.row_axis) for one in tables)
+    asked_um = program_um if reverses else motors_um
+    states = np.column_stack([motors_um, asked_um, path_um if by_path else np.zeros(len(motors_um))])
+    places, which = (states, np.arange(len(states))) if reverses else np.unique(states, axis=0, return_inverse=True)
     program, offsets = np.zeros((len(places), 2)), np.zeros((len(places), 2))
     compensation = None
     if elcam is not None:
         compensation = StepCompensation(copy.deepcopy(elcam), machine.base.table.step_um.value)
-    for k, (x, y, path) in enumerate(places.tolist()):
+    for k, (x, y, asked_x, asked_y, path) in enumerate(places.tolist()):
         if compensation is not None:
-            compensation.begin((x, y), path)
+            compensation.begin((asked_x, asked_y), path)
             program[k] = compensation.offset_um
         offsets[k] = places[k, :2] - table.move((x, y))
     return program[which.reshape(-1)], offsets[which.reshape(-1)]
