@@ -105,22 +105,40 @@ class TableError:
 
 
 def table_error(
-    machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0
+    machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0,
+    last_pass: int | None = None,
 ) -> TableError:
     """Return what the table contributes to a profile error, by its errors where it is as the wire passes."""
-    # the table is taken as it comes to rest there, backlash left out; before the contour lie `start_um` of path
-    middle, way = contour.at_mid_height(), contour.way
-    line = Polyline(middle.nominal_mm, contour.closed)
+    # the table is taken as it comes to rest there, backlash left out; before the contour lie `start_um` of path. The
+    # wall is that of the last pass that was begun, by default the last one
+    line = Polyline(contour.at_mid_height().nominal_mm, contour.closed)
     towards_left = left_of(line.tangent(profile.s_mm, _TANGENT_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
-    known = arc_lengths(middle.points_um)
-    passed = shapely.line_locate_point(shapely.LineString(middle.points_um), shapely.points(profile.points_mm * 1e3))
-    places_um = interpolated(passed, known, way.points_um)  # of the lower guide, when the wire is nearest
-    path_um = start_um + np.interp(passed, known, way.along_um)
+    places_um, path_um = _when_passed(contour, profile.points_mm * 1e3, start_um, last_pass)
     return TableError(
         (_displaced_um(machine, places_um, path_um, None) * away).sum(axis=1),
         (_displaced_um(machine, places_um, path_um, elcam) * away).sum(axis=1),
     )
+
+
+def _when_passed(
+    contour: WireContour, points_um: Floats, start_um: float, last_pass: int | None
+) -> tuple[Floats, Floats]:
+    """Return where the lower guide is (n, 2) with the wire of a pass nearest to points, and the path (n,) to it."""
+    numbers = [one.number for one in contour.passes] or [1]
+    last_pass = numbers[-1] if last_pass is None else last_pass
+    nearest_um, path_um = np.full(len(points_um), np.inf), np.zeros(len(points_um))
+    places_um, points = np.zeros((len(points_um), 2)), shapely.points(points_um)
+    for way, number in zip(contour.ways, numbers, strict=True):
+        along_um, middle_um = way.along_um, way.at_mid_height()
+        line, known = shapely.LineString(middle_um), arc_lengths(middle_um)
+        away_um, passed = shapely.distance(line, points), shapely.line_locate_point(line, points)
+        here = (away_um < nearest_um) & (number == last_pass)
+        nearest_um[here] = away_um[here]
+        places_um[here] = interpolated(passed, known, way.points_um)[here]
+        path_um[here] = start_um + np.interp(passed, known, along_um)[here]
+        start_um += along_um[-1]
+    return places_um, path_um
 
 
 def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: Elcam | None) -> Floats:
