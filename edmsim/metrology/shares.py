@@ -165,16 +165,16 @@ def motor_offsets_um(
     tables = [] if elcam is None else elcam.tables.values()
     reverses = any(one.reversal for one in tables)
     by_path = reverses or any(_PATH in (one.master, one.row_axis) for one in tables)
-    asked_um = program_um if reverses else motors_um
-    states = np.column_stack([motors_um, asked_um, path_um if by_path else np.zeros(len(motors_um))])
+    looked_up_um = program_um if reverses else motors_um
+    states = np.column_stack([motors_um, looked_up_um, path_um if by_path else np.zeros(len(motors_um))])
     places, which = (states, np.arange(len(states))) if reverses else np.unique(states, axis=0, return_inverse=True)
     program, offsets = np.zeros((len(places), 2)), np.zeros((len(places), 2))
     compensation = None
     if elcam is not None:
         compensation = StepCompensation(copy.deepcopy(elcam), machine.base.table.step_um.value)
-    for k, (x, y, asked_x, asked_y, path) in enumerate(places.tolist()):
+    for k, (x, y, at_x, at_y, path) in enumerate(places.tolist()):
         if compensation is not None:
-            compensation.begin((asked_x, asked_y), path)
+            compensation.begin((at_x, at_y), path)
             program[k] = compensation.offset_um
         offsets[k] = places[k, :2] - table.move((x, y))
     return program[which.reshape(-1)], offsets[which.reshape(-1)]
