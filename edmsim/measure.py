@@ -215,10 +215,14 @@ class _Bench:
         self._compensation = None if compensation is None else StepCompensation(compensation, self._step_um)
         self.centre_um = machine.base.table.centre_um
 
+    def move(self, x_um: float, y_um: float) -> tuple[float, float]:
+        """Move to a place, and return where the table truly is."""
+        motors = (x_um, y_um) if self._compensation is None else self._compensation.begin((x_um, y_um))
+        return self._table.move(motors)
+
     def deviation_um(self, x_um: float, y_um: float) -> Floats:
         """Move to a place, and return by how much the readings of both axes are off it."""
-        motors = (x_um, y_um) if self._compensation is None else self._compensation.begin((x_um, y_um))
-        x, y = self._table.move(motors)
+        x, y = self.move(x_um, y_um)
         noise = self._rng.normal(0.0, _INTERFEROMETER["reading"]["noise_um"], 2)
         return np.array((x - x_um, y - y_um)) + noise
 
@@ -280,14 +284,16 @@ def _traverses(bench: _Bench, k: int, targets: Floats, runs: int) -> tuple[Float
     passes = []
     beyond = 0.25 * (targets[1] - targets[0])  # beyond the ends, so that every target is come upon from one side
     for way in (targets, targets[::-1]) * runs:
-        start = way[0] - np.sign(way[1] - way[0]) * beyond
+        back = np.sign(way[1] - way[0]) * beyond
+        start = way[0] - back
+        bench.move(*_at(bench, k, float(start), float(back)))  # the axis at rest is come upon from both sides, too
         passes.append(np.array([bench.deviation_um(*_at(bench, k, float(um))) for um in (start, *way)])[1:])
     return np.array(passes[::2]), np.array(passes[1::2])[:, ::-1]
 
 
-def _at(bench: _Bench, k: int, um: float) -> tuple[float, float]:
+def _at(bench: _Bench, k: int, um: float, aside_um: float = 0.0) -> tuple[float, float]:
     x, y = bench.centre_um
-    return (um, y) if k == 0 else (x, um)
+    return (um, y + aside_um) if k == 0 else (x + aside_um, um)
 
 
 def _round(bench: _Bench, circle: Sequence[Floats] | Floats) -> Floats:

@@ -92,6 +92,18 @@ def test_the_report_has_the_profile_error_with_and_without(file, bad):
     assert re.fullmatch(r"moves the wall by [\d.]+ µm max, [\d.]+ µm rms", dict(summary(bare))["table"])
 
 
+@pytest.mark.slow
+def test_the_report_counts_neither_backlash_nor_what_takes_it_out_as_errors_left(tmp_path):
+    machine, tables = tmp_path / "worn.toml", tmp_path / "tables.toml"
+    machine.write_text(BAD.replace("[geometry]", 'table.backlash_um = {value = 8.0, source = "ours"}\n[geometry]'))
+    tables.write_text(text_of(measure_table(Machine.load(machine), seed=1).tables()), encoding="utf-8")
+    cut = edmsim.cut(SMALL, machine=str(machine), compensation=str(tables), **FAST).report
+    assert cut["table_error_um"]["left_um"]["max"] < 2.0  # a motor step
+    shares = cut["profile_error_um"]["shares"]
+    assert shares["planner"]["max"] < 2.0
+    assert shares["drive"]["rms"] < 2.5
+
+
 def test_a_table_that_is_too_short_is_reported(tmp_path):
     # E-A14
     short = tmp_path / "short.toml"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
 from edmsim.cosim.observers import Turn
+from edmsim.geometry import Floats, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.metrology import edges, kerf, profile
 from edmsim.plant.plant import Plant
@@ -90,6 +91,15 @@ def legs_of(contour: WireContour) -> list[Leg]:
                 )
             )
     return legs
+
+
+def programmed_um(legs: Sequence[Leg], path_um: Floats) -> Floats:
+    """Return the places (n, 2) of the program at lengths of path over all legs."""
+    along, end_um = [], 0.0
+    for leg in legs:
+        along.append(end_um + leg.along_um - leg.along_um[0])
+        end_um = float(along[-1][-1])
+    return interpolated(path_um, np.concatenate(along), np.concatenate([leg.points_um for leg in legs]))
 
 
 def way_behind(legs: Sequence[Leg], number: int) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any]]:

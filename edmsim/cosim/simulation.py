@@ -44,11 +44,12 @@ _STEP_SHARE = 1e-6  # share by which a drive's step may differ from the machine'
 class CutAxes(Snapshots):
     """What a cut asks of its axes, and what befalls them; refuses drives whose steps differ from the machine's."""
 
-    STATE = ("_since_ns", "_before_um")
+    STATE = ("_since_ns", "_before_um", "_placed_ns")
 
     def __init__(self, plant: Plant, faults: Sequence[AxisFault]) -> None:
         self._plant, self._faults = plant, sorted(faults, key=lambda fault: fault.at_s)
         self._since_ns: int | None = None
+        self._placed_ns: int | None = None
         self._before_um: list[float] = []
         own = plant.own_step_um
         for fault in self._faults:
@@ -72,12 +73,22 @@ class CutAxes(Snapshots):
             if self._plant.time_ns >= fault.at_s * 1e9:
                 self._plant.break_axis(fault.axis, fault.fault)
 
-    def late(self) -> str | None:
-        """Return why axes need not be waited for any longer at a leg's end; None if they may still come, or have."""
+    def settled(self) -> bool:
+        """Say whether all axes are in place at a leg's end, and do not merely swing through it."""
         plant = self._plant
-        if plant.in_place:
-            self._since_ns = None
-            return None
+        if not plant.in_place:
+            self._placed_ns = None
+            return False
+        if self._placed_ns is None:
+            self._placed_ns = plant.time_ns
+        if plant.passes_by and plant.time_ns - self._placed_ns < 1e9 * rapid_constants()["rest_s"]:
+            return False
+        self._since_ns = self._placed_ns = None
+        return True
+
+    def late(self) -> str | None:
+        """Return why axes that are not settled need not be waited for any longer; None if they may still come."""
+        plant = self._plant
         if self._since_ns is not None:
             waited_s = (plant.time_ns - self._since_ns) * 1e-9
             if waited_s < rapid_constants()["settled_s"]:
@@ -424,10 +435,10 @@ class Simulation:
     def _end_of_leg(self) -> StopCause:
         """Wait for the axes and the dwell, then go on with the next leg; `StopCause.FINISHED` if there is none."""
         at, leg, now_ns = self._at, self.legs[self._at.leg], self.plant.time_ns
-        if late := self._axes.late():
-            self._say(f"at the end of a leg of the path {late}")
-            return StopCause.DRIVE_TRIP
-        if not self.plant.in_place:
+        if not self._axes.settled():
+            if late := self._axes.late():
+                self._say(f"at the end of a leg of the path {late}")
+                return StopCause.DRIVE_TRIP
             self._motion.rest_until_ns = now_ns + 1  # the next window moves nothing
             return StopCause.RUNNING
         if leg.dwell_s > 0 and not at.dwelling:

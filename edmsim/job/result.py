@@ -14,7 +14,7 @@ import scipy
 import shapely
 
 from edmsim import __version__
-from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums
+from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums, programmed_um
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.cosim.straight import PULSES, PulseSample, sample_pulses
@@ -201,7 +201,8 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats,
     commanded, following, lag, time_s, path_um = windows.ways_um()
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
-        program, table = causes.motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
+        program_um = programmed_um(simulation.legs, path_um)
+        program, table = causes.motor_offsets_um(simulation.machine, commanded, program_um, path_um, simulation.elcam)
         commanded, guides = commanded - program, guides - table
     if simulation.passes.records:
         ways_um = (commanded, guides, guides - lag)
@@ -274,12 +275,17 @@ def _shares(
     simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[Floats, ...]]
 ) -> list[Floats | None]:
     """Split the profile error; not where the wire's centre runs on the edge itself, or leans."""
-    records, contours = simulation.passes.records, simulation.path.contours
-    last_cut = [max((r.number for r in records if r.contour == k), default=None) for k in range(1, len(contours) + 1)]
+    each = zip(profiles, simulation.path.contours, ways_um, _last_passes(simulation), strict=True)
     return [
         causes.error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
-        for profile, contour, ways, last in zip(profiles, contours, ways_um, last_cut, strict=True)
+        for profile, contour, ways, last in each
     ]
+
+
+def _last_passes(simulation: Simulation) -> list[int | None]:
+    """Return the last pass begun of every contour; None without one, or in one pass."""
+    contours = range(1, len(simulation.path.contours) + 1)
+    return [max((r.number for r in simulation.passes.records if r.contour == k), default=None) for k in contours]
 
 
 def _table(simulation: Simulation, profiles: list[ProfileError]) -> reports.TableShare | None:
@@ -289,8 +295,8 @@ def _table(simulation: Simulation, profiles: list[ProfileError]) -> reports.Tabl
     if not compensated and not machine.base.geometry.has_errors:
         return None
     starts = np.cumsum([0.0, *(k.length_um for k in contours[:-1])]).tolist()
-    places = zip(contours, profiles, starts, strict=True)
-    found = [causes.table_error(machine, k, p, elcam, start_um) for k, p, start_um in places]
+    places = zip(contours, profiles, starts, _last_passes(simulation), strict=True)
+    found = [causes.table_error(machine, k, p, elcam, start_um, last) for k, p, start_um, last in places]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
     return reports.TableShare(

@@ -105,28 +105,49 @@ class TableError:
 
 
 def table_error(
-    machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0
+    machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0,
+    last_pass: int | None = None,
 ) -> TableError:
     """Return what the table contributes to a profile error, by its errors where it is as the wire passes."""
-    # the table is taken as it comes to rest there, backlash left out; before the contour lie `start_um` of path
-    middle, way = contour.at_mid_height(), contour.way
-    line = Polyline(middle.nominal_mm, contour.closed)
+    # the table is taken as it comes to rest there, backlash left out; before the contour lie `start_um` of path. The
+    # wall is that of the last pass that was begun, by default the last one
+    line = Polyline(contour.at_mid_height().nominal_mm, contour.closed)
     towards_left = left_of(line.tangent(profile.s_mm, _TANGENT_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
-    known = arc_lengths(middle.points_um)
-    passed = shapely.line_locate_point(shapely.LineString(middle.points_um), shapely.points(profile.points_mm * 1e3))
-    places_um = interpolated(passed, known, way.points_um)  # of the lower guide, when the wire is nearest
-    path_um = start_um + np.interp(passed, known, way.along_um)
+    places_um, path_um = _when_passed(contour, profile.points_mm * 1e3, start_um, last_pass)
     return TableError(
         (_displaced_um(machine, places_um, path_um, None) * away).sum(axis=1),
         (_displaced_um(machine, places_um, path_um, elcam) * away).sum(axis=1),
     )
 
 
+def _when_passed(
+    contour: WireContour, points_um: Floats, start_um: float, last_pass: int | None
+) -> tuple[Floats, Floats]:
+    """Return where the lower guide is (n, 2) with the wire of a pass nearest to points, and the path (n,) to it."""
+    numbers = [one.number for one in contour.passes] or [1]
+    last_pass = numbers[-1] if last_pass is None else last_pass
+    nearest_um, path_um = np.full(len(points_um), np.inf), np.zeros(len(points_um))
+    places_um, points = np.zeros((len(points_um), 2)), shapely.points(points_um)
+    for way, number in zip(contour.ways, numbers, strict=True):
+        along_um, middle_um = way.along_um, way.at_mid_height()
+        line, known = shapely.LineString(middle_um), arc_lengths(middle_um)
+        away_um, passed = shapely.distance(line, points), shapely.line_locate_point(line, points)
+        here = (away_um < nearest_um) & (number == last_pass)
+        nearest_um[here] = away_um[here]
+        places_um[here] = interpolated(passed, known, way.points_um)[here]
+        path_um[here] = start_um + np.interp(passed, known, along_um)[here]
+        start_um += along_um[-1]
+    return places_um, path_um
+
+
 def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: Elcam | None) -> Floats:
     """Return by how much the wire truly is off places (n, 2) of the program, with lengths of path (n,)."""
     table, step_um = StillTable(machine, nuts=False), machine.base.table.step_um.value
-    compensation = None if elcam is None else StepCompensation(copy.deepcopy(elcam), step_um)  # it may be at work
+    elcam = copy.deepcopy(elcam)  # it may be at work
+    for one in () if elcam is None else elcam.tables.values():
+        one.reversal = 0.0  # left out like the backlash for which it is
+    compensation = None if elcam is None else StepCompensation(elcam, step_um)
     found = []
     for (x, y), path in zip(points_um.tolist(), path_um.tolist(), strict=True):
         motors = (x, y) if compensation is None else compensation.begin((x, y), path)
@@ -135,22 +156,25 @@ def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: E
 
 
 def motor_offsets_um(
-    machine: Machine, motors_um: Floats, path_um: Floats, elcam: Elcam | None
+    machine: Machine, motors_um: Floats, program_um: Floats, path_um: Floats, elcam: Elcam | None
 ) -> tuple[Floats, Floats]:
-    """Return by how much motors at some places (n, 2) are off the program and off where the table truly is."""
+    """Return by how much motors at places (n, 2) in order of time are off the program and off where the table is."""
     # the compensation is that of the motors' places, which differ from the program's by itself only, and of the
-    # lengths of path (n,) at which they were there
+    # lengths of path (n,) at which they were there; what depends on the direction needs the program's own places
     table = StillTable(machine, nuts=False)
-    by_path = elcam is not None and any(_PATH in (one.master, one.row_axis) for one in elcam.tables.values())
-    states = np.column_stack([motors_um, path_um if by_path else np.zeros(len(motors_um))])
-    places, which = np.unique(states, axis=0, return_inverse=True)
+    tables = [] if elcam is None else elcam.tables.values()
+    reverses = any(one.reversal for one in tables)
+    by_path = reverses or any(_PATH in (one.master, one.row_axis) for one in tables)
+    looked_up_um = program_um if reverses else motors_um
+    states = np.column_stack([motors_um, looked_up_um, path_um if by_path else np.zeros(len(motors_um))])
+    places, which = (states, np.arange(len(states))) if reverses else np.unique(states, axis=0, return_inverse=True)
     program, offsets = np.zeros((len(places), 2)), np.zeros((len(places), 2))
     compensation = None
     if elcam is not None:
         compensation = StepCompensation(copy.deepcopy(elcam), machine.base.table.step_um.value)
-    for k, (x, y, path) in enumerate(places.tolist()):
+    for k, (x, y, at_x, at_y, path) in enumerate(places.tolist()):
         if compensation is not None:
-            compensation.begin((x, y), path)
+            compensation.begin((at_x, at_y), path)
             program[k] = compensation.offset_um
         offsets[k] = places[k, :2] - table.move((x, y))
     return program[which.reshape(-1)], offsets[which.reshape(-1)]

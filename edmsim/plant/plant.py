@@ -692,6 +692,11 @@ class Plant:
         return bool(np.all(self.away_um <= self._constants.step_um))
 
     @property
+    def passes_by(self) -> bool:
+        """Whether an axis under a drive with a loop moves faster than one that settles: it swings, or runs away."""
+        return self._drives.passes_by(self._constants.step_um)
+
+    @property
     def own_step_um(self) -> dict[str, float]:
         """Travel per step edge of every axis whose drive has a loop."""
         return {name: self._drives.step_um(k) for k, name in enumerate(AXIS_NAMES) if self._drives.has_loop(k)}

@@ -210,3 +210,11 @@ def test_a_fault_after_the_end_of_the_cut_is_a_notice(cut_small):
 def test_a_stepper_has_no_such_faults():
     with pytest.raises(InputError, match="y has no drive with a loop"):
         simulation(LINE, axis_faults=[AxisFault("y", "stuck", 0.0)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("end_um", [(120, 90), (140, 90), (400, 300)])
+def test_an_axis_that_swings_through_its_place_finishes_no_cut(end_um):
+    sim = cut(axes.from_text("uhu:P=900,D=255,H=0"), axes.from_text("uhu"), contour([(0, 0), end_um]))
+    assert sim.cause is StopCause.DRIVE_TRIP
+    assert re.search("x is .* um from its place, not coming nearer", sim.reason)

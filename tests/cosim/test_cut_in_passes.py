@@ -92,12 +92,16 @@ def test_no_offset_is_advised_before_the_last_pass_is_cut():
 
 @pytest.mark.slow
 def test_what_a_compensation_does_to_a_trimmed_wall_is_the_drives_share():
-    windows, shift = WindowTable(), ErrorTable("y", "y", np.array([(0.0, 14.0), (65.0, 14.0)]))
+    rough_mm = 1e-3 * started(0.3).path.contours[0].ways[0].along_um[-1]  # the rough pass is cut without it
+    shift = ErrorTable("y", "path", np.array([(0.0, 0.0), (rough_mm, 0.0), (rough_mm + 0.001, 14.0), (9.0, 14.0)]))
+    windows = WindowTable()
     simulation = started(0.3, compensation=load_tables([shift]), observers=(windows,))
     simulation.run()
-    planner, drive = inspect(simulation, windows).scene.maps[0].shares_um[1:3, 6:10]  # far from the trim's ends
+    found = inspect(simulation, windows)
+    planner, drive = found.scene.maps[0].shares_um[1:3, 6:10]  # far from the trim's ends
     np.testing.assert_allclose(planner, 0.0, atol=0.1)
     np.testing.assert_allclose(drive, 14.0, atol=0.1)
+    assert found.part.table_error_um.left_um.rms == pytest.approx(14.0, abs=0.1)
 
 
 @pytest.mark.slow

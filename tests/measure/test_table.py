@@ -56,6 +56,8 @@ def test_the_run_finds_backlash_and_takes_it_out():
     assert figures["mean_reversal"] == pytest.approx(-8.0, abs=0.1)  # it lags either way
     pitch = next(t for t in found.tables() if t.axis == t.master == "x")
     assert pitch.reversal_um == pytest.approx(8.0, abs=0.1)
+    for across in (t for t in found.tables() if t.axis != t.master):  # whose axis is at rest, in its backlash
+        assert np.interp(32.5, *across.points.T) == pytest.approx(0.0, abs=0.3)
     left = measure_table(machine_of(8.0), seed=2, compensation=load_tables(found.tables()))
     assert abs(left.along["x", "x"].figures()["mean_reversal"]) < 1.0
     assert left.circle.figures()["hysteresis"] < 0.4 * found.circle.figures()["hysteresis"]

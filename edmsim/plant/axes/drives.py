@@ -171,6 +171,11 @@ class Drives:
         away_um[self._looped] = np.abs(self.axes.rows["place_um"] - state["commanded_um"][0])[self._looped]
         return away_um
 
+    def passes_by(self, step_um: float) -> bool:
+        """Say whether an axis under a drive with a loop moves so fast that it cannot be settling."""
+        speeds_um_s = self.axes.rows["speed_um_s"][self._looped]
+        return bool(np.any(np.abs(speeds_um_s) * rapid_constants()["step_s"] > step_um))
+
     def _publish_places(self, state: NDArray[np.void]) -> None:
         """Put the axes whose drives have a loop where their tables are; one that is nowhere stays."""
         places_um = self.axes.rows["place_um"]
