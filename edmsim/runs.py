@@ -144,18 +144,20 @@ def digests_of(values: Iterable[Any]) -> dict[str, str]:
         if isinstance(value, str):
             file = user_code.file_of(value) or value
             if (found := digest(file)) is not None:
-                named |= {file: found, **digests_of(_mjcf_of(file, found))}
+                named |= {file: found, **digests_of(_named_in(file, found))}
         elif isinstance(value, Mapping | Sequence):
             named |= digests_of(value.values() if isinstance(value, Mapping) else value)
     return named
 
 
 @lru_cache(maxsize=1024)
-def _mjcf_of(file: str, _digest: str) -> list[str]:
-    """Return the MJCF that a user's machine names, which lies in its folder."""
-    with suppress(OSError, ValueError, RecursionError):
-        model = tomllib.loads(Path(file).read_text(encoding="utf-8")).get("model") if file.endswith(".toml") else None
-        return [str(Path(file).parent / model)] if isinstance(model, str) else []
+def _named_in(file: str, _digest: str) -> list[Any]:
+    """Return the files that a user's TOML names: a machine's MJCF, in its folder; the set-ups of a technology."""
+    with suppress(AttributeError, LookupError, OSError, TypeError, ValueError, RecursionError):
+        table = tomllib.loads(Path(file).read_text(encoding="utf-8")) if file.endswith(".toml") else {}
+        mjcf = [str(Path(file).parent / table["model"])] if "model" in table else []
+        of_passes = [one["generator"] for at in table.get("height", ()) for one in at["pass"]]
+        return [*mjcf, *of_passes, *(table.get(part) for part in ("machine", "material", "wire"))]
     return []
 
 

@@ -110,7 +110,7 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
             if settings.technology is not None:
                 raise InputError(f"a technology is for passes: {remedy}")
             return Passes(settings, path)
-        technology = _technology(settings)
+        technology = technology_of(settings)
         table = _table(settings, technology, path.passes)
         note = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
         table = table._replace(notices=(f"{note}'{technology.title}'", *table.notices))
@@ -119,7 +119,7 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
         raise InputError("conditions set the program's own passes: leave out their table, or the number of passes")
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
-    technology = _technology(settings)
+    technology = technology_of(settings)
     table = _table(settings, technology, settings.passes)
     shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
     offsets_mm = tuple(round(mm + shift_mm, 6) for mm in table.offsets_mm)
@@ -200,7 +200,8 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
     return settings.model_copy(update=decided)
 
 
-def _technology(settings: CutSettings) -> Technology:
+def technology_of(settings: CutSettings) -> Technology:
+    """Return the technology of a cut in passes: the one named, or that of the material, machine and wire."""
     if settings.technology is not None:
         found = read_technology(settings.technology)
         if found.material != settings.material:

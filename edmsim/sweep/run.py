@@ -106,7 +106,7 @@ def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 def _drawn(run: SweepRun, sample: int) -> dict[str, float]:
     """Return the constants of a drawn machine; every setting gets the same draw, for comparison."""
-    machine = CutSettings.model_validate(run.settings).load_machine()
+    machine = prepared(run.task, CutSettings.model_validate(run.settings)).machine  # that of a technology, for passes
     only = run.sample_only
     chosen = machine.uncertain() if only is None else choose(machine, only)
     known = machine.sample(np.random.default_rng(sample), only).uncertain()

@@ -169,7 +169,7 @@ def fit(factors: list[Factor], values: Array) -> Shares:
     """Return the shares of every factor; unknown of factors that only ever change together."""
     cells = cells_of(factors, values)
     functions = [_functions(factor) for factor in factors]
-    parted = _parted(cells, functions)
+    parted = _parted(cells, factors, functions)
     if not any(parted):
         return Shares.unknown(len(factors))
     terms = _terms(factors, parted, min(MOST_TERMS, MOST_NUMBERS // len(cells.means)))
@@ -235,12 +235,11 @@ def _orthonormal(columns: Array) -> Array:
     return np.asarray(q * np.sign(np.diag(r)) * math.sqrt(len(columns)))
 
 
-def _parted(cells: Cells, functions: list[Array]) -> list[bool]:
+def _parted(cells: Cells, factors: list[Factor], functions: list[Array]) -> list[bool]:
     """Return which factors the runs determine: those whose terms are independent of all others."""
-    owners = [(k, n) for k, f in enumerate(functions) for n in range(1, 2 if f.shape[1] > 2 else f.shape[1])]
+    owners = [(k, n) for k, factor in enumerate(factors) for n in range(1, 2 if factor.is_number else factor.size)]
     columns = np.column_stack([functions[k][cells.levels[:, k], n] for k, n in owners])
-    columns = columns - columns.mean(axis=0)
-    _, sizes, directions = np.linalg.svd(columns)
+    _, sizes, directions = np.linalg.svd(np.linalg.qr(columns - columns.mean(axis=0), mode="r"))
     rank = int((sizes > sizes[0] * 1e-9).sum())
     lost = np.abs(directions[rank:]).max(axis=0, initial=0.0) > 1e-6
     return [not any(lost[place] for place, (k, _) in enumerate(owners) if k == number)

@@ -17,11 +17,13 @@ from edmsim.controllers import from_text
 from edmsim.envs.registry import make_family, resolve
 from edmsim.errors import InputError, located, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_toml
+from edmsim.job.plan import technology_of
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
-from edmsim.machine.options import USUAL_MACHINE, TextOrPath, as_text, bare_name, kind_of
+from edmsim.machine.options import TextOrPath, as_text, bare_name, kind_of
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
+from edmsim.machine.technology import Technology
 from edmsim.numeric import WholeNumber, plain, real, whole
 from edmsim.runs import digests_of, identity
 from edmsim.user_code import listed, named
@@ -372,8 +374,10 @@ def sobol_points(sobol: SobolSample, spec: Specification, chosen: Mapping[str, A
 
 def _published(name: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
     """Return the range of a constant of the machine that is cut on."""
-    parts = {part: chosen[part] for part in ("material", "wire") if part in chosen}
-    known = Machine.load(chosen.get("machine", USUAL_MACHINE), **parts).uncertain()
+    deciding = ("machine", "material", "wire", "passes", "technology")
+    settings = CutSettings.model_validate({option: chosen[option] for option in deciding if option in chosen})
+    parts: CutSettings | Technology = settings if settings.passes is None else technology_of(settings)
+    known = Machine.load(parts.machine, material=settings.material, wire=parts.wire).uncertain()
     bounds = known[name].range if name in known else None
     if bounds is None:
         raise InputError(f"'{name}' is not a constant with a published range; give one, as [low, high]")

@@ -99,6 +99,16 @@ def test_settings_that_only_change_together_are_not_parted():
     assert np.isnan(first(result)[:2]).all()
 
 
+def test_names_that_only_change_together_are_not_parted_either():
+    wires = {"copper": "molybdenum", "graphite": "brass", "steel": "copper"}
+    runs = [(material, t_on_us) for material in wires for t_on_us in (10, 20) for _ in range(4)]
+    names = {"material": [m for m, _ in runs], "wire": [wires[m] for m, _ in runs], "t_on_us": [t for _, t in runs]}
+    figure = np.array([{"copper": 0.0, "graphite": 3.0, "steel": 5.0}[material] for material, _ in runs])
+    effects = sensitivity(names, figure + np.tile([0.0, 0.1], 12)).effects
+    assert np.isnan([effects["material"].first_order, effects["wire"].first_order]).all()
+    assert effects["t_on_us"].first_order == pytest.approx(0.0, abs=0.01)
+
+
 def test_a_setting_that_is_a_name_counts_by_its_names():
     runs = [(name, height) for name in ("counts", "voltage", "fixed") for height in (5, 10)]
     figure = np.array([{"counts": 3.0, "voltage": 0.0, "fixed": 3.0}[name] + height for name, height in runs])

@@ -61,6 +61,18 @@ def test_a_run_is_known_by_files_in_lists_and_by_the_mjcf_of_a_machine(line, tmp
     assert not set(before) & set(ids())
 
 
+def test_a_run_is_known_by_the_machine_that_a_technology_names(line, tmp_path):
+    machine, technology = tmp_path / "own.toml", tmp_path / "technology.toml"
+    ours = models.path("technologies/tool-steel-brass-254.toml").read_text()
+    technology.write_text(ours.replace('machine = "production"', f"machine = '{machine}'"))
+    settings = {"passes": 2, "technology": str(technology)}
+    found = []
+    for title in ("one", "another"):
+        machine.write_text(f'like = "production"\ntitle = "{title}"\n')
+        found += runs_of(Specification.model_validate({"program": str(line), "settings": settings}))
+    assert found[0].id != found[1].id
+
+
 def test_everything_is_combined_with_everything(line, short):
     spec = Specification(
         program=[str(line)], seeds=2, machine_samples=3, settings=short,

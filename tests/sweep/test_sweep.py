@@ -14,6 +14,7 @@ import pyarrow.dataset
 import pytest
 
 from edmsim.errors import EdmsimError, InputError
+from edmsim.machine.machine import Machine
 from edmsim.runs import LostJob, Processes, RunTable
 from edmsim.runs import perform as perform_jobs
 from edmsim.sweep import table as stores
@@ -282,6 +283,21 @@ def test_machines_are_drawn_the_same_for_every_setting(line, short):
     assert drawn[0][1:] != drawn[1][1:]
     assert "gas.wetting" not in rows[0]
     assert json.loads(rows[0]["report"])["settings"]["constants"][0][0].startswith("discharge.")
+
+
+@pytest.mark.slow
+def test_machines_of_a_cut_in_passes_are_drawn_within_the_ranges_of_its_technology(small_punch):
+    passes = {"passes": 2, "height_mm": 25.4, "max_time_s": 0.05, "resolution": "fast"}
+    spec = Specification(
+        program=str(small_punch), settings=passes, machine_samples=2, sample_only=["dielectric.flushing_pressure_Pa"],
+        sobol={"samples": 2, "ranges": {"guides.clearance_mm": "range"}},
+    )  # fmt: skip
+    production = Machine.load("production").uncertain()
+    for row in (perform(run).row for run in runs_of(spec)):
+        assert row["error"] is None
+        for name in ("dielectric.flushing_pressure_Pa", "guides.clearance_mm"):
+            low, high = production[name].range
+            assert low <= row[name] <= high
 
 
 def test_a_file_that_changed_under_way_fails_its_runs(line, short):
