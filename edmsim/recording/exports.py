@@ -41,7 +41,7 @@ class Face(NamedTuple):
 
 
 def cut_faces(scene: Scene) -> list[Face]:
-    """Return the cut face of every contour."""
+    """Return the cut face of every contour of which the profile error is known."""
     from scipy.spatial import cKDTree
 
     count = len(scene.cut_edges_mm)
@@ -60,6 +60,8 @@ def cut_faces(scene: Scene) -> list[Face]:
         trees.append((points, cKDTree(points) if len(points) else None))
     found = []
     for number, edge in enumerate(scene.maps):
+        if not np.isfinite(edge.error_um).any():  # not an edge of the part, or not cut
+            continue
         walls = scene.walls_mm[number] if scene.walls_mm else (edge.nominal_mm, edge.nominal_mm)
         shares = _stations(walls)
         rows, errors = [], []

@@ -96,3 +96,14 @@ def test_what_cannot_be_written_is_one_line(scene, tmp_path):
         write_faces(scene, tmp_path / "face.obj")
     with pytest.raises(InputError, match="no cut face"):
         write_faces(dataclasses.replace(scene, cut_edges_mm=()), tmp_path / "face.stl")
+
+
+def test_a_contour_that_is_no_edge_of_the_part_has_no_face(scene, tmp_path):
+    none = np.zeros(0)
+    on_the_wire = dataclasses.replace(scene.maps[0], points_mm=np.zeros((0, 2)), error_um=none)
+    unmeasured = dataclasses.replace(scene.maps[0], error_um=np.full(5, np.nan))
+    for edge in (on_the_wire, unmeasured):
+        with pytest.raises(InputError, match="no cut face"):
+            write_faces(dataclasses.replace(scene, maps=(edge,)), tmp_path / "face.stl")
+        write_contour(dataclasses.replace(scene, maps=(edge,)), tmp_path / "part.csv", 4.0)
+        assert "CUT" not in (tmp_path / "part.csv").read_text(encoding="utf-8")

@@ -137,6 +137,7 @@ def test_the_factors_and_the_thinning_are_said(cut, read):
     for piece in ("punch.ngc", "× 200", "× 50", f"one window of {cut.frames.stride}", f"one of {cut.closeups.stride}",
                   "last 96 pulses", "one window", "seed: 7", "controller: counts"):  # fmt: skip
         assert piece in text
+    assert not any(name in text for name in ("unit:", "heights:"))  # what was not set
     labels = read.column("/world/guides", "Points3D:labels")[0]
     assert "wire deflection × 200" in labels[1]  # on screen, too
 

@@ -23,7 +23,15 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
-from edmsim.recording.report import PassFigures, Report, duration_text, mm_text, outcome_text, rate_text
+from edmsim.recording.report import (
+    PassFigures,
+    Report,
+    duration_text,
+    mm_text,
+    outcome_text,
+    rate_text,
+    settings_in_words,
+)
 from edmsim.recording.rerun import logs
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY, PATH, TIME, Sizes
 from edmsim.recording.scene import Scene, round_factor, round_number
@@ -530,8 +538,7 @@ def about(scene: Scene, report: Report, title: str, factor: float, thinning: lis
         "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
         *(f"- {line}" for line in thinning),
         "## Settings",
-        f"- seed: {report.seed}",
-        *(f"- {key}: {value}" for key, value in report.settings.items()),
+        *(f"- {name}: {value}" for name, value in settings_in_words(report)),
     ]
     return "\n\n".join(lines[:3]) + "\n\n" + "\n".join(lines[3:])
 
