@@ -80,6 +80,16 @@ def test_stl_is_in_mm_and_gltf_in_metres_with_y_upwards(scene, tmp_path):
     assert geometry.visual.kind == "vertex"
 
 
+def test_normals_point_away_from_the_part_in_either_direction(scene, tmp_path):
+    (edge,) = scene.maps
+    turned = dataclasses.replace(
+        edge, nominal_mm=edge.nominal_mm[::-1], points_mm=edge.points_mm[::-1], part_side="right"
+    )
+    walls = tuple(wall[::-1] for wall in scene.walls_mm[0])
+    write_faces(dataclasses.replace(scene, maps=(turned,), walls_mm=(walls,)), tmp_path / "face.stl")
+    assert round(outwards(trimesh.load(tmp_path / "face.stl")), 1) == 1.0
+
+
 def test_a_contour_at_a_height_lies_on_the_wall(scene, tmp_path):
     write_contour(scene, tmp_path / "part.csv", 4.0)
     rows = list(csv.DictReader((tmp_path / "part.csv").read_text(encoding="utf-8").splitlines()))
