@@ -181,7 +181,8 @@ def _machine_view(sizes: Sizes) -> rrb.Spatial3DView:
 def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
     x0, y0, x1, y1 = sizes.x0_mm, sizes.y0_mm, sizes.x1_mm, sizes.y1_mm
     middle = ((x0 + x1) / 2, (y0 + y1) / 2)
-    away = sizes.height_mm + 1.0 * max(x1 - x0, y1 - y0, 1.0)
+    # the kerf round the drawing is seen whole
+    away = sizes.height_mm + max(x1 - x0, y1 - y0, 1.0) + 4e-3 * sizes.wire_diameter_um
     hidden = ("carriage", "plate", "workpiece", "nominal/bottom", "cut/bottom", "cut/middle", "discharges")
     name = (
         f"part from above (deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g}, "
@@ -590,9 +591,11 @@ def _log_curves(
     threaded = logs.indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
     mean_t_s, mean_path_um = group_means(t_s, starts), group_means(path_um, starts)
     for entity, series, values in curves:
-        look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
         mean = group_means(values, starts)
         known = np.isfinite(mean)
+        if not known.any():  # beside a curve without a value the viewer draws no other
+            continue
+        look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
         when = logs.indexes(mean_t_s[known], mean_path_um[known])
         logs.log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
         _log_by_pass(recording, entity, passes, mean_t_s, mean)
