@@ -241,12 +241,9 @@ def draw_errors(
     style: dict[str, Any] = {"cmap": ERROR_COLOURS, "norm": Normalize(-limit, limit)}
     lines = None
     for edge in scene.maps:
-        shown = edge.exaggerated_mm(factor)
-        smooth = edge.smooth()
-        error = edge.reached_um()
-        fans = np.stack([edge.points_mm, shown], axis=1)
-        _draw_lines(axes, fans, array=error, linewidth=widths[0], alpha=alpha, zorder=zorder, **style)
-        pieces, mean = np.stack([shown[:-1], shown[1:]], axis=1)[smooth], ((error[:-1] + error[1:]) / 2)[smooth]
+        fans = np.stack([edge.points_mm, edge.exaggerated_mm(factor)], axis=1)
+        _draw_lines(axes, fans, array=edge.reached_um(), linewidth=widths[0], alpha=alpha, zorder=zorder, **style)
+        pieces, mean = edge.pieces(factor)
         lines = _draw_lines(
             axes, pieces, array=mean, linewidth=widths[1], capstyle="round", zorder=zorder + 1, **style
         )
