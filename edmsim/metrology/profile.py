@@ -19,7 +19,7 @@ from edmsim.program.path import WireContour
 from edmsim.program.taper import Ruled, is_straight
 
 BLANK_EDGE_MM = 0.15  # nearer than this to the blank's own side or start hole, that edge could be taken for the cut's
-EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is one of the chords of an arc (ours)
+EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is no corner (ours)
 GRAIN_UM = 12.0  # metal (or a hole in it) thinner than this is a loose grain or sliver in the kerf, no wall
 
 
@@ -27,6 +27,17 @@ def wire_line(contour: WireContour) -> Polyline:
     """The wire's path in mm without the lead-in."""
     points = contour.points_um[contour.lead_in_moves :]
     return Polyline(points / 1000, closed=bool((points[0] == points[-1]).all()))
+
+
+def edge_corners(contour: WireContour, line: Polyline) -> NDArray[np.intp]:
+    """Return the vertices of a contour's nominal edge, `line`, that are corners: none between chords of one curve."""
+    vertices = line.corners(EDGE_CORNER_DEG)
+    if not contour.elements:
+        return vertices
+    begins, near_mm = arc_lengths(contour.nominal_mm), 1e-5
+    chords = [np.searchsorted(begins, line.s[vertices] + by, side="right") - 1 for by in (-near_mm, near_mm)]
+    before, after = (np.array(contour.elements)[np.maximum(chord, 0), 0] for chord in chords)
+    return vertices[(before != after) | (vertices == 0)]
 
 
 def depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:
@@ -94,7 +105,7 @@ def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
     chosen = list(range(field.n_slices))
     middle = contour.at_mid_height()
     line = Polyline(middle.nominal_mm, contour.closed)
-    s_mm = line.stations(PROFILE_STEP_MM, line.corners(EDGE_CORNER_DEG))
+    s_mm = line.stations(PROFILE_STEP_MM, edge_corners(middle, line))
     if contour.lean is None:
         points = line.at(s_mm)
         error = _errors(field, contour, line, s_mm, points, chosen)
@@ -208,10 +219,10 @@ class CornerError:
 
 
 def corners(contour: WireContour, profile: ProfileError) -> list[CornerError]:
-    """List the corners of the nominal edge with their errors; what turns by less than a corner is part of an arc."""
+    """List the corners of the nominal edge with their errors."""
     line = Polyline(contour.nominal_mm, contour.closed)
     found: list[CornerError] = []
-    for vertex in line.corners(EDGE_CORNER_DEG):
+    for vertex in edge_corners(contour, line):
         near = profile.mean_um[line.distance_along(profile.s_mm, line.s[[vertex]]) <= CORNER_REACH_MM]
         near = near[np.isfinite(near)]
         error = float(near[np.abs(near).argmax()]) if len(near) else float("nan")

@@ -18,7 +18,7 @@ from edmsim.controllers.axis.elcam.file import PATH, PLACES, StepCompensation
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.geometry import Floats, Polyline, arc_lengths, interpolated, left_of
 from edmsim.machine.machine import Machine
-from edmsim.metrology.profile import CORNER_REACH_MM, EDGE_CORNER_DEG, ProfileError
+from edmsim.metrology.profile import CORNER_REACH_MM, ProfileError, edge_corners
 from edmsim.plant.axes.ways import StillTable
 from edmsim.program.offset import REACH_TOLERANCE_MM
 from edmsim.program.path import WireContour
@@ -210,7 +210,7 @@ def mean_error_um(
         if not contour.compensated:
             continue
         line = Polyline(contour.nominal_mm, contour.closed)
-        corner = line.distance_along(profile.s_mm, line.s[line.corners(EDGE_CORNER_DEG)]) <= CORNER_REACH_MM
+        corner = line.distance_along(profile.s_mm, line.s[edge_corners(contour, line)]) <= CORNER_REACH_MM
         error = profile.error_um[:, ~corner & ~profile.at_lead_in & (left_um == 0)]
         known.append(error[np.isfinite(error)])
     every = np.concatenate([np.zeros(0), *known])
@@ -246,7 +246,7 @@ def _what_lies_at(contour: WireContour, profile: ProfileError, place: int) -> st
     if profile.at_lead_in[place]:
         return "start mark"
     line = Polyline(contour.nominal_mm, contour.closed)
-    vertices = line.corners(EDGE_CORNER_DEG)
+    vertices = edge_corners(contour, line)
     away = np.array([line.distance_along(profile.s_mm[[place]], line.s[[k]])[0] for k in vertices])
     if not len(away) or away.min() > CORNER_REACH_MM:
         return "edge"

@@ -29,7 +29,7 @@ class Face(NamedTuple):
     # nothing was cut.
     points_mm: Floats
     error_um: Floats  # (rows, n): distance from the wall as drawn, in the plane of the row: positive is metal left
-    closed: bool
+    part_side: str  # side of the edge, looking along it, on which the part lies: left or right
 
     def at(self, height_mm: float) -> Floats:
         """Return the line (n, 2) of the face at a height, without what was not cut."""
@@ -41,7 +41,7 @@ class Face(NamedTuple):
 
 
 def cut_faces(scene: Scene) -> list[Face]:
-    """Return the cut face of every contour."""
+    """Return the cut face of every contour of which the profile error is known."""
     from scipy.spatial import cKDTree
 
     count = len(scene.cut_edges_mm)
@@ -60,6 +60,8 @@ def cut_faces(scene: Scene) -> list[Face]:
         trees.append((points, cKDTree(points) if len(points) else None))
     found = []
     for number, edge in enumerate(scene.maps):
+        if not np.isfinite(edge.error_um).any():  # not an edge of the part, or not cut
+            continue
         walls = scene.walls_mm[number] if scene.walls_mm else (edge.nominal_mm, edge.nominal_mm)
         shares = _stations(walls)
         rows, errors = [], []
@@ -76,8 +78,7 @@ def cut_faces(scene: Scene) -> list[Face]:
         low = _continued(rows[0], walls, shares, (half, 0.0))
         high = _continued(rows[-1], walls, shares, (1 - half, 1.0))
         rows = [low * (1, 1, 0), *rows, high * (1, 1, 0) + (0, 0, scene.height_mm)]
-        closed = bool(np.allclose(edge.nominal_mm[0], edge.nominal_mm[-1]))
-        found.append(Face(np.stack(rows), np.stack([errors[0], *errors, errors[-1]]), closed))
+        found.append(Face(np.stack(rows), np.stack([errors[0], *errors, errors[-1]]), edge.part_side))
     return found
 
 
@@ -137,13 +138,15 @@ def write_faces(scene: Scene, file: str | Path) -> None:
 
 
 def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Return points (k, 3), triangles (m, 3) and errors (k,) of faces; what was not cut has no triangles."""
+    """Return points (k, 3), triangles (m, 3) and errors (k,) of faces: normals point away from the part."""
     points, triangles, errors, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0)], 0
     for face in faces:
         rows, n = face.error_um.shape
         made = grid_triangles(rows, n)
         flat = face.points_mm.reshape(-1, 3)
-        known = np.asarray(np.isfinite(flat).all(axis=1))
+        known = np.asarray(np.isfinite(flat).all(axis=1))  # what was not cut has no triangles
+        if face.part_side == "right":
+            made = made[:, ::-1]
         triangles.append(count + made[known[made].all(axis=1)])
         points.append(np.where(known[:, None], flat, 0.0))
         errors.append(np.where(known, face.error_um.reshape(-1), 0.0))

@@ -15,7 +15,7 @@ from edmsim.files import replacing
 from edmsim.recording.figures import cut
 from edmsim.recording.figures.profile import PROFILE_DOTS, profile_figure
 from edmsim.recording.figures.style import figure_png
-from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, summary
+from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, settings_in_words, summary
 from edmsim.recording.scene import Scene
 
 # All figures of one cut, with their captions: what ``report.html`` holds and ``edmsim report`` writes.
@@ -156,7 +156,7 @@ def page(report: Report, profile: bytes, drawn: Iterable[Picture], left_out: Ite
         _section("Figures", f'<div class="figures">{others}</div>') if others else "",
         _section("Corners", _corners(report)) if report.corners else "",
         _section("Lines and arcs", elements_table(report.elements)) if report.elements else "",
-        _section("Settings", _pairs([*_settings(report), ("seed", str(report.seed))])),
+        _section("Settings", _pairs(settings_in_words(report))),
         f"<footer>edmsim {escape(report.edmsim_version)}</footer>\n</body>\n</html>\n",
     ])  # fmt: skip
 
@@ -222,9 +222,3 @@ def _corners(report: Report) -> str:
         for c in report.corners
     )
     return _table(("X, mm", "Y, mm", "turn, °", "error, µm"), rows)
-
-
-def _settings(report: Report) -> Iterable[tuple[str, str]]:
-    for name, value in report.settings.items():
-        if value is not None and value != []:
-            yield name, f"{value:g}" if isinstance(value, float) else str(value)

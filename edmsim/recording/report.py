@@ -636,6 +636,14 @@ def summary(report: Report) -> list[tuple[str, str]]:
     ]  # fmt: skip
 
 
+def settings_in_words(report: Report) -> Iterator[tuple[str, str]]:
+    """Yield the names and values of a cut's settings as a person reads them, without those that were not set."""
+    for name, value in report.settings.items():
+        if value is not None and value != []:
+            yield name, f"{value:g}" if isinstance(value, float) else str(value)
+    yield "seed", str(report.seed)
+
+
 def _pass_lines(passes: Sequence[PassFigures]) -> list[tuple[str, str]]:
     several = len({one.contour for one in passes}) > 1
     lines = []

@@ -55,14 +55,19 @@ class ErrorMap:
         length = np.hypot(normal[:, 0], normal[:, 1])[:, None]
         return np.asarray(np.divide(normal, length, out=np.zeros_like(normal), where=length > 0))
 
-    def smooth(self) -> NDArray[np.bool_]:
-        """Return for every step between neighbours (n - 1,) whether the edge turns less than a corner."""
-        normal = self.outward()
-        return np.asarray(np.einsum("ij,ij->i", normal[:-1], normal[1:]) > np.cos(np.radians(CORNER_DEG)))
-
     def exaggerated_mm(self, factor: float) -> Floats:
         """Return the edge (n, 2) in mm, its error multiplied by `factor`; NaN out of the wire's reach."""
         return np.asarray(self.points_mm + self.outward() * (self.reached_um() * factor / 1000.0)[:, None])
+
+    def pieces(self, factor: float) -> tuple[Floats, Floats]:
+        """Return that edge between neighbours (m, 2, 2) and the error of each piece (m,): no corner, nothing NaN."""
+        shown, normal, error = self.exaggerated_mm(factor), self.outward(), self.reached_um()
+        begin = np.arange(len(shown) if np.allclose(self.nominal_mm[0], self.nominal_mm[-1]) else len(shown) - 1)
+        end = (begin + 1) % max(len(shown), 1)  # a closed edge ends where it begins
+        mean = (error[begin] + error[end]) / 2
+        smooth = np.einsum("ij,ij->i", normal[begin], normal[end]) > np.cos(np.radians(CORNER_DEG))
+        known = smooth & np.isfinite(mean)
+        return np.stack([shown[begin], shown[end]], axis=1)[known], mean[known]
 
     def out_of_reach_mm(self) -> Polylines:
         """Return the sections of the edge in mm that the round wire cannot reach."""

@@ -1,6 +1,7 @@
 """Metrology against exact geometry: kerfs carved as swept discs, whose walls are known in closed form."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -305,6 +306,16 @@ def test_corner_turns_are_signed_and_the_seam_is_a_corner_too():
         found = corners(way, profile_error(KerfField(1, BLANK), way))
         assert [c.turn_deg for c in found] == pytest.approx(turns)
         assert all(math.isnan(c.error_um) for c in found)
+
+
+def test_chords_of_a_small_arc_are_no_corners():
+    turn = np.radians(np.arange(-90.0, 1.0, 18.0))
+    arc = np.stack([4.95 + 0.05 * np.cos(turn), 3.05 + 0.05 * np.sin(turn)], axis=1)
+    edge = np.concatenate([[(3.0, 5.0), (3.0, 3.0)], arc, [(5.0, 5.0), (3.0, 5.0)]])
+    lines = (1, 2, *(3,) * (len(arc) - 1), 4, 5)
+    way = replace(make_contour(edge * 1000, edge, closed=True), elements=tuple((k, k) for k in lines))
+    found = corners(way, profile_error(KerfField(1, BLANK), way))
+    assert [(c.x_mm, c.y_mm) for c in found] == [(3.0, 5.0), (3.0, 3.0), (5.0, 5.0)]
 
 
 @pytest.mark.slow

@@ -151,7 +151,7 @@ def cut():
     )  # fmt: skip
     report = build_report(
         part, arrow, totals, outcome="finished", reason=None, notices=["made up"], seed=7,
-        settings={"program": "rectangle.ngc", "controller": "counts"}, version="0.0.0",
+        settings={"program": "rectangle.ngc", "controller": "counts", "unit": None, "heights": []}, version="0.0.0",
     )  # fmt: skip
     return SimpleNamespace(
         table=table, windows=arrow, frames=frames(table.rows), closeups=closeups(table.rows),

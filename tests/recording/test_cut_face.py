@@ -80,6 +80,16 @@ def test_stl_is_in_mm_and_gltf_in_metres_with_y_upwards(scene, tmp_path):
     assert geometry.visual.kind == "vertex"
 
 
+def test_normals_point_away_from_the_part_in_either_direction(scene, tmp_path):
+    (edge,) = scene.maps
+    turned = dataclasses.replace(
+        edge, nominal_mm=edge.nominal_mm[::-1], points_mm=edge.points_mm[::-1], part_side="right"
+    )
+    walls = tuple(wall[::-1] for wall in scene.walls_mm[0])
+    write_faces(dataclasses.replace(scene, maps=(turned,), walls_mm=(walls,)), tmp_path / "face.stl")
+    assert round(outwards(trimesh.load(tmp_path / "face.stl")), 1) == 1.0
+
+
 def test_a_contour_at_a_height_lies_on_the_wall(scene, tmp_path):
     write_contour(scene, tmp_path / "part.csv", 4.0)
     rows = list(csv.DictReader((tmp_path / "part.csv").read_text(encoding="utf-8").splitlines()))
@@ -96,3 +106,14 @@ def test_what_cannot_be_written_is_one_line(scene, tmp_path):
         write_faces(scene, tmp_path / "face.obj")
     with pytest.raises(InputError, match="no cut face"):
         write_faces(dataclasses.replace(scene, cut_edges_mm=()), tmp_path / "face.stl")
+
+
+def test_a_contour_that_is_no_edge_of_the_part_has_no_face(scene, tmp_path):
+    none = np.zeros(0)
+    on_the_wire = dataclasses.replace(scene.maps[0], points_mm=np.zeros((0, 2)), error_um=none)
+    unmeasured = dataclasses.replace(scene.maps[0], error_um=np.full(5, np.nan))
+    for edge in (on_the_wire, unmeasured):
+        with pytest.raises(InputError, match="no cut face"):
+            write_faces(dataclasses.replace(scene, maps=(edge,)), tmp_path / "face.stl")
+        write_contour(dataclasses.replace(scene, maps=(edge,)), tmp_path / "part.csv", 4.0)
+        assert "CUT" not in (tmp_path / "part.csv").read_text(encoding="utf-8")

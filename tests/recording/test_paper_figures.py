@@ -92,6 +92,26 @@ def test_every_figure_is_one_column_wide_and_needs_no_pyplot(cut, sample, monkey
         assert box.y1 < figure.get_figheight() + 0.02
 
 
+def test_labels_of_nearly_constant_series_are_not_cut_off(cut):
+    flat = {"mean_voltage_V": 29.999, "coverage": 0.0}
+    windows = cut.windows.slice(0, 20)
+    for name, value in flat.items():
+        series = pa.array(np.linspace(value, value + 0.001, 20))
+        windows = windows.set_column(windows.column_names.index(name), windows.schema.field(name), series)
+    figure = pulses_figure(windows)
+    figure.canvas.draw()
+    assert figure.get_tightbbox().x0 > -0.01
+
+
+def test_a_series_without_values_has_no_scale(cut):
+    name = "mean_delay_us"
+    unknown = pa.array(np.full(cut.windows.num_rows, np.nan))
+    windows = cut.windows.set_column(cut.windows.column_names.index(name), name, unknown)
+    figure = pulses_figure(windows)
+    assert [len(axes.get_yticks()) for axes in figure.axes if "delay" in axes.get_ylabel()] == [0]
+    assert "not measured" in texts(figure)
+
+
 def test_the_margins_are_the_figures_own(cut):
     with matplotlib.rc_context({"figure.constrained_layout.use": True}):  # warnings are errors here
         figure = kerf_figure(cut.report)

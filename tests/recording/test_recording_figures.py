@@ -98,6 +98,23 @@ def test_a_long_reason_and_the_longest_legend_lie_within_the_figure(cut):
     assert names.get_window_extent().y1 < text.get_window_extent().y0 + 2.0
 
 
+def test_a_legend_wider_than_the_map_takes_more_rows(cut):
+    steps = tuple(Terrace(cut.scene.cut_edges_mm[0], height_mm) for height_mm in (12.5, 16.25, 18.75, 20.0))
+    axes = NotebookFigure(figsize=(10.0, 6.0)).add_subplot()
+    draw_map(axes, dataclasses.replace(cut.scene, terraces=steps))
+    assert axes.get_legend().get_window_extent().width <= axes.bbox.width
+
+
+def test_every_start_hole_has_its_rim(cut):
+    holes = np.array([(19.0, 19.0, 0.25), (25.0, 19.0, 0.25)])
+    axes = NotebookFigure().add_subplot()
+    draw_map(axes, dataclasses.replace(cut.scene, holes_mm=holes, origin_mm=(0.0, 0.0)))
+    drawn = [path.get_extents() for of in axes.collections for path in of.get_paths() if len(path.vertices) > 1]
+    for x, y, radius in holes:
+        rim = [x - radius, y - radius, x + radius, y + radius]
+        assert any(np.allclose(box.extents, rim, atol=1e-3) for box in drawn)
+
+
 @pytest.mark.slow
 def test_a_cut_that_left_nothing_can_be_drawn(cut, tmp_path):
     scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)

@@ -79,6 +79,15 @@ def test_all_series_are_there_to_the_last_bit(cut, read):
     np.testing.assert_array_equal(read.scalars("/times/mean_delay_us"), delay[np.isfinite(delay)])
 
 
+def test_a_series_without_values_is_not_in_the_recording(cut, record, tmp_path):
+    unknown = pa.array(np.full(len(cut.windows), np.nan))
+    column_number = cut.windows.column_names.index("error_um")
+    windows = cut.windows.set_column(column_number, cut.windows.schema.field("error_um"), unknown)
+    entities = Read(record(tmp_path / "cut.rrd", windows=windows)).entities()
+    assert "/gap/gap_um" in entities
+    assert "/gap/error_um" not in entities  # beside it the viewer draws no curve at all
+
+
 def test_every_column_of_the_table_has_a_curve():
     shown = {series.entity for plot in PROCESS + ELECTRICAL for series in plot.series}
     shared = {"t_s", "path_um", "lag_x_um", "lag_y_um"}  # the two timelines, and the lag along the feed
@@ -137,6 +146,7 @@ def test_the_factors_and_the_thinning_are_said(cut, read):
     for piece in ("punch.ngc", "× 200", "× 50", f"one window of {cut.frames.stride}", f"one of {cut.closeups.stride}",
                   "last 96 pulses", "one window", "seed: 7", "controller: counts"):  # fmt: skip
         assert piece in text
+    assert not any(name in text for name in ("unit:", "heights:"))  # what was not set
     labels = read.column("/world/guides", "Points3D:labels")[0]
     assert "wire deflection × 200" in labels[1]  # on screen, too
 

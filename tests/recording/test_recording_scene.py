@@ -16,13 +16,15 @@ def test_metal_left_is_drawn_out_of_the_part(side, radius_mm):
     circle = 5.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     edge = ErrorMap(circle, side, circle, np.full(721, 1.0))  # counter-clockwise, 1 um of metal left
     np.testing.assert_allclose(np.hypot(*edge.exaggerated_mm(10.0).T), radius_mm, atol=1e-6)
-    assert edge.smooth().all()
+    assert len(edge.pieces(10.0)[0]) == 721  # the last one joins the ends
 
 
-def test_a_sharp_corner_is_not_smooth():
+def test_no_piece_runs_round_a_sharp_corner():
     points = np.array([(x, 0.0) for x in range(5)] + [(4.0, y) for y in range(1, 5)], float)
     edge = ErrorMap(points, "left", points, np.zeros(9))
-    np.testing.assert_array_equal(np.flatnonzero(~edge.smooth()), [3, 4])
+    pieces, error_um = edge.pieces(10.0)
+    assert pieces[:, 0].tolist() == [*points[:3].tolist(), *points[5:8].tolist()]
+    assert error_um.tolist() == [0.0] * 6
 
 
 @given(st.floats(1e-9, 1e12))

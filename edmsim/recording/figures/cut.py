@@ -24,7 +24,15 @@ from edmsim.plant.constants import modal_model
 from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
-from edmsim.recording.figures.profile import bands, draw_errors, draw_shares, label_corners, mark_pauses, time_unit
+from edmsim.recording.figures.profile import (
+    bands,
+    draw_errors,
+    draw_shares,
+    label_corners,
+    mark_pauses,
+    say_unknown,
+    time_unit,
+)
 from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
 from edmsim.recording.windows import column, columns, quantity
@@ -316,6 +324,8 @@ def _draw_band(
     for number, band in enumerate(bands(t, values, t_s, BINS)):
         axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(band.x, band.mean, color=colour, linewidth=0.9, label=None if number else name)
+    if not np.isfinite(values).any():
+        say_unknown(axes)
 
 
 @style.in_style

@@ -78,7 +78,9 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
             _draw_bands(axes, t_s / seconds, windows, lines)
         else:
             draw_shares(axes, t_s / seconds, windows)
-        if label.endswith("\nµm"):
+        if lines and not any(np.isfinite(quantity(windows, series)).any() for series, _, _ in lines):
+            say_unknown(axes)
+        elif label.endswith("\nµm"):
             axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
         _label(axes, label)
         axes.margins(x=0.005)
@@ -88,6 +90,13 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
             axes.sharex(panels[0])
     meaning = "(line: mean, band: least to largest of the windows in a bin)"
     panels[-1].set_xlabel(f"machine time, {unit}   {meaning}", color=palette.MUTED, fontsize=9)
+
+
+def say_unknown(axes: Axes) -> None:
+    """Write on the axes of a series that it has no value, in place of a scale."""
+    axes.set_yticks([])
+    centred: dict[str, Any] = {"transform": axes.transAxes, "ha": "center", "va": "center"}
+    axes.text(0.5, 0.5, "not measured", fontsize=8, color=palette.MUTED, **centred)
 
 
 def time_unit(longest_s: float) -> tuple[str, float]:
@@ -140,7 +149,6 @@ _LABEL_FONT_PT = 8.5
 _LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in heights of its font
 _LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner that are tried, in heights of its font
 NAMED_LEVELS = 4  # levels of a stepped workpiece up to which the legend names each
-MOST_IN_A_ROW = 6  # names of the legend that fit beside each other
 LABELLED_CORNERS = 12  # corners whose error is written beside them: the worst ones
 
 
@@ -162,12 +170,13 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
     _mark_corners(axes, scene)
     _mark_places(axes, scene)
     _scale_bars(axes, factor if len(scene.known_errors()) else None)
-    names = len(axes.get_legend_handles_labels()[0])
-    axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=8.5, handlelength=1.6, columnspacing=1.2,
-        borderpad=0.0, borderaxespad=0.3, labelcolor=palette.INK,
-        ncols=5 if names > MOST_IN_A_ROW else MOST_IN_A_ROW,
-    )
+    for columns in (6, 5, 4, 3):
+        legend = axes.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=8.5, handlelength=1.6,
+            columnspacing=1.2, borderpad=0.0, borderaxespad=0.3, labelcolor=palette.INK, ncols=columns,
+        )
+        if legend.get_window_extent().width <= axes.bbox.width:
+            break
 
 
 def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
@@ -194,7 +203,7 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     bored = scene.bored()
     fill(axes, scene.kerf())
     fill(axes, bored)
-    rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
+    rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(bored))]
     _draw_lines(axes, rims, color=palette.MUTED, linewidth=0.6, zorder=2)
     height = f"{scene.middle_mm():.3g} mm high" if scene.terraces else "mid height"
     _draw_lines(axes, scene.middle_edges_mm(), color="#3d4852", linewidth=0.7, zorder=3, label=f"cut edge, {height}")
@@ -232,12 +241,9 @@ def draw_errors(
     style: dict[str, Any] = {"cmap": ERROR_COLOURS, "norm": Normalize(-limit, limit)}
     lines = None
     for edge in scene.maps:
-        shown = edge.exaggerated_mm(factor)
-        smooth = edge.smooth()
-        error = edge.reached_um()
-        fans = np.stack([edge.points_mm, shown], axis=1)
-        _draw_lines(axes, fans, array=error, linewidth=widths[0], alpha=alpha, zorder=zorder, **style)
-        pieces, mean = np.stack([shown[:-1], shown[1:]], axis=1)[smooth], ((error[:-1] + error[1:]) / 2)[smooth]
+        fans = np.stack([edge.points_mm, edge.exaggerated_mm(factor)], axis=1)
+        _draw_lines(axes, fans, array=edge.reached_um(), linewidth=widths[0], alpha=alpha, zorder=zorder, **style)
+        pieces, mean = edge.pieces(factor)
         lines = _draw_lines(
             axes, pieces, array=mean, linewidth=widths[1], capstyle="round", zorder=zorder + 1, **style
         )

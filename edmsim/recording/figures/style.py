@@ -11,6 +11,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 import shapely
 from matplotlib import rc_context, rcdefaults
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap
@@ -60,6 +61,17 @@ class NotebookFigure(Figure):
 
     def _repr_png_(self) -> bytes:
         return figure_png(self)
+
+
+class ColumnFigure(NotebookFigure):
+    """A figure one column wide, whose left margin has room for the labels of its axes."""
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw the figure; where labels would be cut off on the left, its axes begin further right."""
+        boxes = [box for axes in self.axes if (box := axes.yaxis.get_tightbbox(renderer)) is not None]
+        if (least := min((box.x0 for box in boxes), default=0.0)) < 0:
+            self.subplots_adjust(left=self.subplotpars.left - least / self.bbox.width)
+        super().draw(renderer)
 
 
 @in_style
@@ -113,7 +125,7 @@ def column_figure(height_in: float, *, top_in: float = 0.1, left_in: float = 0.4
     """Return an empty figure of one column's width, with an Agg canvas; pyplot is not touched."""
     # margins are arguments: to have them found by matplotlib takes as long as to draw the figure
     # a layout engine of the user's own rcParams would move the margins
-    figure = NotebookFigure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor="white", layout="none")
+    figure = ColumnFigure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor="white", layout="none")
     figure.subplots_adjust(left_in / WIDTH_IN, 0.38 / height_in, 1 - right_in / WIDTH_IN, 1 - top_in / height_in)
     return figure
 

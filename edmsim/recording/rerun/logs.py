@@ -391,13 +391,10 @@ def log_errors(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log the profile error along the edge, exaggerated and coloured."""
     factor, limit = scene.error_factor(), scene.error_limit_um()
     for index, edge in enumerate(scene.maps):
-        shown = np.column_stack([edge.exaggerated_mm(factor), np.full(len(edge.points_mm), scene.height_mm)])
-        error_um = edge.reached_um()
-        good = edge.smooth() & np.isfinite(error_um[:-1]) & np.isfinite(error_um[1:])
-        if good.any():
-            pieces = np.stack([shown[:-1], shown[1:]], axis=1)[good]
-            colours = palette.error_rgb(error_um[:-1][good], limit)
-            lines = rr.LineStrips3D(pieces, colors=colours, radii=on_screen(1.5))
+        pieces, error_um = edge.pieces(factor)
+        if len(pieces):
+            on_top = at_height(pieces, scene.height_mm)
+            lines = rr.LineStrips3D(on_top, colors=palette.error_rgb(error_um, limit), radii=on_screen(1.5))
             recording.log(f"world/table/error/{index}", lines, static=True)
 
 

@@ -48,19 +48,20 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     folders = [play.recording.resolve().parent.name for play in plays]
     names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
-    entities = {str(chunk.entity_path) for play in plays for chunk in read_chunks(play.recording)}
-    curves = CURVES + tuple(curve for curve in OF_EPISODES if f"/{curve[0]}" in entities)
+    entities = [{str(chunk.entity_path) for chunk in read_chunks(play.recording)} for play in plays]
+    curves = CURVES + tuple(curve for curve in OF_EPISODES if any(f"/{curve[0]}" in known for known in entities))
     with write.saved(recording, file, _blueprint([play.sizes for play in plays], names, curves)):
         recording.send_recording_name(" and ".join(names))
-        for (place, letter, colour), play in zip(SIDES, plays, strict=True):
+        for (place, letter, colour), play, known in zip(SIDES, plays, entities, strict=True):
             chunks = read_chunks(play.recording)
             recording.send_chunks(
                 [chunk.with_entity_path(f"/{place}{chunk.entity_path}") for chunk in chunks
                  if not chunk.entity_path.startswith("/__")]
             )  # fmt: skip
+            line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
             for entity, _ in curves:
-                line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
-                recording.log(f"{place}/{entity}", line, static=True)
+                if f"/{entity}" in known:  # see `write`: a curve without a value hides the others
+                    recording.log(f"{place}/{entity}", line, static=True)
 
 
 def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:

@@ -23,7 +23,15 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
-from edmsim.recording.report import PassFigures, Report, duration_text, mm_text, outcome_text, rate_text
+from edmsim.recording.report import (
+    PassFigures,
+    Report,
+    duration_text,
+    mm_text,
+    outcome_text,
+    rate_text,
+    settings_in_words,
+)
 from edmsim.recording.rerun import logs
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY, PATH, TIME, Sizes
 from edmsim.recording.scene import Scene, round_factor, round_number
@@ -173,7 +181,8 @@ def _machine_view(sizes: Sizes) -> rrb.Spatial3DView:
 def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
     x0, y0, x1, y1 = sizes.x0_mm, sizes.y0_mm, sizes.x1_mm, sizes.y1_mm
     middle = ((x0 + x1) / 2, (y0 + y1) / 2)
-    away = sizes.height_mm + 1.0 * max(x1 - x0, y1 - y0, 1.0)
+    # the kerf round the drawing is seen whole
+    away = sizes.height_mm + max(x1 - x0, y1 - y0, 1.0) + 4e-3 * sizes.wire_diameter_um
     hidden = ("carriage", "plate", "workpiece", "nominal/bottom", "cut/bottom", "cut/middle", "discharges")
     name = (
         f"part from above (deflection × {sizes.deflection_factor:g}, profile error × {sizes.error_factor:g}, "
@@ -530,8 +539,7 @@ def about(scene: Scene, report: Report, title: str, factor: float, thinning: lis
         "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
         *(f"- {line}" for line in thinning),
         "## Settings",
-        f"- seed: {report.seed}",
-        *(f"- {key}: {value}" for key, value in report.settings.items()),
+        *(f"- {name}: {value}" for name, value in settings_in_words(report)),
     ]
     return "\n\n".join(lines[:3]) + "\n\n" + "\n".join(lines[3:])
 
@@ -583,9 +591,11 @@ def _log_curves(
     threaded = logs.indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
     mean_t_s, mean_path_um = group_means(t_s, starts), group_means(path_um, starts)
     for entity, series, values in curves:
-        look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
         mean = group_means(values, starts)
         known = np.isfinite(mean)
+        if not known.any():  # beside a curve without a value the viewer draws no other
+            continue
+        look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
         when = logs.indexes(mean_t_s[known], mean_path_um[known])
         logs.log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
         _log_by_pass(recording, entity, passes, mean_t_s, mean)
