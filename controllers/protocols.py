@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from dataclasses import fields
 from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
@@ -207,10 +208,9 @@ def check_parameters(controller: Any) -> None:
     keep_plain(controller)
     for parameter in fields(controller):
         name, value = parameter.name, real(getattr(controller, parameter.name))
-        top = 1.0 if name.endswith("_share") else math.inf
+        top = 1.0 if name.endswith("_share") else sys.float_info.max  # a whole number may be greater
         least = 1 if name in LENGTHENING else 0
-        fine = value is not None and math.isfinite(value) and value <= top and (value >= least or name in SIGNED)
-        if parameter.init and not fine:
+        if parameter.init and (value is None or not (-top if name in SIGNED else least) <= value <= top):
             bounds = " from 0 to 1" if top == 1.0 else "" if name in SIGNED else f" of {least} or more"
             setting = getattr(controller, name)
             raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {setting!r}")
