@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from dataclasses import fields
 from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
@@ -15,6 +16,8 @@ from edmsim.numeric import keep_plain, plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
+LENGTHENING = "slow_factor", "corner_factor", "patience_factor"
+"""Parameters of controllers that must be 1 or more: they lengthen a period, or slow a growth."""
 ControllerState = dict[str, Any]  # a controller's snapshot, fit for JSON
 
 
@@ -201,14 +204,14 @@ class HasSwitches(Protocol):
 
 
 def check_parameters(controller: Any) -> None:
-    """Refuse values that are not finite numbers, negative ones except `SIGNED`, and a ``*_share`` above 1."""
+    """Refuse values not finite, negative except `SIGNED`, of `LENGTHENING` below 1, of a ``*_share`` above 1."""
     keep_plain(controller)
     for parameter in fields(controller):
         name, value = parameter.name, real(getattr(controller, parameter.name))
-        top = 1.0 if name.endswith("_share") else math.inf
-        fine = value is not None and math.isfinite(value) and value <= top and (value >= 0 or name in SIGNED)
-        if parameter.init and not fine:
-            bounds = " from 0 to 1" if top == 1.0 else "" if name in SIGNED else " of 0 or more"
+        top = 1.0 if name.endswith("_share") else sys.float_info.max  # a whole number may be greater
+        least = 1 if name in LENGTHENING else 0
+        if parameter.init and (value is None or not (-top if name in SIGNED else least) <= value <= top):
+            bounds = " from 0 to 1" if top == 1.0 else "" if name in SIGNED else f" of {least} or more"
             setting = getattr(controller, name)
             raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {setting!r}")
 

@@ -175,6 +175,9 @@ def perform(
 
     Parameters
     ----------
+    work : callable
+        Called with a job; returns its answer, a dict if there is a `table`.
+    jobs : sequence
     watch : callable, optional
         Called with the jobs done and to do, first before any of them.
     engine : Engine, optional

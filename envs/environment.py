@@ -144,9 +144,7 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Raises
     ------
     InputError
-        If a value cannot be used.
-    TypeError
-        If an argument is unknown.
+        If an argument is unknown, or a value cannot be used.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
@@ -380,9 +378,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
     Raises
     ------
     InputError
-        If a value cannot be used.
-    TypeError
-        If an argument is unknown.
+        If an argument is unknown, or a value cannot be used.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it

@@ -55,9 +55,7 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     Raises
     ------
     InputError
-        The id is another's, the family derives from none of edmsim, or an argument cannot be used.
-    TypeError
-        An unknown argument.
+        The id is another's, the family derives from none of edmsim, or an argument is unknown or cannot be used.
     """
     short, there = env_id.removeprefix("edmsim/").partition("-v")[0], gym.registry.get(env_id)
     if short in _REGISTERED or (there is not None and "task" not in there.kwargs):

@@ -166,7 +166,7 @@ class EnvArguments(ABC):
         known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
         for name, value in arguments.items():
             if name not in known:
-                raise TypeError(f"{cls.__name__} has no argument {name!r}; it has {one_of(name, known)}")
+                raise InputError(f"{cls.__name__} has no argument {name!r}; it has {one_of(name, known)}")
             if isinstance(value, list):
                 arguments[name] = tuple(value)
         if "machine" in arguments:

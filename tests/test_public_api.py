@@ -75,6 +75,8 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else():
     (lambda: edmsim.envs.register(None, edmsim.envs.GapFeed), "env_id cannot be None: give str"),
     (lambda: evaluate("edmsim/GapFeed-v2", 5), r"controllers cannot be 5: give Sequence\[str\]"),
     (lambda: read_offsets(None), r"file cannot be None: give str \| Path"),
+    (lambda: plan_path("x.ngc", auto_offset_mm=0.1, corners="round"), "unknown corners 'round'; there are: sharp"),
+    (lambda: edmsim.envs.make_sb3_vec_env("edmsim/GapFeed-v2", feed=3), "GapFeed has no argument 'feed'; it has"),
     (lambda: plan_path(b"x", auto_offset_mm=0.1), r"file cannot be b'x': give str \| Path \| Program"),
 ])  # fmt: skip
 def test_an_argument_of_another_type_is_named(call, said):
@@ -92,6 +94,7 @@ def test_an_argument_of_another_type_is_named(call, said):
     (lambda plant: plant.advance((), np.float64(3)), r"pulses is np.float64\(3.0\): give a whole number"),
     (lambda plant: plant.advance((), True), "pulses is True: give a whole number"),
     (lambda plant: plant.drift(edmsim.Machine.load(height_mm=30)), "another height_mm cannot go on"),
+    (lambda plant: plant.with_machine(edmsim.Machine.load(height_mm=30)), "another height_mm cannot go on"),
     (lambda plant: plant.drift(edmsim.Machine.load("worn-table")), "another base cannot go on"),
     (lambda plant: plant.restore({**plant.snapshot(), "state": [1]}), "its state is missing or of another kind"),
 ])  # fmt: skip

@@ -123,7 +123,7 @@ class FreshNormalPulses(NormalPulses):
         super().next_setting_us(window, law)
         if self.fresh:
             self.fresh = False
-            self.period_us = self.base_us * max(self.slow_factor, 1.0)
+            self.period_us = self.base_us * self.slow_factor
         return None, self.period_us
 
 
@@ -150,7 +150,7 @@ class RisingPeriod(PeriodRule):
         """Return the period of the next window."""
         self.cutting_s += window.duration_s
         left = max(1.0 - self.cutting_s / self.rise_s, 0.0) if self.rise_s else 0.0
-        return None, self.next_us(window, law) * float(max(self.slow_factor, 1.0) ** left) or None
+        return None, self.next_us(window, law) * float(self.slow_factor**left) or None
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period after the slow approach."""
@@ -192,7 +192,7 @@ class HoldHeat(RisingPeriod):
     def fresh_wire(self) -> None:
         """Lower the target after a break."""
         super().fresh_wire()
-        self.log_us = min(self.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
+        self.log_us = min(self.log_us + math.log(self.slow_factor), self._longest)
         self.hold *= self.break_hold_share
         self.refilling_s = self.refill_s
 
@@ -440,7 +440,7 @@ class ClimbingHold(HoldHeat):
     def fresh_wire(self) -> None:
         """Ask less of the next wire."""
         super().fresh_wire()
-        self.pace_per_s /= max(self.patience_factor, 1.0)
+        self.pace_per_s /= self.patience_factor
 
 
 @dataclass

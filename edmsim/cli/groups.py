@@ -212,7 +212,7 @@ def technology(
     with interruptible():
         found = Search(job, (lambda text: None) if quiet else print_line, journal, at_height(known, job)).run()
     with replacing(file) as partial:
-        partial.write_text(technology_text(job.technology(merged(known, found))), encoding="utf-8")
+        partial.write_text(technology_text(job.technology(merged(known, found), known)), encoding="utf-8")
     journal.unlink(missing_ok=True)
     quoted = shlex.quote(str(file))
     print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {quoted}")

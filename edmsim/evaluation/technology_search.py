@@ -6,6 +6,7 @@ and the walls of simulated cuts give the offsets.
 """
 
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -126,13 +127,19 @@ class Job:
         """Return the machine with the setting of a pass."""
         return machine_of(one, self.machine, self.material, self.wire, self.height_mm)
 
-    def technology(self, heights: Sequence[AtHeight]) -> Technology:
-        """Return the technology that has passes for these heights."""
-        found = " and ".join(f"--height {at.height_mm:g} --passes {len(at.passes)}" for at in heights)
-        command = f"edmsim tune technology {self.material} {found}"
+    def technology(self, heights: Sequence[AtHeight], known: Technology | None = None) -> Technology:
+        """Return the technology that has passes for these heights; its source names the commands of `known`, too."""
+        words = ["edmsim", "tune", "technology", self.material]
+        for name in ("machine", "wire", "resolution", "seed"):
+            if (chosen := getattr(self, name)) != getattr(Job, name):
+                words += [f"--{name}", str(chosen)]
+        command = shlex.join([*words, "--height", f"{self.height_mm:g}", "--passes", str(self.passes)])
+        source = f"found by simulation: {command}" if known is None else known.source
+        if command not in source:
+            source += f"; {command}"
         return Technology.model_validate({
             "title": f"{self.material} with the wire {self.wire} on the machine {self.machine}",
-            "source": f"found by simulation: {command}",
+            "source": source,
             "machine": self.machine, "material": self.material, "wire": self.wire, "height": tuple(heights),
         })  # fmt: skip
 

@@ -186,11 +186,8 @@ def _check(env_id: str, algo: str, found: Hyperparameters) -> None:
         raise InputError(f"algorithm.ent_coef is a number; {' and '.join(REPLAYS)} find one, the algorithm is {algo}")
     if found.num_envs * found.algorithm.get("n_steps", 2) < 2:
         raise InputError("a rollout of num_envs * n_steps is 1 step: give 2 or more")
-    try:
-        with located(name="environment"):
-            actions = arguments_with(env_id, **found.environment).action_names
-    except TypeError as error:
-        raise InputError(f"environment: {error}") from None
+    with located(name="environment"):
+        actions = arguments_with(env_id, **found.environment).action_names
     first = network.first_action
     if first is not None and algo in REPLAYS:
         raise InputError(f"network.first_action is for PPO and its kind; the algorithm is {algo}")

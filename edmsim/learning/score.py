@@ -66,7 +66,7 @@ def measure(
     env_id: str, policy: str, episodes: int, watch: Callable[[str, int, int], None] | None = None,
     resolutions: Sequence[str] = (), table: RunTable | None = None,
 ) -> list[Score]:
-    """Return the scores of a policy and its rivals at `resolutions`: by default all, for parts and shifts ``fast``.
+    """Return the scores of a policy and its rivals, resolution by resolution.
 
     Parameters
     ----------
@@ -77,6 +77,8 @@ def measure(
         Number of episodes, 2 or more.
     watch : callable, optional
         Called with a resolution, and its number of finished and of all episodes.
+    resolutions : sequence of {"fast", "default", "fine"}
+        By default all; for parts and shifts only "fast".
     table : edmsim.runs.RunTable, optional
         Finished cuts; see `edmsim.evaluation.compare.evaluate`.
 

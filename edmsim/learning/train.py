@@ -95,7 +95,8 @@ def train(
         Folder for ``tensorboard/`` and the checkpoint. Checkpoints of stable-baselines3 contain pickles: resume
         only folders that you trust.
     steps : int, optional
-        Total number of steps; by default that of the hyperparameters.
+        Total number of steps; by default that of the hyperparameters. SAC and TQC only act at random in the first
+        ``learning_starts`` of them: with no more, the policy is untrained.
     seed : int
         The same seed gives the same policy on the same kind of processor if the training was not interrupted; a
         resumed training starts new episodes.

@@ -556,8 +556,10 @@ class Plant:
     def with_machine(self, machine: Machine) -> Plant:
         """Return a plant with another set-up of the same machine that continues where this one is.
 
-        Other than after `change_setup`, nothing comes to rest.
+        Other than after `change_setup`, nothing comes to rest. Raises `InputError` if machine, wire, material or
+        height differ.
         """
+        self._check_goes_on(machine)
         plant = Plant(
             machine, stock=self.field.stock, resolution=self.resolution, mechanics=self.mechanics,
             drives=self._drives.options,
@@ -725,7 +727,9 @@ class Plant:
 
     @property
     def broken_height_mm(self) -> float:
-        """Height above the workpiece's lower face at which the wire broke."""
+        """Height above the workpiece's lower face at which the wire broke; NaN with a whole wire or none."""
+        if self._state["broken"][0] != 1:
+            return math.nan
         middle = float(self._state["broken_slice"][0]) + 0.5
         return middle * self._constants.slice_um * 1e-3
 

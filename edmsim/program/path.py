@@ -5,14 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from edmsim.errors import InputError, located, refuses_wrong_types
+from edmsim.errors import InputError, located, refuse_unknown, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.numeric import whole_from
@@ -375,6 +375,7 @@ def plan_path(
     InputError
         If an input is invalid, the wire does not fit, an approach crosses the part, or the job is too large.
     """
+    refuse_unknown("corners", corners, get_args(Corners))
     chosen_mm, grid_um = _offset_mm(offset, auto_offset_mm), whole_from("grid_um", grid_um, 1)
     for name, value in (("lead_in_mm", lead_in_mm), ("start_hole_radius_mm", start_hole_radius_mm)):
         if not (math.isfinite(value) and value > 0):

@@ -69,7 +69,7 @@ def test_what_is_unknown_is_refused_by_name(arguments, message):
 
 
 def test_an_unknown_argument_is_refused_by_name(make_env, env_name):
-    with pytest.raises(TypeError, match="has no argument 'colour'"):
+    with pytest.raises(InputError, match="has no argument 'colour'"):
         make_env(env_name, colour="red")
 
 

@@ -162,14 +162,17 @@ def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path, monk
 
 def test_the_command_writes_a_technology_and_adds_heights(edmsim, tmp_path):
     file = tmp_path / "steel.toml"
-    for height in (30, 20):
-        words = ("tune", "technology", "tool-steel", "--height", height, "--passes", 2, "--out", file)
+    for height, *more in ((30,), (20, "--resolution", "fast")):
+        words = ("tune", "technology", "tool-steel", "--height", height, "--passes", 2, *more, "--out", file)
         assert edmsim(*words).status == 0
     found = read_technology(file)
     assert [at.height_mm for at in found.heights] == [20.0, 30.0]
     assert found.table(25.0, 2).offsets_mm[-1] == pytest.approx(0.150)
     assert not file.with_suffix(".runs.jsonl").exists()
-    assert found.source.endswith("tune technology tool-steel --height 20 --passes 2 and --height 30 --passes 2")
+    tune = "edmsim tune technology tool-steel"
+    assert found.source.endswith(
+        f": {tune} --height 30 --passes 2; {tune} --resolution fast --height 20 --passes 2"
+    )
     before = file.read_bytes()
     assert edmsim(*words).status == 0
     assert file.read_bytes() == before

@@ -405,6 +405,8 @@ def test_a_badly_cooled_wire_breaks(machine, altered, drive):
     assert windows[-1].wire_temperature_K > 600.0
     assert all(w.pulses == 255 for w in windows[:-1])
     assert 0.0 < plant.broken_height_mm < machine.height_mm
+    plant.rethread(plant.place_um, 0)
+    assert math.isnan(plant.broken_height_mm)
 
 
 def test_a_worn_wire_breaks_cold(machine, altered, drive):

@@ -341,6 +341,8 @@ class Elcam:
             Number of the table; set its axes and size first.
         data : bytes
             64-bit numbers (wrEICamTable64) or, with `single`, 32-bit numbers (wrEICamTable32).
+        single : bool
+            Whether the numbers have 32 bits: as the table's mode says, or nothing is loaded.
         """
         table = self.tables.get(index)
         if len(data) % (8 if single else 16):
