@@ -165,7 +165,8 @@ class PowercoreV3(Board):
 
     @property
     def _input_A(self) -> float:
-        return sum(self._samples) / len(self._samples) if self._samples else 0.0
+        """Average of the last second; the board has none before the first second is over."""
+        return sum(self._samples) / INPUT_SAMPLES if len(self._samples) == INPUT_SAMPLES else 0.0
 
     @property
     def listens(self) -> bool:
@@ -247,6 +248,7 @@ class PowercoreV3(Board):
 
     def _skip(self, why: str, seconds: float) -> None:
         self._send(f"Pulse skipping: {why}")
+        self._feedback = 0.0
         self._ready_s, self._ready_line = self._time_s + seconds, "Pulse skipping complete"
 
     def line(self, text: str) -> str:

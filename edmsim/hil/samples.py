@@ -125,7 +125,7 @@ def _edges(frame: Frame) -> tuple[Array, Array]:
 
 @methods_refuse_wrong_types
 class SampleReader:
-    """Iterator over samples of a rig; the rig runs as samples are read.
+    """Iterator over samples of a rig from here on; the rig runs as samples are read, unless it has run before.
 
     Parameters
     ----------
@@ -150,22 +150,25 @@ class SampleReader:
     def __init__(self, rig: Rig, sensing: Sensing = Sensing()) -> None:  # noqa: B008, a tuple does not change
         self._rig = rig
         self._sampler = Sampler(sensing, rig.time_s * 1e6)
-        self._voltage, self._current = np.zeros(0, np.float32), np.zeros(0, np.float32)
+        self._unread = [(np.zeros(0, np.float32), np.zeros(0, np.float32))]
+        self._count = 0  # of the unread ones
+        rig.watch(self._take)
         self.c_read = READ(self._fill)
 
     def read(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the next voltages in V and currents in A, each float32 (count,)."""
         if count < 0:
             raise InputError(f"{count} samples cannot be read")
-        parts = [(self._voltage, self._current)]
-        there = len(self._voltage)
-        while there < count:
-            _, voltage, current = self._sampler.samples(self._rig.frame())
-            parts.append((voltage.astype(np.float32), current.astype(np.float32)))
-            there += len(voltage)
-        voltages, currents = (np.concatenate(rows) for rows in zip(*parts, strict=True))
-        self._voltage, self._current = voltages[count:], currents[count:]
+        while self._count < count:
+            self._rig.frame()
+        voltages, currents = (np.concatenate(rows) for rows in zip(*self._unread, strict=True))
+        self._unread, self._count = [(voltages[count:], currents[count:])], len(voltages) - count
         return voltages[:count], currents[:count]
+
+    def _take(self, frame: Frame) -> None:
+        _, voltage, current = self._sampler.samples(frame)
+        self._unread.append((voltage.astype(np.float32), current.astype(np.float32)))
+        self._count += len(voltage)
 
     def __iter__(self) -> Iterator[tuple[float, float]]:
         """Yield voltage and current of one sample after the other, without end."""

@@ -24,7 +24,7 @@ from edmsim.hil.external import ExternalMotion
 
 DEBIAN = "/usr/lib/python3/dist-packages"
 """Where Debian's package has the module hal; a virtual environment does not look there."""
-WORDS = re.compile(r"\bM(5[0-3]|6[2-8])\s*([PELQ]\s*[-+.\d]+\s*)*", re.IGNORECASE)
+WORDS = re.compile(r"(?<![A-Z_])M(5[0-3]|6[2-8])(?!\d)([ \t]*[PELQ][ \t]*[-+.\d]+)*", re.IGNORECASE)
 """Words of a program that are LinuxCNC's affair, with their P: adaptive feed, digital and analogue outputs."""
 PINS_IN = {"x": "FLOAT", "y": "FLOAT", "u": "FLOAT", "v": "FLOAT", "enable": "BIT"}
 PINS_OUT = {

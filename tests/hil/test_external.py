@@ -151,10 +151,10 @@ def test_the_component_has_the_pins_of_its_page(gap):
 
 
 def test_words_of_linuxcnc_are_left_out_with_their_numbers(tmp_path, gap):
-    file = program(tmp_path, "G1 X1 m52 p1\nM64 P0\nM66 P0 L3 Q60\nM62P3\nM68 E0 Q1.5\nM2\nM30\n")
+    file = program(tmp_path, "G1 X1 m52 p1\nY1 M62 P1\nN3M64P0\nM66 P0 L3 Q60\nM62P3\nM68 E0 Q1.5\nM2\nM30\n")
     (tmp_path / "out").mkdir()
     text = gap.without_words(str(file), str(tmp_path / "out")).read_text()
-    assert text.split() == ["G1", "X1", "M2", "M30"]
+    assert [line.strip() for line in text.splitlines()] == ["G1 X1", "Y1", "N3", "", "", "", "M2", "M30"]
 
 
 @pytest.mark.slow

@@ -101,15 +101,19 @@ def test_eight_of_ten_discharges_switch_the_output_off_for_a_quarter_of_a_second
     assert said == "Pulse skipping: discharge success rate threshold exceeded\r\n"
     assert not board.output().on
     assert not board.listens
+    assert board.pins()["FEEDBACK"] == 0.0
     assert "complete" not in feed(rig, [OPEN] * 10, 0.0, 249)
     assert feed(rig, [OPEN] * 10, 0.0, 2).startswith("Pulse skipping complete\r\n")
     assert board.output().on
     assert feed(rig, [SPARK] * 7 + [OPEN] * 3, 0.5) == ""
+    assert board.pins()["FEEDBACK"] > 0.0
 
 
 def test_feedback_is_the_input_power_of_the_last_second_renewed_every_ten_milliseconds(rig, board):
     calm, loud = 15.0 / 48.0, 60.0 / 48.0  # 15 and 60 W of the limit of 75 W
-    feed(rig, [SPARK] * 2 + [OPEN] * 8, calm, 1010)
+    feed(rig, [SPARK] * 2 + [OPEN] * 8, calm, 900)
+    assert board.pins()["FEEDBACK"] == 1.0
+    feed(rig, [SPARK] * 2 + [OPEN] * 8, calm, 110)
     assert board.pins()["FEEDBACK"] == pytest.approx(0.8)
     feed(rig, [SPARK] * 2 + [OPEN] * 8, loud, 9)
     assert board.pins()["FEEDBACK"] == pytest.approx(0.8)

@@ -132,6 +132,14 @@ def test_a_reader_returns_as_many_as_requested_in_any_portions():
         readers[0].read(-1)
 
 
+def test_what_the_rig_runs_between_two_reads_is_read_as_well():
+    rigs = [Rig("powercore", seed=2) for _ in range(2)]
+    readers = [SampleReader(rig, Sensing(2e4)) for rig in rigs]
+    first = readers[1].read(40)
+    rigs[1].run(0.01)
+    assert np.array_equal(readers[0].read(400), np.concatenate([first, readers[1].read(360)], axis=1))
+
+
 def test_counts_and_rigs_of_a_wrong_kind_are_refused_in_a_line():
     with pytest.raises(InputError, match=r"count cannot be 2\.5: give int"):
         SampleReader(Rig("powercore", seed=1)).read(2.5)
