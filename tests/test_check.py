@@ -365,6 +365,14 @@ def test_what_a_technology_leaves_open_holds_in_every_pass():
         assert (machine.standoff_lower_mm, machine.base.gap.critical_um.value) == (2.0, 4.0)
 
 
+def test_a_single_pass_is_estimated_like_the_rough_one_of_several():
+    (one,) = check(EXAMPLES / "punch.ngc", CutSettings(passes=1, height_mm=25.4)).passes
+    rough = check(EXAMPLES / "punch.ngc", CutSettings(passes=2, height_mm=25.4)).passes[0]
+    assert one.offset_mm == technology_for("tool-steel").table(25.4, 1).offsets_mm[0]
+    assert one.length_mm == pytest.approx(rough.length_mm, rel=0.05)
+    assert one.seconds == pytest.approx(rough.seconds, rel=0.2)
+
+
 def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run():
     found = check(EXAMPLES / "punch.ngc", CutSettings(material="copper", passes=3, height_mm=25.4))
     (outcome,) = [notice for notice in found.path.notices if "technology" in notice]

@@ -208,12 +208,12 @@ class Simulation:
 
     def _take_setup(self, leg: Leg) -> Machine:
         """Let the setting of a leg's pass be in force; the plant changes where it is another one."""
-        if leg.cut_pass is not None:
-            own = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
-            setup = self._approach if leg.leads_in and self._approach is not None else own
-            if setup.machine is not self._setup.machine:
-                self.plant.change_setup(setup.machine)
-            self._setup = setup
+        number = 1 if leg.cut_pass is None else leg.cut_pass.number
+        own = self._setups[min(number, len(self._setups)) - 1]
+        setup = self._approach if leg.leads_in and self._approach is not None else own
+        if setup.machine is not self._setup.machine:
+            self.plant.change_setup(setup.machine)
+        self._setup = setup
         return self._setup.machine
 
     def _begin_leg(self) -> PlannerMotion:

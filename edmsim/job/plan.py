@@ -26,8 +26,8 @@ from edmsim.plant.gap.generator import timing
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.program.arcs import extent_mm
 from edmsim.program.outline import Corners, Outline, Program
-from edmsim.program.passes import PassPlan
-from edmsim.program.path import Conditions, CutPath, load_program, plan_path
+from edmsim.program.passes import CutPass, PassPlan
+from edmsim.program.path import Conditions, CutPath, WireContour, load_program, plan_path
 from edmsim.program.taper import GuideHeights
 from edmsim.recording.report import duration_text, mm_text
 
@@ -356,13 +356,15 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
     estimates = []
     for number, one in enumerate(found.table.settings if found.table else (), 1):
         ways = [p for contour in found.path.contours for p in contour.passes if p.number == number]
+        plain = [contour for contour in found.path.contours if number == 1 and not contour.passes]
+        cut: list[CutPass | WireContour] = [*ways, *plain]
         slow = sum(
             float(p.way.along_um[p.approach_moves]) * 1e-3 for p in ways if number == 1 and p.piece == "profile"
         )
-        length_mm = sum(float(p.way.along_um[-1]) * 1e-3 for p in ways)
+        length_mm = sum(float(p.way.along_um[-1]) * 1e-3 for p in cut)
         assert found.table is not None
         seconds = 60 * (length_mm - slow + slow / found.table.approach_share) / one.found.feed_mm_min
-        offset_mm = max([p.offset_um for p in ways], default=0.0) * 1e-3
+        offset_mm = max(p.offset_um for p in cut) * 1e-3
         estimates.append(PassEstimate(number, offset_mm, length_mm, seconds, one.found.ra_um))
     return tuple(estimates)
 

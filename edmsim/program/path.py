@@ -411,8 +411,9 @@ def plan_path(
             _lead(leg, *around).points if begins_elsewhere(before.outline, leg.outline) else None
             for before, leg in pairwise(of_group)
         ] for of_group in legs]  # fmt: skip
+        in_passes = any(len(of_group) > 1 for of_group in legs)
         contours = [
-            _contour_of(of_group, lead, [None, *ways], passes, grid_um)
+            _contour_of(of_group, lead, [None, *ways], passes, in_passes, grid_um)
             for of_group, lead, ways in zip(legs, leads, later, strict=True)
         ]
         notices += [
@@ -486,16 +487,17 @@ def _legs(
 
 
 def _contour_of(
-    legs: list[OffsetOutline], lead: _Lead, leads: list[Floats | None], passes: PassPlan | None, grid_um: int
+    legs: list[OffsetOutline], lead: _Lead, leads: list[Floats | None], passes: PassPlan | None, in_passes: bool,
+    grid_um: int,
 ) -> WireContour:
-    """Return the contour of one edge with its passes, if it has several; `leads` are those of the passes after."""
+    """Return the contour of one edge, of a path in passes with its own; `leads` are those of the passes after."""
     last = legs[-1]
     made = _contour if last.surfaces is None else _leaning_contour
-    if len(legs) == 1:
+    compensated = last.outline.wire_side is not None and (len(legs) > 1 or last.offset_mm > 0)
+    if not (in_passes and compensated):
         return replace(made(last, lead, grid_um), continues=last.outline.continues)
     with of_outline(legs[0].outline):
-        if legs[1].outline is legs[0].outline:
-            assert passes is not None
+        if passes is not None and not passes.of_program:
             ways: list[Stretch] = ways_of(legs, passes)
         else:
             ways = ways_of_group(legs, leads)

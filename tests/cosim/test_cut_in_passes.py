@@ -149,6 +149,18 @@ def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it():
     assert waiting[1][1] - plain[1][1] == pytest.approx(waits_s, abs=0.5)
 
 
+@pytest.mark.slow
+def test_what_is_cut_once_after_the_trims_of_another_contour_has_the_rough_setting():
+    simulation, both = started(0.1), setups()
+    contour = simulation.path.contours[0]
+    path = replace(simulation.path, contours=(contour, replace(contour, passes=())))
+    cut = Simulation(both[0].machine, path, both[0].controller, planner="exact", resolution="fast", setups=both)
+    while cut.leg < len(cut.legs) - 1:
+        cut.step()
+    assert cut.controller is both[0].controller
+    assert cut.plant.machine.t_on_us == both[0].machine.t_on_us
+
+
 def test_a_plant_goes_on_under_another_setting():
     rough, trim = setups()
     plant = edmsim.Plant(rough.machine, 3, resolution="fast")

@@ -77,6 +77,19 @@ def test_one_offset_is_one_pass(tmp_path):
     np.testing.assert_array_equal(path.contours[0].points_um, plan(tmp_path).contours[0].points_um)
 
 
+def test_a_contour_that_a_program_with_passes_cuts_once_has_a_rough_pass(tmp_path):
+    head, rough = "G21 G90\nD1=0.25\nD2=0.2\nG0 X2 Y-1\n", "G41 D1 G1 X2 Y0\nX0\nY4\nX4\nY0\nX2\nG40\n"
+    trim, apart = "G42 D2 G1 X2 Y0\nX4\nY4\nX0\nY0\nX2\nG40\n", "G0 X12 Y-1\n"
+    once, drawn = rough.replace("X", "X1"), "G0 X20 Y0\nG1 X22\n"
+    path = plan(tmp_path, head + rough + "G1 Y-1\n" + trim + apart + once + drawn + "M2\n")
+    passes = [[(p.number, p.frees) for p in contour.passes] for contour in path.contours]
+    assert passes == [[(1, True), (2, False)], [(1, True)], []]
+    (alone,) = plan(tmp_path, head + apart + once + "M2\n").contours
+    (again,) = path.contours[1].passes
+    moved = again.points_um - again.points_um[0]
+    np.testing.assert_array_equal(moved, alone.points_um - alone.points_um[0])
+
+
 @pytest.mark.parametrize("offsets_mm", [(0.25, 0.2), (0.25, 0.2, 0.15)])
 def test_points_are_on_the_grid_and_within_the_table(tmp_path, offsets_mm):
     fine, contour = (plan(tmp_path, passes=PassPlan(offsets_mm), grid_um=um).contours[0] for um in (1, 2))
