@@ -62,7 +62,8 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
     values, records = windows.columns(), simulation.passes.records
     cut = cut_alone(values, np.array(simulation.plant.field.stock.holes_um, np.float64).reshape(-1, 3))
     # of passes, the area of the rough one, which the others cut again
-    ways = [(r.begin_um, r.end_um) for r in records if r.number == 1] if records else cut.ways_um
+    ways = [(r.begin_um, r.end_um) for r in records if r.number == 1]
+    ways += [(a, b) for a, b in cut.ways_um if all(r.end_um <= a or b <= r.begin_um for r in records)]
     took_s = durations_s(values)
     at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s  # feeds are whole speed units
     all_s = float(took_s[cut.rows].sum())

@@ -494,8 +494,8 @@ def _contour_of(
     """Return the contour of one edge, of a path in passes with its own; `leads` are those of the passes after."""
     last = legs[-1]
     made = _contour if last.surfaces is None else _leaning_contour
-    beside = last.outline.wire_side is not None and (len(legs) > 1 or last.offset_mm > 0)
-    if not (in_passes and beside):
+    compensated = last.outline.wire_side is not None and (len(legs) > 1 or last.offset_mm > 0)
+    if not (in_passes and compensated):
         return replace(made(last, lead, grid_um), continues=last.outline.continues)
     with of_outline(legs[0].outline):
         if passes is not None and not passes.of_program:

@@ -17,7 +17,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.evaluation.technology_search import straight_path
 from edmsim.job.plan import prepared
-from edmsim.job.result import inspect
+from edmsim.job.result import inspect, totals
 from edmsim.job.settings import CutSettings
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import loose_pieces, metal_at
@@ -157,12 +157,23 @@ def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it():
 def test_what_is_cut_once_after_the_trims_of_another_contour_has_the_rough_setting():
     simulation, both = started(0.1), setups()
     contour = simulation.path.contours[0]
-    path = replace(simulation.path, contours=(contour, replace(contour, passes=())))
-    cut = Simulation(both[0].machine, path, both[0].controller, planner="exact", resolution="fast", setups=both)
-    while cut.leg < len(cut.legs) - 1:
-        cut.step()
+    apart_um = np.array([0, 3000])
+    once = replace(
+        contour, passes=(), points_um=contour.points_um + apart_um, nominal_mm=contour.nominal_mm + apart_um * 1e-3
+    )
+    path = replace(simulation.path, contours=(contour, once))
+    windows = WindowTable()
+    cut = Simulation(
+        both[0].machine, path, both[0].controller, planner="exact", resolution="fast", setups=both,
+        observers=(windows,),
+    )  # fmt: skip
+    cut.run()
     assert cut.controller is both[0].controller
     assert cut.plant.machine.t_on_us == both[0].machine.t_on_us
+    rough, alone = cut.passes.records[0], cut.legs[-1]
+    out_of_hole_mm = np.ptp(alone.along_um) * 1e-3 - path.start_hole_radius_mm
+    area_mm2 = ((rough.end_um - rough.begin_um) * 1e-3 + out_of_hole_mm) * both[0].machine.height_mm
+    assert totals(cut, windows, 1.0).cut_area_mm2 == pytest.approx(area_mm2, rel=0.02)
 
 
 def test_a_plant_goes_on_under_another_setting():

@@ -77,7 +77,7 @@ def test_one_offset_is_one_pass(tmp_path):
     np.testing.assert_array_equal(path.contours[0].points_um, plan(tmp_path).contours[0].points_um)
 
 
-def test_a_contour_that_a_program_cuts_once_beside_others_in_passes_has_a_rough_pass(tmp_path):
+def test_a_contour_that_a_program_with_passes_cuts_once_has_a_rough_pass(tmp_path):
     head, rough = "G21 G90\nD1=0.25\nD2=0.2\nG0 X2 Y-1\n", "G41 D1 G1 X2 Y0\nX0\nY4\nX4\nY0\nX2\nG40\n"
     trim, apart = "G42 D2 G1 X2 Y0\nX4\nY4\nX0\nY0\nX2\nG40\n", "G0 X12 Y-1\n"
     once, drawn = rough.replace("X", "X1"), "G0 X20 Y0\nG1 X22\n"
