@@ -120,6 +120,8 @@ def check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: str | Pa
     for name, value in now.items():
         if before[name] != value:
             reason = f"it has the runs of {name} {before[name]!r}, not {value!r}"
+            if name == "files":  # of which only digests are known
+                reason = "one of your files has changed since its runs were made"
             raise InputError(f"{reason}: finish those, give another place, or delete it", file)
 
 

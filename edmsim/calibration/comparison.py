@@ -10,7 +10,7 @@ from edmsim import __version__
 from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch, statistics
 from edmsim.cosim.straight import Traverse, begin
 from edmsim.geometry import Floats
-from edmsim.machine.machine import Machine
+from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.gap.generator import timing
@@ -74,7 +74,7 @@ class StretchComparison:
         stretch = self.picked[number]
         setting = stretch.feed_um_s, stretch.t_on_us, stretch.t_period_us, stretch.travelled_um
         return identity({
-            "edmsim": __version__, "machine": machine.model_dump_json(), "stretch": setting, "seed": seed,
+            "edmsim": __version__, "machine": constants_digest(machine), "stretch": setting, "seed": seed,
             "resolution": self._resolution,
         })  # fmt: skip
 

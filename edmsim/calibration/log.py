@@ -191,7 +191,7 @@ def read(file: Path) -> dict[str, Floats] | None:
 
 
 def windows_of(columns: Mapping[str, Floats], file: str | Path) -> dict[str, Floats]:
-    """Return the columns of windows that a log of ratios comes to, with the names of `edmsim.calibration.log`."""
+    """Return the columns of windows that a log of ratios comes to, by the names of `COLUMNS`."""
     # counts are shares of 255 pulses, and no whole numbers. Delays are not known; voltage and current are if
     # the log has them. The feed is the speed at which the place has moved over `FEED_SPAN_S`, forward or back
     missing = [name for name in NEEDED if name not in columns]
@@ -335,7 +335,7 @@ def read_log(file: str | Path) -> Log:
     ----------
     file : path
         Parquet, or CSV with a header row of `COLUMNS`: separated by commas, semicolons or tabs, with decimal point
-        or comma, in UTF-8 or UTF-16. Or a log of ratios, see `edmsim.calibration.log`.
+        or comma, in UTF-8 or UTF-16. Or a log of ratios, with those of `NEEDED`.
 
     Raises
     ------

@@ -19,6 +19,7 @@ from edmsim.recording.figures.style import colour_bar, column_figure, dress, in_
 from edmsim.screen import ScreenTable
 from edmsim.sweep.run import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, sensitivity
+from edmsim.sweep.specification import number_or_text
 
 KEYS = {
     "cutting_rate_mm2_min": "rate mm2/min", "ra_um": "Ra um", "error_rms_um": "error um rms", "short_share": "shorts",
@@ -68,7 +69,7 @@ def groups(table: pa.Table, by: Iterable[str] | None = None) -> list[Group]:
     chosen = few if by is None else [*by]
     for name in chosen:
         refuse_unknown("setting", name, table.column_names)
-    keys = list(zip(*(table[name].to_pylist() for name in chosen), strict=True)) or [()] * len(table)
+    keys = list(zip(*(_settings(table, name) for name in chosen), strict=True)) or [()] * len(table)
     members: dict[tuple[Any, ...], list[int]] = {}
     for row, key in enumerate(keys):
         members.setdefault(key, []).append(row)
@@ -94,7 +95,7 @@ def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
     """
     constants, machines = _drawn(table), len(table[MACHINE].unique())
     left_out = constants if machines <= len(constants) + 1 else [MACHINE]
-    settings = {name: table[name].to_pylist() for name in varied(table) if name not in left_out}
+    settings = {name: _settings(table, name) for name in varied(table) if name not in left_out}
     return {name: sensitivity(settings, _values(table, name), [MACHINE]) for name in measured(table)}
 
 
@@ -141,6 +142,13 @@ def _drawn(table: pa.Table) -> list[str]:
         if len({value for value, _ in pairs}) == len(pairs):
             found.append(name)
     return found
+
+
+def _settings(table: pa.Table, name: str) -> list[Any]:
+    """Return the values of a setting: numbers if all its texts are numbers, as those of an offset without auto."""
+    values: list[Any] = table[name].to_pylist()
+    numbers: list[Any] = [number_or_text(value) if isinstance(value, str) else None for value in values]
+    return [float(number) for number in numbers] if all(type(n) in (int, float) for n in numbers) else values
 
 
 def _values(table: pa.Table, name: str) -> NDArray[np.float64]:

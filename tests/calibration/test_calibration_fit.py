@@ -14,15 +14,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import edmsim
+from edmsim import models
 from edmsim.calibration import Fit, Log, calibrate
 from edmsim.calibration import fit as fitting
-from edmsim.calibration.comparison import simulate
+from edmsim.calibration.comparison import StretchComparison, simulate
 from edmsim.calibration.fit import FittedConstant, machine_of, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
 from edmsim.cosim.straight import Traverse
 from edmsim.errors import INTERRUPTED
 from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import share_of, value_at, with_values
 from edmsim.runs import RunTable
 
@@ -195,6 +197,20 @@ def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(known, monkey
     for travelled_um in (0.0, 700.0, 1e6):
         simulate(known.machine, Stretch(0, 22.0, 30.0, 100.0, np.zeros((1, 5)), travelled_um), 40, 0, "fast")
     assert settled_um == pytest.approx([325.0, 700.0, 1250.0])
+
+
+def test_cuts_with_another_mjcf_are_simulated_again(tmp_path, monkeypatch):
+    file, mjcf, table = tmp_path / "own.toml", tmp_path / "own.xml", RunTable()
+    file.write_text('like = "agiecut-dem15"\nmodel = "own.xml"\n')
+    mjcf.write_text(models.path("agiecut_dem15.xml").read_text())
+    batches = np.random.default_rng(0).random((10, 5))
+    monkeypatch.setattr("edmsim.calibration.comparison.simulate", lambda *_: batches)
+    made = []
+    for _ in range(2):
+        StretchComparison(Machine.load(file), [Stretch(0, 22.0, 30.0, 100.0, batches)], 0, "fast", table, None)
+        made.append(len(table.rows))
+        mjcf.write_text(mjcf.read_text().replace('mass="25"', 'mass="60"'))
+    assert made[1] == 2 * made[0]
 
 
 def test_a_wire_driven_into_the_metal_counts_as_shorted(known):

@@ -153,7 +153,7 @@ def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path, monk
     steel.write_text(models.path("materials/tool-steel.toml").read_text())
     Search(Job(str(steel), passes=1), messages.append, own).run()
     steel.write_text(steel.read_text() + "\n")
-    with pytest.raises(InputError, match="it has the runs of files"):
+    with pytest.raises(InputError, match="one of your files has changed"):
         Search(Job(str(steel), passes=1), messages.append, own)
     journal.write_text("{\n")
     with pytest.raises(InputError, match="the journal is damaged"):

@@ -53,6 +53,20 @@ def test_sensitivities_are_shares_of_the_variance(table):
     assert np.isnan(sensitivities(table)["short_share"].effects["height_mm"].first_order)  # it never changes
 
 
+def test_offsets_are_numbers_although_auto_is_a_text():
+    offsets_mm = 0.05 * 1.1 ** np.arange(16)
+    rows = [
+        {"id": str(k), "task": "a.ngc", "seed": 0, "machine_sample": None, "offset": float(mm), "tension": n % 16,
+         "error": None, "outcome": "finished", **dict.fromkeys(KEYS), "error_rms_um": 100.0 * mm}
+        for k, (mm, n) in enumerate(zip(offsets_mm, range(0, 80, 5), strict=True))
+    ]  # fmt: skip
+    effects = sensitivities(as_table(rows))["error_rms_um"].effects
+    assert effects["offset"].rank_correlation == pytest.approx(1.0)
+    assert effects["offset"].first_order > 0.95
+    assert effects["tension"].first_order < 0.05
+    assert [group.settings["offset"] for group in groups(as_table(rows), ["offset"])] == offsets_mm.tolist()
+
+
 @pytest.mark.parametrize(("machines", "shown"), [(3, ["height_mm", "machine_sample"]), (40, ["gap.a", "height_mm"])])
 def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines, shown):
     drawn = np.random.default_rng(2).random(machines)

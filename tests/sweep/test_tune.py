@@ -126,7 +126,7 @@ def test_a_study_is_of_the_text_of_an_own_environment_which_trials_name_by_its_p
     tune_training("own.py:lab/Own-v0", tmp_path, trials=1, engine=(made := Peak()))
     assert made.observed[0].name == f"{file}:lab/Own-v0"
     file.write_text(file.read_text() + "# another\n")
-    with pytest.raises(InputError, match="it has the runs of files"):
+    with pytest.raises(InputError, match="one of your files has changed"):
         tune_training("own.py:lab/Own-v0", tmp_path, trials=1, engine=Peak())
 
 
