@@ -162,6 +162,14 @@ def tell(
 
 
 @runtime_checkable
+class LimitsLegs(Protocol):
+    """A controller that cannot follow a path of any number of legs."""
+
+    def check_legs(self, legs: int) -> None:
+        """Refuse a path of this number of legs; called before anything is cut."""
+
+
+@runtime_checkable
 class MissesWindows(Protocol):
     """A controller that may read counts too late."""
 

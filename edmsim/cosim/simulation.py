@@ -161,6 +161,8 @@ class Simulation:
         self.max_feed_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
+        if isinstance(controller, protocols.LimitsLegs):
+            controller.check_legs(len(self.legs))
         self.total_um = sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in self.legs)
         self.passes = PassLog(path, self.legs)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)

@@ -55,12 +55,15 @@ class ExternalMotion:
         self._run: _Followed | None = None
         self._points: NDArray[np.float64] = np.zeros((0, 2))
         self._step_um = self._rapid_um_s = self._end_um = 1.0
-        self._before = deque([(0.0, 0.0)], _FEED_WINDOWS)
+        self._before: deque[tuple[float, float]] = deque()
+
+    def check_legs(self, legs: int) -> None:
+        """Refuse a path with stops: the other program does not say when it goes on."""
+        if legs > 1:
+            raise InputError("another program moves the axes along one contour without dwells: cut the others apart")
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the path; the other program is then at its start."""
-        if self._run is not None:
-            raise InputError("another program moves the axes along one contour without dwells: cut the others apart")
         table = machine.base.table
         self._points, self._step_um, self._end_um = points_um, table.step_um.value, machine.wire_diameter_um
         self._rapid_um_s = table.rapid_um_s.value
@@ -68,6 +71,7 @@ class ExternalMotion:
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin at the other program's position."""
         self._run = _Followed(self._link, self._points, self._step_um, self._rapid_um_s, self._time_scale)
+        self._before = deque([(0.0, 0.0)], _FEED_WINDOWS)
         return FeedCommand(0.0)
 
     def path_run(self, planner: str) -> "_Followed | None":

@@ -106,10 +106,12 @@ def test_a_second_contour_a_bad_scale_and_a_resumed_cut_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be resumed"):
         motion.restore(motion.snapshot())
     machine, points = edmsim.Machine.load(), np.array([[0.0, 0.0], [100.0, 0.0]])
-    motion.set_up(machine, points, 0.0)
-    motion.reset(30.0)
-    with pytest.raises(InputError, match="one contour without dwells"):
-        motion.set_up(machine, points, 100.0)
+    other = Other(1000.0, 100.0)
+    for text in ("G1 X0.1\nG4 P0.1\nG1 X0.2\nM2\n", "G1 X0.1\nG0 X1\nG1 X1.1\nM2\n"):
+        with pytest.raises(InputError, match="one contour without dwells"):
+            cut(program(tmp_path, "G21 G90\nG0 X0 Y0\n" + text), ExternalMotion(other, 1e9), out=tmp_path / "out")
+    assert not other.windows
+    assert not (tmp_path / "out").exists()
     lost = Other(1.0, 1.0)
     motion = ExternalMotion(lost, 1e9)
     motion.set_up(machine, points, 0.0)
