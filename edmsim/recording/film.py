@@ -215,7 +215,8 @@ class Film:
             axes.plot(*_thinned(curve).T, color=colour, linewidth=0.9, label=name)
             shown.append(np.percentile(values, (0.5, 99.5)) if len(values) else np.zeros(0))
         low, high = np.concatenate(shown).min(), np.concatenate(shown).max()
-        axes.set_ylim(low - 0.08 * (high - low + 1e-9), high + 0.08 * (high - low + 1e-9))
+        margin = 0.08 * ((high - low) or 1.0)
+        axes.set_ylim(low - margin, high + margin)
         axes.set_xlim(0.0, self._play.end_s)
         if len(curves) > 1:  # the title names a single one; beside the title a legend hides no curve
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=7, ncols=len(curves), frameon=False,
