@@ -21,7 +21,7 @@ from edmsim.errors import InputError
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
-from edmsim.recording.figures.style import in_style
+from edmsim.recording.figures.style import in_style, shrink_to
 from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.logs import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
 from edmsim.recording.rerun.playback import Playback
@@ -66,7 +66,8 @@ class Film:
         for axes in plots[:-1]:
             axes.tick_params(labelbottom=False)  # all have the axis of the last one
         plots[-1].set_xlabel("machine time, s", color=TEXT, fontsize=8, labelpad=2)
-        self._figure.text(0.02, 0.965, play.title, color=TEXT, fontsize=13, weight="bold", va="center")
+        name = self._figure.text(0.02, 0.965, play.title, color=TEXT, fontsize=13, weight="bold", va="center")
+        shrink_to(name, 0.8 * self._figure.bbox.x1)  # the rest is the heading's
         self._heading = self._figure.text(
             0.985, 0.965, "", color=TEXT, fontsize=12, va="center", ha="right", animated=True
         )
