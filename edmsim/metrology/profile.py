@@ -37,7 +37,7 @@ def edge_corners(contour: WireContour, line: Polyline) -> NDArray[np.intp]:
     begins, near_mm = arc_lengths(contour.nominal_mm), 1e-5
     chords = [np.searchsorted(begins, line.s[vertices] + by, side="right") - 1 for by in (-near_mm, near_mm)]
     before, after = (np.array(contour.elements)[np.maximum(chord, 0), 0] for chord in chords)
-    return vertices[(before != after) | (vertices == 0)]
+    return np.asarray(vertices[(before != after) | (vertices == 0)])
 
 
 def depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:
