@@ -80,7 +80,7 @@ def test_a_stopped_cut_says_why_and_where(cut):
     assert "stopped here" in shown
 
 
-def test_a_long_name_lies_beside_the_outcome(cut):
+def test_a_long_name_is_written_whole(cut):
     figure = profile_figure(cut.scene, cut.windows, cut.report, f"{'long-' * 18}.ngc")
     name, outcome = (text.get_window_extent() for text in figure.texts[:2])
     assert name.x1 < outcome.x0
