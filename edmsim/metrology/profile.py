@@ -31,14 +31,13 @@ def wire_line(contour: WireContour) -> Polyline:
 
 def edge_corners(contour: WireContour, line: Polyline) -> NDArray[np.intp]:
     """Return the vertices of a contour's nominal edge, `line`, that are corners: none between chords of one curve."""
-    vertices: NDArray[np.intp] = line.corners(EDGE_CORNER_DEG)
+    vertices = line.corners(EDGE_CORNER_DEG)
     if not contour.elements:
         return vertices
     begins, near_mm = arc_lengths(contour.nominal_mm), 1e-5
     chords = [np.searchsorted(begins, line.s[vertices] + by, side="right") - 1 for by in (-near_mm, near_mm)]
     before, after = (np.array(contour.elements)[np.maximum(chord, 0), 0] for chord in chords)
-    corners: NDArray[np.intp] = vertices[(before != after) | (vertices == 0)]
-    return corners
+    return np.asarray(vertices[(before != after) | (vertices == 0)])
 
 
 def depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:

@@ -31,13 +31,15 @@ class Face(NamedTuple):
     error_um: Floats  # (rows, n): distance from the wall as drawn, in the plane of the row: positive is metal left
     part_side: str  # side of the edge, looking along it, on which the part lies: left or right
 
-    def at(self, height_mm: float) -> Floats:
-        """Return the line (n, 2) of the face at a height, without what was not cut."""
+    def at(self, height_mm: float) -> list[Floats]:
+        """Return the lines (n, 2) of the face at a height; what was not cut separates them."""
         heights = np.nanmean(self.points_mm[:, :, 2], axis=1)
         k = min(max(int(np.searchsorted(heights, height_mm)) - 1, 0), len(heights) - 2)
         share = (height_mm - heights[k]) / (heights[k + 1] - heights[k])
         line = (1 - share) * self.points_mm[k, :, :2] + share * self.points_mm[k + 1, :, :2]
-        return np.asarray(line[np.isfinite(line).all(axis=1)])
+        known = np.isfinite(line).all(axis=1)
+        runs = np.split(np.arange(len(line)), np.flatnonzero(np.diff(known)) + 1)
+        return [line[run] for run in runs if len(run) > 1 and known[run[0]]]
 
 
 def cut_faces(scene: Scene) -> list[Face]:
@@ -189,7 +191,7 @@ def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[F
     share = height_mm / scene.height_mm
     walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]
     return {
-        "CUT": [line for face in cut_faces(scene) if len(line := face.at(height_mm))],
+        "CUT": [line for face in cut_faces(scene) for line in face.at(height_mm)],
         "NOMINAL": walls or [edge.nominal_mm for edge in scene.maps],
     }
 

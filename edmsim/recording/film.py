@@ -21,7 +21,7 @@ from edmsim.errors import InputError
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
-from edmsim.recording.figures.style import in_style
+from edmsim.recording.figures.style import in_style, shrink_to
 from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.logs import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
 from edmsim.recording.rerun.playback import Playback
@@ -66,7 +66,8 @@ class Film:
         for axes in plots[:-1]:
             axes.tick_params(labelbottom=False)  # all have the axis of the last one
         plots[-1].set_xlabel("machine time, s", color=TEXT, fontsize=8, labelpad=2)
-        self._figure.text(0.02, 0.965, play.title, color=TEXT, fontsize=13, weight="bold", va="center")
+        name = self._figure.text(0.02, 0.965, play.title, color=TEXT, fontsize=13, weight="bold", va="center")
+        shrink_to(name, 0.8 * self._figure.bbox.x1)  # the rest is the heading's
         self._heading = self._figure.text(
             0.985, 0.965, "", color=TEXT, fontsize=12, va="center", ha="right", animated=True
         )
@@ -215,7 +216,8 @@ class Film:
             axes.plot(*_thinned(curve).T, color=colour, linewidth=0.9, label=name)
             shown.append(np.percentile(values, (0.5, 99.5)) if len(values) else np.zeros(0))
         low, high = np.concatenate(shown).min(), np.concatenate(shown).max()
-        axes.set_ylim(low - 0.08 * (high - low + 1e-9), high + 0.08 * (high - low + 1e-9))
+        margin = 0.08 * ((high - low) or 1.0)
+        axes.set_ylim(low - margin, high + margin)
         axes.set_xlim(0.0, self._play.end_s)
         if len(curves) > 1:  # the title names a single one; beside the title a legend hides no curve
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=7, ncols=len(curves), frameon=False,

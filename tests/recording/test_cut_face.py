@@ -45,7 +45,7 @@ def test_a_face_follows_the_wall_slice_by_slice(scene):
         assert np.abs(face.points_mm[k, :, :2]).max() == pytest.approx(half + LEFT_UM * 1e-3, abs=2e-3)
     inner = np.abs(np.abs(face.points_mm[3, :, :2]).min(axis=1)) < 1.5  # away from corners
     np.testing.assert_allclose(face.error_um[3][inner], LEFT_UM, atol=0.1)
-    at = face.at(2.0)  # between two slices
+    (at,) = face.at(2.0)  # between two slices
     assert np.abs(at).max() == pytest.approx(SIDE_MM / 2 - LEAN_MM * 0.4 + LEFT_UM * 1e-3, abs=2e-3)
 
 
@@ -97,6 +97,19 @@ def test_a_contour_at_a_height_lies_on_the_wall(scene, tmp_path):
     nominal = np.array([(float(row["x_mm"]), float(row["y_mm"])) for row in rows if row["layer"] == "NOMINAL"])
     assert np.abs(nominal).max() == pytest.approx(SIDE_MM / 2 - LEAN_MM * 0.8, abs=1e-5)
     assert np.abs(cut).max() == pytest.approx(SIDE_MM / 2 - LEAN_MM * 0.8 + LEFT_UM * 1e-3, abs=2e-3)
+
+
+def test_no_contour_runs_through_what_was_not_cut(scene, tmp_path):
+    open_mm = [(2.5, 0.0), (5.0, 0.0), (5.0, -9.0)]
+    lines = [np.concatenate([line[:2], open_mm, line[:1]]) for line, _ in scene.cut_edges_mm]
+    part = dataclasses.replace(scene, cut_edges_mm=tuple((line,) for line in lines))
+    write_contour(part, tmp_path / "part.csv", 4.0)
+    rows = list(csv.DictReader((tmp_path / "part.csv").read_text(encoding="utf-8").splitlines()))
+    cut = [row for row in rows if row["layer"] == "CUT"]
+    assert cut
+    for number in {row["line"] for row in cut}:
+        line = [(float(row["x_mm"]), float(row["y_mm"])) for row in cut if row["line"] == number]
+        assert np.hypot(*np.diff(line, axis=0).T).max() < 0.2
 
 
 def test_what_cannot_be_written_is_one_line(scene, tmp_path):

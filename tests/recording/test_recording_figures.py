@@ -80,6 +80,12 @@ def test_a_stopped_cut_says_why_and_where(cut):
     assert "stopped here" in shown
 
 
+def test_a_long_name_is_written_whole(cut):
+    figure = profile_figure(cut.scene, cut.windows, cut.report, f"{'long-' * 18}.ngc")
+    name, outcome = (text.get_window_extent() for text in figure.texts[:2])
+    assert name.x1 < outcome.x0
+
+
 @pytest.mark.slow
 def test_a_long_reason_and_the_longest_legend_lie_within_the_figure(cut):
     reason = "; ".join(["the wire broke at 612 K", *4 * ["its sensor did not see that, and the machine went on"]])

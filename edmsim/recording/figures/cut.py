@@ -142,7 +142,7 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     _draw_detail(detail, scene, windows, place)
     _draw_deviation(below, scene, windows, place)
     x, y = map(mm_text, (place - (scene.origin_mm or (0.0, 0.0))).tolist())
-    error = "not measured" if np.isnan(chosen.error_um) else f"{chosen.error_um:+.1f} µm".replace("-", "−")
+    error = "unknown" if np.isnan(chosen.error_um) else f"{chosen.error_um:+.1f} µm".replace("-", "−")
     detail.set_title(
         f"corner at X {x} Y {y} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
         fontsize=style.LABEL_PT, color=palette.INK, loc="left", pad=28,

@@ -18,7 +18,7 @@ from edmsim.metrology.profile import CornerError
 from edmsim.numeric import above_zero
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures import palette
-from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, fill, in_style, quiet
+from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, fill, in_style, quiet, shrink_to
 from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, round_number
 from edmsim.recording.windows import column, group_means, pause_rows, quantity, stretches
@@ -389,11 +389,12 @@ def _heading(figure: Figure, report: Report, title: str) -> None:
         f"kerf {report.text('kerf_um.mean', 0)}", f"profile error {report.profile_error_um.worst_and_rms}",
     ]
     stopped = report.reason is not None
-    figure.text(0.085, 0.972, title, fontsize=16, fontweight="bold", color=palette.INK, va="baseline")
-    figure.text(
+    name = figure.text(0.085, 0.972, title, fontsize=16, fontweight="bold", color=palette.INK, va="baseline")
+    outcome = figure.text(
         0.915, 0.972, report.outcome, fontsize=12, ha="right", va="baseline", fontweight="bold",
         color=palette.VERMILION if stopped else palette.GREEN,
     )
+    shrink_to(name, outcome.get_window_extent().x0)
     figure.text(0.085, 0.950, "   ·   ".join(facts), fontsize=9.5, color=palette.MUTED, va="baseline")
     if stopped:
         lines = textwrap.wrap(f"stopped: {report.reason}", REASON_LETTERS, max_lines=2, placeholder=" ...")
@@ -440,7 +441,7 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
         loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if path.leans else 5, frameon=False, fontsize=8.5,
         labelcolor=palette.INK,
     )
-    figure.text(0.09, 0.955, title, fontsize=14, fontweight="bold", color=palette.INK)
+    shrink_to(figure.text(0.09, 0.955, title, fontsize=14, fontweight="bold", color=palette.INK), figure.bbox.x1)
     return figure
 
 

@@ -18,6 +18,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
+from matplotlib.text import Text
 
 from edmsim.errors import refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
@@ -109,6 +110,14 @@ def quiet(axes: Axes) -> None:
     axes.tick_params(labelsize=8, colors=MUTED, length=3, width=0.6)
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
+
+
+def shrink_to(text: Text, right: float) -> None:
+    """Write a text smaller where it would come near to a place on its right, in dots."""
+    place = text.get_window_extent()
+    room = right - place.x0 - 2 * place.height
+    if place.width > room:
+        text.set_fontsize(text.get_fontsize() * room / place.width)
 
 
 def fill(axes: Axes, region: shapely.Geometry, colour: str = "white", label: str | None = None) -> None:
