@@ -101,6 +101,8 @@ def test_an_argument_of_another_type_is_named(call, said):
     (lambda plant: plant.advance((), True), "pulses is True: give a whole number"),
     (lambda plant: plant.drift(edmsim.Machine.load(height_mm=30)), "another height_mm cannot go on"),
     (lambda plant: plant.with_machine(edmsim.Machine.load(height_mm=30)), "another height_mm cannot go on"),
+    (lambda plant: plant.reset(-1, machine=edmsim.Machine.load(height_mm=30)), "seed is -1"),
+    (lambda plant: plant.reset(1, stock=3, machine=edmsim.Machine.load(height_mm=30)), "stock cannot be 3"),
     (lambda plant: plant.drift(edmsim.Machine.load("worn-table")), "another base cannot go on"),
     (lambda plant: plant.restore({**plant.snapshot(), "state": [1]}), "its state is missing or of another kind"),
 ])  # fmt: skip
