@@ -92,6 +92,8 @@ def read_rows(file: str | Path, of: Mapping[str, Any] | None = None, texts: Sequ
         lines = Path(file).read_bytes().split(b"\n")[:-1]
     except FileNotFoundError:
         return []
+    except IsADirectoryError:
+        raise InputError("this is a folder: name a table of runs in it", file) from None
     rows = []
     for number, line in enumerate(lines, 1):
         try:

@@ -13,10 +13,12 @@ import yaml
 
 import edmsim
 from edmsim.axis_bench.bench import AxisBench
+from edmsim.axis_bench.control_rig import ControlRig
 from edmsim.controllers import axis
-from edmsim.evaluation.compare import evaluate
+from edmsim.evaluation.compare import evaluate, leaderboard
 from edmsim.hil.boards import Rig
 from edmsim.measure import measure_guides, measure_table
+from edmsim.program.passes import PassPlan
 from edmsim.program.path import load_program, plan_path
 from edmsim.program.tables import read_offsets
 
@@ -55,6 +57,10 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else():
     (lambda: edmsim.controllers.found_gains("voltge"), "no feed controller 'voltge'.* did you mean 'voltage'"),
     (lambda: edmsim.controllers.check_controller(edmsim.controllers.make("fixed")), "make is FixedController.*class"),
     (lambda: axis.check_drive(axis.make("uhu")), r"make is <.*Uhu object at \w+>: give what returns a new drive"),
+    (lambda: axis.make(["uhu"]), r"name cannot be \['uhu'\]: give str"),
+    (lambda: ControlRig("xy"), r"axes cannot be 'xy': give Mapping\[str, ControlAxis\]"),
+    (lambda: PassPlan("0.2"), r"offsets_mm cannot be '0.2': give tuple\[float, \.\.\.\]"),
+    (lambda: leaderboard("."), r"^\.: this is a folder"),
     (lambda: edmsim.Machine("worn-table"), r"read from its files: edmsim.Machine.load\('worn-table'\)$"),
     (lambda: edmsim.Machine.load().sample(1), "rng cannot be 1: give np.random.Generator"),
     (lambda: edmsim.Machine.load().sample(None, only=5), "rng cannot be None"),
@@ -95,6 +101,8 @@ def test_an_argument_of_another_type_is_named(call, said):
     (lambda plant: plant.advance((), True), "pulses is True: give a whole number"),
     (lambda plant: plant.drift(edmsim.Machine.load(height_mm=30)), "another height_mm cannot go on"),
     (lambda plant: plant.with_machine(edmsim.Machine.load(height_mm=30)), "another height_mm cannot go on"),
+    (lambda plant: plant.reset(-1, machine=edmsim.Machine.load(height_mm=30)), "seed is -1"),
+    (lambda plant: plant.reset(1, stock=3, machine=edmsim.Machine.load(height_mm=30)), "stock cannot be 3"),
     (lambda plant: plant.drift(edmsim.Machine.load("worn-table")), "another base cannot go on"),
     (lambda plant: plant.restore({**plant.snapshot(), "state": [1]}), "its state is missing or of another kind"),
 ])  # fmt: skip

@@ -12,7 +12,7 @@ from edmsim.controllers.axis.drive import Drive, PositionServo, Screw, Stepper, 
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.uhu import Uhu
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.numeric import named_numbers
 
 __all__ = [
@@ -32,6 +32,7 @@ def names() -> tuple[str, ...]:
     return tuple(_DRIVES)
 
 
+@refuses_wrong_types
 def make(name: str) -> Drive:
     """Make a drive.
 

@@ -213,7 +213,7 @@ class McuController(CountsController):
 
     # distance before a corner from which t(i) is shortened; 0 for no change of the generator
     corner_um: float = 0.0
-    corner_share: float = 0.6  # factor on t(i) there
+    corner_share: float = 0.6  # factor on t(i) there; at least the smallest step of its code is left
 
     _computer: Computer = field(default_factory=Computer, init=False, repr=False)
     _move: int = field(default=-1, init=False, repr=False)

@@ -537,7 +537,7 @@ class Corners(CornerRule):
     # before_um, behind_um: path before and after a corner on which the period is longer; 0 for none
     before_um: float = 0.0
     behind_um: float = 0.0
-    corner_factor: float = 4.0  # period near a corner divided by the period elsewhere
+    corner_factor: float = 4.0  # period near a corner divided by the period elsewhere, 1 or more
     # 0, or the deflection of a wire under 1 N per m of workpiece for which `corner_factor` is meant. The factor of
     # another wire is scaled with the square root of its deflection divided by this value.
     slack_um: float = 0.0
@@ -586,7 +586,7 @@ class OuterCorners(CornerRule):
     # path before an outer corner of the wire's path on which the period is longer; 0 for none. Trims go straight past
     # the part's corner, by about their offset.
     before_um: float = 0.0
-    corner_factor: float = 3.0  # period there divided by the period elsewhere
+    corner_factor: float = 3.0  # period there divided by the period elsewhere, 1 or more
 
     def __post_init__(self) -> None:
         self.part_side: Literal["left", "right"] | None = None

@@ -110,7 +110,7 @@ class NormalPulses(PeriodRule):
 class FreshNormalPulses(NormalPulses):
     """`NormalPulses`, but every wire begins with a longer period."""
 
-    slow_factor: float = 2.5  # first period of every wire, divided by the operator's (ours)
+    slow_factor: float = 2.5  # first period of every wire, divided by the operator's, 1 or more (ours)
 
     fresh: bool = field(default=True, init=False)
 
@@ -133,7 +133,7 @@ class RisingPeriod(PeriodRule):
 
     period_us: float = 40.0  # pulse period; 0 for the operator's
     rise_s: float = 1.5  # time in which a new wire reaches it, starting from a period `slow_factor` times as long
-    slow_factor: float = 2.0  # first period of a new wire, divided by the final one
+    slow_factor: float = 2.0  # first period of a new wire, divided by the final one, 1 or more
 
     cutting_s: float = field(default=0.0, init=False)  # since the wire was threaded
 
@@ -422,7 +422,7 @@ class ClimbingHold(HoldHeat):
     """
 
     climb_per_s: float = 0.01  # growth of the logarithm of the held flux, per second
-    patience_factor: float = 2.0  # divisor of the growth at every break
+    patience_factor: float = 2.0  # divisor of the growth at every break, 1 or more
 
     pace_per_s: float = field(default=0.0, init=False)
 

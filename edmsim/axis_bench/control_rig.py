@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from edmsim.axis_bench.bench import AxisBench
 from edmsim.controllers.axis.drive import Drive, PositionServo
 from edmsim.controllers.axis.elcam import mcu_g3
+from edmsim.errors import methods_refuse_wrong_types
 from edmsim.numeric import finite
 
 _CYCLE_NS = round(mcu_g3.CYCLE_S * 1e9)
@@ -24,6 +25,7 @@ class Traces(NamedTuple):
     table_um: NDArray[np.float64]
 
 
+@methods_refuse_wrong_types
 class ControlRig:
     """Axes of a control with their motors, screws and tables on a bench.
 

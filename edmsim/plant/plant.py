@@ -204,14 +204,13 @@ class Plant:
         machine : Machine, optional
             Another set-up, as for a new plant, with new copies of the given drives.
         """
-        if machine is not None:
+        key, new = key_of(whole_from("seed", seed, 0)), self._first_machine if machine is None else machine
+        position_um = new.base.table.centre_um if position_um is None else self._checked_place(position_um, new)
+        stock = block_in_front(new, position_um[0]) if stock is None else checked_stock(stock, new)
+        if machine is not None:  # all arguments are fine: what is refused changes nothing
             self._set_up(machine, self._drives.options)
-        key = key_of(whole_from("seed", seed, 0))
-        centre_um = self._first_machine.base.table.centre_um
-        position_um = centre_um if position_um is None else self._checked_place(position_um)
-        self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
-        stock = block_in_front(self.machine, position_um[0]) if stock is None else checked_stock(stock, self.machine)
-        res, travel_um = self.resolution, self.machine.base.table.travel_mm.value * 1e3
+        self._set(new.t_on_us, new.t_period_us, on=True)
+        res, travel_um = self.resolution, new.base.table.travel_mm.value * 1e3
         self.field = KerfField(res.slices, stock, res.cell_um, travel_um)
         self._put_field()
         self._state[:] = 0
@@ -226,9 +225,9 @@ class Plant:
         self._arrays.entering[:] = self._arrays.flow_share
         constants.stand_upright(self._arrays)
 
-    def _checked_place(self, position_um: Sequence[float]) -> tuple[float, ...]:
+    def _checked_place(self, position_um: Sequence[float], machine: Machine) -> tuple[float, ...]:
         """Return a place as numbers; refuse what is not two or four of them, or is far beyond the travel."""
-        travel_um = self._first_machine.base.table.travel_mm.value * 1e3
+        travel_um = machine.base.table.travel_mm.value * 1e3
         place = tuple(finite("position_um", um) for um in np.ravel(position_um).tolist())
         if len(place) not in (2, 4):
             raise InputError(f"position_um has {len(place)} numbers: give x and y, or x, y, u and v")
@@ -337,7 +336,7 @@ class Plant:
         InputError
             If the place is not on the table, or the duration is negative or not a whole number.
         """
-        position_um = self._checked_place(position_um)
+        position_um = self._checked_place(position_um, self.machine)
         duration_ns = whole_from("duration_ns", duration_ns, 0)
         table_q, table = self._arrays.table_q.copy(), self.machine.base.table
         step_um, rapid_um_s = table.step_um.value, table.rapid_um_s.value

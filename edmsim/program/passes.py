@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.ops import substring
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.program.offset import OffsetOutline, dwells_along
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
@@ -31,6 +31,7 @@ OVERLAP_MM = 0.1  # how far a pass goes on over cut metal, at the ends of a tab 
 MOST_PASSES = 9  # more passes than any technology has (ours)
 
 
+@methods_refuse_wrong_types
 @dataclass(frozen=True)
 class PassPlan:
     """Passes of every closed or compensated contour.
