@@ -481,8 +481,16 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
     if vec_env.observation_space != model.observation_space or vec_env.action_space != model.action_space:
         raise InputError("the learner has other observations or actions than this environment: give its own")
     trained_in = model.get_vec_normalize_env()
-    if trained_in is not None and trained_in.norm_obs and wrapped.normalise is None:
-        raise InputError("the learner has learned from normalised observations: give its environment in VecNormalize")
+    if trained_in is not None and trained_in.norm_obs:
+        if wrapped.normalise is None:
+            raise InputError(
+                "the learner has learned from normalised observations: give its environment in VecNormalize"
+            )
+        theirs, here = trained_in.obs_rms, wrapped.normalise.obs_rms
+        if not (np.array_equal(theirs.mean, here.mean) and np.array_equal(theirs.var, here.var)):
+            raise InputError(
+                "this VecNormalize has other means and variances than the learner's: give its own, or load its file"
+            )
     weights, biases, lstm = _arrays(network, entry_count)
     packed = pack(weights, biases, lstm)
     mean, variance, epsilon, clip = _normalisation(wrapped.normalise, entry_count)
@@ -558,6 +566,9 @@ def start_sb3(model: BaseAlgorithm, vec_env: VecEnv, policy: str | Policy) -> No
     policy_file = load(policy) if isinstance(policy, str) else policy
     network, wrapped = network_of(model), around(vec_env)
     _check(policy_file, network, wrapped)
+    its_env = model.get_env()
+    if its_env is not None and around(its_env).normalise is not wrapped.normalise:
+        raise InputError("the learner acts in another environment, which would keep its statistics: give that one")
     with torch.no_grad():
         for layer, weight, bias in zip(network.layers, policy_file.weights, policy_file.biases, strict=True):
             _put(layer.weight, weight.T)

@@ -138,6 +138,10 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     refused(new("ppo", twice), twice, "normalised twice")
     refused(new("ppo", bare), make_sb3_vec_env("edmsim/GapFeed-v2", 2, history=2), "other observations or actions")
     refused(new("ppo", VecNormalize(bare)), bare, "learned from normalised observations")
+    normalised = VecNormalize(bare)
+    model = new("ppo", normalised)
+    normalised.obs_rms.update(np.ones((2, *bare.observation_space.shape)))
+    refused(model, VecNormalize(bare), "other means and variances than the learner's")
 
     class Halved(FlattenExtractor):
         def forward(self, observations):
@@ -242,5 +246,8 @@ def test_another_scale_of_actions_or_no_normalisation_is_refused():
         start_sb3(learner("ppo", vec_env, 0, **wide), vec_env, "GapFeed-ppo")
     with pytest.raises(InputError, match="wrap the environment in VecNormalize"):
         start_sb3(learner("ppo", vec_env.venv, 0, **wide), vec_env.venv, "GapFeed-ppo")
+    usual = make_sb3_vec_env("edmsim/GapFeed-v2", 1)
+    with pytest.raises(InputError, match="the learner acts in another environment"):
+        start_sb3(learner("ppo", VecNormalize(usual), 0, **wide), VecNormalize(usual), "GapFeed-ppo")
     with pytest.raises(InputError, match="there is no policy 'GapFeed-dqn'"):
         start_sb3(learner("ppo", vec_env, 0, **wide), vec_env, "policy:GapFeed-dqn")
