@@ -486,8 +486,8 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
             raise InputError(
                 "the learner has learned from normalised observations: give its environment in VecNormalize"
             )
-        theirs, here = trained_in.obs_rms, wrapped.normalise.obs_rms
-        if not (np.array_equal(theirs.mean, here.mean) and np.array_equal(theirs.var, here.var)):
+        both: Any = trained_in.obs_rms, wrapped.normalise.obs_rms
+        if not all(np.array_equal(*(getattr(each, name) for each in both)) for name in ("mean", "var")):
             raise InputError(
                 "this VecNormalize has other means and variances than the learner's: give its own, or load its file"
             )
