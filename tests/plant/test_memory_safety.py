@@ -1,7 +1,8 @@
 """No constant and no snapshot makes compiled code write outside its arrays."""
 
 from collections.abc import Callable
-from typing import Any
+from types import GenericAlias
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from edmsim.machine import parts
 from edmsim.machine.parts import Part
 from edmsim.machine.ranges import with_values
 from edmsim.plant.kernel.memory import Memory
-from edmsim.plant.kernel.state import Arrays, allocate, sizes_of
+from edmsim.plant.kernel.state import Arrays, Stored, allocate, fields_of, sizes_of
 from edmsim.plant.window import PlantError, WireBrokenError
 
 PARTS = [kind for kind in vars(parts).values() if isinstance(kind, type) and issubclass(kind, Part)]
@@ -167,3 +168,11 @@ def test_allocated_arrays_are_as_declared():
 def test_memory_refuses_another_shape_type_or_order(name, wrong):
     with pytest.raises(TypeError, match=name):
         Memory(SIZES).put(allocate(Arrays, SIZES)._replace(**{name: wrong}))
+
+
+def test_an_array_has_the_dtype_of_its_type_however_numpy_spells_it():
+    class Group(NamedTuple):
+        until_2_4: Annotated[np.ndarray[tuple[int], np.dtype[np.int32]], Stored("rays")]
+        from_2_5: Annotated[GenericAlias(np.ndarray, (np.int32,)), Stored("rays")]
+
+    assert [field.dtype for field in fields_of(Group)] == ["i4", "i4"]

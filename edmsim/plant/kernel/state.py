@@ -96,7 +96,8 @@ def fields_of(group: type) -> tuple[Field, ...]:
             found.append(Field(name, np.dtype("i8" if hint is int else "f8"), None))
             continue
         array, stored = get_args(hint)
-        element = get_args(get_args(array)[1])[0]
+        last = get_args(array)[-1]  # the dtype, or from numpy 2.5 on its scalar
+        element = get_args(last)[0] if get_args(last) else last
         found.append(Field(name, np.dtype(element) if stored.record is None else stored.record, stored))
     return tuple(found)
 
