@@ -13,6 +13,7 @@ A law names its parts and its own defaults; its parameters are those of its part
 FeedCommand(feed_um_s=2.0, alarm=None, t_on_us=None, t_period_us=None, latency_s=0.0, offset_um=0.0)
 """
 
+import inspect
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -228,7 +229,7 @@ class ServoLaw(Snapshots):
         if measure is None:
             return
         found = {each.name: each.default for each in _parameters(cls.PARTS) if each.name not in fixed}
-        cls.__annotations__ = {**vars(cls).get("__annotations__", {}), **dict.fromkeys(found, "float")}
+        cls.__annotations__ = {**inspect.get_annotations(cls), **dict.fromkeys(found, "float")}
         for parameter, default in {**found, **defaults}.items():
             setattr(cls, parameter, default)
         dataclass(cls)

@@ -1,11 +1,14 @@
 """The servos: which way they answer, how they leave a short, and what they do with a window that tells nothing."""
 
 import math
+from dataclasses import fields
+from typing import ClassVar
 
 import pytest
 
 from edmsim import controllers
 from edmsim.controllers import WindowObservation
+from edmsim.controllers.feed.law import OpenShare, ServoLaw
 from edmsim.errors import InputError
 from edmsim.job.plan import make_controller
 from edmsim.machine.pulse_window import PulseWindow
@@ -177,3 +180,12 @@ def test_a_trim_keeps_its_feed_is_slowed_by_shorts_and_runs_back_from_one_that_s
     steady.reset(400.0)
     feeds = [command.feed_um_s for command in after(steady, 12, short=255)]
     assert feeds[0] > 0 > feeds[-1]
+
+
+def test_an_own_law_has_its_own_parameter_beside_those_of_its_parts():
+    class Own(ServoLaw, measure=OpenShare):
+        name: ClassVar[str] = "own"
+        margin_share: float = 0.1
+
+    assert {"margin_share", "open_target_share", "filter_s"} <= {field.name for field in fields(Own)}
+    assert Own(margin_share=0.2).margin_share == 0.2
