@@ -189,6 +189,11 @@ def test_a_name_too_long_for_a_file_is_refused(edmsim, tmp_path, words):
     assert_refused(edmsim(*words, long, *more), "a" * 10)
 
 
+def test_a_recording_of_a_drive_that_cannot_be_written_is_refused(edmsim, tmp_path):
+    (tmp_path / "scope.rrd").symlink_to(tmp_path / "no-such-folder" / "scope.rrd")
+    assert_refused(edmsim("console", "servo", "uhu", "--record", tmp_path / "scope.rrd"), "cannot be written")
+
+
 def test_model_outside_its_validity_is_one_line_and_exit_1(small_punch, tmp_path, edmsim, monkeypatch):
     def fail(simulation):
         window = simulation.plant.advance()
