@@ -40,6 +40,10 @@ class Scope:
         if file is not None:
             check_suffix(file, "a recording of the scope", ".rrd")
             make_writable(file.parent)
+            try:
+                file.write_bytes(b"")  # rerun has a traceback for a file that it cannot create
+            except OSError as error:
+                raise InputError(f"the recording cannot be written: {error.strerror}", file) from None
         error = [rrb.TimeSeriesView(name="tracking error, counts", contents=["/tracking_error"])]
         views = [
             *(error if streams else []),
@@ -55,10 +59,7 @@ class Scope:
         self.notice = self._viewer.notice if self._viewer else ""
         sinks: list[rr.GrpcSink | rr.FileSink] = [rr.GrpcSink(self._viewer.source)] if self._viewer else []
         sinks += [rr.FileSink(str(file))] if file is not None else []
-        try:
-            self._recording.set_sinks(*sinks, default_blueprint=rrb.Blueprint(rrb.Vertical(*views)))
-        except RuntimeError as error:  # rerun's, for a file that it cannot create
-            raise InputError(f"the recording cannot be written: {str(error).partition(', path')[0]}", file) from None
+        self._recording.set_sinks(*sinks, default_blueprint=rrb.Blueprint(rrb.Vertical(*views)))
 
     def draw(self, heard: Sequence[tuple[int, float]], samples: NDArray[np.void]) -> None:
         """Take bytes with their times, those of the analyser with bit 7, and the bench's notes; draw when enough."""
