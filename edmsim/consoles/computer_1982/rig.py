@@ -314,6 +314,8 @@ class Rig:
         self._fire(steps, moved(self.place_um, steps))
         self.computer.run_until(end_ns)
         if self._planner is not None and self._planner.done:
+            if self.way == CUTTING:  # within a step of the end: what stands behind the last move holds from now on
+                self._take_over(math.inf)
             self._planner = None
             self.stand("READY")
 
