@@ -76,7 +76,7 @@ class SerialNoise(_Drawn):
 
 
 class DropOut(_Drawn):
-    """The generator stops below 6.5 V of V(t(p)), between 6.5 and 7 V with a chance (ours), until it is 7 V again."""
+    """The generator stops below 6.5 V of V(t(p)), up to 7 V with a chance (ours), until 7 V or a new start."""
 
     STATE = ("drawn", "out")
 
@@ -84,13 +84,13 @@ class DropOut(_Drawn):
         super().__init__(seed, chance)
         self.out = False
 
-    def set(self, volts: float) -> bool:
-        """Take a new voltage; return whether the generator is out."""
-        if volts >= RUNS_FROM_V:
+    def set(self, volts: float, starts: bool = False) -> bool:
+        """Take a new voltage, or start the generator at one; return whether it is out."""
+        if starts or volts >= RUNS_FROM_V:
             self.out = False
-        elif volts < DROPS_BELOW_V:
+        if volts < DROPS_BELOW_V:
             self.out = True
-        elif not self.out:
+        elif volts < RUNS_FROM_V and not self.out:
             self.out = self.draw()
         return self.out
 
@@ -283,8 +283,8 @@ class Board(Snapshots):
         """Outputs of the 8255 that drives DACs, generator and steppers."""
         if port != ppi.C:
             self.codes[port] = byte | self.codes[port] & COARSE
-            if port == ppi.B and self.faults.drop_out is not None:
-                self.faults.drop_out.set(self.settings.t_p.volts(byte))
+            if port == ppi.B:
+                self._drop_out(starts=False)
             return
         lines, levels = self.lines, self.couplers.lines(byte)
         risen, changed = levels & ~self._levels, levels ^ self._levels
@@ -292,7 +292,10 @@ class Board(Snapshots):
         for which, line in ((ppi.A, lines.t_i_coarse), (ppi.B, lines.t_p_coarse)):
             self.codes[which] = self.codes[which] & BYTE | COARSE * (levels >> line & 1)
         if changed >> lines.oev & 1:
-            self.generator_line.switch(bool(levels >> lines.oev & 1), self.now_ns, self.open_V)
+            stops = bool(levels >> lines.oev & 1)
+            self.generator_line.switch(stops, self.now_ns, self.open_V)
+            if not stops:
+                self._drop_out(starts=True)
         if not (self.switches.steppers_supplied and self.couplers.passes(STEP_PULSE_NS)):
             return
         for axis, pulse, direction in ((0, lines.x_pulse, lines.x_direction), (1, lines.y_pulse, lines.y_direction)):
@@ -300,6 +303,11 @@ class Board(Snapshots):
                 step = Step(self.now_ns, axis, 1 if levels >> direction & 1 else -1)
                 self.steps.append(step)
                 self.on_step(step)
+
+    def _drop_out(self, starts: bool) -> None:
+        """Let the generator drop out at its present V(t(p)), where that fault is injected."""
+        if self.faults.drop_out is not None:
+            self.faults.drop_out.set(self.settings.t_p.volts(self.codes[ppi.B] & BYTE), starts)
 
     def _reset_counters(self, port: int, byte: int) -> None:
         """Line C7 of the 8255 that reads the counters."""

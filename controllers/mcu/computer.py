@@ -54,6 +54,11 @@ class Steppers(Snapshots):
         return self._aim is not None
 
     @property
+    def at_target(self) -> bool:
+        """Whether the move was begun where it leads to, so that POSCAL has found no way to run either way."""
+        return self._aim is not None and not self._aim.length
+
+    @property
     def moving(self) -> bool:
         """Whether an axis is under way in a move of the program's own: XVELOC or YVELOC is not 0."""
         return self.own and any(self._bus.word(area + at.VELOCITY) for area in at.AREAS)
@@ -726,6 +731,9 @@ class PathRun(Snapshots):
         """Hand the speed on: VELOCM, and other ends of the move where it is run the other way."""
         if self._requested and heading != self._heading:
             self._heading, self._over = heading, False
+            if self._steppers.at_target:
+                self._begin(heading)
+                return
             self._steppers.lead_to(*self._points[self._move + (heading > 0)])
         self._steppers.set_speed(self._requested)
         self._in_force = self._requested

@@ -532,6 +532,14 @@ def test_drop_out_has_two_voltages():  # T-30, T-A5, T-37
     for code, on in ((170, True), (110, False), (118, False), (119, True)):
         board.bus.write(bus.PORT2B, code)
         assert board.generator_on == on
+    starts = []
+    for seed in range(40):  # INIT's 0 V do not decide: between the voltages a start may succeed
+        computer = Computer(Board(faults=Faults(drop_out=DropOut(seed))))
+        computer.init()
+        computer.set_pulse_codes(0, 115)
+        computer.start()
+        starts.append(computer.board.generator_on)
+    assert 10 < sum(starts) < 30
 
 
 def moved(couplers):

@@ -160,6 +160,15 @@ def test_it_runs_back_the_way_it_came_and_stops_at_the_start():
     assert len(again) == len(forth)
 
 
+def test_a_run_that_begins_backwards_at_the_start_makes_the_whole_path_all_the_same():
+    real, computer = machine(START, (30_060, 30_020), (30_060, 30_060))
+    assert real.advance(0, SECOND, -127) == []
+    assert real.advance(SECOND, 2 * SECOND, 127)
+    assert (real.done, computer.bus.word(at.NEWX), computer.bus.word(at.NEWY)) == (False, 30_060, 30_020)
+    real.advance(2 * SECOND, 20 * SECOND, 127)
+    assert (real.done, computer.position) == (True, (30_060, 30_060))
+
+
 def test_speed_zero_stops_the_timers_and_the_move_goes_on():  # T-76
     real, computer = machine(START, (30_100, 30_040))
     follow(real, [127] * 20)

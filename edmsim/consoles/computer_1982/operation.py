@@ -60,7 +60,7 @@ class FrontPanel:
         self._computer, self._machine = computer, machine
         self._new: dict[int, int] = {}
         self._shown: dict[int, int] = {}
-        set_ = machine.set
+        set_, step = machine.set, STEP_UM // machine.rig.unit_um
         commands: dict[str, Callable[[int], None]] = {
             "CLEAR": lambda n: None,
             "X": lambda n: self._new.update({0: n}),
@@ -72,10 +72,10 @@ class FrontPanel:
             "STOP": lambda n: machine.stop(),
             "GO": lambda n: machine.go_on(),
             "INIT": lambda n: machine.init(),
-            "X+": lambda n: machine.jog(0, n or STEP_UM),
-            "X-": lambda n: machine.jog(0, -(n or STEP_UM)),
-            "Y+": lambda n: machine.jog(1, n or STEP_UM),
-            "Y-": lambda n: machine.jog(1, -(n or STEP_UM)),
+            "X+": lambda n: machine.jog(0, n or step),
+            "X-": lambda n: machine.jog(0, -(n or step)),
+            "Y+": lambda n: machine.jog(1, n or step),
+            "Y-": lambda n: machine.jog(1, -(n or step)),
         }
         self._commands = {KEYS[name]: do for name, do in commands.items()}
         self._commands[KEYS["X"] | SHIFT] = lambda n: machine.set_position((n, computer.position[1]))

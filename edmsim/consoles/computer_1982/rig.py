@@ -7,7 +7,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from edmsim.consoles.computer_1982.words import Entry, Move, Setting
+from edmsim.consoles.computer_1982.words import Entry, Move, Setting, check_speed
 from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END, Board, Faults, SafetySwitches
@@ -239,8 +239,8 @@ class Rig:
             self.plant.set_generator(*self.board.settings.times_us(t_i, t_p))
         self.computer.set_pulse_codes(t_i, t_p)
         self._codes = self.computer.pulse_codes
-        if setting.speed is not None:
-            self.computer.set_speed(setting.speed)
+        if setting.speed is not None:  # the law's limit: the move under way keeps the speed that was decided for it
+            self.board.bus.store(at.MAXVEL, check_speed(setting.speed))
 
     def begin_cut(self, route: Route) -> None:
         """Start timers and generator along a route from the wire's position."""
@@ -314,6 +314,8 @@ class Rig:
         self._fire(steps, moved(self.place_um, steps))
         self.computer.run_until(end_ns)
         if self._planner is not None and self._planner.done:
+            if self.way == CUTTING:  # within a step of the end: what stands behind the last move holds from now on
+                self._take_over(math.inf)
             self._planner = None
             self.stand("READY")
 

@@ -44,6 +44,12 @@ def test_a_jog_moves_one_axis_with_the_generator_off(operate):
     assert session.status == 0
 
 
+def test_a_new_greatest_speed_changes_no_move_under_way(operate):
+    session = operate("X -200", "WAIT 1", "SPEED 10", "STATUS", "WAIT")
+    assert any(line.startswith("SPEED 127 OF 10 UNITS") for line in session.lines)
+    assert session.rig.time_ns == pytest.approx(200 / 33.3375 * 1e9, rel=0.02)
+
+
 def test_a_straight_cut_reaches_its_end_and_removes_metal(operate):
     session = operate(SET, "NEW 32600 32500", "START", "WAIT", "STATUS")
     assert "READY   X 32600 Y 32500 um" in session.lines

@@ -57,6 +57,14 @@ def test_settings_are_taken_over_where_they_stand(operate, host):
     assert periods == ["100", "150"]
 
 
+def test_a_setting_behind_the_last_move_holds_for_the_next_cut(operate, host):
+    program = host("TI 20 TP 100\nNEW 32511 32500\nTI 10 SPEED 50\nEND\n")
+    session = operate("LOAD", "RUN", "WAIT", "STATUS", host=program)
+    assert "READY   X 32510 Y 32500 um" in session.lines
+    assert "t(i) 10 us (33H)   t(p) 100 us (AAH)" in session.lines
+    assert any(line.startswith("SPEED 0 OF 50 UNITS") for line in session.lines)
+
+
 def test_a_setting_refused_on_the_way_is_reported_and_the_cut_goes_on(operate, host):
     session = operate("LOAD", "RUN", "WAIT", host=host(PROGRAM.replace("TI 20 TP 150", "TI 50")))
     (message,) = [line for line in session.lines if "the old setting stays" in line]
