@@ -169,15 +169,16 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         reg[LATCHED] |= TIMED_OUT
         drive.delay_ns = 0
     else:
-        interrupts = axis.edges - reg[LAST_INTERRUPTS] + abs(drive.setpoint - reg[LAST_EDGES])
-        reg[LAST_INTERRUPTS] = axis.edges
-        drive.delay_ns = reg[CALCULATION_NS]
-        drive.busy_ns = reg[CALCULATION_NS] + interrupts * reg[INTERRUPT_NS]
         low = axis.lines & axis_rows.FAULT_IN != 0
         if reg[RESTART] != 0:
             low = False  # its own error output, let go only now, may hold the net low
             reset_loop(reg, drive.setpoint, axis.count, axis.illegal)
             servo_chip.start_command(reg, reg[POSITION])
+            reg[LAST_INTERRUPTS] = axis.edges
+        interrupts = axis.edges - reg[LAST_INTERRUPTS] + abs(drive.setpoint - reg[LAST_EDGES])
+        reg[LAST_INTERRUPTS] = axis.edges
+        drive.delay_ns = reg[CALCULATION_NS]
+        drive.busy_ns = reg[CALCULATION_NS] + interrupts * reg[INTERRUPT_NS]
         take_steps(reg, drive.setpoint)
         measure(reg, axis.count)
         judge(reg, axis.illegal, low)
