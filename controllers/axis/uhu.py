@@ -55,8 +55,12 @@ _LARGEST_ERROR = 32767
 
 @exactly_compiled
 def take_steps(reg: NDArray[np.int64], edges: int) -> None:
-    """Let the step edges since the last call move the setpoint, each by M + 1 counts (row U-22)."""
-    reg[TARGET] += reg[STEP_SENSE] * (edges - reg[LAST_EDGES]) * (reg[M] + 1)
+    """Let the step edges since the last call move the setpoint, each by M + 1 counts (row U-22).
+
+    A reset that the next sample carries out drops them.
+    """
+    if reg[RESTART] == 0:
+        reg[TARGET] += reg[STEP_SENSE] * (edges - reg[LAST_EDGES]) * (reg[M] + 1)
     reg[LAST_EDGES] = edges
 
 
