@@ -454,6 +454,12 @@ def test_a_second_preset_turns_about():  # Q-17, Q-A28
     assert (p["st_prson"], p["st_movdir"]) == (True, True)
     p.until("st_prson", False, run_s=1.0)
     assert p.true_um == pytest.approx(-300.0, abs=2.0)
+    p = at_cam()
+    p.do("PRESET")
+    p.until("st_movdir")
+    p.do("PRESET")  # on the cam, on the way off it
+    p.until("st_prson", False, run_s=1.0)
+    assert (p["st_prsok"], p.true_um) == (True, pytest.approx(500.0, abs=2.0))
     strict = at_cam(settings={"single_homing": 1})
     strict.do("PRESET", run_s=0.5)
     strict.do("PRESET")
