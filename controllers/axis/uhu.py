@@ -55,8 +55,12 @@ _LARGEST_ERROR = 32767
 
 @exactly_compiled
 def take_steps(reg: NDArray[np.int64], edges: int) -> None:
-    """Let the step edges since the last call move the setpoint, each by M + 1 counts (row U-22)."""
-    reg[TARGET] += reg[STEP_SENSE] * (edges - reg[LAST_EDGES]) * (reg[M] + 1)
+    """Let the step edges since the last call move the setpoint, each by M + 1 counts (row U-22).
+
+    A reset that the next sample carries out drops them.
+    """
+    if reg[RESTART] == 0:
+        reg[TARGET] += reg[STEP_SENSE] * (edges - reg[LAST_EDGES]) * (reg[M] + 1)
     reg[LAST_EDGES] = edges
 
 
@@ -169,15 +173,16 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         reg[LATCHED] |= TIMED_OUT
         drive.delay_ns = 0
     else:
-        interrupts = axis.edges - reg[LAST_INTERRUPTS] + abs(drive.setpoint - reg[LAST_EDGES])
-        reg[LAST_INTERRUPTS] = axis.edges
-        drive.delay_ns = reg[CALCULATION_NS]
-        drive.busy_ns = reg[CALCULATION_NS] + interrupts * reg[INTERRUPT_NS]
         low = axis.lines & axis_rows.FAULT_IN != 0
         if reg[RESTART] != 0:
             low = False  # its own error output, let go only now, may hold the net low
             reset_loop(reg, drive.setpoint, axis.count, axis.illegal)
             servo_chip.start_command(reg, reg[POSITION])
+            reg[LAST_INTERRUPTS] = axis.edges
+        interrupts = axis.edges - reg[LAST_INTERRUPTS] + abs(drive.setpoint - reg[LAST_EDGES])
+        reg[LAST_INTERRUPTS] = axis.edges
+        drive.delay_ns = reg[CALCULATION_NS]
+        drive.busy_ns = reg[CALCULATION_NS] + interrupts * reg[INTERRUPT_NS]
         take_steps(reg, drive.setpoint)
         measure(reg, axis.count)
         judge(reg, axis.illegal, low)

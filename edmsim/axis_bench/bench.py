@@ -167,7 +167,10 @@ class AxisBench:
             if noted[1]:
                 self._changes.append(changes[: noted[1]].copy())
             if end == LOST:
-                raise EdmsimError("a drive commands what is not a share of its supply, or its axis has run away")
+                raise EdmsimError(
+                    "a drive commands what is not a share of its supply, or set its period to 0, or its axis has run "
+                    "away"
+                )
         self._now_ns = until_ns
         if len(self._moves):
             self._moves = self._moves[self._moves["made"] < np.abs(self._moves["count"])]

@@ -421,7 +421,7 @@ class Pulser(Board):
         self._set[register] = value
         if changed and was_on and register in (POLARITY, PULSE_CURRENT):
             quiet_s = _POLARITY_CHANGE_S if register == POLARITY else _CURRENT_CHANGE_S
-            self._quiet_until_s = self._time_s + quiet_s
+            self._quiet_until_s = max(self._quiet_until_s, self._time_s + quiet_s)
 
     def line(self, text: str) -> str:
         """Answer ``r REGISTER [COUNT]`` or ``w REGISTER VALUE ...``; numbers are decimal or as 0x10."""

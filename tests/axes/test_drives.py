@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import edmsim
+from edmsim.axis_bench import AxisBench
 from edmsim.compiled.axis_rows import carray, sample
 from edmsim.controllers import axis as axes
 from edmsim.controllers.axis.drive import KP, PositionServo, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.cosim.stops import StopCause
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.plant.axes.steps import straight_moves
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.workpiece.kerf_field import Stock
@@ -43,6 +44,15 @@ def _count_samples(drive_at, axis_at):
     drive.reg[1] = axis.time_ns
     drive.reg[2] = axis.lines
     drive.reg[3] = axis.ends
+
+
+@sample
+def _no_period(drive_at, axis_at):
+    carray(drive_at, 1)[0].num = 0
+
+
+class NoPeriod(PositionServo):
+    sample = _no_period
 
 
 class NanDrive(PositionServo):
@@ -158,6 +168,17 @@ def test_a_drive_whose_command_is_no_number_is_taken_out_of_service(machine, mec
         plant.advance()
     assert plant.drive_faults == 0b01
     assert plant.fault_reason == "the drive of x is out of service: it commanded what is not a share of its supply"
+
+
+def test_a_drive_that_sets_its_period_to_0_is_taken_out_of_service(machine):
+    plant = plant_with(machine, {"x": NoPeriod()})
+    plant.advance()
+    plant.advance()
+    assert plant.drive_faults == 0b01
+    assert plant.fault_reason == "the drive of x is out of service: it set its period to 0/1 ns"
+    bench = AxisBench({"x": NoPeriod()})
+    with pytest.raises(EdmsimError, match="set its period to 0"):
+        bench.run(1.0)
 
 
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])

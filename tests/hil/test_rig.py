@@ -10,7 +10,17 @@ from hypothesis import strategies as st
 import edmsim
 from edmsim.errors import InputError
 from edmsim.hil import Rig
-from edmsim.hil.boards import ALERT_PULSES, R_OPEN, R_PULSE, R_SHORT, PowercoreV2, PowercoreV3, Pulser
+from edmsim.hil.boards import (
+    ALERT_PULSES,
+    POLARITY,
+    PULSE_CURRENT,
+    R_OPEN,
+    R_PULSE,
+    R_SHORT,
+    PowercoreV2,
+    PowercoreV3,
+    Pulser,
+)
 from edmsim.hil.gap import VELOCITY_COUNTS_S, Frame, Gap, Output, Setpoints
 from edmsim.plant.kernel.state import OPEN, PULSE, SHORT, SPARK
 
@@ -201,6 +211,14 @@ def test_a_value_that_is_none_becomes_the_nearest_and_a_polarity_off(rig, pulser
     register = write.split()[1]
     rig.send(write)
     assert rig.send(f"r {register}") == f"0x{int(register):02x}: {read}\r\n"
+
+
+def test_a_new_current_does_not_end_the_pause_of_a_new_polarity(rig, pulser):
+    for register, value in ((POLARITY, 1), (POLARITY, 2), (PULSE_CURRENT, 20)):
+        pulser.write(register, value)
+    for _ in range(2):
+        pulser.see(frame_of(rig, [OPEN], 0.0))  # 2 ms each
+        assert not pulser.output().on
 
 
 def test_reading_the_count_begins_an_interval_and_the_ratios_are_those_of_time(rig, pulser):

@@ -79,6 +79,8 @@ class Parameters(Registers):
         least, greatest = (self[limit] if isinstance(limit, str) else limit for limit in entry["limits"])
         if not least <= value <= greatest:
             warn(reg, at.OUT_OF_LIMITS, place)
+        if name == "pulse" and value > 0:
+            _count_in(reg, value)
         reg[place] = value
         reg[at.WRITTEN] |= _SIGNALS.get(name, 0)
 
@@ -127,6 +129,13 @@ def _known(name: str, names: tuple[str, ...], what: str) -> str:
     if found not in names:
         raise InputError(f"the device has no {what} {name!r}; it has {', '.join(names)}")
     return found
+
+
+def _count_in(reg: NDArray[np.int64], pulse: int) -> None:
+    """Keep the position, whose numerator is in units of 1 / pulse, under a new `pulse`."""
+    posit, old = int(reg[at.POSIT]), int(reg[at.PULSE])
+    fraction = (int(reg[at.NUMERATOR]) - posit * old) * pulse // old if old > 0 else 0
+    reg[at.NUMERATOR] = posit * pulse + fraction
 
 
 def _holds(reg: NDArray[np.int64], condition: str) -> bool:

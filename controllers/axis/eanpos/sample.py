@@ -94,7 +94,7 @@ def _edges_since_mark(reg: Words, index_at: int) -> int:
 def search(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) -> None:
     """Carry a search on by a sample; `cam_before` is the enabling input at the last one, `index_at` the last mark."""
     phase, rests = reg[at.HOME_PHASE], reg[at.MOVE] == at.RESTING
-    if phase == FAST and reg[at.CAM] > cam_before:
+    if phase == FAST and reg[at.CAM] != 0:  # a second PRESET may begin on it
         moves.brake(reg, real)
         reg[at.HOME_PHASE] = TURNING
     elif phase == TURNING and rests:

@@ -85,7 +85,7 @@ def _call(axes: Axes, axis: int, event: int, now_ns: int) -> bool:
 
 @compiled
 def _take_sample(axes: Axes, axis: int) -> bool:
-    """Let a drive take its sample, and say when the next one is due."""
+    """Let a drive take its sample; false as for `serve`."""
     drive, row = axes.drives[axis], axes.rows[axis]
     now_ns, fine, ready_ns = drive.due_ns, True, drive.due_ns
     if row.in_reset == 0 and now_ns >= drive.stalled_until_ns:
@@ -97,12 +97,17 @@ def _take_sample(axes: Axes, axis: int) -> bool:
     if drive.due_ns < ready_ns:
         drive.epoch_ns, drive.index = ready_ns, 0
         drive.due_ns = ready_ns
+    if drive.due_ns <= now_ns:
+        drive.due_ns, fine = NEVER, False
     return fine
 
 
 @compiled
 def serve(axes: Axes, who: int, now_ns: int) -> bool:
-    """Let happen what `first_due` found; false if a drive commands what is not a share of its supply."""
+    """Let happen what `first_due` found.
+
+    False if a drive commands what is not a share of its supply, or its next sample is not due later.
+    """
     axis = who % axis_rows.N_AXES
     drive, row = axes.drives[axis], axes.rows[axis]
     if who >= _ALARM:
@@ -125,7 +130,7 @@ def serve(axes: Axes, who: int, now_ns: int) -> bool:
 
 @compiled
 def shut_off(axes: Axes, axis: int, now_ns: int) -> None:
-    """Take a drive out of service that commands what is not a share of its supply."""
+    """Take a drive out of service whose command or period is invalid."""
     hold_in_reset(axes, axis)
     axes.drives[axis].command = axes.rows[axis].duty = 0.0
     axes.rows[axis].trip |= axis_rows.NO_COMMAND

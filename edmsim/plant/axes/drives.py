@@ -323,7 +323,11 @@ def _of_axis(drives: Drives, k: int) -> str:
     why = _own_words(drives, k)
     off_um = float(max(row["place_um"] - row["most_um"], row["least_um"] - row["place_um"], 0.0))
     if row["trip"] & axis_rows.NO_COMMAND:
-        text = f"the drive of {name} is out of service: it commanded what is not a share of its supply"
+        drive = drives.axes.drives[k]
+        what = "commanded what is not a share of its supply"
+        if drive["due_ns"] == NEVER:
+            what = f"set its period to {drive['num']}/{drive['den']} ns"
+        text = f"the drive of {name} is out of service: it {what}"
     elif drives.axes.drives["lines"][k] & axis_rows.FAULT and not why and (pulled_by := _line_low(drives, k)):
         return f"the drive of {name} was stopped by its fault line, pulled low {pulled_by}"
     elif drives.axes.drives["lines"][k] & axis_rows.FAULT:

@@ -460,6 +460,14 @@ def test_a_second_preset_turns_about():  # Q-17, Q-A28
     assert (strict.warning, strict["st_movdir"]) == (1, False)
 
 
+def test_a_second_preset_on_the_cam_leaves_it():  # Q-17, Q-A28
+    p = at_cam(-100.0, 5000.0, sprsvel=20000)
+    p.do("PRESET", run_s=0.1)
+    p.do("PRESET")
+    p.until("st_prson", False)
+    assert (p["st_prsok"], p.true_um) == (True, pytest.approx(-100.0, abs=2.0))
+
+
 def test_stop_ends_the_search():  # Q-A28
     p = at_cam()
     p.do("PRESET", run_s=0.5)

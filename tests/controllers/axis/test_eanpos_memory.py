@@ -148,6 +148,16 @@ def test_a_new_resolution_drops_the_fraction():  # Q-3, Q-54
     assert p["posit"] == 3
 
 
+def test_a_new_resolution_leaves_the_axis_where_it_is():
+    p = Positioner()
+    p["posit"] = 2000
+    p.sample()
+    p["pulse"] = 20000
+    p.run(0.5)
+    assert (p["posit"], p["follerr"], p.device.theoretical[0]) == (2000, 0, 2000.0)
+    assert p.bench.axis("x")["place_um"] == 0.0
+
+
 @pytest.mark.parametrize(
     ("measure", "pulse", "fine"), [(935, 1000000, True), (934, 999999, False), (1, 1, True), (10001, 10000, False)]
 )

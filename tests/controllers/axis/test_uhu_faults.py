@@ -47,6 +47,24 @@ def test_a_hard_reset_of_a_moved_axis_does_not_jerk():  # U-32, U-39, U-A25
     assert abs(count(bench)) <= 1  # it counts from 0 again
 
 
+def test_a_parameter_right_behind_a_hard_reset_moves_nothing():  # U-32, U-39
+    bench = tuned()
+    stepped(bench, 500, 2000.0, 20_000.0, run_s=0.5)
+    bench.drive("x").line(b"+\rP600\r")  # before the first interval of the restart
+    samples = traced(bench, 0.2)
+    assert np.ptp(samples["count"]) <= 1
+
+
+def test_a_hard_reset_after_long_travel_switches_on():  # U-32, U-39
+    bench = tuned()
+    bench.axis("x")["edges"] += 500_000  # 0.1 m of the machine's table
+    bench.talk(b"+\r")
+    bench.talk(b"G50\r")
+    bench.run(0.3)
+    assert bench.pins("x").enabled
+    assert count(bench) == 50
+
+
 def test_the_error_input_shuts_off_within_an_interval_and_latches():  # U-6, U-31, U-46, U-66
     for cycle, at_most_s in ((63, 972e-6), (200, 2434e-6)):
         bench = tuned(cycle=cycle)
