@@ -283,9 +283,11 @@ def test_a_part_that_came_loose_is_not_the_slug_of_the_next_contour(tmp_path):
 
 @pytest.mark.slow
 def test_a_fine_pass_needs_stock_to_make_the_face_its_own():
-    coarse, fine = 5000.0, 60.0
-    alone = face_roughness_um([fine], [0.0])[0]
-    enough, little, nothing = (face_roughness_um([coarse, fine], [0.0, um])[1] for um in (8.0, 1.0, 0.0))
+    coarse, fine, flatness = 5000.0, 60.0, 0.065
+    alone = face_roughness_um([fine], [0.0], flatness)[0]
+    enough, little, nothing = (
+        face_roughness_um([coarse, fine], [0.0, um], flatness)[1] for um in (8.0, 1.0, 0.0)
+    )
     assert enough == pytest.approx(alone, rel=0.15)
     assert enough < little < nothing
-    assert nothing == pytest.approx(roughness_um(coarse), rel=0.15)
+    assert nothing == pytest.approx(roughness_um(coarse, flatness), rel=0.15)
