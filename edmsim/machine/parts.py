@@ -270,6 +270,12 @@ class Wire(Part):
     # Young's modulus; without it the wire is taken to be limp
     elasticity_GPa: Annotated[Positive, _within(0.1, 1500)] | None = None
 
+    @model_validator(mode="after")
+    def _yields_before_it_melts(self) -> Self:
+        if not self.half_strength_K.value < self.melting_K.value:
+            raise ValueError("half_strength_K must be below melting_K")
+        return self
+
 
 class Surface(Part):
     """What makes the layers of a cut face: see `edmsim.metrology.roughness`."""
