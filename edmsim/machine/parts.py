@@ -157,7 +157,7 @@ class Dielectric(Part):
     turbulence: Annotated[Constant, _within(0, 10)]
     wake_mm: Annotated[Positive, _within(0.01, 100)]
     jet_drag: Annotated[Constant, _within(0, 10)]
-    flushing_pressure_Pa: Annotated[Positive, _within(1, 3e6)]
+    flushing_pressure_Pa: Annotated[Positive, _within(100, 3e6)]
     nozzle_mm: Annotated[Positive, _within(0.1, 100)]  # its bore
     nozzle_flow_l_min: Annotated[Positive, _within(0.1, 500)]  # the most that the pump gives each nozzle
     side_gap_um: Annotated[Positive, _within(1, 100)]

@@ -13,6 +13,7 @@ MOST_TIME_S = 1e9  # longest machine time, which is counted in ns: thirty years 
 WIRE_DIAMETER_UM = (20.0, 400.0)  # wire diameters of the field (thesis 1982, section 2.7.1)
 TENSION_N = (0.01, 300.0)  # ours: from 20 um copper to what breaks 400 um molybdenum
 LIMITS = limits_of(SetUpOptions)  # limits of the options of a set-up, by name
+LEAST_FLUSHING_PA = 100.0  # 1 cm of water (ours): a lower pressure that is not 0 was meant in another unit
 
 
 class PulseForm(NamedTuple):
@@ -207,6 +208,9 @@ def _check_choices(machine: SetUp) -> None:
     for name in Choices.model_fields:
         if name in LIMITS and (value := getattr(machine, name)) is not None:
             _check_limit(name, value, getattr(machine.generator, name, None))
+            if name.startswith("flushing") and 0 < value < LEAST_FLUSHING_PA:
+                raise InputError(f"{LIMITS[name].what} {value:g} Pa is almost none: {value:g} bar are "
+                                 f"{value * 1e5:g} Pa, and 0 switches the nozzle off")
     if machine.peak_current_A is not None and machine.resistance_ohm is not None:
         raise InputError("peak current and resistance are both given: choose one, as it decides on the other")
     if machine.ignition_wait_us is not None and mode == "iso-pulse":
