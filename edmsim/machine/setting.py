@@ -13,6 +13,7 @@ MOST_TIME_S = 1e9  # longest machine time, which is counted in ns: thirty years 
 WIRE_DIAMETER_UM = (20.0, 400.0)  # wire diameters of the field (thesis 1982, section 2.7.1)
 TENSION_N = (0.01, 300.0)  # ours: from 20 um copper to what breaks 400 um molybdenum
 LIMITS = limits_of(SetUpOptions)  # limits of the options of a set-up, by name
+HELD_WIRE_UM = 250.0  # diameter of the wire that the settings of the package's generators hold
 LEAST_FLUSHING_PA = 100.0  # 1 cm of water (ours): a lower pressure that is not 0 was meant in another unit
 
 
@@ -99,12 +100,12 @@ def least_period_us(machine: SetUp, t_on_us: float) -> float:
 
 def held_period_us(machine: SetUp) -> float:
     """Shortest period at which a wire carries no higher mean current density than at the generator's own setting."""
-    # that setting, with the wire's usual diameter, is one that holds: from the start hole on, at usual heights
+    # that setting is one that holds a brass wire of `HELD_WIRE_UM`: from the start hole on, at usual heights
     own = machine.generator
     usual = machine.model_copy(update={
         "t_on_us": own.t_on_us.value, "t_period_us": own.t_period_us.value, **dict.fromkeys(Choices.model_fields),
     })  # fmt: skip
-    thinner = (machine.wire.default_diameter_um.value / machine.wire_diameter_um) ** 2
+    thinner = (HELD_WIRE_UM / machine.wire_diameter_um) ** 2
     return machine.t_period_us * thinner * mean_current_A(machine) / mean_current_A(usual)
 
 
