@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from edmsim import controllers
+from edmsim import controllers, models
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
@@ -374,11 +374,16 @@ def test_a_single_pass_is_estimated_like_the_rough_one_of_several():
     assert one.seconds == pytest.approx(rough.seconds, rel=0.2)
 
 
-def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run():
+def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run(tmp_path):
     found = check(EXAMPLES / "punch.ngc", CutSettings(material="copper", passes=3, height_mm=25.4))
     (outcome,) = [notice for notice in found.path.notices if "technology" in notice]
     assert outcome.startswith("there is no technology for copper: the passes take the settings of 'tool-steel ")
-    assert "edmsim tune technology copper --height 25.4 --passes 3 --out copper.toml" in outcome
+    assert "edmsim tune technology copper --height 25.4 --passes 3 --out copper-passes.toml" in outcome
+    bronze = tmp_path / "bronze.toml"
+    bronze.write_text(models.path("materials/copper.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    found = check(EXAMPLES / "punch.ngc", CutSettings(material=str(bronze), passes=3, height_mm=25.4))
+    (outcome,) = [notice for notice in found.path.notices if "technology" in notice]
+    assert f"tune technology {bronze} --height 25.4 --passes 3 --out bronze-passes.toml" in outcome
     own = check(EXAMPLES / "punch.ngc", CutSettings(material="aluminium", passes=3, height_mm=25.4))
     assert not any("technology" in notice for notice in own.path.notices)
     fast = check(EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4, resolution="fast"))

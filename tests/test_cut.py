@@ -274,6 +274,18 @@ def test_offsets(cut_small):
 
 
 @pytest.mark.slow
+def test_a_constant_that_the_mechanics_leave_out_is_named(cut_small):
+    def named(constants, **options):
+        notices = cut_small(max_time_s=0.1, constants=constants, **options).report["notices"]
+        return [notice.split()[2] for notice in notices if "had no effect" in notice]
+
+    loose = {"table.backlash_um": 5.0, "table.friction_N": 40.0, "gap.critical_um": 9.5}
+    assert named(loose) == ["table.backlash_um", "table.friction_N"]
+    assert named({**loose, "geometry.x_pitch_um_m": 10.0}) == ["table.friction_N"]
+    assert named(loose, drive="uhu") == named(loose, mechanics="mujoco") == []
+
+
+@pytest.mark.slow
 def test_result_can_be_written_later_into_a_new_folder(cut_small, tmp_path):
     result = cut_small(max_time_s=0.5)
     result.write(tmp_path / "later" / "on")

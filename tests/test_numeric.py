@@ -62,7 +62,7 @@ def test_an_environment_takes_it_and_is_the_same(value):
     assert made.draw(np.random.default_rng(1)).machine == GapFeed.of(**usual).draw(np.random.default_rng(1)).machine
     env = gym.make("edmsim/GapFeed-v2", **values)
     assert json.loads(json.dumps(env.spec.kwargs)) == env.spec.kwargs
-    assert MaxRate.of(flushing_Pa=(value, 16)) == MaxRate.of(flushing_Pa=(8.0, 16.0))
+    assert MaxRate.of(tension=(value, 16)) == MaxRate.of(tension=(8.0, 16.0))
 
 
 @pytest.mark.parametrize("value", WHOLE, ids=kind_of)

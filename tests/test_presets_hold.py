@@ -51,3 +51,15 @@ def test_the_period_that_holds_goes_with_the_current_density():
     assert held_period_us(own.with_(t_on_us=0.7)) == pytest.approx(own.t_period_us / 2)
     assert held_period_us(own.with_(wire_diameter_um=200.0)) == pytest.approx(own.t_period_us * 1.25**2)
     assert held_period_us(own.with_(peak_current_A=70.0)) == pytest.approx(own.t_period_us / 10, rel=0.01)
+    thin = edmsim.Machine.load("production", generator="production", wire="molybdenum")  # 0.1 mm by default
+    assert held_period_us(thin) == pytest.approx(own.t_period_us * 2.5**2)
+
+
+@pytest.mark.slow
+def test_of_pulses_that_break_a_thin_wire_one_by_one_the_report_says_so():
+    for period_us in (72.0, 1000.0):
+        report = cut(20.0, height_mm=20.0, wire="brass-100", t_period_us=period_us, **PRODUCTION)
+        assert report["outcome"] == "wire-break"
+        assert "a discharge of 10.8 mJ is too strong for it at any period; choose a lower peak" in report["reason"]
+    weaker = cut(5.0, height_mm=20.0, wire="brass-100", peak_current_A=150.0, **PRODUCTION)
+    assert weaker["outcome"] == "time-limit"

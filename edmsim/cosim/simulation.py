@@ -29,6 +29,7 @@ from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive, AxisFault
 from edmsim.plant.axes.steps import rapid_constants, time_left_s
+from edmsim.plant.constants import too_strong_mJ
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.height_steps import LowerRegion
@@ -424,10 +425,13 @@ class Simulation:
         """Say where the wire broke and how hot it was; of pulses denser than hold, which period would have held."""
         where = f"{self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
         text = f"the wire broke {where}, at {window.wire_temperature_K:.0f} K"
+        if strong_mJ := too_strong_mJ(self.plant.machine):
+            return (f"{text}: a discharge of {strong_mJ:.3g} mJ is too strong for it at any period; choose a lower "
+                    "peak current or a shorter on-time")
         period_us, held_us = self.plant.machine.t_period_us, held_period_us(self.plant.machine)
         if period_us > 0.99 * held_us:
             return text
-        held = f"from {held_us:.3g} us on it carries no more than at the generator's own setting, which holds"
+        held = f"from {held_us:.3g} us on its mean current density is at most that of the generator's own setting"
         return f"{text}: a period of {period_us:.3g} us is too short for it; {held}"
 
     def _say(self, reason: str) -> None:

@@ -175,7 +175,21 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
         f"the fault {text} did not happen: the cut was over at {ended_s:.1f} s"
         for text in settings.axis_faults if parse_fault(text).at_s > ended_s
     ]  # fmt: skip
+    notices += [
+        f"the constant {name} had no effect: with steppers only the mechanics mujoco has it"
+        for name in _without_effect(simulation, settings)
+    ]
     return notices
+
+
+def _without_effect(simulation: Simulation, settings: CutSettings) -> list[str]:
+    """Return the constants set by option that the modal mechanics leave out of a table under steppers."""
+    if settings.mechanics != "modal" or simulation.plant.own_step_um:
+        return []
+    left_out = ["table.friction_N", "table.presliding_um"]
+    if not simulation.plant.machine.base.geometry.has_errors:
+        left_out.append("table.backlash_um")
+    return [name for name, _ in settings.overrides if name in left_out]
 
 
 class _Run:

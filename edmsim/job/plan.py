@@ -227,10 +227,11 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
         table = table._replace(notices=(*table.notices, moved))
     if technology.material == material:
         return table
+    file = f"{Path(material).stem}-passes.toml"  # not the material's own
     notice = (
         f"there is no technology for {material}: the passes take the settings of '{technology.title}', the material "
         f"most like it; search its own with edmsim tune technology {material} --height {height_mm:g} --passes "
-        f"{passes} --out {material}.toml, and cut with --technology {material}.toml"
+        f"{passes} --out {file}, and cut with --technology {file}"
     )
     return table._replace(notices=(notice, *table.notices))
 

@@ -81,11 +81,12 @@ def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> 
         check_names([name])
         changed[name] = _checked(name, value)
     changed_machine = with_constants(machine, changed)
-    try:
-        Base.model_validate(changed_machine.base.model_dump())
-    except ValidationError as error:
-        section, reason = refused_entry(error)
-        raise InputError(f"constants of {section} do not go together: {reason}") from None
+    for name, part in (("machine", changed_machine.base), ("wire", changed_machine.wire)):
+        try:
+            type(part).model_validate(part.model_dump())
+        except ValidationError as error:
+            section, reason = refused_entry(error)
+            raise InputError(f"constants of {section or name} do not go together: {reason}") from None
     changed_machine.check()
     return changed_machine
 

@@ -1,7 +1,7 @@
 """The parts of a set-up as the files under `models/` declare them: every constant with its source.
 
-A constant has bounds here, an order or more beyond what the field knows, so that a slip of the pen is refused before
-a cut begins and not met in the pulse loop.
+A constant has bounds here, most of them an order or more beyond what the field knows, so that a slip of the pen is
+refused before a cut begins and not met in the pulse loop.
 """
 
 import math
@@ -60,7 +60,7 @@ class Positive(Constant):
 
 
 def _within(low: float, high: float) -> AfterValidator:
-    """Refuse a constant that lies, or may be drawn, beyond what any machine has, by an order or more (ours)."""
+    """Refuse a constant that lies, or may be drawn, far beyond what any machine has (ours)."""
 
     def check(constant: Constant) -> Constant:
         for number in (constant.value, *(constant.range or ())):
@@ -72,7 +72,7 @@ def _within(low: float, high: float) -> AfterValidator:
 
 
 class Table(Part):
-    """Cross table, its drives (friction and backlash count in the full model only) and its rapid moves."""
+    """Cross table, its drives (friction and backlash: of servos, and in the full model) and its rapid moves."""
 
     travel_mm: Annotated[Positive, _within(1, 500)]
     step_um: Annotated[Positive, _within(0.01, 100)]
@@ -157,7 +157,7 @@ class Dielectric(Part):
     turbulence: Annotated[Constant, _within(0, 10)]
     wake_mm: Annotated[Positive, _within(0.01, 100)]
     jet_drag: Annotated[Constant, _within(0, 10)]
-    flushing_pressure_Pa: Annotated[Positive, _within(1, 3e6)]
+    flushing_pressure_Pa: Annotated[Positive, _within(100, 3e6)]
     nozzle_mm: Annotated[Positive, _within(0.1, 100)]  # its bore
     nozzle_flow_l_min: Annotated[Positive, _within(0.1, 500)]  # the most that the pump gives each nozzle
     side_gap_um: Annotated[Positive, _within(1, 100)]
@@ -269,6 +269,12 @@ class Wire(Part):
     stress_MPa: Annotated[Positive, _within(0.1, 20000)]
     # Young's modulus; without it the wire is taken to be limp
     elasticity_GPa: Annotated[Positive, _within(0.1, 1500)] | None = None
+
+    @model_validator(mode="after")
+    def _yields_before_it_melts(self) -> Self:
+        if not self.half_strength_K.value < self.melting_K.value:
+            raise ValueError("half_strength_K must be below melting_K")
+        return self
 
 
 class Surface(Part):

@@ -13,6 +13,8 @@ MOST_TIME_S = 1e9  # longest machine time, which is counted in ns: thirty years 
 WIRE_DIAMETER_UM = (20.0, 400.0)  # wire diameters of the field (thesis 1982, section 2.7.1)
 TENSION_N = (0.01, 300.0)  # ours: from 20 um copper to what breaks 400 um molybdenum
 LIMITS = limits_of(SetUpOptions)  # limits of the options of a set-up, by name
+HELD_WIRE_UM = 250.0  # diameter of the wire that the settings of the package's generators hold
+LEAST_FLUSHING_PA = 100.0  # 1 cm of water (ours): a lower pressure that is not 0 was meant in another unit
 
 
 class PulseForm(NamedTuple):
@@ -98,12 +100,12 @@ def least_period_us(machine: SetUp, t_on_us: float) -> float:
 
 def held_period_us(machine: SetUp) -> float:
     """Shortest period at which a wire carries no higher mean current density than at the generator's own setting."""
-    # that setting, with the wire's usual diameter, is one that holds: from the start hole on, at usual heights
+    # that setting is one that holds a brass wire of `HELD_WIRE_UM`: from the start hole on, at usual heights
     own = machine.generator
     usual = machine.model_copy(update={
         "t_on_us": own.t_on_us.value, "t_period_us": own.t_period_us.value, **dict.fromkeys(Choices.model_fields),
     })  # fmt: skip
-    thinner = (machine.wire.default_diameter_um.value / machine.wire_diameter_um) ** 2
+    thinner = (HELD_WIRE_UM / machine.wire_diameter_um) ** 2
     return machine.t_period_us * thinner * mean_current_A(machine) / mean_current_A(usual)
 
 
@@ -207,6 +209,9 @@ def _check_choices(machine: SetUp) -> None:
     for name in Choices.model_fields:
         if name in LIMITS and (value := getattr(machine, name)) is not None:
             _check_limit(name, value, getattr(machine.generator, name, None))
+            if name.startswith("flushing") and 0 < value < LEAST_FLUSHING_PA:
+                raise InputError(f"{LIMITS[name].what} {value:g} Pa is almost none: {value:g} bar are "
+                                 f"{value * 1e5:g} Pa, and 0 switches the nozzle off")
     if machine.peak_current_A is not None and machine.resistance_ohm is not None:
         raise InputError("peak current and resistance are both given: choose one, as it decides on the other")
     if machine.ignition_wait_us is not None and mode == "iso-pulse":

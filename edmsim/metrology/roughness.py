@@ -14,10 +14,6 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 
-CRATER_DEPTH_RATIO = 0.067
-"""Depth over diameter of a crater: median of the nine rows (0.053 to 0.081) of ETH's single discharges in
-WEDM (Esteves et al. 2022, Procedia CIRP 113:232, doi:10.1016/j.procir.2022.09.151)."""
-
 CELLS, CELLS_PER_DIAMETER = 128, 24
 """Side of the simulated surface and diameter of a crater, in cells (ours: twice as many of either change Ra by less
 than 2 %)."""
@@ -26,7 +22,7 @@ LAYERS, LEFT_OUT = 20, 8
 
 
 @refuses_wrong_types
-def roughness_um(crater_volume_um3: float, depth_ratio: float = CRATER_DEPTH_RATIO) -> float:
+def roughness_um(crater_volume_um3: float, depth_ratio: float) -> float:
     """Estimate Ra in um of a surface from the mean volume of its craters.
 
     A crater is half a flat ellipsoid, as in ETH's data: its volume is 2/3 area * depth, or ``V = pi k D**3 / 6``
@@ -39,7 +35,8 @@ def roughness_um(crater_volume_um3: float, depth_ratio: float = CRATER_DEPTH_RAT
     crater_volume_um3 : float
         Mean volume of a crater, 0 or more.
     depth_ratio : float
-        Depth over diameter, above 0; 0.053 to 0.081 in ETH's data.
+        Depth over diameter, above 0: the machine's constant `discharge.crater_flatness`. ETH's data have 0.065 to
+        0.081.
 
     Raises
     ------
@@ -138,7 +135,7 @@ FEWEST_CELLS = 3.0  # diameter below which a crater is laid as if it were so wid
 
 
 def face_roughness_um(
-    crater_volumes_um3: Sequence[float], taken_um: Sequence[float], depth_ratio: float = CRATER_DEPTH_RATIO
+    crater_volumes_um3: Sequence[float], taken_um: Sequence[float], depth_ratio: float
 ) -> list[float]:
     """Return Ra in um after each of several passes; NaN from the first pass on of which nothing is known."""
     # every crater is laid on the spot that stands highest, as in `ra_over_depth`. A fine pass that takes little takes

@@ -171,6 +171,16 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
     )
 
 
+def too_strong_mJ(machine: Machine) -> float:
+    """Energy of a discharge that breaks the wire in its place, with one arc there, at the boiling point; else 0."""
+    heat, pulse = heat_law(machine, Resolution(1, 1, 1)), timing(machine)
+    energy_J = pulse.burning_V * pulse.current_A * pulse.on_us * 1e-6
+    heat_J = machine.base.cooling.wire_heat_share.value * energy_J * (1 + pulse.arc_share)
+    hot_K = BOILING_K + heat_J * heat.spot_K_m_J / math.sqrt(heat.spot_m2)
+    share = 1 - 0.5 * (hot_K - heat.water_K) / (machine.wire.half_strength_K.value - heat.water_K)
+    return 1e3 * energy_J if share * machine.breaking_force < machine.tension else 0.0
+
+
 def gas_law(machine: Machine, timing: Timing) -> gas.GasLaw:
     """Gas of the discharges of one setting; its life is that of the gas of the longest of them."""
     law, water, kerf = machine.base.gas, machine.base.dielectric, _kerf_um(machine)

@@ -21,7 +21,7 @@ from edmsim.job.result import inspect, totals
 from edmsim.job.settings import CutSettings
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import loose_pieces, metal_at
-from edmsim.metrology.roughness import face_roughness_um, roughness_um
+from edmsim.metrology.roughness import face_roughness_um, ra_over_depth, roughness_um
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.recording.windows import WindowTable
 
@@ -283,9 +283,12 @@ def test_a_part_that_came_loose_is_not_the_slug_of_the_next_contour(tmp_path):
 
 @pytest.mark.slow
 def test_a_fine_pass_needs_stock_to_make_the_face_its_own():
-    coarse, fine = 5000.0, 60.0
-    alone = face_roughness_um([fine], [0.0])[0]
-    enough, little, nothing = (face_roughness_um([coarse, fine], [0.0, um])[1] for um in (8.0, 1.0, 0.0))
-    assert enough == pytest.approx(alone, rel=0.15)
+    coarse, fine, flatness = 5000.0, 60.0, 0.065
+    alone = roughness_um(fine, flatness)
+    depth_um = roughness_um(coarse, flatness) / ra_over_depth()  # of a crater of the coarse pass
+    enough, little, nothing = (
+        face_roughness_um([coarse, fine], [0.0, share * depth_um], flatness)[1] for share in (0.5, 0.3, 0.0)
+    )
+    assert enough == pytest.approx(alone, rel=0.1)
     assert enough < little < nothing
-    assert nothing == pytest.approx(roughness_um(coarse), rel=0.15)
+    assert nothing == pytest.approx(roughness_um(coarse, flatness), rel=0.15)

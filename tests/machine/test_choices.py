@@ -125,6 +125,7 @@ def test_a_choice_of_the_other_kind_takes_the_place_of_the_first():
      "t_period 90 us leaves no pause after 90 us"),
     ({"pulse_shape": "sine", "generator": "iso-energetic"}, "unknown pulse shape 'sine'; there are: rectangle"),
     ({"flushing_lower_Pa": -1.0}, "pressure of the lower nozzle -1 Pa is not within 0..3e+06 Pa"),
+    ({"flushing_upper_Pa": 2.0}, "upper nozzle 2 Pa is almost none: 2 bar are 200000 Pa, and 0 switches"),
     ({"standoff_lower_mm": -0.1}, "stand-off of the lower nozzle -0.1 mm is not within 0..100 mm"),
     ({"standoff_upper_mm": 101.0}, "stand-off of the upper nozzle 101 mm is not within 0..100 mm"),
 ])  # fmt: skip

@@ -17,6 +17,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import Kind, available
+from edmsim.machine.overrides import with_overrides
 from edmsim.machine.ranges import LOG_FROM_RATIO, MOST_DRAWS, share_of, value_at
 from edmsim.machine.setting import discharge_current_A, flushing_Pa, least_period_us, mean_current_A, wire_speed_m_s
 from edmsim.program.path import plan_path
@@ -219,6 +220,14 @@ def test_the_median_delay_must_be_above_zero_at_every_gap(own_file, b, c, loads)
         assert Machine.load(file).base.gap.median_c_us.value == float(c)
     else:
         assert "must be above zero at every gap g: raise median_c_us" in refusal(name=file)
+
+
+def test_a_wire_must_lose_its_strength_before_it_melts(own_file):
+    """A wire that is still strong where its temperature is clamped would go on cutting, molten."""
+    file = own_file("wires", "brass", ("{ value = 600.0, source", "{ value = 1200.0, source"))
+    assert "half_strength_K must be below melting_K" in refusal(wire=file)
+    with pytest.raises(InputError, match="constants of wire do not go together: half_strength_K must be below"):
+        with_overrides(Machine.load(), [("wire.half_strength_K", 1200.0)])
 
 
 def test_with_changes_one_thing_and_checks_it():

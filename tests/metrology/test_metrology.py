@@ -407,10 +407,10 @@ def test_the_surface_of_craters_is_known_to_a_hundredth():
 
 @given(st.floats(0.0, 1e6), st.floats(1.01, 100.0))
 def test_roughness_rises_with_the_cube_root_of_the_volume(volume, factor):
-    assert roughness_um(volume * factor) == pytest.approx(roughness_um(volume) * factor ** (1 / 3))
+    assert roughness_um(volume * factor, 0.065) == pytest.approx(roughness_um(volume, 0.065) * factor ** (1 / 3))
 
 
-@pytest.mark.parametrize(("volume", "ratio"), [(-1.0, 0.067), (float("nan"), 0.067), (100.0, 0.0)])
+@pytest.mark.parametrize(("volume", "ratio"), [(-1.0, 0.065), (float("nan"), 0.065), (100.0, 0.0)])
 def test_impossible_craters_are_refused(volume, ratio):
     with pytest.raises(InputError, match="cannot be"):
         roughness_um(volume, ratio)

@@ -280,6 +280,9 @@ def test_machines_that_are_not_four_free_blocks_are_refused():
     slack.tendon_stiffness[:] = 0.0
     with pytest.raises(InputError, match="not stable"):
         reduce_model(slack, 8, [0.02])
+    slack.tendon_stiffness[:], slack.dof_damping[:] = 1.0, -1.0
+    with pytest.raises(InputError, match="damping below 0"):
+        reduce_model(slack, 8, [0.02])
     flat.dof_damping[:] = 0.0
     flat.jnt_stiffness[flat.joint("wire_x03").id] = 100.0
     with pytest.raises(InputError, match="differs between x and y"):

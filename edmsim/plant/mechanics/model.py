@@ -113,6 +113,7 @@ def screw_constants(model: mujoco.MjModel) -> tuple[dict[str, float], dict[str, 
 _DIFFERENCE = 1e-6  # m, rad, m/s or rad/s: far below a node's spacing, far above the rounding of a force
 _COUPLING_MAX = 1e-6  # share of the diagonal up to which two blocks count as independent
 _REST_MAX = 1e-6  # m/s2 or rad/s2 at which a machine counts as at rest
+_UNDAMPED_MAX = 1e-6  # noise of a damping of 0, as a damping ratio
 _TINY = np.finfo(float).tiny
 
 
@@ -213,6 +214,8 @@ def block_modes(linear: Linear, block: list[int]) -> Modes:
     shape = shape * np.where(shape[0] < 0, -1.0, 1.0)
     modal_damping = shape.T @ damping @ shape
     diagonal = np.diag(modal_damping)
+    if np.any(diagonal < -_UNDAMPED_MAX * omega):
+        raise InputError("the machine at rest is not stable: a joint or tendon has a damping below 0")
     across = np.abs(modal_damping - np.diag(diagonal))
     scale = np.sqrt(np.outer(diagonal, diagonal))
     neglected = float(np.max(across / np.maximum(scale, _TINY)))
