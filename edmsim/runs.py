@@ -524,6 +524,8 @@ class Cluster:
     def _answer(self, reference: Any) -> Any:
         try:
             return self._ray.get(reference)
+        except self._ray.exceptions.LocalRayletDiedError:  # no job can be run now, so none of them has failed
+            raise EdmsimError("Ray has ended on this computer: start it again, and run the same command") from None
         except self._ray.exceptions.RayError as error:
             return LostJob(str(error).strip().split("\n")[0] or type(error).__name__)
 
