@@ -112,4 +112,5 @@ def validation_page(rows: Sequence[Row]) -> str:
 
 
 if __name__ == "__main__":
-    write(DOCS, validation.run(engine=Processes(), table=RunTable(make_writable(TABLE.parent) / TABLE.name)))
+    make_writable(TABLE.parent)
+    write(DOCS, validation.run(engine=Processes(), table=RunTable(TABLE, texts=validation.CHECK_TEXTS)))

@@ -436,14 +436,14 @@ def validate(
 ) -> None:
     """Compare the model with publications, row by row."""
     from edmsim.runs import Processes, RunTable
-    from edmsim.validation import checks, report, run
+    from edmsim.validation import CHECK_TEXTS, checks, report, run
 
     chosen = None if topics is None else listed(topics)
     checks(topics=chosen)  # an unknown topic is refused before a folder is made
     if out is not None:
         check_suffix(out, "a table of checks", ".jsonl")
         make_writable(out.parent)
-    table = RunTable(out)
+    table = RunTable(out, texts=CHECK_TEXTS)
     with interruptible("nothing was saved; --out saves finished checks" if out is None else RESUME) as bar:
         rows = run(bar.of("validate"), engine=Processes(), topics=chosen, table=table)
     if json:

@@ -18,6 +18,8 @@ MODULES = (
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = tuple(range(1, 9))
 """Seeds of every check (ours: shorts come in bursts, and with half as many seeds intervals hide many effects)."""
+CHECK_TEXTS = "id", "check"
+"""Texts that every row of a table of finished checks has."""
 
 Watch = Callable[[int, int], None]
 

@@ -185,3 +185,16 @@ def test_what_fails_fits_a_terminal_of_eighty_columns():
     document = as_json(ROWS, failed(ROWS))
     assert '"agree": 1' in document
     assert '"agrees"' not in document
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [("--topics wire,nonsense", "unknown topic 'nonsense'; there are: ignition"),
+     ("--out FOLDER/checks.txt", "a table of checks is written as .jsonl"),
+     ("--out FOLDER/leaderboard.jsonl", "leaderboard.jsonl:1: the journal is damaged")],
+)  # fmt: skip
+def test_a_wrong_option_is_refused_before_the_first_check(words, said, monkeypatch, tmp_path, edmsim):
+    monkeypatch.setattr(validation, "run", lambda *_, **__: pytest.fail("checks were run"))
+    (tmp_path / "leaderboard.jsonl").write_text('{"id": "x", "controller": "counts"}\n')
+    shown = edmsim("validate", *words.replace("FOLDER", str(tmp_path)).split())
+    assert (shown.status, said in shown.err) == (2, True)
