@@ -90,7 +90,7 @@ def read_rows(file: str | Path, of: Mapping[str, Any] | None = None, texts: Sequ
     """Return the rows of a table, even while runs are made; each has these texts. A last line cut off is skipped."""
     try:
         lines = Path(file).read_bytes().split(b"\n")[:-1]
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return []
     except IsADirectoryError:
         raise InputError("this is a folder: name a table of runs in it", file) from None
