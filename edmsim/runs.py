@@ -90,7 +90,7 @@ def read_rows(file: str | Path, of: Mapping[str, Any] | None = None, texts: Sequ
     """Return the rows of a table, even while runs are made; each has these texts. A last line cut off is skipped."""
     try:
         lines = Path(file).read_bytes().split(b"\n")[:-1]
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return []
     except IsADirectoryError:
         raise InputError("this is a folder: name a table of runs in it", file) from None
@@ -524,6 +524,8 @@ class Cluster:
     def _answer(self, reference: Any) -> Any:
         try:
             return self._ray.get(reference)
+        except self._ray.exceptions.LocalRayletDiedError:  # no job can be run now, so none of them has failed
+            raise EdmsimError("Ray has ended on this computer: start it again, and run the same command") from None
         except self._ray.exceptions.RayError as error:
             return LostJob(str(error).strip().split("\n")[0] or type(error).__name__)
 

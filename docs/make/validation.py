@@ -2,7 +2,8 @@
 
     python docs/make/validation.py
 
-A page marks the place of a table with two comments; what stands between them is replaced::
+After an interruption the same command runs only the missing checks, as ``edmsim validate --out`` does. A page marks
+the place of a table with two comments; what stands between them is replaced::
 
     <!-- begin table: constants gap discharge -->
     <!-- end table -->
@@ -19,12 +20,15 @@ from sections import DOCS, table, with_tables
 
 from edmsim import validation
 from edmsim.errors import InputError
+from edmsim.files import make_writable
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
 from edmsim.machine.parts import Constant
-from edmsim.runs import Processes
+from edmsim.runs import Processes, RunTable
 from edmsim.validation.report import judged, reasons_table, rows_table, summary
 from edmsim.validation.rows import Row
+
+TABLE = Path("out/validation.jsonl")  # of finished checks
 
 
 def write(folder: Path, rows: Sequence[Row]) -> None:
@@ -108,4 +112,5 @@ def validation_page(rows: Sequence[Row]) -> str:
 
 
 if __name__ == "__main__":
-    write(DOCS, validation.run(engine=Processes()))
+    make_writable(TABLE.parent)
+    write(DOCS, validation.run(engine=Processes(), table=RunTable(TABLE, texts=validation.CHECK_TEXTS)))

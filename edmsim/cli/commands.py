@@ -425,14 +425,27 @@ def calibrate(
 
 def validate(
     failed: Annotated[bool, typer.Option("--failed", help="Show only rows that fail, with the reasons.")] = False,
+    topics: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Topics of the rows to compare; default: all.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Table of finished checks, .jsonl; those it has are not made again."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Compare the model with publications, row by row."""
-    from edmsim.runs import Processes
-    from edmsim.validation import report, run
+    from edmsim.runs import Processes, RunTable
+    from edmsim.validation import CHECK_TEXTS, checks, report, run
 
-    with interruptible("no row was shown") as bar:
-        rows = run(bar.of("validate"), engine=Processes())
+    chosen = None if topics is None else listed(topics)
+    checks(topics=chosen)  # an unknown topic is refused before a folder is made
+    if out is not None:
+        check_suffix(out, "a table of checks", ".jsonl")
+        make_writable(out.parent)
+    table = RunTable(out, texts=CHECK_TEXTS)
+    with interruptible("nothing was saved; --out saves finished checks" if out is None else RESUME) as bar:
+        rows = run(bar.of("validate"), engine=Processes(), topics=chosen, table=table)
     if json:
         sys.stdout.write(report.as_json(rows, report.failed(rows) if failed else None) + "\n")
     else:

@@ -1,11 +1,15 @@
 """Validation: compare the plant with published facts, one row per fact."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from importlib import import_module
+from pathlib import Path
 
+import edmsim
+from edmsim import controllers, models
 from edmsim.errors import refuse_unknown
-from edmsim.runs import Engine, perform
-from edmsim.validation.rows import Check, Row
+from edmsim.runs import Engine, RunTable, digest, identity, perform
+from edmsim.validation.rows import Check, Checks, Row
 
 MODULES = (
     "ignition", "craters", "wire", "gas", "water", "corners", "taper", "pulse_ratios", "cuts", "debris", "lag",
@@ -14,26 +18,73 @@ MODULES = (
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = tuple(range(1, 9))
 """Seeds of every check (ours: shorts come in bursts, and with half as many seeds intervals hide many effects)."""
+CHECK_TEXTS = "id", "check"
+"""Texts that every row of a table of finished checks has."""
 
 Watch = Callable[[int, int], None]
 
 
-def checks(modules: Sequence[str] = MODULES) -> list[Check]:
-    """Return the checks of some of `MODULES`, by default of all."""
+def _topics(modules: Sequence[str]) -> Checks:
+    """Return the checks of some modules, each with the topics of its rows."""
     for name in modules:
         refuse_unknown("module of checks", name, MODULES)
-    return [check for name in modules for check in import_module(f".{name}", __name__).CHECKS]
+    found = [import_module(f".{name}", __name__).CHECKS for name in modules]
+    return {check: topics for of_module in found for check, topics in of_module.items()}
 
 
-def _rows(check: Check) -> list[Row]:
-    return check(SEEDS)
+def checks(modules: Sequence[str] = MODULES, topics: Sequence[str] | None = None) -> list[Check]:
+    """Return the checks of some of `MODULES`, by default of all; if `topics` are given, only those with such rows."""
+    found = _topics(modules)
+    known = list(dict.fromkeys(topic for of_check in found.values() for topic in of_check))
+    for name in topics or ():
+        refuse_unknown("topic", name, known)
+    return [check for check, of_check in found.items() if topics is None or not set(topics).isdisjoint(of_check)]
 
 
-def run(watch: Watch | None = None, modules: Sequence[str] = MODULES, engine: Engine | None = None) -> list[Row]:
+def _rows(check: Check) -> dict[str, object]:
+    return {"check": _name(check), "rows": [asdict(row) for row in check(SEEDS)]}
+
+
+def _name(check: Check) -> str:
+    return f"{check.__module__}:{check.__qualname__}"
+
+
+def _ids(found: Sequence[Check]) -> list[str]:
+    """Return what identifies the rows of checks: their names, the seeds, and all code and data of the package."""
+    folders = [Path(package.__path__[0]) for package in (edmsim, controllers, models)]
+    files = [file for folder in folders for file in sorted(folder.rglob("*.*")) if file.suffix != ".pyc"]
+    made_with = {"files": [digest(str(file)) for file in files], "seeds": SEEDS}
+    return [identity({**made_with, "check": _name(check)}) for check in found]
+
+
+def run(
+    watch: Watch | None = None, modules: Sequence[str] = MODULES, engine: Engine | None = None, *,
+    topics: Sequence[str] | None = None, table: RunTable | None = None,
+) -> list[Row]:
     """Run checks in parallel, by default in threads, and return their rows in a fixed order.
 
     Rows depend only on the seeds. All checks together end sooner with `edmsim.runs.Processes`.
+
+    Parameters
+    ----------
+    watch : callable, optional
+        Called with the checks done and to do.
+    modules : sequence of str
+        Modules of checks.
+    engine : edmsim.runs.Engine, optional
+    topics : sequence of str, optional
+        Topics of the rows, by default all. Only checks that have such rows are run.
+    table : edmsim.runs.RunTable, optional
+        Finished checks, which are not run again unless code or data of the package has changed.
+
+    Raises
+    ------
+    InputError
+        If a module or topic is unknown.
     """
-    rows = [row for found in perform(_rows, checks(modules), watch, engine=engine) for row in found]
-    topics = list(dict.fromkeys(row.topic for row in rows))
-    return sorted(rows, key=lambda row: topics.index(row.topic))
+    found = checks(modules, topics)
+    ids = [] if table is None else _ids(found)
+    made = perform(_rows, found, watch, engine=engine, table=table, ids=ids)
+    rows = [Row(**row) for of_check in made for row in of_check["rows"]]
+    order = list(dict.fromkeys(row.topic for row in rows))
+    return [row for topic in order if topics is None or topic in topics for row in rows if row.topic == topic]

@@ -11,7 +11,7 @@ from edmsim.controllers import from_text, make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import StablePeriod, quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
-from edmsim.validation.rows import Check, Row, Seeds, differences, extended, ratios
+from edmsim.validation.rows import Checks, Row, Seeds, differences, extended, ratios
 from edmsim.validation.setups import UNBREAKABLE, altered
 
 SATO = "Sato et al., Wire-break Prevention on WEDM, J. Japan Soc. Electrical Machining Engineers (2013)"
@@ -170,4 +170,4 @@ def _sign(
     return Row.sign("rupture", name, source, rises=rises, simulated=differences(before, after), unit=unit, note=NOTE)
 
 
-CHECKS: tuple[Check, ...] = (stable_point, concentration, limits)
+CHECKS: Checks = dict.fromkeys((stable_point, concentration, limits), ("rupture",))

@@ -7,7 +7,7 @@ from shapely import LineString, Point, Polygon
 
 from edmsim import models
 from edmsim.geometry import pursuit
-from edmsim.validation.rows import Check, Row, Seeds, worst
+from edmsim.validation.rows import Checks, Row, Seeds, worst
 
 TRACTRIX = "constant-lag pursuit through a sharp corner, derived: lengths in units of the lag"
 COLUMNS = {
@@ -47,4 +47,4 @@ def check_corners(seeds: Seeds) -> list[Row]:
     return rows
 
 
-CHECKS: tuple[Check, ...] = (check_corners,)
+CHECKS: Checks = dict.fromkeys((check_corners,), ("corner",))

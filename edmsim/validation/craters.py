@@ -12,7 +12,7 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.constants import constants
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.craters import crater_diameter
-from edmsim.validation.rows import Check, Row, Seeds
+from edmsim.validation.rows import Checks, Row, Seeds
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 ESTEVES = "Esteves, Sikora, Kuffa, Wegener, Procedia CIRP 113:232 (2022), data in SPARC (ETH, MIT licence)"
@@ -137,4 +137,4 @@ def _slope_row(
     ).context(NO_DURATION)
 
 
-CHECKS: tuple[Check, ...] = (check_shape, check_volume)
+CHECKS: Checks = dict.fromkeys((check_shape, check_volume), ("crater",))

@@ -8,7 +8,7 @@ from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import PAUSE_US, sato_rig
-from edmsim.validation.rows import Check, Row, Seeds, differences
+from edmsim.validation.rows import Checks, Row, Seeds, differences
 from edmsim.validation.setups import UNBREAKABLE, feed_within, servo_cut
 
 TEXTBOOK = "textbook figure 1.8 W per mm3/min"
@@ -137,4 +137,7 @@ def overcut(seeds: Seeds) -> list[Row]:
     ]
 
 
-CHECKS: tuple[Check, ...] = (removal, pauses, thickness, diameters, overcut)
+CHECKS: Checks = {
+    removal: ("removal", "kerf"), pauses: ("removal",), thickness: ("removal",), diameters: ("kerf",),
+    overcut: ("kerf",),
+}

@@ -15,7 +15,7 @@ from edmsim.plant.window import PlantError
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.validation import ignition
 from edmsim.validation.breakage import ROUGH_PERIOD_US, rough_rig
-from edmsim.validation.rows import Check, Row, Seeds, differences
+from edmsim.validation.rows import Checks, Row, Seeds, differences
 from edmsim.validation.setups import NO_IGNITION, PRACTICE, STILL, UNBREAKABLE, altered, in_a_hole, servo_cut
 
 WIDER = (
@@ -207,4 +207,7 @@ def _at_80_V() -> Machine:
     return altered(Machine.load(), {"generator.open_voltage_V": HOLE_V})
 
 
-CHECKS: tuple[Check, ...] = (gap_over_energy, side_gap_over_energy, delay_in_debris, particles)
+CHECKS: Checks = {
+    gap_over_energy: ("kerf",), side_gap_over_energy: ("kerf",), delay_in_debris: ("ignition",),
+    particles: ("ignition",),
+}

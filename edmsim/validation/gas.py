@@ -19,7 +19,7 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution, resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2
 from edmsim.plant.workpiece.blanks import started_slot
-from edmsim.validation.rows import Check, Row, Seeds, differences
+from edmsim.validation.rows import Checks, Row, Seeds, differences
 from edmsim.validation.setups import STILL, altered
 
 SHARE = "x / (1 + x), each bubble replacing the one before (closed form of the model)"
@@ -261,6 +261,7 @@ def check_skip(seeds: Seeds) -> list[Row]:
     ]
 
 
-CHECKS: tuple[Check, ...] = (
-    check_gas_share, check_film, check_film_motion, check_added_mass, check_forces, check_skip,
-)
+CHECKS: Checks = {
+    check_gas_share: ("gas",), check_film: ("film",), check_film_motion: ("film",), check_added_mass: ("film",),
+    check_forces: ("film",), check_skip: ("film",),
+}

@@ -18,7 +18,7 @@ from edmsim.machine.parts import Gap
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.gap.water import flow_speed_m_s
 from edmsim.plant.plant import Plant
-from edmsim.validation.rows import Check, Row, Seeds, differences
+from edmsim.validation.rows import Checks, Row, Seeds, differences
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 SPARC = "SPARC (ETH, MIT licence), ignition law"
@@ -217,4 +217,4 @@ def check_figure_2_9(seeds: Seeds) -> list[Row]:
 _STEPS = ((10.0, 0.0, 20.0, 0.0), (20.0, 0.0, 30.0, 0.0), (20.0, 0.0, 20.0, 1.0), (20.0, 1.0, 20.0, 2.0))
 """Gap and speed before, gap and speed after."""
 
-CHECKS: tuple[Check, ...] = (check_isolated_gap, check_figure_2_9)
+CHECKS: Checks = dict.fromkeys((check_isolated_gap, check_figure_2_9), ("ignition",))

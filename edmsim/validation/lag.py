@@ -11,7 +11,7 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.validation.breakage import ROUGH_TENSION_N, rough_rig
 from edmsim.validation.pulse_ratios import drum_um
-from edmsim.validation.rows import Check, Row, Seeds, differences, ratios
+from edmsim.validation.rows import Checks, Row, Seeds, differences, ratios
 from edmsim.validation.setups import PRACTICE, UNBREAKABLE, altered, servo_cut
 
 LAG = "usual lag of rough cuts"
@@ -253,4 +253,7 @@ def crossing_mJ(towards_um: Sequence[float]) -> float:
     return math.inf
 
 
-CHECKS: tuple[Check, ...] = (rough_lag, default_lag, experiments, lag_over_height, default_over_height, trims)
+CHECKS: Checks = {
+    rough_lag: ("lag", "vibration"), default_lag: ("lag",), experiments: ("lag",), lag_over_height: ("lag", "debris"),
+    default_over_height: ("lag",), trims: ("trim cuts",),
+}

@@ -17,7 +17,7 @@ from edmsim.machine.technology import Technology, technology_for
 from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error
 from edmsim.metrology.roughness import face_roughness_um
 from edmsim.metrology.shares import unreachable_um
-from edmsim.validation.rows import Check, Row, Seeds, differences, worst
+from edmsim.validation.rows import Checks, Row, Seeds, differences, worst
 
 SHOP = "a job shop's table for 1 to 7 passes, brass 0.254 mm, steel, 25.4 mm high (second hand)"
 TALL = "one cut of the same shop, 76.2 mm high (second hand)"
@@ -200,5 +200,5 @@ def bow(seeds: Seeds) -> list[Row]:
     ]
 
 
-CHECKS: tuple[Check, ...] = (by_passes, tall, accuracy, bow)
+CHECKS: Checks = dict.fromkeys((by_passes, tall, accuracy, bow), ("passes",))
 

@@ -11,7 +11,7 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.constants import flushing
 from edmsim.plant.window import PlantError
 from edmsim.validation.breakage import HELD_SHARE, MIDDLE_MM, held_periods, rough_rig, sato_rig
-from edmsim.validation.rows import Check, Row, Seeds, differences, extended
+from edmsim.validation.rows import Checks, Row, Seeds, differences, extended
 from edmsim.validation.setups import PRACTICE, UNBREAKABLE, altered, capacity_um_s, feed_within, in_a_hole, servo_cut
 
 LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
@@ -301,4 +301,7 @@ def _jammed_share(machine: Machine, feed_um_s: float, seed: int) -> float:
     return sum(w.short for w in windows) / sum(w.pulses for w in windows)
 
 
-CHECKS: tuple[Check, ...] = (pulse_trains, debris, causes, rate_over_shorts, price, jams)
+CHECKS: Checks = {
+    pulse_trains: ("pulse ratios",), debris: ("debris",), causes: ("shorts",), rate_over_shorts: ("shorts",),
+    price: ("shorts",), jams: ("shorts",),
+}

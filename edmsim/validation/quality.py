@@ -13,7 +13,7 @@ from edmsim.machine.machine import Machine
 from edmsim.metrology.roughness import roughness_um
 from edmsim.validation.breakage import ROUGH_TENSION_N, rough_rig
 from edmsim.validation.lag import NON_MAGNETIC
-from edmsim.validation.rows import Check, Row, Seeds, differences, extended
+from edmsim.validation.rows import Checks, Row, Seeds, differences, extended
 from edmsim.validation.setups import PRACTICE, altered
 
 ROUGHNESS = "usual: Ra = C E^n, n = 0.3..0.4; rough cuts 2.5..4 um"
@@ -172,4 +172,6 @@ def corner_over_feed(seeds: Seeds) -> list[Row]:
     return rows
 
 
-CHECKS: tuple[Check, ...] = (roughness, vibration, corner, corner_over_feed)
+CHECKS: Checks = {
+    roughness: ("roughness",), vibration: ("vibration",), corner: ("corner",), corner_over_feed: ("corner",),
+}

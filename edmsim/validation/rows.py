@@ -1,7 +1,7 @@
 """A row of the validation table: published fact, simulated value, and whether they agree."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
@@ -110,6 +110,8 @@ class Row:
 Seeds = Sequence[int]
 Check = Callable[[Seeds], list[Row]]
 """Simulates with some seeds and returns rows; the same seeds give the same rows."""
+Checks = Mapping[Check, tuple[str, ...]]
+"""Checks, each with the topics of its rows."""
 
 
 def mean_and_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.machine.machine import Machine
 from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
 from edmsim.validation.lag import LAG
-from edmsim.validation.rows import Check, Row, Seeds, differences, mean_and_interval
+from edmsim.validation.rows import Checks, Row, Seeds, differences, mean_and_interval
 from edmsim.validation.setups import feed_within
 
 MACHINES_PER_SEED = 3  # machines drawn (ours: with eight seeds two dozen, of which the outermost bound the interval)
@@ -103,4 +103,6 @@ def _against_fine(figure: Figure, name: str, cuts: Sequence[Cut], fine: Sequence
                      unit=figure.unit, note=NOTE)
 
 
-CHECKS: tuple[Check, ...] = (ranges, resolutions)
+CHECKS: Checks = {
+    ranges: ("ranges",), resolutions: ("resolution",),
+}

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from edmsim.evaluation.stable_rate import highest_stable_rate
 from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import OFF_MM
-from edmsim.validation.rows import Check, Row, Seeds, differences, extended, mean_and_interval
+from edmsim.validation.rows import Checks, Row, Seeds, differences, extended, mean_and_interval
 from edmsim.validation.setups import PRACTICE
 
 NOTE = "docs/theory/emergence.md#greatest-stable-rate"
@@ -112,4 +112,4 @@ def thin_rig(height_mm: float, peak_A: float) -> Machine:
     )
 
 
-CHECKS: tuple[Check, ...] = (water_and_wire, heights, thin_wire)
+CHECKS: Checks = dict.fromkeys((water_and_wire, heights, thin_wire), ("stable rate",))

@@ -18,7 +18,7 @@ from edmsim.machine.overrides import with_overrides
 from edmsim.metrology.profile import profile_error
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import plan_path
-from edmsim.validation.rows import Check, Row, Seeds
+from edmsim.validation.rows import Checks, Row, Seeds
 
 ELLIPSE = "geometry: across the slope a wire that leans by a keeps (r + gap) / cos a in a horizontal plane"
 PLAIN = "geometry: the offset r + gap leaves (r + gap) (1 / cos a - 1) too little"
@@ -98,4 +98,4 @@ def check_guide(seeds: Seeds) -> list[Row]:
     )]  # fmt: skip
 
 
-CHECKS: tuple[Check, ...] = (check_faces, check_plain_offset, check_guide)
+CHECKS: Checks = dict.fromkeys((check_faces, check_plain_offset, check_guide), ("taper",))

@@ -6,7 +6,7 @@ import numpy as np
 from edmsim.machine.machine import Machine
 from edmsim.plant.gap.water import bridged_probability, flush, jets
 from edmsim.plant.resolution import resolution
-from edmsim.validation.rows import Check, Row, Seeds, differences
+from edmsim.validation.rows import Checks, Row, Seeds, differences
 from edmsim.validation.setups import NO_IGNITION, STILL, altered, in_a_hole
 
 SPARC = "SPARC (ETH, MIT licence): short above min(0.95, 0.3 + 0.02 g)"
@@ -116,4 +116,4 @@ def check_leakage(seeds: Seeds) -> list[Row]:
     ]
 
 
-CHECKS: tuple[Check, ...] = (check_bridging, check_flushing, check_leakage)
+CHECKS: Checks = dict.fromkeys((check_bridging, check_flushing, check_leakage), ("dielectric",))

@@ -6,12 +6,13 @@ import tomllib
 import warnings
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
 
 from edmsim.controllers import from_text
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.sweep.run import SweepProgress, sweep
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.table import read
@@ -98,6 +99,25 @@ def test_a_lost_node_loses_nothing(nodes, line, short, giving_up, tmp_path):
     there, here = (read(tmp_path / name).drop_columns(["wall_time_s", "host"]) for name in ("ray", "here"))
     assert there.equals(here)
     assert len(set(there["id"].to_pylist())) == 10
+
+
+def test_a_cluster_that_is_lost_ends_a_sweep_and_fails_no_run(monkeypatch):
+    from edmsim.runs import Cluster, LostJob
+
+    def lost(_):
+        raise error
+
+    job = SimpleNamespace(remote=lambda job: job)
+    for name, fake in {
+        "is_initialized": lambda: True, "cluster_resources": lambda: {"CPU": 1}, "cancel": lambda *_, **__: None,
+        "remote": lambda **_: lambda function: job, "wait": lambda out, **_: (out[:1], out[1:]), "get": lost,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(ray, name, fake)
+    error = ray.exceptions.WorkerCrashedError()
+    assert [type(answer) for _, answer in Cluster().done(len, "ab")] == [LostJob] * 2
+    error = ray.exceptions.LocalRayletDiedError()
+    with pytest.raises(EdmsimError, match="Ray has ended on this computer: start it again"):
+        list(Cluster().done(len, "ab"))
 
 
 def test_a_python_whose_path_has_a_space_is_refused(monkeypatch, tmp_path):

@@ -160,6 +160,7 @@ def test_the_command_sweeps_shows_and_goes_on(line, giving_up, tmp_path, monkeyp
     (("line.ngc",), "--out"), (("line.ngc", "--out", "o", "5"), "--height 5,10,20"),
     (("line.ngc", "--out", "o", "--height"), "--height has no values"),
     (("none.toml", "--out", "o"), "none.toml: no such file"), (("show", "o"), "no result"),
+    (("show", "line.ngc"), "line.ngc: there is no result"),
     (("none.toml", "--out", "o", "--seeds", "3", "--record", "all"), "leave out --seeds --record"),
     (("line.ngc", "--out", "o", "--colour", "1"), "colour"),
     (("line.ngc", "--out", "o", "--processes", "0"), "--processes is 0: give a whole number, 1 or more"),

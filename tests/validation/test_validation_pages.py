@@ -81,6 +81,13 @@ def test_every_module_with_checks_takes_part():
     assert len(validation.checks()) == len(set(validation.checks()))
 
 
+def test_topics_of_checks_are_those_of_the_page():
+    table = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    topics = [heading.lower() for heading in re.findall(r"^## (.*)$", table, re.MULTILINE)[:-1]]
+    assert all(validation.checks(topics=[topic]) for topic in topics)
+    assert validation.checks(topics=topics) == validation.checks()
+
+
 # --- making pages ---
 
 
@@ -146,7 +153,7 @@ def test_writing_refreshes_the_theory_and_makes_the_page(pages, tmp_path):
 @pytest.mark.parametrize(("rows", "status"), [(ROWS[:2], 0), (ROWS, 1)])
 @pytest.mark.parametrize("json", [True, False])
 def test_only_a_failure_nobody_explains_fails_the_command(rows, status, json, monkeypatch, edmsim):
-    monkeypatch.setattr(validation, "run", lambda watch, engine: rows)
+    monkeypatch.setattr(validation, "run", lambda watch, **_: rows)
     shown = edmsim("validate", *(["--json"] if json else []))
     assert shown.status == status
     said = [r"ok\W+agrees", r"fails\W+explained", *[r"FAILS\W+deviating"] * status]
@@ -178,3 +185,16 @@ def test_what_fails_fits_a_terminal_of_eighty_columns():
     document = as_json(ROWS, failed(ROWS))
     assert '"agree": 1' in document
     assert '"agrees"' not in document
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [("--topics wire,nonsense", "unknown topic 'nonsense'; there are: ignition"),
+     ("--out FOLDER/checks.txt", "a table of checks is written as .jsonl"),
+     ("--out FOLDER/leaderboard.jsonl", "leaderboard.jsonl:1: the journal is damaged")],
+)  # fmt: skip
+def test_a_wrong_option_is_refused_before_the_first_check(words, said, monkeypatch, tmp_path, edmsim):
+    monkeypatch.setattr(validation, "run", lambda *_, **__: pytest.fail("checks were run"))
+    (tmp_path / "leaderboard.jsonl").write_text('{"id": "x", "controller": "counts"}\n')
+    shown = edmsim("validate", *words.replace("FOLDER", str(tmp_path)).split())
+    assert (shown.status, said in shown.err) == (2, True)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim import validation
+from edmsim.runs import RunTable
 from edmsim.validation.report import as_json, simulated, summary
 from edmsim.validation.rows import Row, differences, mean_and_interval, ratios, worst
 from edmsim.validation.setups import altered
@@ -165,7 +166,7 @@ def test_rows_come_in_order_whatever_finishes_first(monkeypatch):
         slow_may_end.set()
         return [Row.band("other", "n", "s", simulated=float(seeds[0]), low=0)]
 
-    monkeypatch.setattr(validation, "checks", lambda modules: [slow, fast, slow])
+    monkeypatch.setattr(validation, "checks", lambda *_: [slow, fast, slow])
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     observed = []
     rows = validation.run(lambda done, total: observed.append((done, total)))
@@ -178,7 +179,7 @@ def test_an_error_in_a_check_is_not_hidden(monkeypatch):
     def broken(seeds):
         raise edmsim.EdmsimError("no")
 
-    monkeypatch.setattr(validation, "checks", lambda modules: [broken])
+    monkeypatch.setattr(validation, "checks", lambda *_: [broken])
     with pytest.raises(edmsim.EdmsimError, match="no"):
         validation.run()
 
@@ -190,3 +191,53 @@ def test_some_modules_can_be_run_alone():
     assert rows == validation.checks(["corners"])[0](validation.SEEDS)
     with pytest.raises(edmsim.InputError, match="unknown module of checks 'nonsense'; there are: ignition, craters"):
         validation.run(modules=["nonsense"])
+
+
+def test_checks_of_some_topics_are_run_and_only_their_rows_shown():
+    names = [check.__name__ for check in validation.checks(topics=["kerf", "vibration"])]
+    assert names == ["removal", "diameters", "overcut", "gap_over_energy", "side_gap_over_energy", "rough_lag",
+                     "vibration"]  # fmt: skip
+    with pytest.raises(edmsim.InputError, match="unknown topic 'nonsense'; there are: ignition, crater"):
+        validation.run(topics=["wire", "nonsense"])
+
+
+def test_rows_of_other_topics_of_a_check_are_left_out(monkeypatch):
+    monkeypatch.setattr(validation, "checks", lambda *_: [
+        lambda seeds: [value(-10.0), Row.report("other", "r", "nothing in print", simulated=3.0)]
+    ])  # fmt: skip
+    assert [row.topic for row in validation.run(topics=["other"])] == ["other"]
+
+
+def test_an_interrupted_validation_makes_only_the_missing_checks(monkeypatch, tmp_path):
+    made = []
+
+    def first(seeds):
+        made.append("first")
+        return [value(-10.0, math.inf)]
+
+    def second(seeds):
+        made.append("second")
+        if made.count("second") == 1:
+            raise edmsim.EdmsimError("killed")
+        return [value(-9.5)]
+
+    monkeypatch.setattr(validation, "checks", lambda *_: [first, second])
+    monkeypatch.setattr("edmsim.runs.processors", lambda: 1)
+    file = tmp_path / "checks.jsonl"
+    with pytest.raises(edmsim.EdmsimError, match="killed"):
+        validation.run(table=RunTable(file))
+    rows = validation.run(table=RunTable(file))
+    assert made == ["first", "second", "second"]
+    assert rows == validation.run(table=RunTable(file)) == [value(-10.0, math.inf), value(-9.5)]
+    monkeypatch.setattr(validation, "SEEDS", (1, 2))
+    validation.run(table=RunTable(file))
+    assert made.count("first") == 2
+
+
+def test_checks_are_made_again_after_a_change_of_a_constant(monkeypatch):
+    before = validation._ids([value])
+    content = validation.digest
+    monkeypatch.setattr(
+        validation, "digest", lambda file: "other" if file.endswith("tool-steel.toml") else content(file)
+    )
+    assert validation._ids([value]) != before
