@@ -79,6 +79,13 @@ class Polyline:
         return np.asarray(np.minimum(s - fence[after - 1], fence[after] - s), np.float64)
 
 
+def path_corners(points_um: Floats | NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Return the length in um of a path (n, 2) up to each corner, and how far it turns there, left positive."""
+    line = Polyline(np.asarray(points_um * 1e-3, np.float64), closed=False)
+    corners = line.corners(CORNER_DEG)
+    return line.s[corners] * 1e3, line.turn_deg[corners]
+
+
 def left_of(direction: Floats) -> Floats:
     """Directions (n, 2) turned by 90 degrees to the left."""
     return np.stack([-direction[:, 1], direction[:, 0]], axis=1)

@@ -22,7 +22,7 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import observation, path_follower, reward, servo
 from edmsim.envs.task import EnvArguments, Family, Scenario
 from edmsim.errors import InputError
-from edmsim.geometry import CORNER_DEG, Floats, Polyline
+from edmsim.geometry import Floats, path_corners
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
@@ -303,11 +303,9 @@ def _laid(
 ) -> tuple[Course, Floats, Floats]:
     """Course along a leg's points in um, and length of the leg up to each of its corners with its turn."""
     points_um = np.frombuffer(points).reshape(shape)
-    line = Polyline(points_um * 1e-3, closed=False)
-    corners = line.corners(CORNER_DEG)
     kind, unit = kind_of(planner), position_unit(planner, table_um, step_um)
     course = Course.of(kind.number, points_um, kind.speed_unit_nm_s, unit, step_um)
-    return course, line.s[corners] * 1e3, line.turn_deg[corners]
+    return course, *path_corners(points_um)
 
 
 def _with_row(table: NDArray[_Number], index: int, row: NDArray[_Number], filling: float) -> NDArray[_Number]:

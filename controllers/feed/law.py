@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from edmsim.controllers import protocols
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.errors import InputError
-from edmsim.geometry import CORNER_DEG, Floats, Polyline, left_of
+from edmsim.geometry import Floats, left_of, path_corners
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES
@@ -524,13 +524,6 @@ class TrueGap(Measure):
 # Less power bends the wire less. The offset moves the guides off the path by as much as the wire bends. The numbers
 # are ours; those of a task's reference lines are in `edmsim.evaluation.episode`.
 
-def _corners(points_um: NDArray[Any], start_um: float) -> tuple[Floats, Floats]:
-    """Return the length of path at a leg's corners, and how far it turns there, to the left."""
-    line = Polyline(points_um * 1e-3, closed=False)
-    corners = line.corners(CORNER_DEG)
-    return line.s[corners] * 1e3 + start_um, line.turn_deg[corners]
-
-
 @dataclass
 class Corners(CornerRule):
     """A longer period near corners, and an offset after them."""
@@ -557,7 +550,8 @@ class Corners(CornerRule):
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the corners of the leg, and compute the bend of the wire."""
-        self._corners_um, turns_deg = _corners(points_um, start_um)
+        along_um, turns_deg = path_corners(points_um)
+        self._corners_um = along_um + start_um
         self._turns_rad = np.radians(turns_deg)
         self._lead_um = lead_um(machine, self.pull_N_m)
         slack = math.sqrt(lead_um(machine, 1.0) / self.slack_um) if self.slack_um else 1.0
@@ -595,9 +589,9 @@ class OuterCorners(CornerRule):
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Find where the leg turns to the part."""
-        corners_um, turns_deg = _corners(points_um, start_um)
+        along_um, turns_deg = path_corners(points_um)
         towards = {"left": turns_deg > 0, "right": turns_deg < 0, None: np.zeros(len(turns_deg), bool)}
-        self._corners_um = corners_um[towards[self.part_side]]
+        self._corners_um = along_um[towards[self.part_side]] + start_um
         self.start_um = start_um
 
     def slowing(self, path_um: float) -> float:

@@ -13,25 +13,23 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
-import numpy as np
 import tomlkit
-from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassRecord, PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import least_period_us, most_current_A, period_range_us
 from edmsim.machine.technology import AtHeight, FoundPass, PassSetting, Technology, machine_of
 from edmsim.metrology.roughness import roughness_um
 from edmsim.plant.gap.generator import crater_um3
 from edmsim.plant.workpiece.kerf_field import KerfField
-from edmsim.program.offset import OffsetOutline, offset_edge
-from edmsim.program.outline import Outline
-from edmsim.program.passes import CutPass, PassPlan, on_grid, ways_of
-from edmsim.program.path import CutPath, WireContour
+from edmsim.program.passes import CutPass
+from edmsim.program.path import CutPath
+from edmsim.program.straight import straight_path
 from edmsim.runs import RunTable, digests_of, identity
 
 
@@ -84,7 +82,6 @@ OFFSET_CUTS, NEXT_SEED = 4, 1009
 RA_SHARE = 0.12  # Ra is that asked for within this share (ours)
 FEED_REACHED = 0.85  # a trim that keeps less of its feed than this gets more power (ours)
 ROUGH_MM, TRIM_MM, OFFSET_MM = 1.6, 1.8, 1.4  # length of the straight cuts (ours: 12 to 16 places are measured)
-MARGIN_MM, HOLE_MM, LEAD_MM = 3.0, 0.3, 0.5
 FIRST_MM = 0.5  # offset with which a search begins (ours)
 
 
@@ -142,32 +139,6 @@ class Job:
             "source": source,
             "machine": self.machine, "material": self.material, "wire": self.wire, "height": tuple(heights),
         })  # fmt: skip
-
-
-def straight_path(
-    offsets_mm: Sequence[float], length_mm: float, machine: Machine, edge_mm: NDArray[np.float64] | None = None
-) -> CutPath:
-    """Return a straight edge, or another open one along +x, in passes, cut from a start hole, the part below it."""
-    middle = np.array(machine.base.table.centre_um) * 1e-3 - (length_mm / 2, 0.0)
-    edge = np.array([[0.0, 0.0], [length_mm, 0.0]]) if edge_mm is None else edge_mm
-    edge, count = edge + middle, len(edge) - 1
-    elements = tuple(range(1, count + 1))
-    outline = Outline(edge, (0,) * count, False, "left", "right", np.empty((0, 2)), elements=elements)
-    past_mm = [None, *[offsets_mm[0]] * (len(offsets_mm) - 1)]  # trims go straight past outer corners
-    ways_mm = [offset_edge(edge, "left", mm, False, past) for mm, past in zip(offsets_mm, past_mm, strict=True)]
-    legs = [OffsetOutline(outline, way, edge, mm) for way, mm in zip(ways_mm, offsets_mm, strict=True)]
-    ways = ways_of(legs, PassPlan(tuple(offsets_mm)))
-    lead = ways[0].points[:1] - (LEAD_MM, 0.0)
-    passes = on_grid(ways, lead, 1)
-    points = np.round(np.concatenate([lead, legs[-1].path]) * 1e3).astype(np.int64)
-    contour = WireContour(
-        points, 1, edge, False, "right", elements=tuple((k, 0) for k in elements), offset_um=offsets_mm[-1] * 1e3,
-        passes=passes,
-    )
-    every = np.concatenate([points * 1e-3, edge])
-    (x0, y0), (x1, y1) = every.min(axis=0), every.max(axis=0)
-    stock = float(x0 - MARGIN_MM), float(y0 - MARGIN_MM), float(x1 + MARGIN_MM), float(y1 + MARGIN_MM)
-    return CutPath((contour,), stock, HOLE_MM, (0.0, 0.0), (), "straight cut")
 
 
 class Cut(NamedTuple):
@@ -414,7 +385,7 @@ def _cut_of(simulation: Simulation, record: PassRecord) -> Cut:
 
 def cut_in_passes(
     technology: Technology, height_mm: float, passes: int, length_mm: float, *, seed: int, resolution: str,
-    edge_mm: NDArray[np.float64] | None = None, watch: Callable[[Simulation], None] = lambda _: None,
+    edge_mm: Floats | None = None, watch: Callable[[Simulation], None] = lambda _: None,
 ) -> Simulation:  # fmt: skip
     """Cut a straight edge, or another open one, in passes with the offsets and settings of a technology.
 

@@ -13,7 +13,7 @@ from edmsim.envs.observation import EXACT, window_of
 from edmsim.envs.part_task import Part
 from edmsim.envs.sub_envs import ObservationBuilder
 from edmsim.errors import InputError
-from edmsim.geometry import CORNER_DEG, Floats, Polyline
+from edmsim.geometry import Floats, path_corners
 from edmsim.learning import bandit
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
@@ -59,11 +59,10 @@ class PolicyController(Snapshots):
     def set_up(self, machine: Machine, points_um: Floats, start_um: float) -> None:
         """Set the machine and the path; called before every leg of the cut."""
         self._start_um = start_um
-        line = Polyline(points_um * 1e-3, closed=False)
-        corners = line.corners(CORNER_DEG)
+        corners_um, turns_deg = path_corners(points_um)
         # a filling at infinity, so that there is always one to look for
-        self._corner_um = np.append(line.s[corners] * 1e3, np.inf)[None]
-        self._corner_deg = np.append(line.turn_deg[corners], 0.0)[None]
+        self._corner_um = np.append(corners_um, np.inf)[None]
+        self._corner_deg = np.append(turns_deg, 0.0)[None]
         self._first_us = np.array([machine.t_on_us, machine.t_period_us])
         self._machine = machine
         if self._law is not None:

@@ -272,6 +272,7 @@ def read_blocks(text: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramB
     # it ends at M2 or M30, at a second %, or with the text; what stands behind M2 or M30 is read where the
     # program calls subprograms
     blocks: list[Block] = []
+    behind: list[Block] = []
     reader = _Reader(ignored, dialect, ConditionTable(dialect))
     lines = without_line_ends(re.split(r"\r\n|\r|\n", text))
     last = len(lines)
@@ -282,27 +283,29 @@ def read_blocks(text: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramB
                 break
             continue
         with located(line=number):
-            blocks += reader.blocks_of(raw, number)
-        if blocks and blocks[-1].ends_program:
-            last = number
+            found = reader.blocks_of(raw, number)
+        end = next((count for count, block in enumerate(found, 1) if block.ends_program), None)
+        blocks += found[:end]
+        if end is not None:
+            last, behind = number, found[end:]
             break
     else:
         if text.lstrip().startswith("%"):
             reader.notices.append(f"line {last}: neither M2, M30 nor a second % ends the program: is it complete?")
-    behind: list[Block] = []
-    if any(CALL in block.codes for block in blocks):
-        while last < len(lines) and not lines[last].lstrip().startswith("%"):
-            last += 1
-            with located(line=last):
-                behind += reader.blocks_of(lines[last - 1], last, labelled=dialect.numbered)
+    calls = any(CALL in block.codes for block in blocks)
+    left_out = [] if calls else [block.line for block in behind]
+    while calls and last < len(lines) and not lines[last].lstrip().startswith("%"):
+        last += 1
+        with located(line=last):
+            behind += reader.blocks_of(lines[last - 1], last, labelled=dialect.numbered)
     if reader.unknown:
         raise UnknownWordsError(reader.unknown)
     if not blocks:
         raise InputError("the program is empty: no word of G-code in it")
-    left_out = next((number for number in range(last, len(lines)) if lines[number].strip(" \t%\x1a")), None)
-    if left_out is not None:
-        reader.notices.append(f"line {left_out + 1}: text after the end of the program (line {last}) is left out")
-    return ProgramBlocks(blocks, behind, reader.notices, reader.table.values)
+    left_out += [number + 1 for number in range(last, len(lines)) if lines[number].strip(" \t%\x1a")]
+    if left_out:
+        reader.notices.append(f"line {left_out[0]}: text after the end of the program (line {last}) is left out")
+    return ProgramBlocks(blocks, behind if calls else [], reader.notices, reader.table.values)
 
 
 def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block | None:

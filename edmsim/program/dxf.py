@@ -379,6 +379,8 @@ def _moved(entity: Any, place: Any) -> Iterator[Any]:
     if kind not in entities.CUT or (kind in ("ARC", "CIRCLE") and abs(entity.dxf.radius) < _EQUAL):
         yield entity
         return
+    if kind == "SPLINE":
+        entity = entities.with_control_points(entity)
     try:
         yield entity.copy().transform(place)
     except NonUniformScalingError:

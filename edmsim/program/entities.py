@@ -282,7 +282,7 @@ def spline_points(entity: Any, tolerance: float) -> Floats:
     # them; one that is said to be closed and has only fit points is a periodic cubic through them
     control = np.array([tuple(p)[:2] for p in entity.control_points], np.float64).reshape(-1, 2)
     if len(control) == 0 and entity.closed and len(entity.fit_points) > 2:
-        return _through(np.array([tuple(p)[:2] for p in entity.fit_points], np.float64), tolerance)
+        return _through(_ring_of(entity), tolerance)
     knots, degree = np.array(entity.knots, np.float64), int(entity.dxf.degree)
     clamped = not len(knots) or (knots[0] == knots[degree] and knots[-1] == knots[-degree - 1])
     usual = clamped and len(knots) in (0, len(control) + degree + 1)
@@ -298,6 +298,30 @@ def spline_points(entity: Any, tolerance: float) -> Floats:
     return _along(knots, control, weights, degree, tolerance)
 
 
+def with_control_points(entity: Any) -> Any:
+    """Return a SPLINE with the control points of its curve, which are stretched with it: fit points are not."""
+    from scipy.interpolate import make_interp_spline
+
+    if len(entity.control_points) or not len(entity.fit_points):
+        return entity
+    found = entity.copy()
+    if entity.closed and len(entity.fit_points) > 2:
+        ring = _ring_of(entity)
+        curve = make_interp_spline(arc_lengths(ring), ring, bc_type="periodic")
+        degree, knots, control = 3, curve.t, np.column_stack([curve.c, np.zeros(len(curve.c))])
+    else:
+        tool = entity.construction_tool()
+        degree, knots, control = tool.degree, tool.knots(), tool.control_points
+    found.dxf.degree, found.knots, found.control_points, found.fit_points = degree, knots, control, []
+    return found
+
+
+def _ring_of(entity: Any) -> Floats:
+    """Return the fit points (n, 2) of a closed SPLINE, the last one equal to the first."""
+    points = np.array([tuple(p)[:2] for p in entity.fit_points], np.float64)
+    return points if np.array_equal(points[0], points[-1]) else np.concatenate([points, points[:1]])
+
+
 def _along(knots: Floats, control: Floats, weights: Floats, degree: int, tolerance: float) -> Floats:
     from scipy.interpolate import BSpline
 
@@ -306,11 +330,9 @@ def _along(knots: Floats, control: Floats, weights: Floats, degree: int, toleran
     return _chords(lambda t: curve(t)[:, :2] / curve(t)[:, 2:], breaks, tolerance)
 
 
-def _through(points: Floats, tolerance: float) -> Floats:
+def _through(ring: Floats, tolerance: float) -> Floats:
     from scipy.interpolate import CubicSpline
 
-    ring = points if np.array_equal(points[0], points[-1]) else np.concatenate([points, points[:1]])
-    ring[-1] = ring[0]
     length = arc_lengths(ring)
     return _chords(CubicSpline(length, ring, bc_type="periodic"), length, tolerance)
 

@@ -429,7 +429,8 @@ class Interpreter:
 
     def _check_unit(self, block: Block) -> None:
         """Say which unit a length before any unit has; refuse it where the program has both units."""
-        length = block.offsets or (block.values.keys() & _LENGTHS and ("G", 4) not in block.codes)
+        registers = block.offsets and not self.dialect.registers_in_um
+        length = registers or (block.values.keys() & _LENGTHS and ("G", 4) not in block.codes)
         if self.unit_stated or not length:
             return
         if len(self.units.stated) > 1:

@@ -15,7 +15,6 @@ from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
 from edmsim.cosim.passes import PassLog, PassSetup, Sums, legs_of
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.evaluation.technology_search import straight_path
 from edmsim.job.plan import prepared
 from edmsim.job.result import inspect, totals
 from edmsim.job.settings import CutSettings
@@ -23,6 +22,7 @@ from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import loose_pieces, metal_at
 from edmsim.metrology.roughness import face_roughness_um, ra_over_depth, roughness_um
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
+from edmsim.program.straight import straight_path
 from edmsim.recording.windows import WindowTable
 
 

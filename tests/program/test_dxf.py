@@ -255,6 +255,22 @@ def test_a_turned_block_in_a_stretched_block_is_stretched_across(drawing):
     assert np.ptp(outline.points_mm, axis=0) == pytest.approx([3, 10])
 
 
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_spline_through_fit_points_is_stretched_with_its_block(drawing, closed):
+    points = [(3, 0), (1, 2.5), (-2, 2), (-3.5, -1), (0, -3)]
+
+    def draw(space):
+        for at, block in enumerate((space, space.doc.blocks.new("B"))):
+            block.add_spline([(x + 20 * at, y, 0) for x, y in points]).closed = closed
+            if not closed:
+                block.add_line((20 * at, -3), (3 + 20 * at, 0))
+        space.add_blockref("B", (0, 0), dxfattribs={"xscale": 2, "yscale": 0.7})
+
+    drawn, stretched = drawing(draw).outlines
+    expected = shapely.LineString((drawn.points_mm + np.array([20, 0])) * (2, 0.7))
+    assert expected.hausdorff_distance(shapely.LineString(stretched.points_mm)) < 0.005
+
+
 def test_only_the_layers_requested_are_cut_also_within_blocks(tmp_path):
     grid, rest = (read_plate(tmp_path, layers=layers) for layers in (["GRID"], ["0", "slots"]))
     assert [len(program.outlines) for program in (grid, rest)] == [4, 3]

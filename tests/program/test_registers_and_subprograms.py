@@ -176,6 +176,23 @@ def test_without_calls_what_stands_behind_the_end_is_left_out_as_ever(read):
     assert any("text after the end of the program" in notice for notice in program.notices)
 
 
+def test_registers_that_are_always_in_um_need_no_unit_before_them(read):
+    text = "H001 = 115;\nG20;\nG92 X0 Y0;\nG41 H001;\nG1 X.1;Y.1;X.3;Y0;X.1;\nG40;\n{}M02;\n"
+    inches = read(text.format(""), dialect="skd2")
+    assert not any("read in inches" in notice for notice in inches.notices)
+    both = read(text.format("G21;\n"), dialect="skd2")  # refused, if the register had a unit
+    assert [program.outlines[0].offset_mm for program in (inches, both)] == [0.115, 0.115]
+
+
+def test_the_program_ends_at_m02_where_other_blocks_follow_on_its_line(read):
+    program = read("G92 X0 Y0; G1 X5.; M02; G0 X9.; G1 X8.;\n", dialect="skd2")
+    assert len(program.outlines) == 1
+    assert program.outlines[0].points_mm[-1].tolist() == [5.0, 0.0]
+    assert any("line 1: text after the end of the program" in notice for notice in program.notices)
+    called = read("G92 X0 Y0; M98 P1; M02; O1; G1 X5.; M99;\n", dialect="skd2")
+    assert called.outlines[0].points_mm[-1].tolist() == [5.0, 0.0]
+
+
 def test_a_contour_that_crosses_itself_says_so_and_where(read):
     eight = "G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX0 Y8\nX-4 Y12\nX0 Y16\nX4 Y12\nX0 Y8\nX-4 Y4\nX0 Y0\nG40\nM2\n"
     with pytest.raises(InputError, match=r"has met itself at X0\.000 Y8\.000 \(lines 5 and 8\)"):
