@@ -159,7 +159,7 @@ def _scored(env_id: str, file: Path, episodes: int, bar: ShownProgress) -> list[
         return []
     runs = file.with_name("score.runs.jsonl")  # of the cuts of an interrupted scoring
     scores = score.measure(env_id, str(file), episodes, bar.show, table=RunTable(runs))
-    score.write_card(str(file), scores)
+    score.write_card(str(file), scores, env_id)
     runs.unlink(missing_ok=True)
     return [score.render(scores)]
 

@@ -17,7 +17,7 @@ from edmsim.envs.registry import make_family, resolve, stand_in
 from edmsim.errors import InputError
 from edmsim.evaluation import compare, episode
 from edmsim.job.cut import cut
-from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning import hyperparameters, policy_file, score
 
 BEND = '''\
 from dataclasses import dataclass
@@ -207,7 +207,9 @@ def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
     assert card.command.startswith(f"edmsim train {bend} --algo ppo")
     # what differs from the defaults of the id that anybody knows
     assert card.environment == {"machine_episodes": 4, "height_mm": [5.0, 6.0], "episode_s": 10.0, "length_mm": 0.06}
-    assert len(card.scores) == 3
+    assert [row["env_id"] for row in card.scores] == [BEND_ID] * 3
+    score.write_card(str(tmp_path / "bend" / "policy.json"), [score.Score("policy", "fast", 2, *[1.0] * 5, 0, 0)])
+    assert len(policy_file.load(str(tmp_path / "bend" / "policy.json")).card.scores) == 4  # those of `bend` stay
     made = cut(small_punch, controller=f"policy:{tmp_path / 'bend' / 'policy.json'}", height_mm=5.0,
                resolution="fast", max_time_s=1.0)  # fmt: skip
     assert made.windows.num_rows > 30
