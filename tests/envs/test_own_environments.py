@@ -194,6 +194,22 @@ def test_controllers_are_compared_in_it(bend, edmsim):
 
 
 @pytest.mark.slow
+def test_environments_of_one_family_have_their_own_recordings_and_figures(tmp_path, edmsim):
+    (tmp_path / "own.py").write_text(
+        "from edmsim.envs import GapFeed, register\n"
+        "for lab in 'ab':\n    register(f'{lab}/GapFeed-v2', GapFeed, episode_s=0.1)\n", encoding="utf-8",
+    )  # fmt: skip
+    both = [f"{tmp_path / 'own.py'}:{lab}/GapFeed-v2" for lab in "ab"]
+    page, out = tmp_path / "page.md", tmp_path / "out"
+    words = "--controllers", "fixed", "--seeds", 2, "--page", page, "--record", out
+    assert edmsim("evaluate", *both, *words).status == 0
+    for name in ("a-GapFeed-v2", "b-GapFeed-v2"):
+        assert (out / name / "seed-1000000" / "fixed" / "cut.rrd").is_file()
+        assert f"](page-{name}.png)" in page.read_text(encoding="utf-8")
+        assert (tmp_path / f"page-{name}.png").is_file()
+
+
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
 @pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="the extra rl is not installed")
 def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
