@@ -480,7 +480,7 @@ def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
     make_writable(file.parent)
     parts = ["# Controllers compared", ""]
     for made in comparisons:
-        name = f"{file.stem}-{re.sub(r'[^0-9A-Za-z]+', '-', made.env_id.rpartition('/')[2])}.png"
+        name = f"{file.stem}-{re.sub(r'[^0-9A-Za-z]+', '-', made.env_id.removeprefix('edmsim/'))}.png"
         with own_style():
             write_figure(draw_returns(made), file.with_name(name))
         lines = lines_of(made.env_id)

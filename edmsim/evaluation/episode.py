@@ -18,7 +18,7 @@ from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.part_task import Part
-from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
+from edmsim.envs.registry import arguments_with, base_of, env_id_of, find, registered_ids
 from edmsim.envs.reward import REFERENCE_S
 from edmsim.errors import refuses_wrong_types
 from edmsim.metrology.profile import profile_error
@@ -208,7 +208,9 @@ def cut(
 
 def recording_folder(record: str | Path, env_id: str, seed: int, controller: str) -> Path:
     """Return the folder of a recorded cut: environment, seed and controller under the folder of all recordings."""
-    names = (re.sub(r"[^\w.=,-]+", "-", text) for text in (find(env_id)[0].__name__, f"seed-{seed}", controller))
+    short = env_id.removeprefix("edmsim/").partition("-v")[0]
+    task = env_id if env_id_of(short) == short else short  # two environments of users may have one family
+    names = (re.sub(r"[^\w.=,-]+", "-", text) for text in (task, f"seed-{seed}", controller))
     return Path(record).joinpath(*names)
 
 

@@ -525,7 +525,8 @@ def train(
     """Record training machines of a shift into `HISTORIES`, and return the policy whose prior fits them.
 
     `steps` are segments on all machines, rounded up to whole ones. With `resume` the settings of the histories apply,
-    their number of machines unless there are `steps`, and the options that the command had.
+    and the options that the command had; without `steps` the policy learns from as many machines as its settings say,
+    or from all that the histories have.
     """
     file = out / HISTORIES
     if resume:
@@ -541,6 +542,10 @@ def train(
     with locked(out, "edmsim train"):
         of = {"env_id": env_id, "seed": seed, "settings": settings.model_dump(), "options": options}
         table = RunTable(file, of)
+        if steps is not None and machines < len(table.rows):
+            done = len(table.rows) * settings.segments
+            raise InputError(f"the training there has {done} steps: give as many or more, not {steps}", out)
+        machines = max(machines, len(table.rows))
         seeds = range(first, first + machines)
         rows = perform(
             partial(_recorded, env_id, settings), seeds, watch, table=table, ids=[str(number) for number in seeds],

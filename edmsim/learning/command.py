@@ -65,8 +65,11 @@ class TrainOptions(NamedTuple):
             shape |= {"lstm": card.lstm} if parameters.network.lstm and card.lstm else {}
             more["network"] = parameters.network.model_copy(update=shape)
         if self.residual is not None:
-            environment = {**parameters.environment, "action": "speed", "decision_s": None}
-            more |= {"residual": self.residual, "environment": environment}
+            adds: dict[str, Any] = {"action": "speed", "decision_s": None}
+            if other := [name for name in adds if parameters.environment.get(name, adds[name]) != adds[name]]:
+                reason = f"--residual adds to a speed in every window: leave environment.{other[0]} out"
+                raise InputError(reason, self.settings)
+            more |= {"residual": self.residual, "environment": {**parameters.environment, **adds}}
         if self.teacher is not None:
             more["teacher"] = self.teacher
         if self.privileged_critic:
@@ -156,7 +159,7 @@ def _scored(env_id: str, file: Path, episodes: int, bar: ShownProgress) -> list[
         return []
     runs = file.with_name("score.runs.jsonl")  # of the cuts of an interrupted scoring
     scores = score.measure(env_id, str(file), episodes, bar.show, table=RunTable(runs))
-    score.write_card(str(file), scores)
+    score.write_card(str(file), scores, env_id)
     runs.unlink(missing_ok=True)
     return [score.render(scores)]
 

@@ -110,7 +110,8 @@ class Card(BaseModel, extra="forbid", frozen=True):
     seed: int | None  # None if the learner had no seed
     steps: int
     versions: dict[str, str]
-    scores: list[dict[str, Any]] = []  # scores of the policy and of a classic controller
+    # scores of the policy and of classic controllers; those of a user's environment name it as ``env_id``
+    scores: list[dict[str, Any]] = []
 
 
 class Lstm(NamedTuple):

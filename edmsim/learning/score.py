@@ -112,12 +112,16 @@ def score(results: Sequence[Result], resolution: str) -> Score:
     )
 
 
-def write_card(policy: str, scores: Sequence[Score]) -> None:
-    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions."""
+def write_card(policy: str, scores: Sequence[Score], env_id: str | None = None) -> None:
+    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions.
+
+    `env_id` is the environment of the scores, by default the policy's; those of another one are kept beside these.
+    """
     card = _card(policy)
-    measured = {row.resolution for row in scores}
-    others = [row for row in card.scores if row["resolution"] not in measured]
-    card = card.model_copy(update={"scores": [*others, *(row._asdict() for row in scores)]})
+    elsewhere = {} if env_id is None or find(env_id) == find(card.env_id) else {"env_id": env_id}
+    measured = {(row.resolution, elsewhere.get("env_id")) for row in scores}
+    others = [row for row in card.scores if (row["resolution"], row.get("env_id")) not in measured]
+    card = card.model_copy(update={"scores": [*others, *(row._asdict() | elsewhere for row in scores)]})
     file = policy_file.locate(policy)
     if isinstance(card, bandit.BanditCard):
         bandit.write(card, file)

@@ -17,7 +17,7 @@ from edmsim.envs.registry import make_family, resolve, stand_in
 from edmsim.errors import InputError
 from edmsim.evaluation import compare, episode
 from edmsim.job.cut import cut
-from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning import hyperparameters, policy_file, score
 
 BEND = '''\
 from dataclasses import dataclass
@@ -194,6 +194,22 @@ def test_controllers_are_compared_in_it(bend, edmsim):
 
 
 @pytest.mark.slow
+def test_environments_of_one_family_have_their_own_recordings_and_figures(tmp_path, edmsim):
+    (tmp_path / "own.py").write_text(
+        "from edmsim.envs import GapFeed, register\n"
+        "for lab in 'ab':\n    register(f'{lab}/GapFeed-v2', GapFeed, episode_s=0.1)\n", encoding="utf-8",
+    )  # fmt: skip
+    both = [f"{tmp_path / 'own.py'}:{lab}/GapFeed-v2" for lab in "ab"]
+    page, out = tmp_path / "page.md", tmp_path / "out"
+    words = "--controllers", "fixed", "--seeds", 2, "--page", page, "--record", out
+    assert edmsim("evaluate", *both, *words).status == 0
+    for name in ("a-GapFeed-v2", "b-GapFeed-v2"):
+        assert (out / name / "seed-1000000" / "fixed" / "cut.rrd").is_file()
+        assert f"](page-{name}.png)" in page.read_text(encoding="utf-8")
+        assert (tmp_path / f"page-{name}.png").is_file()
+
+
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
 @pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="the extra rl is not installed")
 def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
@@ -207,7 +223,9 @@ def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
     assert card.command.startswith(f"edmsim train {bend} --algo ppo")
     # what differs from the defaults of the id that anybody knows
     assert card.environment == {"machine_episodes": 4, "height_mm": [5.0, 6.0], "episode_s": 10.0, "length_mm": 0.06}
-    assert len(card.scores) == 3
+    assert [row["env_id"] for row in card.scores] == [BEND_ID] * 3
+    score.write_card(str(tmp_path / "bend" / "policy.json"), [score.Score("policy", "fast", 2, *[1.0] * 5, 0, 0)])
+    assert len(policy_file.load(str(tmp_path / "bend" / "policy.json")).card.scores) == 4  # those of `bend` stay
     made = cut(small_punch, controller=f"policy:{tmp_path / 'bend' / 'policy.json'}", height_mm=5.0,
                resolution="fast", max_time_s=1.0)  # fmt: skip
     assert made.windows.num_rows > 30

@@ -124,10 +124,13 @@ def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, sho
     assert edmsim(*words, "--resume", "--steps", 19).status == 0  # a fourth machine
     assert (out / "histories.jsonl").read_bytes().startswith(before)
     assert edmsim(*words, "--settings", short_file).status == 2  # the folder has a training
-    assert edmsim(*words, "--resume").status == 0  # with as many machines as it began with
+    assert edmsim(*words, "--resume").status == 0  # with all machines that are recorded
     card = bandit.load(out / "policy.json")
-    assert card.steps == 18
-    assert card.command == f"edmsim train {ENV_ID} --algo bandit --steps 18 --seed 0 --settings {short_file}"
+    assert card.steps == 24
+    assert card.command == f"edmsim train {ENV_ID} --algo bandit --steps 24 --seed 0 --settings {short_file}"
+    fewer = edmsim(*words, "--resume", "--steps", 18)
+    assert (fewer.status, bandit.load(out / "policy.json").steps) == (2, 24)
+    assert "the training there has 24 steps: give as many or more, not 18" in fewer.err
     other = edmsim(*words, "--resume", "--seed", 5)
     assert other.status == 2
     assert "it has the runs of seed 0, not 5" in other.err

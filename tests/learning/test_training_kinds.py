@@ -189,6 +189,13 @@ def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, optio
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("entry", ['action = "servo"', "decision_s = 0.2"])
+def test_a_residual_replaces_no_settings_in_silence(tmp_path, entry):
+    (tmp_path / "own.toml").write_text(f"[environment]\n{entry}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=f"own.toml: .*leave environment.{entry.split()[0]} out"):
+        TrainOptions(tmp_path / "own.toml", residual="counts").hyperparameters("edmsim/GapFeed-v2", "ppo")
+
+
 @pytest.mark.parametrize(("env_id", "teacher"), [
     ("edmsim/MaxRate-v1", "heat-oracle"), ("edmsim/MaxRateShift-v0", "adaptive-hold"), ("edmsim/Trim-v1", "voltage"),
 ])  # fmt: skip
