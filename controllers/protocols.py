@@ -16,8 +16,10 @@ from edmsim.numeric import keep_plain, plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
-LENGTHENING = "slow_factor", "corner_factor", "patience_factor"
+LENGTHENING = "slow_factor", "corner_factor", "patience_factor", "longest_factor", "back_factor"
 """Parameters of controllers that must be 1 or more: they lengthen a period, or slow a growth."""
+SHARES = "_share", "shortest_factor"
+"""Ends of the names of parameters of controllers that must be from 0 to 1."""
 ControllerState = dict[str, Any]  # a controller's snapshot, fit for JSON
 
 
@@ -212,16 +214,21 @@ class HasSwitches(Protocol):
 
 
 def check_parameters(controller: Any) -> None:
-    """Refuse values not finite, negative except `SIGNED`, of `LENGTHENING` below 1, of a ``*_share`` above 1."""
+    """Refuse values not finite, negative but for `SIGNED`, of `LENGTHENING` below 1, of `SHARES` above 1.
+
+    A parameter that is annotated as an integer must be whole.
+    """
     keep_plain(controller)
     for parameter in fields(controller):
-        name, value = parameter.name, real(getattr(controller, parameter.name))
-        top = 1.0 if name.endswith("_share") else sys.float_info.max  # a whole number may be greater
+        name, setting, counts = parameter.name, getattr(controller, parameter.name), parameter.type is int
+        top = 1.0 if name.endswith(SHARES) else sys.float_info.max  # a whole number may be greater
         least = 1 if name in LENGTHENING else 0
-        if parameter.init and (value is None or not (-top if name in SIGNED else least) <= value <= top):
+        value = real(setting)
+        fits = value is not None and (-top if name in SIGNED else least) <= value <= top
+        if parameter.init and not (fits and (not counts or setting == int(setting))):
             bounds = " from 0 to 1" if top == 1.0 else "" if name in SIGNED else f" of {least} or more"
-            setting = getattr(controller, name)
-            raise InputError(f"{name} of the {controller.name} controller must be a number{bounds}, not {setting!r}")
+            kind = "whole number" if counts else "number"
+            raise InputError(f"{name} of the {controller.name} controller must be a {kind}{bounds}, not {setting!r}")
 
 
 _LONGEST_S = 3600.0  # calculation time, at most (ours): far beyond a window

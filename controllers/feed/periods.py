@@ -91,8 +91,7 @@ class NormalPulses(PeriodRule):
         # before the wire has moved nothing is known of the thickness: the period stays
         excess = self.normal / self.seconds * COUNT_S / threshold if threshold else 1.0
         change = min(max(excess, 1.0 - STEP_SHARE), 1.0 + STEP_SHARE)
-        shortest = min(self.shortest_factor, 1.0) * self.base_us
-        longest = max(self.longest_factor, 1.0) * self.base_us
+        shortest, longest = self.shortest_factor * self.base_us, self.longest_factor * self.base_us
         # whole us, as timers count them
         self.period_us = max(float(round(min(max(self.period_us * change, shortest), longest))), shortest)
         self.seconds = self.normal = self.charge = self.travel_um = 0.0
@@ -375,7 +374,7 @@ class Climb(SetPoint):
 
     climb_s: float = 5.0  # cutting time between two steps, retracts not counted
     step_share: float = 0.13  # share by which a step shortens the period
-    # factor on the period after a break. The period is then held; a further break lengthens it again.
+    # factor on the period after a break, 1 or more. The period is then held; a further break lengthens it again.
     back_factor: float = 1.41
 
     held_s: float = field(default=0.0, init=False)

@@ -8,6 +8,7 @@ sparks.
 
 import random
 from collections.abc import Callable, Mapping, Set
+from functools import partial
 from typing import Any, NamedTuple
 
 from edmsim.controllers.mcu.chips import bus, ppi
@@ -202,6 +203,10 @@ class _WiredCounters(PulseAnalyser):
         self._port.strobe(ppi.B, open)
 
 
+def _unseen(step: Step) -> None:
+    """Let a step pass that nobody looks at."""
+
+
 class Board(Snapshots):
     """Chips, wires and the machine's side of them; `on_step` is called with each edge that a stepper obeyed."""
 
@@ -223,7 +228,7 @@ class Board(Snapshots):
         self.couplers = couplers or Optocouplers()
         self.now_ns = 0
         self.steps = []
-        self.on_step: Callable[[Step], None] = lambda step: None
+        self.on_step: Callable[[Step], None] = _unseen
         self.codes = [0, 0]  # of the DACs of t(i) and t(p), with `COARSE` where that range is chosen
         self.open_V = 0.0
         self.mean_current_A = 0.0
@@ -238,7 +243,7 @@ class Board(Snapshots):
         self.interrupts = Pic8259()
         self.display = Kdc8279()
         self.terminal, self.host = Usart8251(self.sent.append), Usart8251(self.sent_to_host.append)
-        self.switches = SafetySwitches(lambda: self.interrupts.request(EMERGENCY), self.faults.stuck)
+        self.switches = SafetySwitches(partial(self.interrupts.request, EMERGENCY), self.faults.stuck)
         self.generator_line = PulseGeneratorLine(self.couplers.response_ns)
         for first, size, chip in (
             (bus.PORT2A, 4, self.machine_port), (bus.PORT3A, 4, self.counter_port), (bus.TIMERS, 4, self.timers),

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import accumulate, pairwise
 
 from edmsim.controllers.mcu.board import Board
@@ -244,12 +245,12 @@ class Streams:
     def __init__(self, memory: Bus) -> None:
         self.memory = memory
         self.inputs: dict[int, Callable[[], int | None]] = {
-            at.TERMINAL_IN: lambda: self._fetch(bus.TERMINAL),
-            at.HOST_IN: lambda: self._fetch(bus.HOST),
+            at.TERMINAL_IN: partial(self._fetch, bus.TERMINAL),
+            at.HOST_IN: partial(self._fetch, bus.HOST),
         }
         self.outputs: dict[int, Callable[[int], None]] = {
-            at.TERMINAL_OUT: lambda byte: memory.write(bus.TERMINAL, byte),
-            at.HOST_OUT: lambda byte: memory.write(bus.HOST, byte),
+            at.TERMINAL_OUT: partial(memory.write, bus.TERMINAL),
+            at.HOST_OUT: partial(memory.write, bus.HOST),
         }
 
     def ci(self) -> int | None:
@@ -402,6 +403,10 @@ OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"
 """States of the machine: not initialised yet; safe; timers and interrupts on; stopped until INIT."""
 
 
+def _nothing() -> None:
+    """Run where the program has no routine."""
+
+
 class Computer(Snapshots):
     """The controller's processor, program and board, whose time (`Board.now_ns`) `run_until` and `drive` move on.
 
@@ -432,10 +437,10 @@ class Computer(Snapshots):
         self._enabled = False
         routines: dict[int, Callable[[], None]] = {
             at.EMERGENCY_ROUTINE: self.emergency,
-            at.X_ENTRY: lambda: self.steppers.interrupt(0),
-            at.Y_ENTRY: lambda: self.steppers.interrupt(1),
+            at.X_ENTRY: partial(self.steppers.interrupt, 0),
+            at.Y_ENTRY: partial(self.steppers.interrupt, 1),
             at.KBD_ROUTINE: self._keyboard,
-            at.NO_ROUTINE: lambda: None,
+            at.NO_ROUTINE: _nothing,
             at.INIT: self.init,
         }
         self.code = MachineCode(self.board, self.streams, routines)

@@ -195,7 +195,9 @@ class Plant:
         self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None,
         machine: Machine | None = None,
     ) -> None:
-        """Reset to rest: new workpiece and wire, the generator on, at the setting of the first machine.
+        """Reset to rest: new workpiece and wire, the generator on, at the setting of the machine.
+
+        That is the plant's first machine, or the one of the last `change_setup` or `drift`.
 
         Parameters
         ----------

@@ -20,6 +20,7 @@ from typing import Any
 import edmsim
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.errors import EdmsimError
+from edmsim.files import read_text
 from edmsim.hil.external import ExternalMotion
 
 DEBIAN = "/usr/lib/python3/dist-packages"
@@ -80,14 +81,13 @@ def make_component(hal: Any, name: str) -> Any:
 def without_words(program: str, folder: str) -> Path:
     """Write the program without LinuxCNC's own words, from which edmsim reads the contour; return its path."""
     file = Path(folder) / Path(program).name
-    file.write_text(WORDS.sub("", Path(program).read_text(encoding="utf-8")), encoding="utf-8")
+    file.write_text(WORDS.sub("", read_text(program)), encoding="utf-8")
     return file
 
 
-def serve(component: Any, chosen: argparse.Namespace, folder: str, cuts: int | None = None) -> None:
+def serve(component: Any, chosen: argparse.Namespace, program: Path, cuts: int | None = None) -> None:
     """Cut whenever ``enable`` rises, until the component is unloaded, or for a number of cuts."""
     pins, made = Pins(component), 0
-    program = without_words(chosen.program, folder)
     pins.rest(False)
     while cuts is None or made < cuts:
         if not component["enable"]:
@@ -125,18 +125,21 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> None:
-    """Start in the order of ``loadusr -W``: compile, make the pins, report ready, serve."""
+    """Start in the order of ``loadusr -W``: read the program, compile, make the pins, report ready, serve."""
     chosen = arguments()
     sys.path.append(DEBIAN)
-    hal = importlib.import_module("hal")
-    edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()  # compiles everything in advance
-    component = make_component(hal, chosen.name)
-    component.ready()
     try:
         with tempfile.TemporaryDirectory() as folder:
-            serve(component, chosen, folder)
+            program = without_words(chosen.program, folder)
+            hal = importlib.import_module("hal")
+            edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()  # compiles everything in advance
+            component = make_component(hal, chosen.name)
+            component.ready()
+            serve(component, chosen, program)
     except KeyboardInterrupt:
         return
+    except EdmsimError as error:
+        sys.exit(f"edmsim: {error}")
 
 
 if __name__ == "__main__":

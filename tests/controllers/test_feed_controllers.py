@@ -166,6 +166,10 @@ def test_counts_forgets_old_shorts_once_it_has_moved_on():
     ("sato", {"slow_factor": 0.9}, "slow_factor of the sato controller must be a number of 1 or more, not 0.9"),
     ("trim", {"corner_factor": 0}, "corner_factor of the trim controller must be a number of 1 or more, not 0"),
     ("climbing-hold", {"patience_factor": 0.5}, "must be a number of 1 or more, not 0.5"),
+    ("climb", {"back_factor": 0.7}, "back_factor of the climb controller must be a number of 1 or more, not 0.7"),
+    ("sato", {"longest_factor": 0.5}, "longest_factor of the sato controller must be a number of 1 or more, not 0.5"),
+    ("sato", {"shortest_factor": 2}, "shortest_factor of the sato controller must be a number from 0 to 1, not 2"),
+    ("counts", {"max_tries": 1.5}, "max_tries of the counts controller must be a whole number of 0 or more, not 1.5"),
     ("counts", {"dwell_s": "1"}, "dwell_s of the counts controller must be a number of 0 or more, not '1'"),
 ])  # fmt: skip
 def test_what_cannot_be_made_is_refused(name, parameters, words):

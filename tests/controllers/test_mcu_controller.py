@@ -1,6 +1,8 @@
 """The 1982 controller in the loop: the same cut as its law alone, through registers and interrupts."""
 
+import copy
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from edmsim.controllers.mcu.computer import before_corner
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
+from edmsim.controllers.protocols import Step
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -47,6 +50,18 @@ def assert_same(a, b):
     for name, column in first.items():
         np.testing.assert_array_equal(column, second[name], err_msg=name)
     assert (a.outcome, a.plant.time_ns, a.plant.removed_mm3) == (b.outcome, b.plant.time_ns, b.plant.removed_mm3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda controller: pickle.loads(pickle.dumps(controller))])
+def test_a_copy_under_way_has_a_computer_of_its_own(copied):
+    first, second = run(simulation(("mcu",)), 40).controller, run(simulation(("mcu",)), 40).controller
+    twin = copied(first)
+    windows = [WindowObservation(1.02 + 0.0255 * k, 0.0255, 6 * k, 40, 15.0, 1.0, 3.0, 10.0, 12.0) for k in range(20)]
+    assert [twin.update(window) for window in windows] == [second.update(window) for window in windows]
+    steps = [Step(10**7 * (k + 1), 0, 1) for k in range(5)]
+    assert twin.drive(steps) == second.drive(steps)
+    assert twin.snapshot() == second.snapshot() != first.snapshot()
 
 
 @pytest.mark.slow

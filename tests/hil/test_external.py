@@ -159,13 +159,24 @@ def test_words_of_linuxcnc_are_left_out_with_their_numbers(tmp_path, gap):
     assert [line.strip() for line in text.splitlines()] == ["G1 X1", "Y1", "N3", "", "", "", "M2", "M30"]
 
 
+def test_a_program_that_cannot_be_read_ends_the_component_in_one_line_before_it_is_ready(tmp_path, gap, monkeypatch):
+    file = tmp_path / "line.ngc"
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "argv", ["gap.py", str(file)])
+    for said in ("no such file", "byte 1 is not UTF-8"):
+        with pytest.raises(SystemExit, match=f"^edmsim: {file}: {said}"):
+            gap.main()
+        file.write_bytes(b"(\xfcber)\nG1 X1\n")
+
+
 @pytest.mark.slow
 def test_the_component_cuts_while_enable_is_high(tmp_path, gap):
     component = gap.make_component(HAL, "edm-gap")
     component["time-scale"] = 200.0
     chosen = gap.arguments([str(program(tmp_path)), "--out", str(tmp_path / "out"), "--height", "10"])
     (tmp_path / "words").mkdir()
-    thread = threading.Thread(target=gap.serve, args=(component, chosen, str(tmp_path / "words"), 1))
+    read = gap.without_words(chosen.program, str(tmp_path / "words"))
+    thread = threading.Thread(target=gap.serve, args=(component, chosen, read, 1))
     thread.start()
     component["x"], component["enable"] = 5.0, True
     until = time.monotonic() + 60.0
