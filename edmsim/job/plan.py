@@ -101,9 +101,7 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
     if settings.passes is None:
         path = plan(program, settings, [settings.load_machine()], None)
         remedy = "say how many, as --passes 4" if path.passes == 1 else "the program has its own, leave it out"
-        for name, what in _OF_PASSES.items():
-            if getattr(settings, name) != CutSettings.model_fields[name].default:
-                raise InputError(f"{what} is for passes: {remedy}")
+        _refuse_of_passes(settings, remedy)
         if path.conditions.settings:
             return _by_conditions(program, settings, path, plan)
         if path.passes == 1:
@@ -119,6 +117,8 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
         raise InputError("conditions set the program's own passes: leave out their table, or the number of passes")
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
+    if settings.passes == 1:
+        _refuse_of_passes(settings, "give more than one, as --passes 4")
     technology = technology_of(settings)
     table = _table(settings, technology, settings.passes)
     shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
@@ -126,6 +126,12 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
     after_tab: Any = settings.after_tab
     pass_plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, after_tab)
     return _in_passes(program, settings, technology, table, pass_plan, plan)
+
+
+def _refuse_of_passes(settings: CutSettings, remedy: str) -> None:
+    for name, what in _OF_PASSES.items():
+        if getattr(settings, name) != CutSettings.model_fields[name].default:
+            raise InputError(f"{what} is for passes: {remedy}")
 
 
 def _in_passes(

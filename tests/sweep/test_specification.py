@@ -7,6 +7,7 @@ from edmsim import models
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK
 from edmsim.machine.machine import Machine
+from edmsim.runs import digests_of
 from edmsim.sweep.specification import Specification, read_specification, runs_of, values_of
 from edmsim.user_code import listed
 
@@ -59,6 +60,17 @@ def test_a_run_is_known_by_files_in_lists_and_by_the_mjcf_of_a_machine(line, tmp
     for file in (steel, mjcf):
         file.write_text(file.read_text() + "\n")
     assert not set(before) & set(ids())
+
+
+def test_a_run_is_known_by_the_modules_in_its_folder_that_a_controller_imports(tmp_path):
+    law, gains, shared = (tmp_path / f"{name}.py" for name in ("law", "gains", "shared"))
+    law.write_text("import math\nimport gains\n")
+    gains.write_text("from shared import FEED\n")
+    shared.write_text("import gains\nFEED = 20.0\n")
+    found = [digests_of([f"{law}:Law"])]
+    shared.write_text("import gains\nFEED = 10.0\n")
+    found.append(digests_of([f"{law}:Law"]))
+    assert {file for file, digest in found[1].items() if found[0][file] != digest} == {str(shared)}
 
 
 def test_a_run_is_known_by_the_machine_that_a_technology_names(line, tmp_path):
