@@ -341,7 +341,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     settings, path = found.settings, found.path
     machine = settings.load_machine()
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.planner, settings.workpiece.lowest_mm)
-    trim_feed_um_s, _ = _feed_limit(machine, settings.planner)
+    trim_feed_um_s, _ = feed_limit(machine, settings.planner)
     between_um = sum(way for way, threads in _between_um(path) if not threads)
     length_um = sum(k.length_um for k in path.contours) + between_um
     trims_um = sum(float(p.way.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
@@ -376,7 +376,7 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
     return tuple(estimates)
 
 
-def _feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
+def feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
     """Return the lower one of the greatest feeds of machine and planner, and whose it is."""
     own, of_planner_um_s = machine.base.table.max_feed_um_s, kind_of(planner).max_feed_um_s
     own_um_s = MAX_FEED_UM_S if own is None else own.value
@@ -387,7 +387,7 @@ def greatest_feed_um_s(machine: Machine, planner: str, height_mm: float) -> tupl
     """Return the highest possible feed of a rough cut and its limit."""
     # every pulse that ignites at once removes what its energy melts, from a kerf as wide as the wire and twice
     # the gap; most cuts are slower: pulses stay open, or short
-    limit_um_s, limited_by = _feed_limit(machine, planner)
+    limit_um_s, limited_by = feed_limit(machine, planner)
     power_W = mean_current_A(machine) * machine.material.burning_voltage_V.value
     removed_um3_s = power_W * timing(machine).removal_um3_J
     by_power_um_s = removed_um3_s / (2e3 * machine.auto_offset_mm * height_mm * 1e3)
