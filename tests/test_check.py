@@ -17,8 +17,8 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import check, greatest_feed_um_s, lines_of, make_controller, with_passes
-from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.technology import technology_for
 from edmsim.recording.figures.profile import path_figure

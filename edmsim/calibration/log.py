@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.setting import AIR_SHARE, WINDOW_PULSES
 from edmsim.metrology.profile import finite_mean
 

@@ -16,7 +16,7 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
-    from edmsim.job.settings import CutSettings
+    from edmsim.job.options import CutSettings
 
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
 Environment = Annotated[
@@ -67,7 +67,7 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     taken: _Taken | None = getattr(command, _TAKEN, None)
     if taken is None:
         return command
-    from edmsim.job.settings import CutOptions
+    from edmsim.job.options import CutOptions
     from edmsim.machine.options import SetUpOptions
 
     fields = CutOptions.model_fields
@@ -88,7 +88,7 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def settings_of(options: dict[str, Any]) -> "CutSettings":
     """Return the options of a cut that a command got, checked, with the others at their defaults."""
-    from edmsim.job.settings import CutSettings
+    from edmsim.job.options import CutSettings
 
     return CutSettings.model_validate(options)
 

@@ -22,9 +22,9 @@ from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
 from edmsim.files import folder_of, locked, read_arrays, replacing
+from edmsim.job.options import CutOptions, CutSettings, Running
 from edmsim.job.plan import prepared
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
-from edmsim.job.settings import CutOptions, CutSettings, Running
 from edmsim.machine.machine import constants_digest
 from edmsim.machine.options import show
 from edmsim.plant.axes.drives import parse_fault

@@ -17,7 +17,7 @@ from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
 from edmsim.errors import InputError, located, refuses_wrong_types
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import guide_bends, mean_current_A
 from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for

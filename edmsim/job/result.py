@@ -21,7 +21,7 @@ from edmsim.cosim.straight import PULSES, PulseSample, sample_pulses
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
 from edmsim.files import check_suffix, folder_of, locked, make_writable, together
 from edmsim.geometry import Floats
-from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.setting import AIR_SHARE, discharge_current_A
 from edmsim.metrology import edges

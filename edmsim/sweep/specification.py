@@ -17,8 +17,8 @@ from edmsim.controllers import from_text
 from edmsim.envs.registry import make_family, resolve
 from edmsim.errors import InputError, located, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_toml
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import technology_of
-from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import TextOrPath, as_text, bare_name, kind_of
 from edmsim.machine.overrides import check_names

@@ -16,9 +16,9 @@ from edmsim.cosim.passes import PassLog, PassSetup, Sums, legs_of
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.evaluation.technology_search import straight_path
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import prepared
 from edmsim.job.result import inspect, totals
-from edmsim.job.settings import CutSettings
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import loose_pieces, metal_at
 from edmsim.metrology.roughness import face_roughness_um, roughness_um

@@ -62,13 +62,13 @@ def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire():
 
 @pytest.mark.parametrize("height_mm", [0.5, 1.5])
 def test_the_rough_pass_of_sheet_begins_at_a_feed_that_the_machine_has(monkeypatch, height_mm):
-    begun = []
+    tried = []
     monkeypatch.setattr(
         technology_search, "cut_pass",
-        lambda job, one, number, mm, _: begun.append(one) or answer(job, one, number, mm, number),
+        lambda job, one, number, mm, _: tried.append(one) or answer(job, one, number, mm, number),
     )  # fmt: skip
     Search(Job("tool-steel", height_mm=height_mm, passes=1), lambda text: None).run()
-    from_text(begun[0].controller()).reset(400.0)
+    from_text(tried[0].controller()).reset(400.0)
 
 
 def test_offsets_let_every_pass_take_its_stock():
