@@ -173,6 +173,7 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, t
         (("cut", EXAMPLES / "punch.ngc", "--tab", "1"), "a tab is for passes"),
         (("cut", EXAMPLES / "punch.ngc", "--after-tab", "cut"), "what is done before a tab is for passes"),
         (("check", EXAMPLES / "punch.ngc", "--passes", "1", "--tab", "3"), "a tab is for passes: give more than one"),
+        (("check", EXAMPLES / "gear.dxf", "--layers", "a", "--layers", "b"), "--layers appears twice: write"),
         (("check", EXAMPLES / "punch.ngc", "--passes", "3", "--height", "25.4", "--material", "graphite"),
          "no technology for graphite, and the settings of 'cemented-carbide with"),
         (("cut", EXAMPLES / "punch.ngc", "--height-at", "5;30"), "as 12.5:30, not '5;30'"),
