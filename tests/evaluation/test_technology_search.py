@@ -186,7 +186,9 @@ def test_the_command_writes_a_technology_and_adds_heights(edmsim, tmp_path):
         f": {tune} --height 30 --passes 2; {tune} --resolution fast --height 20 --passes 2"
     )
     before = file.read_bytes()
-    assert edmsim(*words).status == 0
+    repeated = edmsim(*words)
+    assert repeated.status == 0
+    assert f"--material tool-steel --height 20 --resolution fast --passes 2 --technology {file}" in repeated.out
     assert file.read_bytes() == before
     other = edmsim("tune", "technology", "copper", "--passes", 1, "--out", file)
     assert other.status == 2
