@@ -260,6 +260,16 @@ M02
 
 
 @pytest.mark.slow
+def test_a_rough_pass_has_no_rate_before_it_leaves_the_start_hole(tmp_path):
+    program = tmp_path / "square.ngc"
+    program.write_text("G92 X0.5 Y-0.26\nG41\nG1 X0.5 Y0.\nX0.\nY1.\nX1.\nY0.\nX0.5\nG40\nM2\n")
+    report = edmsim.cut(program, passes=2, height_mm=25.4, resolution="fast", max_time_s=8.0).report
+    (rough,) = report["passes"]
+    assert rough["length_mm"] > 0
+    assert report["cutting_rate_mm2_min"] is None
+
+
+@pytest.mark.slow
 def test_a_part_that_came_loose_is_not_the_slug_of_the_next_contour(tmp_path):
     (tmp_path / "parts.ngc").write_text(CLIP_AND_BLOCK)
     cut = CutSettings(height_mm=25.4, passes=2, tab_mm=0.2, after_tab="cut")
