@@ -109,6 +109,21 @@ def test_everything_is_combined_with_everything(line, short):
     assert sorted(int(2 * np.log10(speed / 0.1)) for _, speed, _ in points) == [0, 1, 2, 3]
 
 
+def test_a_program_with_passes_of_its_own_has_the_ranges_of_its_technologys_machine(line, tmp_path):
+    again = tmp_path / "again.ngc"
+    edge = "G41 D{0}\nG1 X0.\nX4.\nG40\n"
+    again.write_text(f"D1=0.25\nD2=0.2\nG92 X-1. Y0.\n{edge.format(1)}G1 X-1.\n{edge.format(2)}M2\n")
+    sobol = {"samples": 4, "ranges": {"guides.clearance_mm": "range"}}
+    settings = {"height_mm": 25.4, "resolution": "fast"}
+    runs = runs_of(Specification(program=[str(line), str(again)], seeds=1, settings=settings, sobol=sobol))
+    found = {str(line): [], str(again): []}
+    for run in runs:
+        found[run.task] += [value for _, value in run.settings["constants"]]
+    for file, machine in ((line, "agiecut-dem15"), (again, "production")):
+        low, high = Machine.load(machine).uncertain()["guides.clearance_mm"].range
+        assert low <= min(found[str(file)]) < high / 2 < max(found[str(file)]) <= high
+
+
 def test_seeds_of_environments_are_those_held_back():
     spec = Specification(environment="edmsim/GapFeed-v2", seeds=3)
     assert [run.seed for run in runs_of(spec)] == [HELD_BACK, HELD_BACK + 1, HELD_BACK + 2]
