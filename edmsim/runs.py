@@ -144,20 +144,24 @@ def _digest(file: str, _time_ns: int, _size: int) -> str:
 def digests_of(values: Iterable[Any]) -> dict[str, str]:
     """Return the digests of program, constants, controller, policy and tables, wherever a value names a file."""
     named: dict[str, str] = {}
-    for value in values:
+    found_in = [*values]
+    for value in found_in:
         if isinstance(value, str):
             file = user_code.file_of(value) or value
-            if (found := digest(file)) is not None:
-                named |= {file: found, **digests_of(_named_in(file, found))}
+            if file not in named and (found := digest(file)) is not None:
+                named[file] = found
+                found_in += _named_in(file, found)
         elif isinstance(value, Mapping | Sequence):
-            named |= digests_of(value.values() if isinstance(value, Mapping) else value)
+            found_in += value.values() if isinstance(value, Mapping) else value
     return named
 
 
 @lru_cache(maxsize=1024)
 def _named_in(file: str, _digest: str) -> list[Any]:
-    """Return the files that a user's TOML names: a machine's MJCF, in its folder; the set-ups of a technology."""
-    with suppress(AttributeError, LookupError, OSError, TypeError, ValueError, RecursionError):
+    """Return the files that a user's file names: a machine's MJCF, set-ups of a technology, modules in its folder."""
+    with suppress(AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError, RecursionError):
+        if file.endswith(".py"):
+            return [str(Path(file).parent / f"{name}.py") for name in user_code.imported_by(file)]
         table = tomllib.loads(Path(file).read_text(encoding="utf-8")) if file.endswith(".toml") else {}
         mjcf = [str(Path(file).parent / table["model"])] if "model" in table else []
         of_passes = [one["generator"] for at in table.get("height", ()) for one in at["pass"]]

@@ -1,5 +1,6 @@
 """Code named by a text: the user's Python file, ``FILE.py:NAME``, or a kind, ``KIND:REST``."""
 
+import ast
 import hashlib
 import re
 import sys
@@ -65,6 +66,13 @@ def listed(text: str) -> list[str]:
 def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     """Make what ``KIND:REST`` names, by the function registered in `MAKERS`, or in others."""
     return resolve_name(makers[kind])(rest)
+
+
+def imported_by(file: str) -> list[str]:
+    """Return the names of the modules that a Python file imports; raises `SyntaxError` if it is not Python."""
+    nodes = [*ast.walk(ast.parse(Path(file).read_bytes()))]
+    plain = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    return plain + [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
 
 
 def run(file: str) -> ModuleType:

@@ -20,9 +20,9 @@ from edmsim.envs.reward import WeightsOfTerms
 from edmsim.envs.task import Drawn, EnvArguments, names_of
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import approach_of, planned, setup_of, with_passes
 from edmsim.job.result import pass_figures
-from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import values_of
 from edmsim.machine.setting import MOST_TIME_S, check_height, open_V

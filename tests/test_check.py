@@ -17,8 +17,8 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import check, greatest_feed_um_s, lines_of, make_controller, with_passes
-from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.technology import technology_for
 from edmsim.recording.figures.profile import path_figure
@@ -172,6 +172,8 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, t
         (("console", "positioner", *TABLE, "--press", "start=1:2", "--seconds", "0.5"), "there is no input 'start'"),
         (("cut", EXAMPLES / "punch.ngc", "--tab", "1"), "a tab is for passes"),
         (("cut", EXAMPLES / "punch.ngc", "--after-tab", "cut"), "what is done before a tab is for passes"),
+        (("check", EXAMPLES / "punch.ngc", "--passes", "1", "--tab", "3"), "a tab is for passes: give more than one"),
+        (("check", EXAMPLES / "gear.dxf", "--layers", "a", "--layers", "b"), "--layers appears twice: write"),
         (("check", EXAMPLES / "punch.ngc", "--passes", "3", "--height", "25.4", "--material", "graphite"),
          "no technology for graphite, and the settings of 'cemented-carbide with"),
         (("cut", EXAMPLES / "punch.ngc", "--height-at", "5;30"), "as 12.5:30, not '5;30'"),

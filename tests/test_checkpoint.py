@@ -205,6 +205,19 @@ def test_resume_with_a_file_that_was_edited_is_refused(monkeypatch, tmp_path, fi
         edmsim.cut("two.ngc", resume=True, **options)
 
 
+@pytest.mark.slow
+def test_a_cut_is_resumed_from_another_folder(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    Path("tables").mkdir()
+    Path("tables/d.toml").write_text("D1 = 0.155\nD2 = 0.160\n")
+    Path("two.ngc").write_text(TWO)
+    options = {"out": tmp_path / "out", "height_mm": 5.0, "resolution": "fast", "max_time_s": 1.0}
+    with pytest.raises(KeyboardInterrupt):
+        edmsim.cut("two.ngc", watch=stop_after(2), offsets="tables/d.toml", **options)
+    monkeypatch.chdir("tables")
+    assert edmsim.cut("../two.ngc", resume=True, offsets="d.toml", **options).report["outcome"] == "time-limit"
+
+
 def truncated(data):
     return data[: len(data) // 2]
 

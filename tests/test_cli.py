@@ -19,7 +19,7 @@ from edmsim.cli import app as cli
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import INTERRUPTED, InputError
 from edmsim.job.cut import CHECKPOINT, CutProgress
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
 from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module

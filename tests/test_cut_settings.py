@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 import edmsim
 from edmsim.controllers import make
-from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.options import Choices
 from edmsim.recording.report import Offset
 

@@ -7,8 +7,8 @@ import pytest
 import edmsim
 from edmsim.calibration import read_log
 from edmsim.errors import InputError
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import prepared
-from edmsim.job.settings import CutSettings
 from edmsim.recording.windows import write_windows
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "dialects"

@@ -13,9 +13,9 @@ from edmsim.controllers import axis, from_text
 from edmsim.cosim.passes import PassRecord, PassSetup, Sums
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import check, guides_of
 from edmsim.job.result import inspect, pass_figures
-from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
 from edmsim.metrology.kerf import WallError

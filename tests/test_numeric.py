@@ -14,7 +14,7 @@ from edmsim import controllers
 from edmsim.cosim.straight import Traverse
 from edmsim.envs import EdmVectorEnv, GapFeed, HeightStep, MaxRate, RecordRerun, Sensors, Task, Weights
 from edmsim.errors import InputError
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
 from edmsim.learning import hyperparameters
 from edmsim.machine.overrides import with_overrides
 from edmsim.numeric import finite, plain, real, whole, whole_from

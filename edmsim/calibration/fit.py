@@ -18,7 +18,7 @@ from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.geometry import Floats
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import KINDS, with_overrides
 from edmsim.machine.ranges import choose, share_of, uncertain, value_at, with_constants, with_values

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.setting import AIR_SHARE, WINDOW_PULSES
 from edmsim.metrology.profile import finite_mean
 
@@ -375,7 +375,8 @@ def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
     pulses = columns["short"] + columns["open"]
     wrong = {
         "short": ~((columns["short"] >= 0) & (pulses <= WINDOW_PULSES)),
-        "open": ~(columns["open"] >= 0) | ((pulses.max() <= 1) & (pulses % 1 > 0)),  # shares in place of counts
+        # shares or percentages in place of counts
+        "open": ~(columns["open"] >= 0) | ((pulses.max() <= 100) & (columns["open"] % 1 + columns["short"] % 1 > 0)),
         "t_on_us": ~(columns["t_on_us"] > 0),
         "t_period_us": ~((columns["t_period_us"] > columns["t_on_us"]) & (columns["t_period_us"] < _MOST)),
         "mean_delay_us": (columns["mean_delay_us"] < 0) | (columns["mean_delay_us"] > _MOST),

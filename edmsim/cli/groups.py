@@ -214,8 +214,9 @@ def technology(
     with replacing(file) as partial:
         partial.write_text(technology_text(job.technology(merged(known, found), known)), encoding="utf-8")
     journal.unlink(missing_ok=True)
-    quoted = shlex.quote(str(file))
-    print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {quoted}")
+    set_up = f"--material {shlex.quote(material)} --height {job.height_mm:g} --resolution {job.resolution}"
+    of_passes = f"--passes {passes} --technology {shlex.quote(str(file))}"
+    print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM {set_up} {of_passes}")
 
 
 def drive(

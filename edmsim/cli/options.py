@@ -16,7 +16,7 @@ from edmsim.errors import InputError
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
-    from edmsim.job.settings import CutSettings
+    from edmsim.job.options import CutSettings
 
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
 Environment = Annotated[
@@ -67,7 +67,7 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     taken: _Taken | None = getattr(command, _TAKEN, None)
     if taken is None:
         return command
-    from edmsim.job.settings import CutOptions
+    from edmsim.job.options import CutOptions
     from edmsim.machine.options import SetUpOptions
 
     fields = CutOptions.model_fields
@@ -88,7 +88,7 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def settings_of(options: dict[str, Any]) -> "CutSettings":
     """Return the options of a cut that a command got, checked, with the others at their defaults."""
-    from edmsim.job.settings import CutSettings
+    from edmsim.job.options import CutSettings
 
     return CutSettings.model_validate(options)
 
@@ -111,6 +111,10 @@ class Command(TyperCommand):
             if not word or (name.startswith("--") and joined and not value):
                 what = next((one for one in (name, before) if one.startswith("--")), "an argument")
                 raise InputError(f"{what} is empty: give a value, or leave it out")
+        _, _, order = self.make_parser(ctx).parse_args(args=[*args])
+        for option in order:
+            if option.metavar == "A,B" and order.count(option) > 1:  # only the last list would count
+                raise InputError(f"{option.opts[0]} appears twice: write its values with commas, as A,B")
         return super().parse_args(ctx, args)
 
     def _complete(self) -> None:

@@ -21,6 +21,7 @@ from edmsim.cosim.passes import PassRecord, PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.geometry import Floats
+from edmsim.job.plan import feed_limit
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import least_period_us, most_current_A, period_range_us
 from edmsim.machine.technology import AtHeight, FoundPass, PassSetting, Technology, machine_of
@@ -327,7 +328,8 @@ class Search:
             t_period_us=round(max(own_us, self._least_period_us(plain)), 2),
             tension_N=round(plain.tension * target.tension, 2),
             flushing_lower_Pa=pressure_Pa, flushing_upper_Pa=pressure_Pa,
-            feed="adaptive" if number == 1 else "constant", feed_mm_min=round(target.feed_mm_min * scale, 3),
+            feed="adaptive" if number == 1 else "constant",
+            feed_mm_min=round(min(target.feed_mm_min * scale, 0.06 * feed_limit(plain, "exact")[0]), 3),
             corner_before_um=CORNER_BEFORE_UM if number > 1 else 0.0,
             last_offset_um=self._radius_um, found=_found(0.0, 0.0, 0.0, 0.0),
         )  # fmt: skip

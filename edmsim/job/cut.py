@@ -22,15 +22,16 @@ from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
 from edmsim.files import folder_of, locked, read_arrays, replacing
+from edmsim.job.options import CutOptions, CutSettings, Running
 from edmsim.job.plan import prepared
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
-from edmsim.job.settings import CutOptions, CutSettings, Running
 from edmsim.machine.machine import constants_digest
 from edmsim.machine.options import show
 from edmsim.plant.axes.drives import parse_fault
 from edmsim.plant.window import PlantError
 from edmsim.progress import ShownProgress, in_notebook
 from edmsim.recording.report import duration_text, outcome_text
+from edmsim.runs import digests_of
 from edmsim.signals import NotedSignals, noted
 
 CHECKPOINT = "checkpoint.npz"  # file in the output folder; gone when the results are there
@@ -136,7 +137,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         "program": Path(program).name.encode("utf-8", "replace").decode(),
         "program_sha256": _digest(Path(program).read_bytes()),
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
-        **({} if file is None else {"controller_sha256": _digest(Path(file).read_bytes())}),
+        **({} if file is None else {"controller_sha256": _digest(repr([*digests_of([file]).values()]).encode())}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
         **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
@@ -313,7 +314,7 @@ def load_checkpoint(simulation: Simulation, file: Path, settings: Mapping[str, A
 def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path) -> None:
     # digests last: a setting by name says more
     for name in sorted(stored.keys() | expected.keys(), key=lambda name: (name.endswith("sha256"), name)):
-        if stored.get(name) == expected.get(name):
+        if _unplaced(stored.get(name)) == _unplaced(expected.get(name)):
             continue
         if name.endswith("_sha256"):
             what = name.removesuffix("_sha256").replace("_", " ")
@@ -321,6 +322,11 @@ def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path)
         raise InputError(
             f"the interrupted cut was made with {name} {stored.get(name)!r}, not {expected.get(name)!r}", file
         )
+
+
+def _unplaced(value: Any) -> Any:
+    """Return a file's name without its folder: the digests tell whether it is the same file."""
+    return Path(value).name if isinstance(value, str) else value
 
 
 def _digest(content: bytes) -> str:

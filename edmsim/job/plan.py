@@ -17,7 +17,7 @@ from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
 from edmsim.errors import InputError, located, refuses_wrong_types
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import guide_bends, mean_current_A
 from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
@@ -101,9 +101,7 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
     if settings.passes is None:
         path = plan(program, settings, [settings.load_machine()], None)
         remedy = "say how many, as --passes 4" if path.passes == 1 else "the program has its own, leave it out"
-        for name, what in _OF_PASSES.items():
-            if getattr(settings, name) != CutSettings.model_fields[name].default:
-                raise InputError(f"{what} is for passes: {remedy}")
+        _refuse_of_passes(settings, remedy)
         if path.conditions.settings:
             return _by_conditions(program, settings, path, plan)
         if path.passes == 1:
@@ -119,6 +117,8 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
         raise InputError("conditions set the program's own passes: leave out their table, or the number of passes")
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
+    if settings.passes == 1:
+        _refuse_of_passes(settings, "give more than one, as --passes 4")
     technology = technology_of(settings)
     table = _table(settings, technology, settings.passes)
     shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
@@ -126,6 +126,12 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
     after_tab: Any = settings.after_tab
     pass_plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, after_tab)
     return _in_passes(program, settings, technology, table, pass_plan, plan)
+
+
+def _refuse_of_passes(settings: CutSettings, remedy: str) -> None:
+    for name, what in _OF_PASSES.items():
+        if getattr(settings, name) != CutSettings.model_fields[name].default:
+            raise InputError(f"{what} is for passes: {remedy}")
 
 
 def _in_passes(
@@ -336,7 +342,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     settings, path = found.settings, found.path
     machine = settings.load_machine()
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.planner, settings.workpiece.lowest_mm)
-    trim_feed_um_s, _ = _feed_limit(machine, settings.planner)
+    trim_feed_um_s, _ = feed_limit(machine, settings.planner)
     between_um = sum(way for way, threads in _between_um(path) if not threads)
     length_um = sum(k.length_um for k in path.contours) + between_um
     trims_um = sum(float(p.way.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
@@ -371,7 +377,7 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
     return tuple(estimates)
 
 
-def _feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
+def feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
     """Return the lower one of the greatest feeds of machine and planner, and whose it is."""
     own, of_planner_um_s = machine.base.table.max_feed_um_s, kind_of(planner).max_feed_um_s
     own_um_s = MAX_FEED_UM_S if own is None else own.value
@@ -382,7 +388,7 @@ def greatest_feed_um_s(machine: Machine, planner: str, height_mm: float) -> tupl
     """Return the highest possible feed of a rough cut and its limit."""
     # every pulse that ignites at once removes what its energy melts, from a kerf as wide as the wire and twice
     # the gap; most cuts are slower: pulses stay open, or short
-    limit_um_s, limited_by = _feed_limit(machine, planner)
+    limit_um_s, limited_by = feed_limit(machine, planner)
     power_W = mean_current_A(machine) * machine.material.burning_voltage_V.value
     removed_um3_s = power_W * timing(machine).removal_um3_J
     by_power_um_s = removed_um3_s / (2e3 * machine.auto_offset_mm * height_mm * 1e3)

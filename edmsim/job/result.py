@@ -21,7 +21,7 @@ from edmsim.cosim.straight import PULSES, PulseSample, sample_pulses
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
 from edmsim.files import check_suffix, folder_of, locked, make_writable, together
 from edmsim.geometry import Floats
-from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.setting import AIR_SHARE, discharge_current_A
 from edmsim.metrology import edges
@@ -61,8 +61,8 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
     """Return what was counted over the cut."""
     values, records = windows.columns(), simulation.passes.records
     cut = cut_alone(values, np.array(simulation.plant.field.stock.holes_um, np.float64).reshape(-1, 3))
-    # of passes, the area of the rough one, which the others cut again
-    ways = [(r.begin_um, r.end_um) for r in records if r.number == 1]
+    # of passes, the area of the rough one, which the others cut again; it may begin inside the start hole
+    ways = [(max(a, r.begin_um), min(b, r.end_um)) for r in records if r.number == 1 for a, b in cut.ways_um]
     ways += [(a, b) for a, b in cut.ways_um if all(r.end_um <= a or b <= r.begin_um for r in records)]
     took_s = durations_s(values)
     at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s  # feeds are whole speed units
@@ -76,7 +76,7 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
     """Return a way along the path times the local height in mm2; of a tilted wire, the height along it."""
-    length, relief = to_um - from_um, simulation.plant.field.relief
+    length, relief = max(to_um - from_um, 0.0), simulation.plant.field.relief
     if length <= 0 or (relief is None and not simulation.path.leans):
         return length * simulation.machine.height_mm * 1e-3
     ways = [way for contour in simulation.path.contours for way in contour.ways]

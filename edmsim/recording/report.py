@@ -679,7 +679,7 @@ def _limit_text(feed: Feed) -> str:
 
 def _table_lines(found: TableShare | None) -> list[tuple[str, str]]:
     """Say what the table's errors do, if it has any."""
-    if found is None:
+    if found is None or found.without_um.max is None:
         return []
     text = f"moves the wall by {found.without_um.worst_and_rms}"
     if not found.compensated:

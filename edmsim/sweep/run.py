@@ -21,8 +21,8 @@ from edmsim.envs.registry import resolve
 from edmsim.errors import CombinationError, EdmsimError, InputError, refuses_wrong_types
 from edmsim.evaluation.episode import Result, cut
 from edmsim.files import replacing
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import planned, prepared
-from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose
 from edmsim.machine.setting import guide_bends

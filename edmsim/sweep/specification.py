@@ -17,14 +17,15 @@ from edmsim.controllers import from_text
 from edmsim.envs.registry import make_family, resolve
 from edmsim.errors import InputError, located, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_toml
-from edmsim.job.plan import technology_of
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
+from edmsim.job.plan import read_program, technology_of
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import TextOrPath, as_text, bare_name, kind_of
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
 from edmsim.machine.technology import Technology
 from edmsim.numeric import WholeNumber, plain, real, whole
+from edmsim.program.passes import grouped
 from edmsim.runs import digests_of, identity
 from edmsim.user_code import listed, named
 
@@ -352,31 +353,43 @@ def combinations(spec: Specification) -> Iterator[tuple[str, dict[str, Any]]]:
     fixed = {_option(name, spec): value for name, value in spec.settings.items()}
     for combination in itertools.product(*spec.grid.values()):
         chosen = {**fixed, **dict(zip(names, combination, strict=True))}
-        points = [{}] if spec.sobol is None else sobol_points(spec.sobol, spec, chosen)
-        for point, task in itertools.product(points, spec.tasks):
-            yield task, {**chosen, **point}
+        points = [sobol_points(spec, task, chosen) for task in spec.tasks]
+        for of_tasks in zip(*points, strict=True):
+            for task, point in zip(spec.tasks, of_tasks, strict=True):
+                yield task, {**chosen, **point}
 
 
-def sobol_points(sobol: SobolSample, spec: Specification, chosen: Mapping[str, Any]) -> list[dict[str, float]]:
-    """Return the points of a sample, each with a value for every name in its ranges."""
+def sobol_points(spec: Specification, task: str, chosen: Mapping[str, Any]) -> list[dict[str, float]]:
+    """Return the points of a sample for a task, each with a value for every name in its ranges; one without."""
+    if (sobol := spec.sobol) is None:
+        return [{}]
     from scipy.stats import qmc
 
     shares = qmc.Sobol(len(sobol.ranges), rng=np.random.default_rng(sobol.seed)).random(sobol.samples)
     columns = {}
     for (name, ends), share in zip(sobol.ranges.items(), shares.T, strict=True):
         if (bound := Bound.of(ends)) is None:
-            published = _published(name, chosen)
+            published = _published(name, task, chosen)
             columns[name] = [value_at(published, float(s)) for s in share]
         else:
             columns[_option(name, spec)] = [bound.at(s) for s in share]
     return [dict(zip(columns, point, strict=True)) for point in zip(*columns.values(), strict=True)]
 
 
-def _published(name: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
+_DECIDING = (
+    "machine", "material", "wire", "passes", "technology", "ignore", "layers", "unit", "offsets", "dialect",
+    "conditions", "upper_layer",
+)  # fmt: skip
+"""Options that decide which machine a program is cut on: its own, or with passes that of a technology."""
+
+
+def _published(name: str, task: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
     """Return the range of a constant of the machine that is cut on."""
-    deciding = ("machine", "material", "wire", "passes", "technology")
-    settings = CutSettings.model_validate({option: chosen[option] for option in deciding if option in chosen})
-    parts: CutSettings | Technology = settings if settings.passes is None else technology_of(settings)
+    settings = CutSettings.model_validate({option: chosen[option] for option in _DECIDING if option in chosen})
+    in_passes = settings.passes is not None
+    if not in_passes and settings.conditions is None and os.path.isfile(task):
+        in_passes = any(len(edge) > 1 for edge in grouped(read_program(task, settings).outlines))
+    parts: CutSettings | Technology = technology_of(settings) if in_passes else settings
     known = Machine.load(parts.machine, material=settings.material, wire=parts.wire).uncertain()
     bounds = known[name].range if name in known else None
     if bounds is None:

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of, locked, replacing
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
 from edmsim.machine.options import kind_of
 from edmsim.recording.report import RECORDING
 from edmsim.runs import RunTable, read_rows

@@ -23,7 +23,7 @@ from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
 from edmsim.cosim.straight import Traverse
 from edmsim.errors import INTERRUPTED
-from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import share_of, value_at, with_values
 from edmsim.runs import RunTable

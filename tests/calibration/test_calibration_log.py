@@ -139,6 +139,7 @@ RESTING = "20,1,2,20,1,9,30,100,0,0\n" * 9
     ("log.csv", f"{HEADING[:-1]},short\n20,1,2,20,1,9,30,100,1\n".encode(), "column short is there 2 times"),
     ("log.csv", f"{HEADING}20,200,100,20,1,9,30,100\n".encode(), "window 1: short 200 cannot be"),
     ("log.csv", f"{HEADING}20,0.1,0.6,20,1,9,30,100\n".encode(), "open 0.6 cannot be; short and open are counts"),
+    ("log.csv", f"{HEADING}20,4,59.5,20,1,9,30,100\n".encode(), "open 59.5 cannot be; short and open are counts"),
     ("log.csv", f"{HEADING}20,1,2,20,1,9,30,100\n20,1,2,20,1,9,30,30\n".encode(), "window 2: t_period_us 30"),
     ("log.csv", f"{HEADING}20,1,2,,1,9,30,100\n20,1,2,20,1,9,30,100\n".encode(), "window 1: mean_voltage_V nan"),
     ("log.csv", f"{HEADING[:-1]},x_um,y_um\n{RESTING}".encode(), "y_um move by 0 um, feed_um_s leads over"),

@@ -15,9 +15,9 @@ from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
 from edmsim.cosim.passes import PassLog, PassSetup, Sums, legs_of
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
+from edmsim.job.options import CutSettings
 from edmsim.job.plan import prepared
 from edmsim.job.result import inspect, totals
-from edmsim.job.settings import CutSettings
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import loose_pieces, metal_at
 from edmsim.metrology.roughness import face_roughness_um, ra_over_depth, roughness_um
@@ -257,6 +257,16 @@ Y0.0
 X2.4
 M02
 """
+
+
+@pytest.mark.slow
+def test_a_rough_pass_has_no_rate_before_it_leaves_the_start_hole(tmp_path):
+    program = tmp_path / "square.ngc"
+    program.write_text("G92 X0.5 Y-0.26\nG41\nG1 X0.5 Y0.\nX0.\nY1.\nX1.\nY0.\nX0.5\nG40\nM2\n")
+    report = edmsim.cut(program, passes=2, height_mm=25.4, resolution="fast", max_time_s=8.0).report
+    (rough,) = report["passes"]
+    assert rough["length_mm"] > 0
+    assert report["cutting_rate_mm2_min"] is None
 
 
 @pytest.mark.slow

@@ -33,9 +33,9 @@ NOT_RUN = {
         "tests/sweep/test_sweep_cluster.py trains one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
     "edmsim tune technology tool-steel --height 10 --passes 2 --out steel.toml":
-        "tests/evaluation/test_technology.py",
+        "tests/evaluation/test_technology_search.py",
     "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
-        "it takes what the command before it leaves; tests/evaluation/test_technology.py",
+        "it takes what the command before it leaves; tests/evaluation/test_technology_search.py",
     "edmsim train edmsim/MaxRateShift-v0 --algo bandit --score 4 --seed 100 --out out/adapt":
         "tests/learning/test_bandit_training.py runs a short one",
     "edmsim train edmsim/MaxRateShift-v0 --algo bandit --settings own.toml --score 0 --out out/own":

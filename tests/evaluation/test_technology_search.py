@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from edmsim import models
+from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology_search
@@ -57,6 +58,17 @@ def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire():
     assert found.passes[0].t_period_us >= BREAKS_BELOW_US
     assert found.passes[0].t_period_us <= 1.3 * BREAKS_BELOW_US
     assert "wire-break" in "".join(messages)
+
+
+@pytest.mark.parametrize("height_mm", [0.5, 1.5])
+def test_the_rough_pass_of_sheet_begins_at_a_feed_that_the_machine_has(monkeypatch, height_mm):
+    tried = []
+    monkeypatch.setattr(
+        technology_search, "cut_pass",
+        lambda job, one, number, mm, _: tried.append(one) or answer(job, one, number, mm, number),
+    )  # fmt: skip
+    Search(Job("tool-steel", height_mm=height_mm, passes=1), lambda text: None).run()
+    from_text(tried[0].controller()).reset(400.0)
 
 
 def test_offsets_let_every_pass_take_its_stock():
@@ -174,7 +186,9 @@ def test_the_command_writes_a_technology_and_adds_heights(edmsim, tmp_path):
         f": {tune} --height 30 --passes 2; {tune} --resolution fast --height 20 --passes 2"
     )
     before = file.read_bytes()
-    assert edmsim(*words).status == 0
+    repeated = edmsim(*words)
+    assert repeated.status == 0
+    assert f"--material tool-steel --height 20 --resolution fast --passes 2 --technology {file}" in repeated.out
     assert file.read_bytes() == before
     other = edmsim("tune", "technology", "copper", "--passes", 1, "--out", file)
     assert other.status == 2

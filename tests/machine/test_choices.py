@@ -5,7 +5,7 @@ import math
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import bare_name, unit_of
 from edmsim.machine.setting import (

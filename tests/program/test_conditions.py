@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.job.settings import CutSettings
+from edmsim.job.options import CutSettings
 from edmsim.machine.options import Choices
 from edmsim.program import load_program
 from edmsim.program.tables import SETTINGS, key_of, read_conditions

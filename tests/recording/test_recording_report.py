@@ -207,6 +207,8 @@ def test_the_summary_tells_what_only_some_cuts_have(cut):
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms"
     assert said["equalising"] == "its pulses leave -0.12 V of the mean gap voltage and take 2.00 W, 30.00 J in all"
     assert said["made by"] == "lag 1.5 µm, gap – rms"
+    unmeasured = {**table, "without_um": {"max": None, "rms": None}}
+    assert "table" not in dict(summary(dataclasses.replace(cut.report, table_error_um=unmeasured)))
     unknown = {"kerf_um": Kerf(), "profile_error_um": ProfileErrors(), "coverage": Coverage()}
     said = dict(summary(dataclasses.replace(cut.report, **unknown)))
     assert said["gas"].startswith("covers – of the wire's front")

@@ -7,6 +7,7 @@ from edmsim import models
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK
 from edmsim.machine.machine import Machine
+from edmsim.runs import digests_of
 from edmsim.sweep.specification import Specification, read_specification, runs_of, values_of
 from edmsim.user_code import listed
 
@@ -61,6 +62,17 @@ def test_a_run_is_known_by_files_in_lists_and_by_the_mjcf_of_a_machine(line, tmp
     assert not set(before) & set(ids())
 
 
+def test_a_run_is_known_by_the_modules_in_its_folder_that_a_controller_imports(tmp_path):
+    law, gains, shared = (tmp_path / f"{name}.py" for name in ("law", "gains", "shared"))
+    law.write_text("import math\nimport gains\n")
+    gains.write_text("from shared import FEED\n")
+    shared.write_text("import gains\nFEED = 20.0\n")
+    found = [digests_of([f"{law}:Law"])]
+    shared.write_text("import gains\nFEED = 10.0\n")
+    found.append(digests_of([f"{law}:Law"]))
+    assert {file for file, digest in found[1].items() if found[0][file] != digest} == {str(shared)}
+
+
 def test_a_run_is_known_by_the_machine_that_a_technology_names(line, tmp_path):
     machine, technology = tmp_path / "own.toml", tmp_path / "technology.toml"
     ours = models.path("technologies/tool-steel-brass-254.toml").read_text()
@@ -95,6 +107,21 @@ def test_everything_is_combined_with_everything(line, short):
     # each quarter of a range, in its logarithm where that was asked, is met once
     assert sorted(int(4 * (tension - 8) / 4) for tension, _, _ in points) == [0, 1, 2, 3]
     assert sorted(int(2 * np.log10(speed / 0.1)) for _, speed, _ in points) == [0, 1, 2, 3]
+
+
+def test_a_program_with_passes_of_its_own_has_the_ranges_of_its_technologys_machine(line, tmp_path):
+    again = tmp_path / "again.ngc"
+    edge = "G41 D{0}\nG1 X0.\nX4.\nG40\n"
+    again.write_text(f"D1=0.25\nD2=0.2\nG92 X-1. Y0.\n{edge.format(1)}G1 X-1.\n{edge.format(2)}M2\n")
+    sobol = {"samples": 4, "ranges": {"guides.clearance_mm": "range"}}
+    settings = {"height_mm": 25.4, "resolution": "fast"}
+    runs = runs_of(Specification(program=[str(line), str(again)], seeds=1, settings=settings, sobol=sobol))
+    found = {str(line): [], str(again): []}
+    for run in runs:
+        found[run.task] += [value for _, value in run.settings["constants"]]
+    for file, machine in ((line, "agiecut-dem15"), (again, "production")):
+        low, high = Machine.load(machine).uncertain()["guides.clearance_mm"].range
+        assert low <= min(found[str(file)]) < high / 2 < max(found[str(file)]) <= high
 
 
 def test_seeds_of_environments_are_those_held_back():

@@ -70,6 +70,7 @@ def test_a_trial_of_a_killed_process_is_made_again_behind_a_journal_cut_off(tmp_
         dying.setattr(tune, "_tell", killed)
         with pytest.raises(KeyboardInterrupt):
             tune_training(ENV_ID, tmp_path, trials=1, engine=Peak())
+    assert (tmp_path / "best.toml").exists()
     monkeypatch.setattr(tune, "_MARK", "another process with the same number")
     with (tmp_path / tune.JOURNAL).open("ab") as journal:
         journal.write(b'{"op_code": 4, "wor')

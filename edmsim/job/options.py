@@ -101,9 +101,9 @@ class CutSettings(SetUpOptions, MachineOption):
     """Resolution of the gap."""
     offset: str | Number = "auto"
     """Wire offset in mm, or auto (the wire's radius and the expected side gap), or none."""
-    ignore: Annotated[Words, Flag(metavar="WORDS")] = ()
+    ignore: Annotated[Words, Flag(metavar="A,B")] = ()
     """Words of a G-code program to leave out, ``M77``, or letters, ``U``."""
-    layers: Annotated[Words, Flag(metavar="NAMES")] = ()
+    layers: Annotated[Words, Flag(metavar="A,B")] = ()
     """Layers of a drawing to cut; by default all visible ones."""
     offsets: Annotated[TextOrPath | None, _FILE] = None
     """File with a G-code program's offset registers, lines like ``D1 = 0.155`` in mm, for the offset auto; by default
