@@ -44,9 +44,9 @@ class Scope:
                 file.write_bytes(b"")  # rerun has a traceback for a file that it cannot create
             except OSError as error:
                 raise InputError(f"the recording cannot be written: {error.strerror}", file) from None
-        error = [rrb.TimeSeriesView(name="tracking error, counts", contents=["/tracking_error"])]
+        tracking = [rrb.TimeSeriesView(name="tracking error, counts", contents=["/tracking_error"])]
         views = [
-            *(error if streams else []),
+            *(tracking if streams else []),
             *(rrb.TimeSeriesView(name=name.replace("_", " "), contents=[f"/{name}"]) for name in _CURVES),
         ]
         self._zero = int(data_of("uhu")["law"]["stream_zero"])
