@@ -1,6 +1,8 @@
 """``cut.rrd``: read back with rerun's own reader; equal cuts give equal recordings."""
 
 import dataclasses
+import multiprocessing
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,10 +11,11 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow as pa
 import pytest
+import rerun as rr
 
 from edmsim.recording.rerun.logs import face_mesh, log_errors, shapes_of, wire_strips
 from edmsim.recording.rerun.viewer import RERUN
-from edmsim.recording.rerun.write import ELECTRICAL, PROCESS, group_starts, recording_id
+from edmsim.recording.rerun.write import ELECTRICAL, PROCESS, group_starts, recording_id, releasing
 from edmsim.recording.scene import PassFace, Scene, read_scene, write_scene
 from edmsim.recording.windows import NAMES, Closeups, Frames, WindowTable, column, group_means, lag_along_um
 
@@ -20,6 +23,18 @@ from edmsim.recording.windows import NAMES, Closeups, Frames, WindowTable, colum
 def compare(one, two):
     command = [*RERUN, "rrd", "compare", str(one), str(two)]
     return subprocess.run(command, capture_output=True, check=False).returncode
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system forks no processes")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # threads and fork, from Python 3.12 on
+def test_a_forked_process_writes_a_recording_while_its_parent_records():
+    recording = rr.RecordingStream("parent")
+    recording.log("level", rr.Scalars(1.0))
+    child = multiprocessing.get_context("fork").Process(target=releasing(lambda: None), daemon=True)
+    child.start()
+    child.join(30)
+    assert child.exitcode == 0
+    recording.disconnect()
 
 
 class Read:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec
@@ -379,7 +379,8 @@ def releasing(write: Callable[_Args, None]) -> Callable[_Args, None]:
         try:
             write(*args, **options)
         finally:
-            bindings.flush_and_cleanup_orphaned_recordings()
+            with suppress(RuntimeError):  # a forked process cannot flush what its parent records, and need not
+                bindings.flush_and_cleanup_orphaned_recordings()
 
     return released
 
