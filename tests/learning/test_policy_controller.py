@@ -306,3 +306,14 @@ def test_a_report_has_the_notices_of_its_policy(tmp_path):
     settings = {"controller": "policy:GapFeed-ppo", "resolution": "fast", "max_time_s": 0.5}
     result = edmsim.cut(ROOT / "examples/punch.ngc", wire="brass-200", **settings)
     assert any(text.startswith("the diameter of the wire is 200 um, but") for text in result.report["notices"])
+
+
+@pytest.mark.parametrize(("clip", "limited"), [(10.0, 10.0), (1e9, 30.0)])
+def test_a_written_policy_limits_its_input_as_its_training_did(tmp_path, clip, limited):
+    count = len(make_family("GapFeed").entries())
+    policy = policy_file.write_policy(
+        tmp_path / "own.json", env_id="edmsim/GapFeed-v2", environment={}, mean=np.zeros(count),
+        variance=np.ones(count), lstm=None, weights=[np.full((count, 1), 0.01)], biases=[np.zeros(1)],
+        algorithm="own", command="none", seed=0, steps=0, clip=clip,
+    )  # fmt: skip
+    assert policy.action(np.eye(count)[0] * 30.0)[0] == pytest.approx(0.01 * limited)
