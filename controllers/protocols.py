@@ -202,6 +202,13 @@ class DrivesSteps(Protocol):
 
 
 @runtime_checkable
+class WasTrained(Protocol):
+    """A controller that was trained; `beyond_training` says what was different there, for the report."""
+
+    beyond_training: list[str]
+
+
+@runtime_checkable
 class HasSwitches(Protocol):
     """A controller with inputs for the machine's safety switches (row T-46)."""
 

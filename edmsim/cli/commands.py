@@ -365,7 +365,8 @@ def evaluate(
     if json:
         sys.stdout.write(compare.as_json(found, scores) + "\n")
         return
-    for shown in (*(compare.render(made, OUT.width) for made in found), *map(score.render, scores.values())):
+    of_policies = (score.render(name, score.env_id_of(name), rows) for name, rows in scores.items())
+    for shown in (*(compare.render(made, OUT.width) for made in found), *of_policies):
         OUT.print(shown)
 
 

@@ -6,6 +6,7 @@ The controller observes only what a real machine measures; the plant gets only m
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -202,6 +203,12 @@ class Simulation:
     def controller(self) -> FeedController:
         """The present feed controller."""
         return self._setup.controller
+
+    @property
+    def beyond_training(self) -> list[str]:
+        """What was different in the training of the controllers of all passes, each text once."""
+        trained = [one.controller for one in self._setups if isinstance(one.controller, protocols.WasTrained)]
+        return list(dict.fromkeys(chain.from_iterable(each.beyond_training for each in trained)))
 
     def machine_of(self, number: int) -> Machine:
         """Return the set-up of a pass, by its number from 1."""

@@ -149,7 +149,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
 
 def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
     """Return what the user should know about a cut that is over."""
-    notices = [*simulation.path.notices, *simulation.passes.notices]
+    notices = [*simulation.path.notices, *simulation.passes.notices, *simulation.beyond_training]
     if simulation.refused is not None:
         notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
     for name, drive in simulation.plant.drives.items():

@@ -161,7 +161,7 @@ def _scored(env_id: str, file: Path, episodes: int, bar: ShownProgress) -> list[
     scores = score.measure(env_id, str(file), episodes, bar.show, table=RunTable(runs))
     score.write_card(str(file), scores, env_id)
     runs.unlink(missing_ok=True)
-    return [score.render(scores)]
+    return [score.render(str(file), env_id, scores)]
 
 
 def _recorders(options: TrainOptions, out: Path) -> list[Any]:

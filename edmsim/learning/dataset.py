@@ -60,7 +60,8 @@ def record(
     ----------
     env_id : str
     controllers : sequence of str
-        See `edmsim.controllers.from_text`; each gets a data set ``edmsim/NAME/CONTROLLER-v0``.
+        See `edmsim.controllers.from_text`; each gets a data set ``edmsim/gapfeed/CONTROLLER-v0``, named
+        after the environment.
     steps : int
         Least number of steps per controller; the last episode is complete.
     out : path
@@ -94,7 +95,9 @@ def record(
         check_acts(family, name)
     env: Any = gym.make(env_id_of(env_id), **feeds, disable_env_checker=True)
     out = folder_of(out)
-    ids = {name: f"edmsim/{type(family).__name__.lower()}/{_plain(name)}-v0" for name in controllers}
+    namespace, task, _ = gym.envs.registration.parse_env_id(env_id_of(env_id))
+    place = "/".join(filter(None, (namespace, task.lower())))
+    ids = {name: f"{place}/{_plain(name)}-v0" for name in controllers}
     folders = {name: out / UNFINISHED / _plain(name) for name in controllers}
     of_controllers = {name: {**made_with(env_id, name), "seed": seed} for name in controllers}
     with locked(out, "edmsim dataset"):

@@ -222,7 +222,7 @@ def write(card: Card, packed: bytes, file: Path) -> None:
 def write_policy(
     file: Path, *, env_id: str, environment: dict[str, Any], mean: Floats, variance: Floats,
     lstm: tuple[Floats, Floats, Floats] | None, weights: list[Floats], biases: list[Floats], algorithm: str,
-    command: str, seed: int, steps: int, activation: Literal["tanh", "relu"] = "tanh",
+    command: str, seed: int, steps: int, activation: Literal["tanh", "relu"] = "tanh", clip: float = 10.0,
 ) -> Policy:
     """Write the policy of a learner of your own; return the policy, read from the new files.
 
@@ -238,8 +238,9 @@ def write_policy(
         See `Lstm`.
     weights, biases : list of arrays
         Of the layers after it; the last outputs are the environment's actions, each -1 to 1.
-    algorithm, command, seed, steps, activation
-        See `Card`.
+    algorithm, command, seed, steps, activation, clip
+        See `Card`. The default of `clip` is that of stable-baselines3's ``VecNormalize``. Gymnasium's
+        ``NormalizeObservation`` does not clip; after a training with it give a large number, such as 1e9.
 
     Raises
     ------
@@ -249,7 +250,7 @@ def write_policy(
     memory = None if lstm is None else Lstm(*lstm)
     packed = pack(weights, biases, memory)
     card = card_of(
-        env_id, environment, packed, mean, variance, epsilon=1e-8, clip=10.0, activation=activation, output="clip",
+        env_id, environment, packed, mean, variance, epsilon=1e-8, clip=clip, activation=activation, output="clip",
         widths=[len(bias) for bias in biases[:-1]], lstm=None if memory is None else memory.memory_weights.shape[0],
         algorithm=algorithm, command=command, seed=seed, steps=steps,
         versions={name: version(name) for name in ("edmsim", "numpy")},

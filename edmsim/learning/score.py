@@ -139,10 +139,11 @@ def env_id_of(policy: str) -> str:
     return _card(policy).env_id
 
 
-def render(scores: list[Score]) -> ScreenTable:
-    """Return the scores as a table."""
-    numbers = ("return", "mm2/min", "error, um", "breaks", "limits")
-    table = ScreenTable("controller", "resolution", numbers=numbers, keys=2)
+def render(policy: str, env_id: str, scores: list[Score]) -> ScreenTable:
+    """Return the scores of a policy in an environment as a table."""
+    numbers = ("return", "mm2/min", "error, um", "breaks", "jams")
+    title = f"{policy} in {env_id}; mean return ± its standard error"
+    table = ScreenTable("controller", "resolution", numbers=numbers, keys=2, title=title)
     for row in scores:
         error = "" if row.error_um is None else f"{row.error_um:.2f}"
         table.add_row(

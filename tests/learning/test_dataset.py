@@ -34,7 +34,7 @@ def loaded(folder, monkeypatch, name):
 def test_a_data_set_has_what_the_controller_did(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = dataset.record(ENV, ["fixed", "voltage:reference_V=9"], 30, Path("."))
-    assert [row.dataset_id for row in made] == ["edmsim/gapfeed/fixed-v0", "edmsim/gapfeed/voltage-reference-v-9-v0"]
+    assert [row.dataset_id for row in made] == ["test/short/fixed-v0", "test/short/voltage-reference-v-9-v0"]
     stored = loaded(tmp_path, monkeypatch, made[1].dataset_id)
     assert (stored.total_episodes, stored.total_steps) == (made[1].episodes, made[1].steps) == (2, 32)
     assert stored.recover_environment().unwrapped.family.action == "speed"

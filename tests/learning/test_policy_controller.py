@@ -282,3 +282,38 @@ def test_either_file_names_the_policy(make_policy, tmp_path):
     file = make_policy("GapFeed")
     shutil.copy(file, tmp_path / "same.json")
     assert policy_file.locate(str(file.with_suffix(".npz"))) == file
+
+
+def test_a_cut_with_other_dials_than_those_of_the_training_says_so():
+    controller = make_controller("policy:GapFeed-ppo")
+    straight = np.array([[0.0, 0.0], [1000.0, 0.0]])
+    controller.set_up(edmsim.Machine.load(height_mm=20), straight, 0.0)
+    assert controller.beyond_training == []
+    for _ in range(2):  # leg by leg, told once
+        controller.set_up(edmsim.Machine.load(height_mm=20, flushing_lower_Pa=35e3), straight, 0.0)
+    (notice,) = controller.beyond_training
+    assert notice.startswith("the pressure of the lower nozzle is 0.35 bar, but the policy was trained at 0.3 bar")
+    controller.reset(33.0)
+    other = make_controller("policy:GapFeed-ppo")
+    other.set_up(edmsim.Machine.load(height_mm=20), straight, 0.0)
+    other.reset(33.0)
+    other.restore(controller.snapshot())
+    assert other.beyond_training == controller.beyond_training
+
+
+@pytest.mark.slow
+def test_a_report_has_the_notices_of_its_policy(tmp_path):
+    settings = {"controller": "policy:GapFeed-ppo", "resolution": "fast", "max_time_s": 0.5}
+    result = edmsim.cut(ROOT / "examples/punch.ngc", wire="brass-200", **settings)
+    assert any(text.startswith("the diameter of the wire is 200 um, but") for text in result.report["notices"])
+
+
+@pytest.mark.parametrize(("clip", "limited"), [(10.0, 10.0), (1e9, 30.0)])
+def test_a_written_policy_limits_its_input_as_its_training_did(tmp_path, clip, limited):
+    count = len(make_family("GapFeed").entries())
+    policy = policy_file.write_policy(
+        tmp_path / "own.json", env_id="edmsim/GapFeed-v2", environment={}, mean=np.zeros(count),
+        variance=np.ones(count), lstm=None, weights=[np.full((count, 1), 0.01)], biases=[np.zeros(1)],
+        algorithm="own", command="none", seed=0, steps=0, clip=clip,
+    )  # fmt: skip
+    assert policy.action(np.eye(count)[0] * 30.0)[0] == pytest.approx(0.01 * limited)
