@@ -316,7 +316,7 @@ BAD = [
     ({"drive": "uhu:P"}, "uhu parameter 'P' must read name=number"),
     ({"controller": "fixed:feed_um_s=5,feed_um_s=6"}, "controller parameter 'feed_um_s' is given twice"),
     ({"drive": "uhu:P=nan"}, "proportional_gain is nan; it must be a whole number 0 to 65535"),
-    ({"drive": "servo-module:stiffness=3"}, "the drive has no 'stiffness'; it has "),
+    ({"drive": "servo-module:stiffness=3"}, "the drive has no 'stiffness'; it has A acceleration_feed_forward, "),
     ({"height_mm": "tall"}, "height_mm cannot be 'tall'"),
     ({"tension": 60.0}, "breaks"),
     ({"tension": 0.0}, "not within 0.01..300 N"),

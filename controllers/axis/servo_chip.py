@@ -138,6 +138,9 @@ class ServoChip(SerialDrive):
         fitted = {} if screw is None else {"step_multiplier": max(round(screw.counts_of(axis_row(axis))) - 1, 0)}
         names = {row["letter"]: row["name"] for row in cls.data["parameter"]}
         changed = by_name(changes, lambda key: names.get(key.upper(), key), Registers.OWNER)
+        for name in sorted(changed.keys() - names.values()):
+            has = ", ".join(f"{letter} {known}" for letter, known in names.items())
+            raise InputError(f"the {Registers.OWNER} has no {name!r}; it has {has}")
         return cls(axis_row(axis), {**tuned[axis], **fitted, **changed})
 
     @property

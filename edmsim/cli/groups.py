@@ -354,7 +354,7 @@ def servo(
     tuned: Annotated[bool, typer.Option("--tuned", help="Start with parameters tuned for the axis.")] = False,
     pty: Annotated[bool, typer.Option("--pty", help="Open a serial port for a terminal program.")] = False,
     speed: Annotated[
-        float | None, typer.Option(help="Simulated seconds per second; default: 1; scripts run at full speed.")
+        float | None, typer.Option(help="Simulated seconds per second; default: 1, or full speed in a pipe.")
     ] = None,
     scope: Annotated[
         bool, typer.Option("--scope", help="Draw tracking error, duty, current, position, speed live in rerun.")

@@ -128,6 +128,8 @@ class Keyboard(Pipe):
 class PseudoTerminal:
     """A serial port of this computer without a wire; a terminal program opens its `name`, as ``/dev/pts/3``."""
 
+    at_end = False
+
     def __init__(self) -> None:
         self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
         tty.setraw(self._theirs)

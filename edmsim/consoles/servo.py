@@ -5,12 +5,14 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
-from edmsim.consoles.devices import Interrupts, Keyboard, PseudoTerminal, is_terminal, put
+from edmsim.compiled.axis_rows import FAULT
+from edmsim.consoles.devices import Interrupts, Keyboard, Pipe, PseudoTerminal, is_terminal, put
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_names, axis_row, data_of
@@ -162,45 +164,72 @@ STREAM = 0x80  # bytes from here on are the analyser's (row U-35)
 def serve(
     bench: AxisBench, *, pty: bool, speed: float | None, scope: Scope | None, say: Callable[[str], None]
 ) -> None:
-    """Serve the terminal of the drive on x: a person's at a speed, a pseudo-terminal, or a script without pauses."""
+    """Serve the terminal of the drive on x: a person's or a pipe at a speed, a pseudo-terminal, or a script."""
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in simulated seconds per second, not {speed:g}")
     interrupts = Interrupts() if pty or is_terminal() else Interrupts(patience=0)
+    passing = _Passing(bench, scope, say)
     with interrupts.caught():
         if pty:
             port = PseudoTerminal()
             say(f"the drive's serial port is {port.name}; Ctrl-C ends it")
             try:
-                _run(bench, port, interrupts, speed or 1.0, scope)
+                _run(passing, port, interrupts, speed or 1.0)
             finally:
                 port.close()
         elif is_terminal():
             keyboard = _DriveKeyboard(bench, interrupts)
             say("ESC leaves")
             with keyboard.in_character_mode():
-                _run(bench, keyboard, interrupts, speed or 1.0, scope)
+                _run(passing, keyboard, interrupts, speed or 1.0)
+        elif speed is not None:
+            _run(passing, _DrivePipe(interrupts), interrupts, speed)
+            passing.end()
         else:
-            run_script(bench, _read_script(), scope)
+            run_script(bench, _read_script(), scope, say)
 
 
-def _run(
-    bench: AxisBench, device: Keyboard | PseudoTerminal, interrupts: Interrupts, speed: float, scope: Scope | None
-) -> None:
+class _Passing:
+    """Time passing on the bench: what the drive sends goes to the scope, and why it stops to the person."""
+
+    def __init__(self, bench: AxisBench, scope: Scope | None, say: Callable[[str], None]) -> None:
+        self.bench, self._scope, self._say = bench, scope, say
+        self._tripped = True  # a UHU as delivered waits for R, and prints so itself
+
+    def frame(self) -> bytes:
+        """Let a frame pass and return what the drive has sent; a drive that trips prints nothing itself."""
+        self.bench.run(FRAME_S)
+        drive, before = cast(Uhu | ServoModule, self.bench.drive()), self._tripped
+        self._tripped = bool(drive.record["lines"][0] & FAULT)
+        if self._tripped and not before and (why := drive.why_stopped()):
+            self._say(f"the drive has shut off its motor: {why}; R switches it on")
+        if self._scope is None:
+            return self.bench.received()
+        heard = self.bench.received_at()
+        self._scope.draw(heard, self.bench.samples())
+        return bytes(value for value, _ in heard)
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass, and print."""
+        until_s = self.bench.time_s + seconds
+        while self.bench.time_s < until_s:
+            put(self.frame())
+
+    def end(self) -> None:
+        """Let the drive read what is still on the line, and answer."""
+        while self.bench.sending():
+            put(self.frame())
+        self.pause(_LAST_S)
+
+
+def _run(passing: _Passing, device: Pipe | PseudoTerminal, interrupts: Interrupts, speed: float) -> None:
+    bench = passing.bench
+    device.write(passing.frame())  # its code is loaded, which takes longer than a frame
     began, from_s = time.monotonic(), bench.time_s
-    while not interrupts.pending and not (isinstance(device, _DriveKeyboard) and device.left):
+    while not interrupts.pending and not device.at_end:
         due = began + (bench.time_s - from_s) / speed
         bench.send(device.read(max(due - time.monotonic(), 0.0)))
-        device.write(_advance(bench, scope))
-
-
-def _advance(bench: AxisBench, scope: Scope | None) -> bytes:
-    """Let a frame pass and return what the drive has sent."""
-    bench.run(FRAME_S)
-    if scope is None:
-        return bench.received()
-    heard = bench.received_at()
-    scope.draw(heard, bench.samples())
-    return bytes(value for value, _ in heard)
+        device.write(passing.frame())
 
 
 def _read_script() -> bytes:
@@ -211,28 +240,34 @@ def _read_script() -> bytes:
         return opened.read()
 
 
-def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
+def run_script(bench: AxisBench, script: bytes, scope: Scope | None, say: Callable[[str], None]) -> None:
     """Send a script line by line, each when the drive has answered the one before, and print all it sends.
 
     Records of a servo module are the answer to its Z; one without its trigger waits for a line that moves the axis.
     """
-    drive = bench.drive()
-    _pause(bench, _START_S, scope)
+    drive, passing = bench.drive(), _Passing(bench, scope, say)
+    passing.pause(_START_S)
     for line in script.splitlines():
         bench.send(line + b"\r")
         quiet = 0
         while quiet < 3:
-            heard = _advance(bench, scope)
+            heard = passing.frame()
             put(heard)
             busy = bench.sending() or (isinstance(drive, ServoModule) and drive.recording)
             quiet = 0 if busy or any(byte < STREAM for byte in heard) else quiet + 1
-    _pause(bench, _LAST_S, scope)
+    passing.pause(_LAST_S)
 
 
-def _pause(bench: AxisBench, seconds: float, scope: Scope | None) -> None:
-    until_s = bench.time_s + seconds
-    while bench.time_s < until_s:
-        put(_advance(bench, scope))
+class _DrivePipe(Pipe):
+    """A pipe as the drive's line: the drive's bytes go out as they are."""
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Return what has come, its lines ended by CR."""
+        return super().read(timeout_s).replace(b"\r\n", b"\r").replace(b"\n", b"\r")
+
+    def write(self, data: bytes) -> None:
+        """Print all bytes."""
+        put(data)
 
 
 class _DriveKeyboard(Keyboard):
@@ -245,13 +280,12 @@ class _DriveKeyboard(Keyboard):
         super().__init__(interrupts)
         self._streams = isinstance(bench.drive(), Uhu)
         self._analysing = False
-        self.left = False
 
     def read(self, timeout_s: float | None) -> bytes:
         """Return what the keys pressed send."""
         keys = super().read(timeout_s)
-        sent, self._analysing, self.left = sent_for(keys, self._streams, self._analysing)
-        self.left |= self.at_end
+        sent, self._analysing, leaves = sent_for(keys, self._streams, self._analysing)
+        self.at_end |= leaves
         if not self._streams:
             super().write(sent.replace(b"\r", b"\r\n"))
         return sent

@@ -67,6 +67,17 @@ class Pins:
         pins["cutting"], pins["wire-broken"] = False, broken
 
 
+def import_hal() -> Any:
+    """Return LinuxCNC's module hal."""
+    sys.path.append(DEBIAN)
+    try:
+        return importlib.import_module("hal")
+    except ImportError as error:
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        sys.exit(f"edmsim: Python {version} cannot load LinuxCNC's module hal, of linuxcnc-uspace, which is made for "
+                 f"the system's Python: {error}")  # fmt: skip
+
+
 def make_component(hal: Any, name: str) -> Any:
     """Make the HAL component with its pins."""
     component = hal.component(name)
@@ -127,11 +138,10 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
 def main() -> None:
     """Start in the order of ``loadusr -W``: read the program, compile, make the pins, report ready, serve."""
     chosen = arguments()
-    sys.path.append(DEBIAN)
     try:
         with tempfile.TemporaryDirectory() as folder:
             program = without_words(chosen.program, folder)
-            hal = importlib.import_module("hal")
+            hal = import_hal()
             edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()  # compiles everything in advance
             component = make_component(hal, chosen.name)
             component.ready()

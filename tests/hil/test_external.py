@@ -169,6 +169,15 @@ def test_a_program_that_cannot_be_read_ends_the_component_in_one_line_before_it_
         file.write_bytes(b"(\xfcber)\nG1 X1\n")
 
 
+def test_without_linuxcnc_the_component_ends_in_one_line(gap, monkeypatch):
+    monkeypatch.setattr(gap, "DEBIAN", "nowhere")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setitem(sys.modules, "hal", None)
+    monkeypatch.setattr(sys, "argv", ["gap.py", str(EXAMPLE / "part.ngc")])
+    with pytest.raises(SystemExit, match=r"^edmsim: Python 3\.\d+ cannot load LinuxCNC's module hal, of "):
+        gap.main()
+
+
 @pytest.mark.slow
 def test_the_component_cuts_while_enable_is_high(tmp_path, gap):
     component = gap.make_component(HAL, "edm-gap")

@@ -71,6 +71,11 @@ def test_what_cannot_be_played_is_refused_by_what_it_is(spoil, reason, folder):
         viewer.find_recording(folder)
 
 
+def test_a_file_is_no_folder(folder):
+    with pytest.raises(InputError, match=r"cut\.rrd: a file, give the folder that .* wrote; the command rerun shows"):
+        viewer.find_recording(folder / "cut.rrd")
+
+
 def test_a_folder_is_no_recording(tmp_path):
     with pytest.raises(InputError, match=r"cannot be read: Is a directory; give a cut's cut\.rrd"):
         Playback(tmp_path)

@@ -165,7 +165,7 @@ def skip(buffer: InputBuffer) -> bool:
 
 def getnum(buffer: InputBuffer) -> int:
     """Read a decimal number of 16 bits at the pointer and pass it, right or not (GETNUM, rows T-56, T-60)."""
-    return _number(buffer, 10, b"0123456789", "decimal")
+    return _number(buffer, 10, b"0123456789", "whole")
 
 
 def gnumhx(buffer: InputBuffer) -> int:

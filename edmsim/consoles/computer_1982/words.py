@@ -90,7 +90,7 @@ def read_number(buffer: InputBuffer) -> int:
     number = getnum(buffer)
     if buffer.waiting and buffer.waiting not in SEPARATORS:
         found = until_separator(written)
-        raise InputError(f"a decimal number must stand at column {column}, not {found.decode('ascii')}")
+        raise InputError(f"a whole number must stand at column {column}, not {found.decode('ascii')}")
     return number
 
 

@@ -34,6 +34,11 @@ def find_recording(directory: str | Path) -> Path:
         If folder or recording is missing, or the file is damaged, incomplete, of another format or version.
     """
     folder = folder_of(directory)
+    if folder.is_file():
+        raise InputError(
+            "a file, give the folder that `edmsim cut --out` wrote; the command rerun shows a recording by itself",
+            directory,
+        )
     if not folder.is_dir():
         raise InputError("no such folder, give the folder that `edmsim cut --out` wrote", directory)
     recording = folder / RECORDING

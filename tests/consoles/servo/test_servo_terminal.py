@@ -67,6 +67,42 @@ def test_records_that_wait_for_their_trigger_end_no_script_late(piped):  # M-30
     assert lines[-2:] == [b"Recorder ON", b""]
 
 
+@pytest.mark.parametrize(
+    ("drive", "script", "why"),
+    [
+        ("uhu", b"G400\nG900\n", "its following error reached the limit E of 500 counts"),
+        ("servo-module", b"+50\n+500\n", "its following error passed the limit E of 100 counts"),
+    ],
+)
+def test_a_drive_that_trips_prints_nothing_and_is_reported_in_a_line(drive, script, why, piped):
+    done = piped(script, "console", "servo", drive, "--axis", "table", "--tuned")
+    assert done.text[1] == f"edmsim: the drive has shut off its motor: {why}; R switches it on\n"
+    assert b"shut" not in done.stdout
+
+
+@pytest.mark.parametrize(("drive", "script"), [("uhu", b"P\n\n"), ("servo-module", b"Q\n")])
+def test_a_motor_that_is_off_without_a_trip_is_not_reported(drive, script, piped):
+    assert piped(script, "console", "servo", drive).text[1] == ""
+
+
+@pytest.mark.slow
+def test_with_a_speed_a_pipe_is_live():
+    words = [*COMMAND, "uhu", "--axis", "table", "--tuned", "--speed", "10"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as program:
+        assert program.stdin is not None
+        assert program.stdout is not None
+        answer_of(program.stdout.fileno(), b"Help by (?)\r\n>")
+        program.stdin.write(b"G200\n")
+        program.stdin.flush()
+        answer_of(program.stdout.fileno(), b"OK\r\n>")
+        time.sleep(0.3)  # 3 s of the axis
+        program.stdin.write(b"COUNTER\n")
+        program.stdin.close()
+        counted = program.stdout.read().split(b"(C)ounter")[1]
+    assert program.returncode == 0
+    assert int(counted.split()[0]) == pytest.approx(200, abs=2)
+
+
 @pytest.mark.slow
 def test_ctrl_c_ends_a_script_whose_pipe_stays_open():
     bench, before, (reading, writing) = bench_for("uhu", "bench", False), os.dup(0), os.pipe()
@@ -205,7 +241,7 @@ def test_the_scope_writes_the_tracking_error_stream(tmp_path, capfdbinary):  # U
     scope = Scope(False, file)
     bench = bench_for("uhu", "bench", True)
     bench.trace = True
-    run_script(bench, b"A\nG60\n", scope)
+    run_script(bench, b"A\nG60\n", scope, print)
     scope.close()
     streamed = [byte - 128 - 63 for byte in capfdbinary.readouterr().out if byte >= 128]
     assert max(streamed) > 40
