@@ -430,7 +430,10 @@ class Simulation:
 
     def _break_of(self, window: PulseWindow) -> str:
         """Say where the wire broke and how hot it was; of pulses denser than hold, which period would have held."""
-        where = f"{self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
+        leg, where = self.legs[self.leg], f"{self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
+        if (one := leg.cut_pass) is not None:
+            of = " of the tab" if one.piece == "tab" else ""
+            where = f"{'on the way to' if leg.leads_in else 'in'} pass {one.number}{of}, {where}"
         text = f"the wire broke {where}, at {window.wire_temperature_K:.0f} K"
         if strong_mJ := too_strong_mJ(self.plant.machine):
             return (f"{text}: a discharge of {strong_mJ:.3g} mJ is too strong for it at any period; choose a lower "

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine, read
-from edmsim.machine.options import available
+from edmsim.machine.options import USUAL_MACHINE, SetUpOptions, available
 from edmsim.machine.parts import Part
 from edmsim.numeric import Number
 
@@ -243,10 +243,14 @@ def technology_for(material: str, machine: str | None = None, wire: str | None =
     known = [read_technology(name) for name in available("technologies")]
     fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
     if not fitting:
-        chosen = "".join(f", {what} {name}" for what, name in (("machine", machine), ("wire", wire)) if name)
+        named = {what: name for what, name in (("machine", machine), ("wire", wire)) if name}
+        usual_wire = SetUpOptions.model_fields["wire"].default
+        Machine.load(machine or USUAL_MACHINE, material=material, wire=wire or usual_wire)  # refuses unknown names
+        chosen = "".join(f", {what} {name}" for what, name in named.items())
         ours = "; ".join(f"{one.material}, machine {one.machine}, wire {one.wire}" for one in known)
+        options = "".join(f" --{what} {name}" for what, name in named.items())
         raise InputError(f"there is no technology for {material}{chosen}; there are: {ours}. Find one with: edmsim "
-                         f"tune technology {material}")
+                         f"tune technology {material}{options}")
 
     def away(one: Technology) -> float:
         removals = [Machine.load(material=name).material.removal_mm3_J.value for name in (one.material, material)]

@@ -393,11 +393,13 @@ def plan_path(
             notices.append(f"{own_taper.name} is tapered by the program itself: the requested angle and corners have "
                            "no effect on it")
         fixed_mm = None if offset == "auto" else chosen_mm
-        if fixed_mm is not None:
-            others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, chosen_mm)})
-            if others:
-                written = ", ".join(f"{mm:g}" for mm in others)
-                notices.append(f"the offset is {chosen_mm:g} mm, as requested, not the {written} mm of the register")
+        others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, fixed_mm)})
+        written = ", ".join(f"{mm:g}" for mm in others)
+        if others and fixed_mm is not None:
+            notices.append(f"the offset is {fixed_mm:g} mm, as requested, not the {written} mm of the register")
+        elif others and passes is not None and not passes.of_program:
+            taken = ", ".join(f"{mm:g}" for mm in passes.offsets_mm)
+            notices.append(f"the passes have the offsets {taken} mm, not the {written} mm of the register")
         groups = grouped(program.outlines)
         legs = [_legs(group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
         heights = (0.0, *{of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None})

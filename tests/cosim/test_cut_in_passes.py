@@ -270,6 +270,20 @@ def test_a_rough_pass_has_no_rate_before_it_leaves_the_start_hole(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("share", "place"), [(0.1, "in pass 1, "), (0.3, "on the way to pass 1, ")])
+def test_a_wire_break_names_its_pass(tmp_path, share, place):
+    program = tmp_path / "square.ngc"
+    program.write_text("G92 X0.5 Y-0.5\nG41\nG1 X0.5 Y0.\nX0.\nY1.\nX1.\nY0.\nX0.5\nG40\nM2\n")
+    hot = {
+        "cooling.critical_W_m2": 1e3, "cooling.convection_W_m2K": 300.0, "cooling.critical_stream": 0.0,
+        "cooling.wire_heat_share": share,
+    }  # fmt: skip
+    report = edmsim.cut(program, passes=2, height_mm=25.4, resolution="fast", constants=hot, max_time_s=40.0).report
+    assert report["outcome"] == "wire-break"
+    assert report["reason"].startswith(f"the wire broke {place}")
+
+
+@pytest.mark.slow
 def test_a_part_that_came_loose_is_not_the_slug_of_the_next_contour(tmp_path):
     (tmp_path / "parts.ngc").write_text(CLIP_AND_BLOCK)
     cut = CutSettings(height_mm=25.4, passes=2, tab_mm=0.2, after_tab="cut")

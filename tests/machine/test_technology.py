@@ -92,8 +92,16 @@ def test_what_it_has_no_settings_for_is_refused_with_what_to_do():
         OURS.table(25.4, 8)
     with pytest.raises(InputError, match="find some with edmsim tune technology tool-steel --height 5"):
         OURS.table(5.0, 2)
-    with pytest.raises(InputError, match="there is no technology for copper, wire molybdenum-180; there are: "):
+    with pytest.raises(InputError, match="there is no technology for copper, wire molybdenum-180; there are: ") as no:
         technology_for("copper", wire="molybdenum-180")
+    assert str(no.value).endswith("edmsim tune technology copper --wire molybdenum-180")
+    for names, named in (
+        (("carbide", "production", "brass-250"), "unknown material 'carbide'"),
+        (("copper", "production", "0.25"), "0.25"), (("copper", "fast", None), "unknown machine 'fast'"),
+    ):
+        with pytest.raises(InputError, match=named) as unknown:
+            technology_for(*names)
+        assert "technology" not in str(unknown.value)
     with pytest.raises(InputError, match="unknown technology 'steel'"):
         read_technology("steel")
 

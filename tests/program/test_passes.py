@@ -50,6 +50,14 @@ def test_every_pass_keeps_its_offset(tmp_path):
         assert shapely.distance(edge, places).min() == pytest.approx(one.offset_um * 1e-3, abs=1.5e-3)
 
 
+def test_offsets_of_planned_passes_win_over_a_register_with_a_notice(tmp_path):
+    text = AROUND.replace("G41", "G10 L12 P1 R0.19\nD1 G41")
+    path = plan(tmp_path, text, PassPlan(OFFSETS_MM))
+    assert [one.offset_um for one in path.contours[0].passes[:3]] == [250.0, 200.0, 150.0]
+    assert "the passes have the offsets 0.25, 0.2, 0.15 mm, not the 0.19 mm of the register" in path.notices
+    assert not [notice for notice in plan(tmp_path, AROUND, PassPlan(OFFSETS_MM)).notices if "not the" in notice]
+
+
 def test_the_tab_stays_until_its_own_passes(tmp_path):
     contour = of_square(tmp_path, tab_mm=1.5)
     around = 16.0

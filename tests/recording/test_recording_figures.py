@@ -64,13 +64,13 @@ def test_the_map_is_to_scale(cut):
 
 
 def test_the_kerf_round_a_small_part_is_in_the_map():
-    """It reaches a wire and two gaps beyond the edge."""
+    """It reaches a wire and two gaps beyond the edge, 0.41 mm behind a rough pass of the production generator."""
     corners_mm, wire_um = np.array([(0.0, 0.0), (1.0, 1.0)]), 250.0
     figure = NotebookFigure()
     axes = figure.add_subplot()
     draw_map(axes, Scene((), (), (), corners_mm, (-9, -9, 9, 9), 20.0, (-10, 30), wire_um))
     for low, high in (axes.get_xlim(), axes.get_ylim()):
-        assert low < -0.35 < 1.35 < high
+        assert low < -0.41 < 1.41 < high
 
 
 def test_a_stopped_cut_says_why_and_where(cut):

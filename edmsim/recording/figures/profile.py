@@ -181,7 +181,7 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
 
 def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
     x0, y0, x1, y1 = shown_mm
-    margin = max(0.12 * max(x1 - x0, y1 - y0, 1.0), 1.5e-3 * scene.wire_diameter_um)  # the kerf is seen whole
+    margin = max(0.12 * max(x1 - x0, y1 - y0, 1.0), 2e-3 * scene.wire_diameter_um)  # the kerf is seen whole
     box = axes.get_window_extent()
     # Half the width shown: whatever needs more room, so that a millimetre is as long on both axes.
     half = max((x1 - x0) / 2 + margin, ((y1 - y0) / 2 + margin) * box.width / box.height)
