@@ -120,6 +120,21 @@ class Forgetful(Counting):
         return super().reset(max_feed_um_s)
 
 
+class Untimed(Law):
+    """Acts after some windows of shorts in a row, which it counts, but leaves out of its snapshot."""
+
+    def __init__(self, patience, command):
+        self.patience, self.command = patience, command
+
+    def reset(self, max_feed_um_s):
+        self.shorted = 0
+        return super().reset(max_feed_um_s)
+
+    def update(self, window):
+        self.shorted = self.shorted + 1 if window.short > 127 else 0
+        return self.command if self.shorted > self.patience else super().update(window)
+
+
 def assert_same(one, other):
     np.testing.assert_equal(one.windows.to_pydict(), other.windows.to_pydict())  # NaN equals NaN there
 
@@ -157,6 +172,16 @@ def test_a_policy_conforms_and_so_may_an_own_one():
 def test_what_does_not_conform_is_refused(kind, message):
     with pytest.raises(InputError, match=message):
         check_controller(kind)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("patience", "command", "differ"), [
+    (5, FeedCommand(-1.0), r"\d+ it commands feed_um_s 16.66875, not -1.0"),
+    (780, FeedCommand(0.0, "short"), r"\d+ it commands feed_um_s 16.66875, not 0.0, alarm None, not 'short'"),
+])  # fmt: skip
+def test_a_timer_that_is_not_in_the_snapshot_is_noticed(patience, command, differ):
+    with pytest.raises(InputError, match=f"its snapshot .*: resumed before every window, after {differ}$"):
+        check_controller(lambda: Untimed(patience, command))
 
 
 @pytest.mark.parametrize("number", [np.float32, np.array, np.int64])
