@@ -110,7 +110,8 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     Raises
     ------
     InputError
-        It lacks a method; a command is missing, not finite, or faster than the machine; two new ones do not command
+        It lacks a method; a command is missing, not finite, or faster than the machine; every command comes later
+        than the next, which replaces it; two new ones do not command
         the same, nor does one after `reset`, or one that is resumed in the middle, or before every window, from a
         snapshot that went through JSON.
 
@@ -198,6 +199,9 @@ def _check_with(make: Callable[[], protocols.FeedController], counts: Counts) ->
     fastest = max(abs(command.feed_um_s) for command in commands)
     if fastest > MAX_FEED_UM_S:
         raise _wrong(controller, f"commands {fastest:g} um/s where the machine runs {MAX_FEED_UM_S:g}")
+    late_s = min((command.latency_s for command in commands[1:]), default=0.0)
+    if late_s >= WINDOW_S and len({command.feed_um_s for command in commands}) > 1:
+        raise _wrong(controller, f"never changes its feed: each is {late_s:g} s late, and replaced before")
     if _Rehearsal(make()).run(counts) != commands:
         raise _wrong(controller, "does not command the same again, when it is made again and shown the same windows")
     if _Rehearsal(controller).run(counts) != commands:

@@ -102,6 +102,7 @@ Number = wrong(update=lambda self, window: 5.0)
 Text = wrong(update=lambda self, window: FeedCommand("5"))
 Never = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=math.nan))
 Early = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=-1.0))
+Overtaken = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=0.1))
 Unset = wrong(update=lambda self, window: FeedCommand(5.0, t_on_us=math.nan))
 Spelt = wrong(update=lambda self, window: FeedCommand(5.0, t_period_us="90"))
 Coded = wrong(update=lambda self, window: FeedCommand(5.0, 5))
@@ -163,6 +164,7 @@ def test_a_policy_conforms_and_so_may_an_own_one():
     (Fast, "50 um/s where the machine runs 33.3375"), (Number, "answered 5.0: it must return a FeedCommand"),
     (Forgetful, "does not go on from its snapshot"), (Unwritable, "snapshot that JSON cannot hold"),
     (Text, "a feed of '5' um/s"), (Never, "calculation time of nan s"), (Early, "calculation time of -1.0 s"),
+    (Overtaken, "never changes its feed: each is 0.1 s late, and replaced before"),
     (Unset, "on-time nan us; None keeps"), (Spelt, "period '90' us"),
     (Coded, "the alarm 5: give the reason in words"), (Silent, "the alarm ' ': give the reason in words"),
     (Torn, "on one line"), (Endless, "time of 1e[+]300 s: give 0 to 3600"), (Far, "offset of -1e[+]300 um: give -1e"),
