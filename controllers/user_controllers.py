@@ -89,6 +89,7 @@ def _why_not(own: UserObject, kinds: list[str]) -> str:
 
 WINDOW_S = 0.0255  # 255 pulses of the standard setting
 WINDOWS = 300
+SHORTED_WINDOWS = 1000  # 25.5 s: a controller that gives up on a short does so
 _PATH_UM = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 400.0]])
 """A path with a corner, for controllers that ask for one."""
 Counts = list[tuple[int, int]]
@@ -98,8 +99,8 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     """Check that a feed controller can cut, be compared, saved and resumed.
 
     It receives windows of every kind: random shares of short and open pulses, nothing but open pulses (whose mean
-    delay is NaN), nothing but shorts, a fifth of open pulses. A controller that raises its alarm is not called
-    further.
+    delay is NaN), nothing but shorts for 25 s, a fifth of open pulses, shorts that come and clear. A controller that
+    raises its alarm is not called further.
 
     Parameters
     ----------
@@ -109,8 +110,10 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     Raises
     ------
     InputError
-        It lacks a method; a command is missing, not finite, or faster than the machine; two new ones do not command
-        the same, nor does one after `reset` or one restored from a snapshot that went through JSON.
+        It lacks a method; a command is missing, not finite, or faster than the machine; every command comes later
+        than the next, which replaces it; two new ones do not command
+        the same, nor does one after `reset`, or one that is resumed in the middle, or before every window, from a
+        snapshot that went through JSON.
 
     Examples
     --------
@@ -133,12 +136,14 @@ def rehearsed(make: Callable[[], protocols.FeedController], max_feed_um_s: float
 
 
 def _every_kind() -> tuple[Counts, ...]:
-    """Return short and open pulses of windows: random, nothing but opens, nothing but shorts, a gap a little wide."""
+    """Return short and open pulses of windows: random, shorts that clear, only opens, a wide gap, only shorts."""
     rng = np.random.default_rng(1)
     random: Counts = [(int(a), int(b)) for a, b, _ in (
         rng.multinomial(WINDOW_PULSES, rng.dirichlet([0.3, 0.3, 0.3])) for _ in range(WINDOWS)
     )]  # fmt: skip
-    return random, *([each] * WINDOWS for each in ((0, WINDOW_PULSES), (WINDOW_PULSES, 0), (0, WINDOW_PULSES // 5)))
+    open_, shorted, wide = (0, WINDOW_PULSES), (WINDOW_PULSES, 0), (0, WINDOW_PULSES // 5)
+    clearing = [counts for windows in 2 * (2, 8, 40) for counts in [shorted] * windows + [wide] * 40]
+    return random, clearing, [open_] * WINDOWS, [wide] * WINDOWS, [shorted] * SHORTED_WINDOWS
 
 
 class _Rehearsal:
@@ -150,12 +155,16 @@ class _Rehearsal:
         protocols.tell(controller, Machine.load(), _PATH_UM, 0.0)
         self.command = protocols.check_command(controller.name, controller.reset(max_feed_um_s))
 
-    def run(self, counts: Counts) -> list[protocols.FeedCommand]:
-        """Return the commands after these windows, up to an alarm."""
+    def run(self, counts: Counts, resumed: bool = False) -> list[protocols.FeedCommand]:
+        """Return the commands after these windows, up to an alarm; `resumed` before every window or not."""
         commands = [self.command]
         for short, open_ in counts:
             if self.command.alarm is not None:
                 break
+            if resumed:
+                text = protocols.snapshot_text(self.controller)
+                self.controller.reset(self._max_feed_um_s)
+                self.controller.restore(json.loads(text))
             self._show(short, open_)
             commands.append(self.command)
         return commands
@@ -190,10 +199,20 @@ def _check_with(make: Callable[[], protocols.FeedController], counts: Counts) ->
     fastest = max(abs(command.feed_um_s) for command in commands)
     if fastest > MAX_FEED_UM_S:
         raise _wrong(controller, f"commands {fastest:g} um/s where the machine runs {MAX_FEED_UM_S:g}")
+    late_s = min((command.latency_s for command in commands[1:]), default=0.0)
+    if late_s >= WINDOW_S and len({command.feed_um_s for command in commands}) > 1:
+        raise _wrong(controller, f"never changes its feed: each is {late_s:g} s late, and replaced before")
     if _Rehearsal(make()).run(counts) != commands:
         raise _wrong(controller, "does not command the same again, when it is made again and shown the same windows")
     if _Rehearsal(controller).run(counts) != commands:
         raise _wrong(controller, "remembers something across reset(): it does not command the same as before")
+    resumed = _Rehearsal(controller).run(counts, resumed=True)
+    for window, (one, other) in enumerate(zip(resumed, commands, strict=False)):
+        if one != other:
+            values = zip(one._fields, one, other, strict=True)
+            differ = (f"{name} {mine!r}, not {its!r}" for name, mine, its in values if mine != its)
+            after = f"resumed before every window, after {window} it commands {', '.join(differ)}"
+            raise _wrong(controller, f"{_FORGETS}: {after}")
     half = len(commands) // 2
     first, second = _Rehearsal(make()), _Rehearsal(make())
     first.run(counts[:half])
@@ -201,7 +220,10 @@ def _check_with(make: Callable[[], protocols.FeedController], counts: Counts) ->
     second.windows, second.path_um, second.command = first.windows, first.path_um, first.command
     second.controller.restore(json.loads(text))
     if second.run(counts[half:]) != first.run(counts[half:]):
-        raise _wrong(controller, "does not go on from its snapshot as it would have without")
+        raise _wrong(controller, _FORGETS)
+
+
+_FORGETS = "does not go on from its snapshot as it would have without"
 
 
 def _wrong(controller: protocols.FeedController, what: str) -> InputError:

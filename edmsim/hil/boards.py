@@ -533,7 +533,7 @@ class Rig:
         return frame
 
     def run(self, seconds: float) -> None:
-        """Run frames for some machine time."""
+        """Run whole frames until this machine time is over; `time_s` tells how long they were."""
         until_s = self.time_s + finite("seconds", seconds, 0.0)
         while self.time_s < until_s:
             self.frame()

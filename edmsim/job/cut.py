@@ -249,9 +249,9 @@ class _Run:
     def _tell_unsaved(self) -> None:
         """Say from where a cut can go on that an error, of its controller say, has stopped within a window."""
         if self._folder is not None:
-            held_s, none = self._held_s, "from its beginning, as there is no checkpoint"
-            at = none if held_s is None else f"at {held_s:.1f} s by --resume"
-            warnings.warn(f"{self._folder}: a cut is not saved within a window: it goes on {at}", stacklevel=2)
+            held_s = self._held_s
+            then = "nothing was saved" if held_s is None else f"it goes on at {held_s:.1f} s by --resume"
+            warnings.warn(f"{self._folder}: an error stopped the cut within a window: {then}", stacklevel=2)
 
     def leave(self, result: CutResult, tell: Callable[[str], None]) -> None:
         """Write the results; only then the checkpoint has done its work."""

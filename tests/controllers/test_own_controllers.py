@@ -102,6 +102,7 @@ Number = wrong(update=lambda self, window: 5.0)
 Text = wrong(update=lambda self, window: FeedCommand("5"))
 Never = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=math.nan))
 Early = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=-1.0))
+Overtaken = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=0.1))
 Unset = wrong(update=lambda self, window: FeedCommand(5.0, t_on_us=math.nan))
 Spelt = wrong(update=lambda self, window: FeedCommand(5.0, t_period_us="90"))
 Coded = wrong(update=lambda self, window: FeedCommand(5.0, 5))
@@ -118,6 +119,21 @@ class Forgetful(Counting):
     def reset(self, max_feed_um_s):
         self.windows = 0
         return super().reset(max_feed_um_s)
+
+
+class Untimed(Law):
+    """Acts after some windows of shorts in a row, which it counts, but leaves out of its snapshot."""
+
+    def __init__(self, patience, command):
+        self.patience, self.command = patience, command
+
+    def reset(self, max_feed_um_s):
+        self.shorted = 0
+        return super().reset(max_feed_um_s)
+
+    def update(self, window):
+        self.shorted = self.shorted + 1 if window.short > 127 else 0
+        return self.command if self.shorted > self.patience else super().update(window)
 
 
 def assert_same(one, other):
@@ -148,6 +164,7 @@ def test_a_policy_conforms_and_so_may_an_own_one():
     (Fast, "50 um/s where the machine runs 33.3375"), (Number, "answered 5.0: it must return a FeedCommand"),
     (Forgetful, "does not go on from its snapshot"), (Unwritable, "snapshot that JSON cannot hold"),
     (Text, "a feed of '5' um/s"), (Never, "calculation time of nan s"), (Early, "calculation time of -1.0 s"),
+    (Overtaken, "never changes its feed: each is 0.1 s late, and replaced before"),
     (Unset, "on-time nan us; None keeps"), (Spelt, "period '90' us"),
     (Coded, "the alarm 5: give the reason in words"), (Silent, "the alarm ' ': give the reason in words"),
     (Torn, "on one line"), (Endless, "time of 1e[+]300 s: give 0 to 3600"), (Far, "offset of -1e[+]300 um: give -1e"),
@@ -157,6 +174,16 @@ def test_a_policy_conforms_and_so_may_an_own_one():
 def test_what_does_not_conform_is_refused(kind, message):
     with pytest.raises(InputError, match=message):
         check_controller(kind)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("patience", "command", "differ"), [
+    (5, FeedCommand(-1.0), r"\d+ it commands feed_um_s 16.66875, not -1.0"),
+    (780, FeedCommand(0.0, "short"), r"\d+ it commands feed_um_s 16.66875, not 0.0, alarm None, not 'short'"),
+])  # fmt: skip
+def test_a_timer_that_is_not_in_the_snapshot_is_noticed(patience, command, differ):
+    with pytest.raises(InputError, match=f"its snapshot .*: resumed before every window, after {differ}$"):
+        check_controller(lambda: Untimed(patience, command))
 
 
 @pytest.mark.parametrize("number", [np.float32, np.array, np.int64])
