@@ -70,7 +70,11 @@ def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
 
 def imported_by(file: str) -> list[str]:
     """Return the names of the modules that a Python file imports; raises `SyntaxError` if it is not Python."""
-    nodes = [*ast.walk(ast.parse(Path(file).read_bytes()))]
+    return _imports(Path(file).read_bytes())
+
+
+def _imports(text: str | bytes) -> list[str]:
+    nodes = [*ast.walk(ast.parse(text))]
     plain = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     return plain + [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
 
@@ -86,8 +90,11 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
     module = ModuleType(f"{Path(place).stem}_{hashlib.sha256((place + text).encode()).hexdigest()[:16]}")
     module.__file__ = place
     sys.modules[module.__name__] = module  # where dataclasses look for the names of their fields' types
+    if (folder := str(Path(place).parent)) not in sys.path:
+        sys.path.append(folder)  # last, so that no file of the user's takes the place of an installed package
     try:
         exec(compile(text, place, "exec"), vars(module))
+        _check_imports(text, Path(place).parent)
     except InputError:
         raise
     except SyntaxError as error:
@@ -95,6 +102,14 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
     except (Exception, SystemExit) as error:
         raise failure(error, shown, "fails when it is run") from None
     return module
+
+
+def _check_imports(text: str, folder: Path) -> None:
+    """Raise `ImportError` if a module of the file's folder was imported from another one."""
+    for name in _imports(text):
+        file, found = folder / f"{name}.py", getattr(sys.modules.get(name), "__file__", None)
+        if found and file.is_file() and Path(found).resolve() != file.resolve():
+            raise ImportError(f"{name} was imported from {found}, not from this folder: rename one of them")
 
 
 def failure(error: BaseException, file: str, what: str) -> InputError:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from typing import ClassVar
 
 import numpy as np
@@ -248,6 +249,17 @@ def test_a_file_that_cannot_be_run_is_one_line(law, text, message):
     assert "\n" not in str(error.value)
     with pytest.raises(InputError, match=r"none\.py: no such file"):
         from_text(f"{law.parent / 'none.py'}:Half")
+
+
+def test_a_file_imports_what_lies_in_its_folder_and_nothing_of_that_name_from_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for folder, share in (("one", 0.25), ("two", 0.75)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "shares_of_ours.py").write_text(f"SHARE = {share}\n")
+        (tmp_path / folder / "law.py").write_text(f"from shares_of_ours import SHARE\n{LAW}".replace("0.5", "SHARE"))
+    assert from_text(f"{tmp_path / 'one' / 'law.py'}:Half").share == 0.25
+    with pytest.raises(InputError, match=r"shares_of_ours was imported from .*one.*rename one of them"):
+        from_text(f"{tmp_path / 'two' / 'law.py'}:Half")
 
 
 def test_an_error_in_a_method_is_one_line_with_the_users_frames(law):
