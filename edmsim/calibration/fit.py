@@ -324,10 +324,11 @@ class _Search:
 
     def information_at(self, shares: Floats) -> Floats:
         """J^T J less what noise alone puts into it, (p, p)."""
-        # half of a residual's variance is the simulation's, so a sensitivity has that of two of them, 2 *
-        # 1/2, over span^2; over all residuals this adds up in the diagonal
+        # a sensitivity is the difference of two simulated cuts and has the variance of both over span^2; over all
+        # residuals this adds up in the diagonal. The errors of counter and meter are the log's alone
         sensitivities, spans = self._slopes(shares)
-        return np.asarray(sensitivities.T @ sensitivities - np.diag(self.comparison.size / spans**2))
+        noise = 2 * self.comparison.simulation_share / spans**2
+        return np.asarray(sensitivities.T @ sensitivities - np.diag(noise))
 
     def covariance(self) -> Floats | None:
         """Return the covariance of the errors in shares, widened by the misfit; None if the log leaves some open."""

@@ -124,6 +124,24 @@ def test_of_constants_that_do_the_same_the_value_is_named_at_which_the_other_hol
     }  # fmt: skip
 
 
+def test_a_constant_with_a_small_effect_is_fitted_if_simulated_cuts_do_not_scatter(monkeypatch):
+    """Errors of counter and meter are the log's alone, and add nothing to the difference of two simulated cuts."""
+    machine = Machine.load(height_mm=10.0)
+    bounds = machine.uncertain()["gap.particle_share"].range
+
+    def shorts(particle_share):
+        return 0.05 + 6e-3 * share_of(bounds, particle_share)  # six times the error of a counter over the range
+
+    def steady(machine, *_):
+        return np.tile([shorts(machine.base.gap.particle_share.value), 0.4, 25.0, 0.5, 5.0], (10, 1))
+
+    monkeypatch.setattr("edmsim.calibration.comparison.simulate", steady)
+    truth = value_at(bounds, 0.8)
+    rows = np.tile([30.0, 255 * shorts(truth), 255 * 0.4, 25.0, 0.5, 5.0, 30.0, 100.0], (1300, 1))
+    fit = calibrate(Log("steady", dict(zip(COLUMNS, rows.T, strict=True))), machine, ["gap.particle_share"])
+    assert [constant.value for constant in fit.constants] == pytest.approx([truth], rel=1e-3)
+
+
 @pytest.mark.slow
 def test_the_fitted_set_up_can_be_cut_with(known, recovered, tmp_path):
     files = write(recovered, "known.parquet", tmp_path / "fitted.toml")
