@@ -266,7 +266,8 @@ def test_constants_that_cannot_be_fitted_are_refused(known):
 
 
 def test_a_log_without_a_steady_stretch_is_refused(known):
-    with pytest.raises(edmsim.InputError, match="known: no stretch of 400 windows can be used: behind 325 um"):
+    said = "known: no stretch of 400 windows can be used: behind 325 um.* is 22 um/s"
+    with pytest.raises(edmsim.InputError, match=said):
         calibrate(log_of(known.table.slice(0, 300)), known.machine)
 
 
@@ -274,6 +275,14 @@ def test_a_setting_the_generator_refuses_is_refused(known):
     strong = log_of(known.table.set_column(6, "t_on_us", pa.array(np.full(len(known.table), 90.0))))
     with pytest.raises(edmsim.InputError, match="above the generator's 2 A"):
         calibrate(strong, known.machine)
+
+
+@pytest.mark.parametrize(("name", "most"), [("mean_voltage_V", "100 V"), ("mean_current_A", "8.475 A")])
+def test_voltage_and_current_beyond_the_generator_are_refused(known, name, most):
+    milli = pa.array(1000 * known.table[name].to_numpy())
+    log = log_of(known.table.set_column(COLUMNS.index(name), name, milli))
+    with pytest.raises(edmsim.InputError, match=rf"windows \d+ to \d+: {name} is .*, above the generator's {most}"):
+        calibrate(log, known.machine)
 
 
 @pytest.fixture
