@@ -43,12 +43,17 @@ def start_of(log: Log) -> CutSettings:
     return CutSettings(resolution="fast") if log.settings is None else log.settings
 
 
+SET_UP = ("machine", "material", "wire", "generator", "height_mm")
+"""Options without which nobody knows what a log is of."""
+
+
 @refuses_wrong_types
 def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
     """Return the settings for comparing a log with the model, with overrides, and notices for the user.
 
     The workpiece has one height, by default the greatest of the cut. A notice names every option that differs from
-    the log's, and the log's constants that are not used because of another machine, material or wire.
+    the log's, and the log's constants that are not used because of another machine, material or wire. For another
+    machine's log a notice lists what of the set-up is assumed.
     """
     start = start_of(log)
     notices = []
@@ -69,6 +74,9 @@ def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
         if logged != overridden:
             was = "its default" if logged is None else logged
             notices.append(f"{name} {overridden} is used, though the log was cut with {was}")
+    assumed = [f"{name} {getattr(combined, name)}" for name in SET_UP if options.get(name) is None]
+    if assumed and log.settings is None:
+        notices.append(f"the log does not name its set-up; assumed: {', '.join(assumed)}")
     return combined, notices
 
 

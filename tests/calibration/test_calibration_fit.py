@@ -433,6 +433,9 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeyp
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared):
-    machine, resolution, said = compared(None, "--height", 10)
-    assert (machine, resolution) == (edmsim.Machine.load(height_mm=10.0), "fast")
-    assert said == "edmsim: interrupted; run the same command to resume\n"
+    machine, resolution, said = compared(None, "--height", 10, "--wire", "copper", "--generator", "iso-pulse")
+    assert (machine, resolution) == (edmsim.Machine.load(wire="copper", height_mm=10.0), "fast")
+    assert said.splitlines() == [
+        "edmsim: the log does not name its set-up; assumed: machine agiecut-dem15, material tool-steel",
+        "edmsim: interrupted; run the same command to resume",
+    ]
