@@ -182,7 +182,7 @@ def test_a_trim_keeps_its_feed_is_slowed_by_shorts_and_runs_back_from_one_that_s
     assert feeds[0] > 0 > feeds[-1]
 
 
-def test_an_own_law_has_its_own_parameter_beside_those_of_its_parts():
+def test_an_own_law_has_its_own_parameter_and_those_of_its_parts():
     class Own(ServoLaw, measure=OpenShare):
         name: ClassVar[str] = "own"
         margin_share: float = 0.1
