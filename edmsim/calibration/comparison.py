@@ -51,7 +51,14 @@ class StretchComparison:
         """Weigh the statistics by the noise of this machine's cuts."""
         # what they scatter by depends on where between open and short a cut stands, and a log made under a gap
         # controller does not tell: the controller holds its counts more steadily than a cut at a fixed feed can
-        self._scales = self._noise_scales(machine)
+        self._scales, self._scales_alone = self._noise_scales(machine)
+
+    @property
+    def simulation_share(self) -> float:
+        """Part of the variance of all residuals, 1 each, that comes from the noise of the simulated cut."""
+        pairs = zip(self._known, self._scales, self._scales_alone, strict=True)
+        alone = [np.linalg.solve(both[np.ix_(k, k)], one[np.ix_(k, k)]) for k, both, one in pairs]
+        return float(sum((part**2).sum() for part in alone))
 
     @property
     def noise(self) -> Floats:
@@ -95,8 +102,8 @@ class StretchComparison:
             rows.append(np.linalg.solve(self._scales[number][np.ix_(known, known)], apart[known]))
         return np.concatenate(rows)
 
-    def _noise_scales(self, machine: Machine) -> list[Floats]:
-        """Lower triangular roots of the covariance of simulated less logged statistics, one (5, 5) per stretch."""
+    def _noise_scales(self, machine: Machine) -> tuple[list[Floats], list[Floats]]:
+        """Lower triangular roots of covariances, one (5, 5) per stretch: of simulated less logged, of simulated."""
         # batches of the log know how noisy each stretch is, but not the slow part: walls that are passed for a wire's
         # diameter of travel. How much more stretches vary than their batches say, and how their statistics hang
         # together, is seen from cuts of the same stretch with other seeds. The simulated cut doubles the variance
@@ -113,11 +120,12 @@ class StretchComparison:
         correlation = (1 - SHRINKAGE) * scaled.T @ scaled / ((repeats - 1) * len(self.picked))
         np.fill_diagonal(correlation, 1.0)
         root = np.linalg.cholesky(correlation)
-        scales = []
+        scales, alone = [], []
         for stretch, variance in zip(self.picked, within, strict=True):
             reading = np.array(READING) * np.where([False, False, True, True, True], np.nan_to_num(stretch.mean), 1.0)
             scales.append(np.sqrt(2 * more * variance + reading**2)[:, None] * root)
-        return scales
+            alone.append(np.sqrt(more * variance)[:, None] * root)
+        return scales, alone
 
 
 def _variance_of_mean(batches: Floats) -> Floats:

@@ -13,7 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
-from edmsim.calibration.log import FEED_SPREAD, LEAST_FEED_UM_S, STRETCH_WINDOWS, TURN_DEG, Log, Stretch, stretches
+from edmsim.calibration.log import (
+    FEED_SPREAD,
+    LEAST_FEED_UM_S,
+    STATISTICS,
+    STRETCH_WINDOWS,
+    TURN_DEG,
+    Log,
+    Stretch,
+    stretches,
+)
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
@@ -22,7 +31,7 @@ from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import KINDS, with_overrides
 from edmsim.machine.ranges import choose, share_of, uncertain, value_at, with_constants, with_values
-from edmsim.machine.setting import AIR_SHARE
+from edmsim.machine.setting import AIR_SHARE, discharge_current_A, open_V, short_current_A
 from edmsim.numeric import whole_from
 from edmsim.runs import RunTable
 
@@ -34,12 +43,17 @@ def start_of(log: Log) -> CutSettings:
     return CutSettings(resolution="fast") if log.settings is None else log.settings
 
 
+SET_UP = ("machine", "material", "wire", "generator", "height_mm")
+"""Options without which nobody knows what a log is of."""
+
+
 @refuses_wrong_types
 def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
     """Return the settings for comparing a log with the model, with overrides, and notices for the user.
 
     The workpiece has one height, by default the greatest of the cut. A notice names every option that differs from
-    the log's, and the log's constants that are not used because of another machine, material or wire.
+    the log's, and the log's constants that are not used because of another machine, material or wire. For another
+    machine's log a notice lists what of the set-up is assumed.
     """
     start = start_of(log)
     notices = []
@@ -60,6 +74,9 @@ def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
         if logged != overridden:
             was = "its default" if logged is None else logged
             notices.append(f"{name} {overridden} is used, though the log was cut with {was}")
+    assumed = [f"{name} {getattr(combined, name)}" for name in SET_UP if options.get(name) is None]
+    if assumed and log.settings is None:
+        notices.append(f"the log does not name its set-up; assumed: {', '.join(assumed)}")
     return combined, notices
 
 
@@ -177,12 +194,14 @@ def calibrate(
             f"no stretch of {STRETCH_WINDOWS} windows can be used: behind {settle_um(machine):.0f} um of travel it "
             f"must have one setting, a feed of {LEAST_FEED_UM_S:g} um/s or more that varies by at most "
             f"{100 * FEED_SPREAD:g} %, at most {100 * AIR_SHARE:g} % open pulses, and no turn of more than "
-            f"{TURN_DEG:g} degrees",
+            f"{TURN_DEG:g} degrees; the median feed of the log is {np.median(log.columns['feed_um_s']):.3g} um/s",
             log.name,
         )
     picked = spread(steady, MOST_STRETCHES)
     for stretch in picked:
-        machine.with_(t_on_us=stretch.t_on_us, t_period_us=stretch.t_period_us)  # raises what the generator refuses
+        # raises what the generator refuses
+        set_up = machine.with_(t_on_us=stretch.t_on_us, t_period_us=stretch.t_period_us)
+        _check_means(stretch, set_up, log.name)
     size = int(sum(np.isfinite(stretch.mean).sum() for stretch in picked))
     if size <= len(known):
         raise InputError(f"{len(known)} constants cannot be determined from {size} statistics", log.name)
@@ -190,6 +209,20 @@ def calibrate(
         resolution = start_of(log).resolution
     comparison = StretchComparison(machine, picked, seed, resolution, table or RunTable(), watch)
     return _fit_what_is_determined(comparison, list(known), log.name)
+
+
+def _check_means(stretch: Stretch, machine: Machine, log_name: str) -> None:
+    """Raise `InputError` if voltage or current are more than the generator gives, as those in mV and mA are."""
+    most_A = max(short_current_A(machine), discharge_current_A(machine))
+    most = {"mean_voltage_V": open_V(machine), "mean_current_A": most_A}
+    for name, mean in zip(STATISTICS, stretch.mean.tolist(), strict=True):
+        if abs(mean) > most.get(name, math.inf):
+            unit = name[-1]
+            raise InputError(
+                f"windows {stretch.first + 1} to {stretch.first + STRETCH_WINDOWS}: {name} is {mean:.4g} on average, "
+                f"above the generator's {most[name]:.4g} {unit}: give {unit}, and the generator of the log",
+                log_name,
+            )
 
 
 def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
@@ -324,10 +357,11 @@ class _Search:
 
     def information_at(self, shares: Floats) -> Floats:
         """J^T J less what noise alone puts into it, (p, p)."""
-        # half of a residual's variance is the simulation's, so a sensitivity has that of two of them, 2 *
-        # 1/2, over span^2; over all residuals this adds up in the diagonal
+        # a sensitivity is the difference of two simulated cuts and has the variance of both over span^2; over all
+        # residuals this adds up in the diagonal. The errors of counter and meter are the log's alone
         sensitivities, spans = self._slopes(shares)
-        return np.asarray(sensitivities.T @ sensitivities - np.diag(self.comparison.size / spans**2))
+        noise = 2 * self.comparison.simulation_share / spans**2
+        return np.asarray(sensitivities.T @ sensitivities - np.diag(noise))
 
     def covariance(self) -> Floats | None:
         """Return the covariance of the errors in shares, widened by the misfit; None if the log leaves some open."""

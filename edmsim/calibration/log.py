@@ -33,6 +33,9 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 _NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # what stands for a number that is not there, in small letters
 
 
+_NO_COLUMN = "; its first line has:"  # said where none of the columns is there
+
+
 class LogTable(NamedTuple):
     """Columns by name, and the metadata of the file, if it has some."""
 
@@ -142,7 +145,7 @@ def _rows(lines: list[str], first: int, separator: str, fields: int, file: Path)
 def _chosen(there: Sequence[str], needed: Sequence[str], optional: Sequence[str], file: Path) -> list[str]:
     missing = [name for name in needed if name not in there]
     if missing:
-        said = f"; its first line has: {', '.join(there)[:200]}" if set(there).isdisjoint(needed) else ""
+        said = f"{_NO_COLUMN} {', '.join(there)[:200]}" if set(there).isdisjoint(needed) else ""
         raise InputError(f"column {missing[0]} is missing; a log needs {' '.join(needed)}{said}", file)
     chosen = [*needed, *(name for name in optional if name in there)]
     for name in chosen:
@@ -345,9 +348,11 @@ def read_log(file: str | Path) -> Log:
     """
     try:
         table = read_table(Path(file), COLUMNS, PLACES)
-    except InputError:
+    except InputError as error:
         of_ratios = read(Path(file))
         if of_ratios is None:
+            if _NO_COLUMN in error.reason:
+                raise InputError(f"{error.reason}; a log of ratios needs {' '.join(NEEDED)}", file) from None
             raise
         return Log(Path(file).name, of_ratios)
     known = table.columns if set(PLACES) <= set(table.columns) else COLUMNS

@@ -579,8 +579,8 @@ class CutResult:
         Raises
         ------
         InputError
-            If the time between samples is below 0.001 us, a limit of the span is not a number, or the file cannot be
-            written.
+            If the time between samples is below 0.001 us, a limit of the span is not a number, the span has none of
+            the cut's windows with samples, or the file cannot be written.
         """
         for name, time_s in (("begin_s", begin_s), ("end_s", end_s)):
             if real(time_s) is None or math.isnan(time_s):

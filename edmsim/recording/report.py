@@ -139,7 +139,9 @@ class Feed(Figures):
     mean: Annotated[_Number, FigureKind("µm/s", "mean feed", column="feed_um_s")] = None
     max: Annotated[_Number, FigureKind("µm/s", "greatest feed")] = None
     limit: Annotated[_Number, FigureKind("µm/s", "greatest feed of machine and planner")] = None
-    share_at_limit: Annotated[_Number, FigureKind("%", "share of the cut at that feed", 0)] = None
+    share_at_limit: Annotated[
+        _Number, FigureKind("%", "share of the cut at that feed", 0, column="share_at_limit")
+    ] = None
 
 
 class PulseShare(Figures):

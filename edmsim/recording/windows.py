@@ -594,8 +594,14 @@ class Closeups(ArraySnapshots, Observer):
 
         if not _TICK_US <= every_us < math.inf:
             raise InputError(f"every_us is {every_us:g}: the time between samples must be {_TICK_US:g} us or more")
-        closeups = self.table()
-        closeups = closeups[(closeups["t_s"] >= begin_s) & (closeups["t_s"] <= end_s)]
+        stored = self.table()
+        closeups = stored[(stored["t_s"] >= begin_s) & (stored["t_s"] <= end_s)]
+        if len(stored) and not len(closeups):
+            first, last = stored["t_s"][[0, -1]]
+            raise InputError(
+                f"no window with samples ends between begin_s {begin_s:g} and end_s {end_s:g}: the cut has "
+                f"{len(stored)}, from {first:.3f} to {last:.3f} s"
+            )
         kind = pa.dictionary(pa.int8(), pa.string())
         schema = pa.schema([
             ("window_t_s", pa.float64()), ("time_us", pa.float64()), ("voltage_V", pa.float32()),

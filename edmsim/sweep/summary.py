@@ -165,12 +165,14 @@ def _mean(values: NDArray[np.float64], machines: Sequence[Any]) -> Figure:
     return ratio(np.bincount(unit, values[known]).astype(np.float64), np.bincount(unit).astype(np.float64))
 
 
+HELD_BACK = 0.5  # share of the cut at the greatest feed above which it is the machine that sets the rate (ours)
 MOST_LINES = 40  # groups and settings listed on a terminal (ours); all are in the dataset
 
 
 def render(table: pa.Table) -> rich.console.Group:
     """Return the summary of a sweep for the terminal."""
-    return rich.console.Group(_means(table), *([_sensitivities(table)] if varied(table) else []), *_errors(table))
+    effects = [_sensitivities(table)] if varied(table) else []
+    return rich.console.Group(_means(table), *effects, *_held_back(table), *_errors(table))
 
 
 def _means(table: pa.Table) -> ScreenTable:
@@ -225,6 +227,14 @@ def _effect(effect: Effect) -> str:
 
 def _percent(share: float) -> str:
     return "" if math.isnan(share) else f"{100 * share:.0f} %"
+
+
+def _held_back(table: pa.Table) -> list[str]:
+    """Say how many cuts were mostly at the greatest feed, where no setting can raise the rate."""
+    shares = table["share_at_limit"].to_pylist() if "share_at_limit" in table.column_names else []
+    held = sum(share is not None and share > HELD_BACK for share in shares)
+    mostly = f"{held} of {len(table)} runs cut mostly at the greatest feed of machine and planner"
+    return [f"{mostly}, which limits their rate"] if held else []
 
 
 def _errors(table: pa.Table) -> list[str]:

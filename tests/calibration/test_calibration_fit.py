@@ -124,6 +124,24 @@ def test_of_constants_that_do_the_same_the_value_is_named_at_which_the_other_hol
     }  # fmt: skip
 
 
+def test_a_constant_with_a_small_effect_is_fitted_if_simulated_cuts_do_not_scatter(monkeypatch):
+    """Errors of counter and meter are the log's alone, and add nothing to the difference of two simulated cuts."""
+    machine = Machine.load(height_mm=10.0)
+    bounds = machine.uncertain()["gap.particle_share"].range
+
+    def shorts(particle_share):
+        return 0.05 + 6e-3 * share_of(bounds, particle_share)  # six times the error of a counter over the range
+
+    def steady(machine, *_):
+        return np.tile([shorts(machine.base.gap.particle_share.value), 0.4, 25.0, 0.5, 5.0], (10, 1))
+
+    monkeypatch.setattr("edmsim.calibration.comparison.simulate", steady)
+    truth = value_at(bounds, 0.8)
+    rows = np.tile([30.0, 255 * shorts(truth), 255 * 0.4, 25.0, 0.5, 5.0, 30.0, 100.0], (1300, 1))
+    fit = calibrate(Log("steady", dict(zip(COLUMNS, rows.T, strict=True))), machine, ["gap.particle_share"])
+    assert [constant.value for constant in fit.constants] == pytest.approx([truth], rel=1e-3)
+
+
 @pytest.mark.slow
 def test_the_fitted_set_up_can_be_cut_with(known, recovered, tmp_path):
     files = write(recovered, "known.parquet", tmp_path / "fitted.toml")
@@ -248,7 +266,8 @@ def test_constants_that_cannot_be_fitted_are_refused(known):
 
 
 def test_a_log_without_a_steady_stretch_is_refused(known):
-    with pytest.raises(edmsim.InputError, match="known: no stretch of 400 windows can be used: behind 325 um"):
+    said = "known: no stretch of 400 windows can be used: behind 325 um.* is 22 um/s"
+    with pytest.raises(edmsim.InputError, match=said):
         calibrate(log_of(known.table.slice(0, 300)), known.machine)
 
 
@@ -256,6 +275,14 @@ def test_a_setting_the_generator_refuses_is_refused(known):
     strong = log_of(known.table.set_column(6, "t_on_us", pa.array(np.full(len(known.table), 90.0))))
     with pytest.raises(edmsim.InputError, match="above the generator's 2 A"):
         calibrate(strong, known.machine)
+
+
+@pytest.mark.parametrize(("name", "most"), [("mean_voltage_V", "100 V"), ("mean_current_A", "8.475 A")])
+def test_voltage_and_current_beyond_the_generator_are_refused(known, name, most):
+    milli = pa.array(1000 * known.table[name].to_numpy())
+    log = log_of(known.table.set_column(COLUMNS.index(name), name, milli))
+    with pytest.raises(edmsim.InputError, match=rf"windows \d+ to \d+: {name} is .*, above the generator's {most}"):
+        calibrate(log, known.machine)
 
 
 @pytest.fixture
@@ -406,6 +433,9 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeyp
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared):
-    machine, resolution, said = compared(None, "--height", 10)
-    assert (machine, resolution) == (edmsim.Machine.load(height_mm=10.0), "fast")
-    assert said == "edmsim: interrupted; run the same command to resume\n"
+    machine, resolution, said = compared(None, "--height", 10, "--wire", "copper", "--generator", "iso-pulse")
+    assert (machine, resolution) == (edmsim.Machine.load(wire="copper", height_mm=10.0), "fast")
+    assert said.splitlines() == [
+        "edmsim: the log does not name its set-up; assumed: machine agiecut-dem15, material tool-steel",
+        "edmsim: interrupted; run the same command to resume",
+    ]

@@ -101,6 +101,9 @@ def test_samples_need_a_time_between_them(result, tmp_path, every_us):
     for limits in ({"begin_s": np.nan}, {"end_s": True}):
         with pytest.raises(InputError, match=r"_s is (nan|True): give a machine time in s"):
             result.write_traces(tmp_path / "traces.parquet", **limits)
+    for limits in ({"begin_s": 1e6}, {"begin_s": 0.5, "end_s": 0.2}):
+        with pytest.raises(InputError, match=r"no window with samples ends between .*: the cut has \d+, from "):
+            result.write_traces(tmp_path / "traces.parquet", **limits)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from rich.console import Console
 
 from edmsim import runs
 from edmsim.errors import InputError
-from edmsim.sweep.summary import KEYS, front_of, groups, pareto_front, sensitivities
+from edmsim.sweep.summary import KEYS, front_of, groups, pareto_front, render, sensitivities
 from edmsim.sweep.table import as_table, read
 
 
@@ -51,6 +52,14 @@ def test_sensitivities_are_shares_of_the_variance(table):
     assert np.isnan(found.effects["controller"].rank_correlation)
     assert 0 < found.unexplained < 0.001
     assert np.isnan(sensitivities(table)["short_share"].effects["height_mm"].first_order)  # it never changes
+
+
+def test_runs_at_the_greatest_feed_are_counted(table, capsys):
+    for shares, said in (([None, 1.0, 0.4, 0.6], "2 of 4 runs cut mostly at the greatest feed"), ([0.0] * 4, "")):
+        Console(width=200).print(render(table.slice(6, 4).append_column("share_at_limit", [shares])))
+        out = capsys.readouterr().out
+        assert said in out
+        assert bool(said) == ("greatest feed" in out)
 
 
 def test_offsets_are_numbers_although_auto_is_a_text():
