@@ -68,7 +68,7 @@ class Recorder:
     """
 
     def __init__(self, student: Any, seed: int) -> None:
-        self.card = SimpleNamespace(residual=None)
+        self.card = SimpleNamespace(residual=None, observation=())
         self.rows: list[np.ndarray] = []
         self._student = student
         rng = np.random.default_rng(seed)
