@@ -111,9 +111,8 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     ------
     InputError
         It lacks a method; a command is missing, not finite, or faster than the machine; every command comes later
-        than the next, which replaces it; two new ones do not command
-        the same, nor does one after `reset`, or one that is resumed in the middle, or before every window, from a
-        snapshot that went through JSON.
+        than the next, which replaces it; two new ones do not command the same, nor does one after `reset`, or one
+        that is resumed in the middle, or before every window, from a snapshot that went through JSON.
 
     Examples
     --------

@@ -161,7 +161,8 @@ def _named_in(file: str, _digest: str) -> list[Any]:
     """Return the files that a user's file names: a machine's MJCF, set-ups of a technology, modules in its folder."""
     with suppress(AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError, RecursionError):
         if file.endswith(".py"):
-            return [str(Path(file).parent / f"{name}.py") for name in user_code.imported_by(file)]
+            names = user_code.imported_by(Path(file).read_bytes())
+            return [str(Path(file).parent / f"{name}.py") for name in names]
         table = tomllib.loads(Path(file).read_text(encoding="utf-8")) if file.endswith(".toml") else {}
         mjcf = [str(Path(file).parent / table["model"])] if "model" in table else []
         of_passes = [one["generator"] for at in table.get("height", ()) for one in at["pass"]]

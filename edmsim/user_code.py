@@ -68,12 +68,8 @@ def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     return resolve_name(makers[kind])(rest)
 
 
-def imported_by(file: str) -> list[str]:
-    """Return the names of the modules that a Python file imports; raises `SyntaxError` if it is not Python."""
-    return _imports(Path(file).read_bytes())
-
-
-def _imports(text: str | bytes) -> list[str]:
+def imported_by(text: str | bytes) -> list[str]:
+    """Return the names of the modules that a Python text imports; raises `SyntaxError` if it is not Python."""
     nodes = [*ast.walk(ast.parse(text))]
     plain = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     return plain + [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
@@ -106,7 +102,7 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
 
 def _check_imports(text: str, folder: Path) -> None:
     """Raise `ImportError` if a module of the file's folder was imported from another one."""
-    for name in _imports(text):
+    for name in imported_by(text):
         file, found = folder / f"{name}.py", getattr(sys.modules.get(name), "__file__", None)
         if found and file.is_file() and Path(found).resolve() != file.resolve():
             raise ImportError(f"{name} was imported from {found}, not from this folder: rename one of them")

@@ -289,7 +289,7 @@ def test_a_cut_with_other_dials_than_those_of_the_training_says_so():
     straight = np.array([[0.0, 0.0], [1000.0, 0.0]])
     controller.set_up(edmsim.Machine.load(height_mm=20), straight, 0.0)
     assert controller.beyond_training == []
-    for _ in range(2):  # leg by leg, told once
+    for _ in range(2):  # of two legs: the notice appears once
         controller.set_up(edmsim.Machine.load(height_mm=20, flushing_lower_Pa=35e3), straight, 0.0)
     (notice,) = controller.beyond_training
     assert notice.startswith("the pressure of the lower nozzle is 0.35 bar, but the policy was trained at 0.3 bar")
