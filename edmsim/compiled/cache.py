@@ -1,7 +1,7 @@
-"""The cache of machine code: a folder whose name is a digest of all sources.
+"""The cache of machine code.
 
-The folder is named after a digest of every file that compiles something, of all they import, and of the compiler.
-Each file in it ends with a digest of itself: damaged machine code is compiled again and never run.
+The name of its folder is a digest of all files that compile something, of everything they import, and of the
+compiler's version. Each file in it ends with its own digest, so damaged machine code is compiled again and never run.
 """
 
 import atexit
@@ -24,7 +24,7 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 def _files() -> dict[str, Path]:
-    """Return every module of edmsim and its file; controllers and environments stand in top-level folders."""
+    """Return the file of every module of edmsim; controllers and environments are in top-level folders."""
     found = {}
     for folder in (_PACKAGE, *(f for name in _TOP_LEVEL if (f := _PACKAGE.parent / name).is_dir())):
         above = folder if folder == _PACKAGE else folder.parent
@@ -34,7 +34,7 @@ def _files() -> dict[str, Path]:
 
 
 def _sources() -> list[bytes]:
-    """Return the text of every module that compiles something, and of what these import, over any number of steps."""
+    """Return the text of every module that compiles something, and of all that it imports, also indirectly."""
     texts = {module: file.read_bytes() for module, file in _files().items()}
     waiting = {module for module, text in texts.items() if _COMPILES in text}
     found: set[str] = set()
@@ -57,13 +57,13 @@ def _source_digest() -> str:
 
 
 def user_folder() -> Path:
-    """Return the folder of all that edmsim keeps for this user; raises `RuntimeError` where the user has no home."""
+    """Return the user's cache folder of edmsim; raises `RuntimeError` if the user has no home."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "edmsim"
 
 
 def _cache_folder() -> Path:
-    """Return the folder of these sources: under the user's own, or else, where that cannot be, one of this run."""
+    """Return the folder of these sources; if it cannot be written, a temporary one for this process."""
     try:
         root = user_folder() / "compiled"
         own = root / _source_digest()
@@ -72,24 +72,24 @@ def _cache_folder() -> Path:
         if not os.access(own, os.W_OK):
             raise PermissionError(own)
         _drop_unused(root)
-    except (OSError, RuntimeError):  # the latter where the user has no home
+    except (OSError, RuntimeError):  # the latter if the user has no home
         own = Path(tempfile.mkdtemp(prefix="edmsim-compiled-"))
         atexit.register(shutil.rmtree, own, ignore_errors=True)
     return own
 
 
 def _drop_unused(root: Path) -> None:
-    """Delete what no checkout has used for a long time; each import of edmsim touches its own folder."""
+    """Delete folders that have not been used for a long time; every import of edmsim touches its own."""
     for other in root.iterdir():
         if time.time() - other.stat().st_mtime > _UNUSED_S:
             shutil.rmtree(other, ignore_errors=True)
 
 
-folder = _cache_folder()  # where machine code is kept
+folder = _cache_folder()  # where machine code is cached
 
 
 def signed(content: bytes) -> bytes:
-    """Return a file's content with its digest at the end."""
+    """Return a content followed by its digest."""
     return content + hashlib.sha256(content).digest()
 
 
@@ -104,7 +104,7 @@ def read_signed(path: Path) -> bytes | None:
 
 
 def write_signed(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all; raises `OSError` where it cannot be."""
+    """Write a file completely or not at all; raises `OSError` if it cannot be written."""
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(6)}")
     try:
         temporary.write_bytes(signed(content))

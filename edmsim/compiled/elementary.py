@@ -1,8 +1,9 @@
 """Logarithm, exponential, power and cube root for the pulse loop, to some 1e-8.
 
-A call of the mathematical library costs the loop more than its arithmetic: whatever stands in registers goes to
-memory and back. These few lines are compiled into the loop instead: the series of the inverse hyperbolic tangent and
-of the exponential, and a root to 3 % with the series of what it lacks, as exact as a simulated spark needs.
+Calling the mathematical library takes longer than its arithmetic, because all registers are saved to memory and
+restored. These functions are compiled into the loop instead. They use the series of the inverse hyperbolic tangent
+and of the exponential, and a root estimated to 3 % with a series for its relative error, accurate enough for a
+simulated spark.
 """
 
 import math
@@ -11,15 +12,15 @@ import numpy as np
 
 from edmsim.compiled.jit import compiled
 
-_ROOT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # bits of the root of 1/2: mantissas are taken from there to that of 2
+_ROOT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # bits of sqrt(1/2); mantissas lie between it and sqrt(2)
 _MANTISSA_BITS = np.int64(52)
 _BIAS = np.int64(1023)
 _LN2 = math.log(2.0)
 _ROOT_BITS = np.int64(0x553F0A3D00000000)
-"""What the bits of one over a cube root and a third of the bits of its cube add up to, to 4 % (ours: the error evened
-out)."""
+"""Sum of the bits of x^(-1/3) and a third of the bits of x, as float64; the estimate is good to 4 % (ours: centred
+error)."""
 _ROOT_SERIES = 1.000000003, -0.3333331512, 0.22221701661, -0.17292879058, 0.14550243471, -0.11699287641
-"""Coefficients of ``(1 + u)^(-1/3)`` from -0.090 to 0.1205, to 5e-9 (ours: the least greatest relative error)."""
+"""Coefficients of ``(1 + u)^(-1/3)`` from -0.090 to 0.1205, to 5e-9 (ours: minimax of the relative error)."""
 
 
 @compiled
@@ -36,7 +37,7 @@ def logarithm(x: float) -> float:
 
 @compiled
 def exponential(x: float) -> float:
-    """Exponential of a number; 0 below -708, and that of 708 above it."""
+    """Exponential of a number; 0 below -708, ``exp(708)`` above 708."""
     x = min(x, 708.0)
     if x < -708.0:
         return 0.0
@@ -57,7 +58,7 @@ def power(x: float, exponent: float) -> float:
 
 @compiled
 def inverse_cube_root(x: float) -> float:
-    """One over the cube root of a positive number that is no smaller than 1e-100."""
+    """Inverse cube root of a number of at least 1e-100."""
     root = np.int64(_ROOT_BITS - np.int64(np.float64(x).view(np.uint64) // np.uint64(3))).view(np.float64)
     u = x * root * root * root - 1.0
     u2 = u * u
@@ -67,6 +68,6 @@ def inverse_cube_root(x: float) -> float:
 
 @compiled
 def cube_root(x: float) -> float:
-    """Cube root of a positive number that is no smaller than 1e-100."""
+    """Cube root of a number of at least 1e-100."""
     inverse = inverse_cube_root(x)
     return x * inverse * inverse

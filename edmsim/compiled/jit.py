@@ -1,4 +1,4 @@
-"""Decorators that compile functions with numba, without the GIL, and cache the code."""
+"""Decorators that compile functions with numba. The code releases the GIL and is cached."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,20 +10,20 @@ from edmsim.compiled.numba_internals import INLINED, UNWRAPPED, with_parts
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-# NaN and infinity keep their meaning: the loop tests for them. The rest lets sums be vectorised.
+# without nnan and ninf, because the loop tests for NaN and infinity; the others allow vectorised sums
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 _OPTIONS: dict[str, Any] = {
     "nogil": True, "fastmath": FAST, "error_model": "numpy", "no_cfunc_wrapper": True, **INLINED,
 }
 _CALLED: dict[str, Any] = {"forceinline": False}
-apart: set[str] = set()  # names of the functions that `compiled_apart` has made, with their modules'
+apart: set[str] = set()  # qualified names of the functions of `compiled_apart`
 _whole_program: dict[str, Any] = {}
 _count = 0
 
 
 @contextmanager
 def whole_program_only() -> Iterator[Callable[[], int]]:
-    """Decorate functions that are only translated as parts of a whole program; says how many there were."""
+    """Decorate functions that are only translated as parts of a whole program; yields a function that counts them."""
     _whole_program.update(UNWRAPPED)
     before = _count
     yield lambda: _count - before
@@ -38,18 +38,18 @@ def _made(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function: no Python objects, no GIL, machine code kept between runs."""
+    """Compile a function that uses no Python objects; its machine code is cached."""
     return cast("Callable[_P, _R]", _made(function, {}))
 
 
 def compiled_apart(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function that is called, not inlined: what few pulses need."""
-    # it leaves the loop around it as it is, and LLVM takes the less time the smaller its functions are
+    """Compile a function that is called and not inlined, because few pulses need it."""
+    # inlined, it would slow down the loop around it; and LLVM compiles small functions faster
     apart.add(f"{function.__module__}.{function.__qualname__}")
     return cast("Callable[_P, _R]", _made(function, _CALLED))
 
 
 def exactly_compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile what runs a few times per window: every operation is rounded as it is written."""
-    # functions are called and not inlined, which takes a fraction of the time to compile
+    """Compile a function that runs a few times per window, without fastmath."""
+    # they are called and not inlined, because that compiles several times faster
     return cast("Callable[_P, _R]", _made(function, {**_CALLED, "fastmath": False}))

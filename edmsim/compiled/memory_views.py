@@ -1,4 +1,4 @@
-"""Addresses in compiled code: memory as rows or groups of arrays, and calls of functions."""
+"""Addresses in compiled code: memory at an address as arrays or groups of arrays, and calls of functions."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -12,14 +12,14 @@ from edmsim.compiled.numba_internals import AttributeTemplate, cgutils, datamode
 
 
 class GroupField(NamedTuple):
-    """One field of a group: its elements, and its shape in numbers and names of lengths; None for a plain number."""
+    """One field of a group: type of its elements, and shape as numbers and names of lengths; None for a scalar."""
 
     dtype: np.dtype[Any]
     shape: tuple[int | str, ...] | None
 
 
 def rows_of(dtype: np.dtype[Any]) -> Any:
-    """Return what makes an array of such elements, in compiled code, of an address and a shape."""
+    """Return a function that makes an array of such elements from an address and a shape, in compiled code."""
     of = from_dtype(dtype)
 
     @intrinsic
@@ -38,9 +38,9 @@ def rows_of(dtype: np.dtype[Any]) -> Any:
 
 
 def group_of(name: str, table: np.dtype[np.void], fields: dict[str, GroupField], lengths: Sequence[str]) -> Any:
-    """Return what makes a group, in compiled code, of its record in a table and a tuple of lengths."""
-    # each of the group's fields is looked up where it is used. Handed on as a tuple of arrays, a group would be some
-    # six hundred numbers in every call of every function, a third of the time to compile
+    """Return a function that makes a group from its record in a table and a tuple of lengths, in compiled code."""
+    # A field is read from the record where it is used. Passed as a tuple of arrays, a group would add some 600
+    # arguments to every call, which takes a third of the compile time.
     made = _Group(name, table, fields, lengths)
 
     @intrinsic
@@ -59,7 +59,7 @@ def group_of(name: str, table: np.dtype[np.void], fields: dict[str, GroupField],
 
 
 class _Group(types.Type):  # type: ignore[misc]
-    """Type of a group: where its record is, and its lengths."""
+    """Type of a group: the address of its record, and its lengths."""
 
     def __init__(
         self, name: str, table: np.dtype[np.void], fields: dict[str, GroupField], lengths: Sequence[str]
@@ -122,7 +122,7 @@ def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[An
 @intrinsic
 def call_with_two(_context: Any, _function: Any, _first: Any, _second: Any) -> Any:
     """Call ``void function(void *first, void *second)``, all three given as addresses (int64)."""
-    # the addresses are values at run time, so machine code kept between runs stays right
+    # addresses are passed at run time, so cached machine code stays valid
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         address = ir.IntType(8).as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [address, address])

@@ -1,4 +1,4 @@
-"""Everything that edmsim uses of numba beyond its documented interface: a release of numba may change it."""
+"""All uses of numba's undocumented interface, which a release of numba may change."""
 
 import functools
 import gc
@@ -17,15 +17,15 @@ from edmsim.compiled import cache
 
 @contextmanager
 def garbage_left() -> Iterator[None]:
-    """Let the garbage collector wait: it takes a tenth of the time to compile, and finds little."""
+    """Disable the garbage collector while numba compiles: it takes a tenth of the time and finds little."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
         if was_enabled:
-            if gc.get_freeze_count() == 0:  # otherwise a program keeps objects of its own out of reach
-                gc.freeze()  # these two count all that there is as old, which is looked through only now and then
+            if gc.get_freeze_count() == 0:  # otherwise unfreezing would undo a freeze of the user's program
+                gc.freeze()  # these two move all objects to the oldest generation, which is rarely searched
                 gc.unfreeze()
             gc.enable()
 
@@ -35,7 +35,7 @@ _NOTHING = object()
 
 @contextmanager
 def replaced(owner: Any, **values: Any) -> Iterator[None]:
-    """Replace attributes of an object, a class or a module for a while; `unittest.mock` would load asyncio."""
+    """Replace attributes of an object, class or module temporarily; `unittest.mock` would import asyncio."""
     before = {name: vars(owner).get(name, _NOTHING) for name in values}
     for name, value in values.items():
         setattr(owner, name, value)
@@ -49,34 +49,34 @@ def replaced(owner: Any, **values: Any) -> Iterator[None]:
                 setattr(owner, name, value)
 
 
-with garbage_left():  # numba makes a hundred thousand objects that stay
+with garbage_left():  # the import makes 100,000 objects that are never freed
     import numba
     from numba import core, types
     from numba.extending import intrinsic
     from numba.np import arrayobj, linalg
 
-    with replaced(linalg, ensure_blas=lambda: None):  # it is there, and to load it takes a tenth of a start
+    with replaced(linalg, ensure_blas=lambda: None):  # loading BLAS takes a tenth of the start-up time
         import_module("numba.np.arraymath")
 
 cgutils, datamodel, populate_array = core.cgutils, core.datamodel, arrayobj.populate_array
 AttributeTemplate = core.typing.templates.AttributeTemplate
 
 INLINED: dict[str, Any] = {"forceinline": True, "_nrt": False}
-"""Options of a function that is inlined where it is called. Arrays are not reference-counted in it: their owner
-outlives the call, and the atomic counting took a third of the pulse loop's time. So nothing in it may allocate."""
+"""Options of a function that is inlined. It does not count references to arrays, because their owner outlives the
+call, and atomic counting took a third of the pulse loop's time. So the function must not allocate."""
 UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Options of a function that only compiled code calls: each wrapper is compiled with a copy of its function."""
+"""Options of a function that only compiled code calls: every wrapper would compile another copy of the function."""
 
 
 class _SignedFiles(core.caching.IndexDataCacheFile):  # type: ignore[misc]
-    """Files of a function's machine code, each with its digest at its end; a damaged one is ignored."""
+    """Files of a function's machine code; each ends with its digest, and damaged files are ignored."""
 
     def save(self, key: Any, data: Any) -> None:
-        with suppress(OSError):  # what cannot be kept, on a full disk say, is compiled again the next time
+        with suppress(OSError):  # what cannot be cached, for example on a full disk, is compiled again
             super().save(key, data)
 
     def _data_name(self, _: int) -> Any:
-        # numbered in turn, two processes that compile at once would take the same name for different code
+        # with consecutive numbers, two processes that compile at once would use one name for different code
         return super()._data_name(secrets.randbits(48))
 
     def _load_index(self) -> Any:
@@ -99,30 +99,30 @@ class _SignedFiles(core.caching.IndexDataCacheFile):  # type: ignore[misc]
 
 @contextmanager
 def _in_folder() -> Iterator[None]:
-    """Let what numba caches be in the folder of these sources."""
+    """Let numba write its cache to the folder of these sources."""
     with replaced(numba.config, CACHE_DIR=str(cache.folder)), replaced(core.caching, IndexDataCacheFile=_SignedFiles):
         yield
 
 
 def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
-    """Apply one of numba's decorators to a function, its machine code kept in the folder of these sources."""
+    """Apply one of numba's decorators to a function; the machine code is cached in the folder of these sources."""
     with _in_folder():
         return make(function)
 
 
 def _link_with_parts(self: Any, library: Any) -> None:
-    """Link a library and its parts, each after all that call it."""
-    # LLVM leaves out what nothing has called so far, and a part may have been linked before for another
+    """Link a library and its parts, each part after all libraries that call it."""
+    # LLVM drops functions that nothing has called so far, and a part may be linked already for another caller
     library._ensure_finalized()
     added = [library, *(library._linking_libraries if isinstance(library, _PartLibrary) else ())]
     self._linking_libraries = [*(linked for linked in self._linking_libraries if linked not in added), *added]
 
 
 class _PartLibrary(core.codegen.JITCodeLibrary):  # type: ignore[misc]
-    """A function translated into LLVM's language and no further."""
+    """A function that is only translated to LLVM IR."""
 
-    # as it stands numba optimises each function with all it calls and makes machine code of it, again for each
-    # function that calls it
+    # by default numba optimises a function together with everything it calls and makes machine code of it, again for
+    # every caller
     add_linking_library = _link_with_parts
 
     def finalize(self) -> None:
@@ -137,7 +137,7 @@ class _PartLibrary(core.codegen.JITCodeLibrary):  # type: ignore[misc]
 
     @property
     def codegen(self) -> Any:
-        """What numba tells the function's environment, of which there is none without machine code."""
+        """Where numba registers the function's environment; without machine code there is none."""
         return self
 
     def set_env(self, *_: Any) -> None:
@@ -145,9 +145,9 @@ class _PartLibrary(core.codegen.JITCodeLibrary):  # type: ignore[misc]
 
 
 class _WholeLibrary(core.codegen.JITCodeLibrary):  # type: ignore[misc]
-    """A function with its parts, in machine code, which are optimised together, and not each before as well."""
+    """A function with its parts as machine code; they are optimised together, and not before that one by one."""
 
-    # what runs a few times per window gains nothing from LLVM's other passes, which take as long as the rest of it
+    # functions that run a few times per window gain nothing from LLVM's other passes, which double the compile time
     add_linking_library = _link_with_parts
 
     def _optimize_functions(self, _module: Any) -> None:
@@ -178,7 +178,7 @@ class _WholeCompiler(core.compiler.Compiler):  # type: ignore[misc]
 
 
 def _by_type(self: Any, arguments: Any, named: Any) -> Any:
-    """Resolve a call without regard to constants: numba would translate a function once more for each of them."""
+    """Resolve a call by types alone: numba would translate a function again for every constant argument."""
     plain = tuple(types.unliteral(argument) for argument in arguments)
     return _resolve(self, plain, {name: types.unliteral(kind) for name, kind in named.items()})
 
@@ -190,8 +190,8 @@ _resolve_function = types.Function.get_call_type
 
 
 def _resolve_once(self: Any, context: Any, arguments: Any, named: Any) -> Any:
-    """Resolve a call of one of numba's own functions, once for each set of types of numbers and arrays."""
-    # as it stands numba tries some sixty ways to add whenever two numbers are added, and again for other constants
+    """Resolve a call of one of numba's own functions, once for each combination of argument types."""
+    # by default numba tries some 60 signatures for every addition of two numbers, and again for other constants
     if named or not all(isinstance(argument, types.Number | types.Boolean | types.Array) for argument in arguments):
         return _resolve_function(self, context, arguments, named)
     call = self, context, tuple([types.unliteral(argument) for argument in arguments])
@@ -209,7 +209,7 @@ def _usual(kind: type[core.targetconfig.TargetConfig]) -> dict[str, Any]:
 
 
 def _values(self: Any) -> dict[str, Any]:
-    """Return the values of a function's options, which numba compares for each call that it resolves."""
+    """Return the values of a function's options, which numba compares whenever it resolves a call."""
     return {**_usual(self.__class__), **self._values}
 
 
@@ -217,7 +217,7 @@ _process_fully = core.postproc.PostProcessor.run
 
 
 def _process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
-    """Tidy up between numba's passes, but leave it to those few that need lifetimes to work them out."""
+    """Clean up between numba's passes; compute lifetimes only for the few passes that need them."""
     translated = self.func_ir
     if emit_dels or translated.is_generator:
         _process_fully(self, emit_dels, extend_lifetimes)
@@ -229,7 +229,7 @@ def _process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False)
 
 @contextmanager
 def _quickly() -> Iterator[None]:
-    """Let numba do once what it does again and again while it compiles, and leave out what nobody reads."""
+    """Speed up numba: cache what it computes repeatedly, and omit annotations that nobody reads."""
     with (
         replaced(types.Function, get_call_type=_resolve_once),
         replaced(core.targetconfig.TargetConfig, values=_values),
@@ -240,22 +240,22 @@ def _quickly() -> Iterator[None]:
 
 
 class CompiledFunction(core.registry.CPUDispatcher):  # type: ignore[misc]
-    """A function that gets machine code of its own only when Python calls it, not when compiled code does."""
+    """A function that has its own machine code only if Python calls it, not if compiled code does."""
 
-    # nine of ten are parts of others. But what is compiled with liberties always gets it: rounded otherwise within
-    # another function, its bits would depend on what was compiled before
+    # Nine of ten functions are only parts of others. A function with fastmath always has its own machine code: inside
+    # another function it could round differently, so its bits would depend on what was compiled before.
     depth = 0
-    """How many of these functions are being compiled, each because of the one before."""
+    """Number of these functions that are being compiled, each called by the one before."""
     translated: set[tuple[Any, ...]]
-    """Types for which there is no machine code."""
+    """Types for which the function is translated without machine code."""
     cached = False
     get_call_template = _by_type
 
     def compile(self, signature: Any) -> Any:
-        """Compile for some types, or take what was kept."""
+        """Compile for some types, or load it from the cache."""
         kinds = tuple(core.sigutils.normalize_signature(signature)[0])
         with core.compiler_lock.global_compiler_lock, garbage_left(), _quickly():
-            if not self.cached:  # only now, as most functions are nothing but parts of others
+            if not self.cached:  # not earlier, because most functions are only parts of others
                 with _in_folder():
                     self.enable_caching()
                 self.cached = True
@@ -269,34 +269,34 @@ class CompiledFunction(core.registry.CPUDispatcher):  # type: ignore[misc]
                 return self._compile(signature, kinds)
 
     def _compile(self, signature: Any, kinds: tuple[Any, ...]) -> Any:
-        known = CompiledFunction.depth == 1 or kinds in self.overloads  # the others are looked for among what is kept
+        known = CompiledFunction.depth == 1 or kinds in self.overloads  # the others are searched in the cache
         if known or self._cache.load_overload(signature, self.targetctx) is not None:
             self._compiler.pipeline_class = _WholeCompiler
             return super().compile(signature)
         self._compiler.pipeline_class = _PartCompiler
         self.translated.add(kinds)
-        with replaced(self, _cache=core.caching.NullCache(), _insert=lambda *_: None):  # Python does not find it
+        with replaced(self, _cache=core.caching.NullCache(), _insert=lambda *_: None):  # Python must not find it
             return super().compile(signature)
 
 
 def with_parts(function: Any) -> Any:
-    """Let a function that numba compiles have parts without machine code."""
+    """Make a numba dispatcher a `CompiledFunction`."""
     function.__class__ = CompiledFunction
     function.translated = set()
     return function
 
 
 def address_of(function: Any, *kinds: Any) -> int:
-    """Return where a compiled function's machine code for some types is; it is compiled if it has none yet."""
+    """Return the address of a compiled function's machine code for some types; compile it if necessary."""
     function.compile(kinds)
     made = function.overloads[kinds]
     return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
 
 
 def call_returning(kind: Any) -> Any:
-    """Return what calls, in compiled code, a function at an `address_of` with a tuple of its arguments."""
-    # code that calls a large function in this way is compiled without it. The arguments must have the types that the
-    # address is for
+    """Return an intrinsic that calls the function at an `address_of` with a tuple of arguments."""
+    # The caller is then compiled without the called function, which may be large. The arguments must have the types
+    # of the address.
     @intrinsic
     def call(_typingctx: Any, _function: Any, arguments: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -315,9 +315,9 @@ def call_returning(kind: Any) -> Any:
 
 @contextmanager
 def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
-    """Let numba translate functions to LLVM's language and no further, and report each one by its name."""
-    # as it stands numba links each function with all it calls, optimises that and makes machine code of it, again for
-    # each function that calls it
+    """Let numba only translate functions to LLVM IR, and report the name of each."""
+    # by default numba links a function with everything it calls, optimises that and makes machine code of it, again
+    # for every caller
     translate = core.dispatcher._FunctionCompiler.compile
 
     def translate_and_report(self: Any, *arguments: Any) -> Any:
@@ -337,14 +337,14 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
 
 
 def _as_it_is(context: Any, builder: Any, kind: Any, index: Any, _size: Any) -> Any:
-    """Take an index as it is: the loop has none below zero, and numba's test whether one is takes 5 % of its time."""
+    """Use an index unchanged: the loop has no negative ones, and numba's test for them takes 5 % of its time."""
     return context.cast(builder, index, kind, types.intp)
 
 
 def whole_program(
     function: Any, signature: tuple[Any, ...], compiled: Callable[[str], None]
 ) -> tuple[llvm.ModuleRef, str]:
-    """Translate a function and all it calls into one module of LLVM's language; returns it and its name there."""
+    """Translate a function and all it calls into one LLVM module; return it and the function's name there."""
     with _without_machine_code(compiled), replaced(arrayobj, fix_integer_index=_as_it_is):
         function.compile(signature)
     result = function.overloads[signature]

@@ -1,7 +1,7 @@
-"""Random numbers of the pulse loop: counter-based draws, so that the state is one whole number.
+"""Random numbers of the pulse loop: counter-based draws, whose state is one integer.
 
-Draw ``n`` under a key is the splitmix64 output function (Steele, Lea, Flood, OOPSLA 2014) of
-``key + n * gamma``: it depends on nothing but the key and the count.
+Draw ``n`` of a key is the splitmix64 output function (Steele, Lea, Flood, OOPSLA 2014) of ``key + n * gamma``. It
+depends only on the key and the count.
 """
 
 import math
@@ -26,14 +26,14 @@ def mix(z: np.uint64) -> np.uint64:
 
 @compiled
 def uniform(key: np.uint64, count: np.uint64) -> float:
-    """Draw number `count` under `key`: uniform on the open interval (0, 1), 53 bits."""
+    """Draw number `count` of `key`: uniform on the open interval (0, 1), 53 bits."""
     bits = mix(key + count * GAMMA) >> np.uint64(11)
     return (np.float64(bits) + 0.5) * 1.1102230246251565e-16
 
 
 @intrinsic
 def _heads(_typing: Any, bits: Any) -> Any:
-    """How many bits of a whole number are set."""
+    """Number of set bits of an integer."""
     return types.int64(bits), lambda _context, builder, _signature, arguments: builder.ctpop(arguments[0])
 
 
@@ -45,15 +45,15 @@ _SD = math.sqrt(_COINS / 4 + 1 / 12)
 
 @compiled
 def normal(key: np.uint64, count: np.uint64) -> float:
-    """Draw number `count` under `key`: standard normal, within 0.002 of the normal distribution's shares."""
-    # the number of heads of 48 coins, and a uniform share of one more: no logarithm, root or division, and nothing
-    # that the processor would have to foresee. Mean and variance are exact, and no draw lies beyond 7.1
+    """Draw number `count` of `key`: standard normal, with a distribution function within 0.002 of the normal one."""
+    # The number of heads of 48 coins, plus a uniform fraction of one more: no logarithm, root, division or branch.
+    # Mean and variance are exact, and no draw is beyond 7.1.
     bits = mix(key + count * GAMMA)
     part = np.float64(np.int64(bits & _PART_MASK)) + 0.5
     return (np.float64(_heads(bits >> _PART_BITS)) + part / 2.0 ** (64 - _COINS) - (_COINS + 1) / 2) / _SD
 
 
 def key_of(seed: int) -> np.uint64:
-    """Key of a seed: neighbouring seeds give unrelated keys."""
+    """Key of a seed: the keys of neighbouring seeds are unrelated."""
     with np.errstate(over="ignore"):
         return np.uint64(int(mix(np.uint64(int(seed) % 2**64) * GAMMA + GAMMA)))

@@ -1,12 +1,12 @@
 """One function compiled once, then made into machine code for the constants of each use.
 
-The pulse loop is fastest where the lengths of its arrays are constants, so that short loops are unrolled. To compile
-it again for each resolution would cost half a minute, most of it in numba. Here numba translates it once, with
-lengths as arguments, into one module of LLVM's language, which is kept; LLVM puts in constants and makes machine
-code, which takes a few seconds and is kept, too.
+The pulse loop is fastest if the lengths of its arrays are constants, because short loops are then unrolled. Compiling
+it again for each resolution would take half a minute, most of it in numba. So numba translates it only once, with
+lengths as arguments, into one LLVM module. LLVM then inserts the constants and makes machine code, which takes a few
+seconds. Both results are cached.
 
-Both are done by a process of its own that does nothing else: the liberties of `jit` let the compiler order sums, and
-the order would depend on what the process had compiled before.
+A separate process does both and nothing else: `jit` allows the compiler to reorder sums, and the order would depend
+on what the process had compiled before.
 """
 
 import ctypes
@@ -28,7 +28,7 @@ from filelock import FileLock
 
 from edmsim.compiled import PROGRESS, cache
 
-Parts = tuple[tuple[str, ...], ...]  # functions of each part of a program with marks; none of one without
+Parts = tuple[tuple[str, ...], ...]  # functions of each marked part of a program; empty for a program without marks
 _NOTICE = "edmsim compiles its pulse loop for this processor, once"
 _BAR = 30
 _PROGRAM = """
@@ -38,19 +38,19 @@ sys.path[:] = {path!r}
 from edmsim.compiled.specialised import make
 make({folder!r}, {module!r}, {name!r}, {constants!r}, {parts!r})
 """
-"""Ctrl-C reaches both processes; the one that waits stops this one."""
-_NUMBA_SHARE = 0.7  # of the time, for the progress bar
+"""Ignore Ctrl-C, which reaches both processes: the waiting one stops this one."""
+_NUMBA_SHARE = 0.7  # share of the time, for the progress bar
 
 
 def specialised(function: Callable[..., None], *constants: int) -> Callable[..., None]:
-    """Return ``function(*arguments, *constants)``, of whole numbers, in machine code of its first arguments."""
+    """Return ``function(*arguments, *constants)`` of integers as machine code that takes only the first arguments."""
     return _run_by(_loaded(_code(function, constants, ())), len(_parameters(function)) - len(constants))
 
 
 def marked(
     function: Callable[..., None], *constants: int, parts: Parts
 ) -> tuple[Callable[..., None], Callable[[], int]]:
-    """Return what `specialised` does, compiled with marks, and a function that says which of the parts it is in."""
+    """Return the same as `specialised`, compiled with marks, and a function that returns the part that is running."""
     engine = _loaded(_code(function, constants, parts))
     run = _run_by(engine, len(_parameters(function)) - len(constants))
     number = ctypes.c_int64.from_address(engine.get_global_value_address(PART))
@@ -62,7 +62,7 @@ def marked(
 
 
 def _code(function: Callable[..., None], constants: tuple[int, ...], parts: Parts) -> bytes:
-    """Return the object file, which is made if it is not there."""
+    """Return the content of the object file, which is made if it does not exist."""
     cached = cache.read_signed(_object_file(_stem(function.__name__, parts), constants))
     return cached or _compile_elsewhere(function, constants, parts)
 
@@ -73,13 +73,13 @@ def _parameters(function: Callable[..., None]) -> list[str]:
 
 @functools.cache
 def _processor() -> str:
-    """Return what machine code depends on."""
+    """Return the properties of the processor on which machine code depends."""
     processor = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
     return hashlib.sha256(processor.encode()).hexdigest()[:8]
 
 
 def _stem(name: str, parts: Parts) -> str:
-    """Return what files of a function are called: those with marks otherwise than those without."""
+    """Return the stem of a function's file names; code with marks has another one."""
     return f"{name}-{hashlib.sha256(repr(parts).encode()).hexdigest()[:8]}" if parts else name
 
 
@@ -88,7 +88,7 @@ def _object_file(name: str, constants: tuple[int, ...]) -> Path:
 
 
 def _loaded(code: bytes) -> llvm.ExecutionEngine:
-    """Return an engine that has what is in an object file."""
+    """Return an engine that has loaded an object file."""
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -96,7 +96,7 @@ def _loaded(code: bytes) -> llvm.ExecutionEngine:
 
 
 def _run_by(engine: llvm.ExecutionEngine, count: int) -> Callable[..., None]:
-    """Return the engine's program as a function of `count` whole numbers; it lets other threads run."""
+    """Return the engine's program as a function of `count` integers, which releases the GIL."""
     call = ctypes.CFUNCTYPE(ctypes.c_int32, *[ctypes.c_int64] * count)(engine.get_function_address("specialised"))
 
     def run(*arguments: int, _engine: Any = engine) -> None:  # the engine owns the code
@@ -121,16 +121,16 @@ def _pass_builder(machine: llvm.TargetMachine) -> llvm.PassBuilder:
     return llvm.create_pass_builder(machine, options)
 
 
-# in the process that waits
+# in the waiting process
 
 
 def _compile_elsewhere(function: Callable[..., None], constants: tuple[int, ...], parts: Parts) -> bytes:
-    """Let another process compile, and return the object file."""
+    """Start a process that compiles, and return the object file."""
     program = _PROGRAM.format(
         path=sys.path, folder=str(cache.folder), module=function.__module__, name=function.__name__,
         constants=tuple(map(int, constants)), parts=parts,
     )
-    # strings' hashes decide the order of the compiler's own sets
+    # the order of the compiler's sets depends on the hashes of strings
     environment = {**os.environ, "PYTHONHASHSEED": "0"}
     try:
         process = subprocess.Popen(
@@ -151,7 +151,7 @@ def _compile_elsewhere(function: Callable[..., None], constants: tuple[int, ...]
 
 
 def _show_progress(lines: IO[bytes]) -> str:
-    """Show the progress of another process, which writes shares up to 1; return its last other line."""
+    """Show the progress that another process writes as shares up to 1; return its last line of other text."""
     bar = sys.stderr.isatty() or ("ipykernel" in sys.modules and os.environ.get(PROGRESS) != "0")
     said = ""
     for line in lines:
@@ -163,23 +163,23 @@ def _show_progress(lines: IO[bytes]) -> str:
         if bar:
             done = round(share * _BAR)
             print(f"\r{_NOTICE} [{'#' * done}{' ' * (_BAR - done)}]", end="", file=sys.stderr, flush=True)
-        if share == 1.0:  # what it writes next is the code, for which the pipe has no room until it is read
+        if share == 1.0:  # now it writes the code, which does not fit into the pipe and must be read by the caller
             break
     if bar:
         print(file=sys.stderr)
     return said
 
 
-# in the process that compiles
+# in the compiling process
 
 
 def make(folder: str, module: str, name: str, constants: tuple[int, ...], parts: Parts) -> None:
-    """Compile a function of a module, keep it in a folder, and write the object file to the standard output.
+    """Compile a function of a module, cache it in a folder, and write the object file to standard output.
 
-    Progress goes to the standard error, a share of the whole in each line.
+    Progress goes to standard error: one line per step, with the share that is done.
     """
     cache.folder = Path(folder)
-    gc.disable()  # a tenth of the time, for what a process that soon ends need not give back
+    gc.disable()  # collecting takes a tenth of the time, and this process ends soon
     stem = _stem(name, parts)
     bitcode = _made_once(cache.folder / f"{stem}-{_processor()}.bc", lambda: _translated(module, name, parts))
     _say(_NUMBA_SHARE)
@@ -193,9 +193,9 @@ def _say(share: float) -> None:
 
 
 def _made_once(file: Path, make: Callable[[], bytes]) -> bytes:
-    """Return a file's content, which one process makes while others wait for it."""
+    """Return a file's content; one process makes it while others wait."""
     with ExitStack() as locks:
-        with suppress(OSError):  # where nothing can be written, each process makes its own
+        with suppress(OSError):  # in a read-only folder every process makes its own
             locks.enter_context(FileLock(file.with_suffix(f"{file.suffix}.lock")))
         content = cache.read_signed(file)
         if content is None:
@@ -207,7 +207,7 @@ def _made_once(file: Path, make: Callable[[], bytes]) -> bytes:
 
 def _translated(module: str, name: str, parts: Parts) -> bytes:
     """Return a function and all it calls as LLVM's bitcode, everything inlined into one function named `program`."""
-    # here, since putting in constants needs no numba
+    # imported here, because inserting the constants needs no numba
     from numba import types
 
     from edmsim.compiled import jit
@@ -232,10 +232,10 @@ def _translated(module: str, name: str, parts: Parts) -> bytes:
             value.linkage = llvm.Linkage.internal
     called = tuple(map(symbol, jit.apart))
     for value in made.functions:
-        if value.name.startswith(called):  # LLVM would inline what is called at one place only
+        if value.name.startswith(called):  # LLVM would inline a function that is called in one place only
             value.add_function_attribute("noinline")
     passes = llvm.create_new_module_pass_manager()
-    # simplified before it is inlined, each function is so once and not at every place where it is called
+    # a function that is simplified before it is inlined is simplified once, not at every call
     for add in (
         passes.add_sroa_pass, passes.add_instruction_combine_pass, passes.add_simplify_cfg_pass,
         passes.add_always_inliner_pass, passes.add_global_dead_code_eliminate_pass,
@@ -250,7 +250,7 @@ def _machine_code(bitcode: bytes, constants: tuple[int, ...]) -> bytes:
     """Return an object file with a function `specialised`: the program with its last arguments as constants."""
     made = llvm.parse_bitcode(bitcode)
     program = made.get_function("program")
-    places, numbers = 2, len(list(program.arguments)) - 2  # where numba returns a value and an exception
+    places, numbers = 2, len(list(program.arguments)) - 2  # numba returns a value and an exception through pointers
     free = [f"i64 %a{k}" for k in range(numbers - len(constants))]
     passed = ", ".join([*["ptr %place"] * places, *free, *(f"i64 {constant}" for constant in constants)])
     made.link_in(llvm.parse_assembly(f"""
@@ -273,13 +273,13 @@ def _machine_code(bitcode: bytes, constants: tuple[int, ...]) -> bytes:
     return bytes(machine.emit_object(made))
 
 
-PART = "edmsim_part"  # name of the number (int64): 0 outside, else that of the part, counted from 1
+PART = "edmsim_part"  # name of an int64 variable: number of the running part, counted from 1; 0 outside all parts
 
 
 def with_marks(program: str, parts: Sequence[Sequence[str]]) -> str:
-    """Let functions of each part of a program (a module of numba's LLVM) say, before they are inlined, that they run.
+    """Let the functions of each part store the part's number while they run; `program` is numba's LLVM assembly.
 
-    A function that is called by one of another part counts for its own; when it ends, the other goes on.
+    A function that another part calls counts for its own part; when it returns, the caller's number is restored.
     """
     numbers = {symbol(name): number for number, names in enumerate(parts, 1) for name in names}
     lines: list[str] = []
@@ -301,5 +301,5 @@ def with_marks(program: str, parts: Sequence[Sequence[str]]) -> str:
 
 
 def symbol(name: str) -> str:
-    """Return what the symbols of all versions of a function begin with."""
+    """Return the common prefix of the symbols of all versions of a function."""
     return "_ZN" + "".join(f"{len(word)}{word}" for word in name.split(".")) + "B"

@@ -1,11 +1,11 @@
-"""Vectors of the pulse loop: some numbers side by side in one register, with the arithmetic written out.
+"""SIMD vectors of the pulse loop.
 
-The compiler makes vectors of a loop only where it can prove that no array overlaps another, and adds across a
-vector where a sum of four needs a third of the work. The loop's few hot passes therefore say what they mean: 16 gaps
-(float32) or 4 modal coordinates (float64) at a time. Wider or narrower registers change the code, never the order of
-the operations.
+The compiler vectorises a loop only if it can prove that no array overlaps another, and it sums across a vector where
+another order needs a third of the work. So the few hot loops use explicit vectors of 16 gaps (float32) or 4 modal
+coordinates (float64). The order of operations is the same on processors with wider or narrower registers.
 
-In compiled code a vector is made by `load`, goes back by `store`, and knows ``+ - * /`` with others and with numbers.
+In compiled code `load` reads a vector from an array and `store` writes it back. ``+ - * /`` work with another vector
+or a number.
 """
 
 import operator
@@ -19,37 +19,37 @@ from numba.extending import intrinsic, overload, register_model
 from edmsim.compiled.jit import FAST, compiled
 from edmsim.compiled.numba_internals import cgutils, datamodel
 
-GAPS, COORDINATES = 16, 4  # numbers of a vector of float32, and of float64
-PACK, EACH = 5, 3  # slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none
+GAPS, COORDINATES = 16, 4  # elements of a float32 vector, and of a float64 vector
+PACK, EACH = 5, 3  # slices that share a float32 vector, and lanes of each slice; the last lane is unused
 _FAST = tuple(sorted(FAST))
 
 
 @compiled
 def filled(count: int, lanes: int = COORDINATES) -> int:
-    """Round `count` up to a multiple of `lanes`, the numbers of a vector: of float64 by default."""
+    """Round `count` up to a multiple of `lanes`, by default those of a float64 vector."""
     return (count + lanes - 1) // lanes * lanes
 
 
 @compiled
 def packs(slices: int) -> int:
-    """Number of packs that hold some slices."""
+    """Number of packs for a number of slices."""
     return (slices + PACK - 1) // PACK
 
 
 @compiled
 def filled_packs(slices: int) -> int:
-    """Slices filled up to whole packs, and these to whole vectors of float64."""
+    """Number of slices rounded up to whole packs, then to whole float64 vectors."""
     return filled(packs(slices) * PACK)
 
 
 @compiled
 def packed_lanes(rays: int) -> int:
-    """Lanes of a pack of slices with a number of rays each: whole vectors."""
+    """Lanes of a pack of slices with a number of rays each, rounded up to whole vectors."""
     return (rays + EACH - 1) // EACH * GAPS
 
 
 class Vector(types.Type):  # type: ignore[misc]
-    """Type of a vector in compiled code: that of its elements decides how many there are."""
+    """Type of a vector in compiled code; the type of its elements determines their number."""
 
     def __init__(self, element: types.Float) -> None:
         self.element = element
@@ -72,7 +72,7 @@ def _llvm(context: Any, kind: Vector) -> Any:
 
 
 def _place(context: Any, builder: Any, array: Any, of: Any, index: Any, index_of: Any) -> Any:
-    """Pointer to a vector in a C-contiguous array."""
+    """Return a pointer to a vector in a C-contiguous array."""
     view = context.make_array(of)(context, builder, array)
     indices = [
         context.cast(builder, value, kind, types.intp)
@@ -84,7 +84,7 @@ def _place(context: Any, builder: Any, array: Any, of: Any, index: Any, index_of
 
 @intrinsic
 def load(_typing: Any, array: Any, index: Any) -> Any:
-    """Vector of an array's elements from an index (a tuple) on."""
+    """Load a vector from an array, starting at an index (a tuple)."""
     kind = _VECTORS[array.dtype]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -96,7 +96,7 @@ def load(_typing: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def store(_typing: Any, array: Any, index: Any, vector: Any) -> Any:
-    """Write a vector to an array's elements from an index (a tuple) on."""
+    """Write a vector to an array, starting at an index (a tuple)."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         place = _place(context, builder, arguments[0], array, arguments[1], index)
@@ -107,7 +107,7 @@ def store(_typing: Any, array: Any, index: Any, vector: Any) -> Any:
 
 
 def _spread(context: Any, builder: Any, value: Any, of: Any, kind: Any) -> Any:
-    """Vector with a number in every lane; a vector as it is."""
+    """Return a vector with a number in every lane; a vector is returned unchanged."""
     if isinstance(of, Vector):
         return value
     vector = _llvm(context, kind)
@@ -119,7 +119,7 @@ def _spread(context: Any, builder: Any, value: Any, of: Any, kind: Any) -> Any:
 
 @intrinsic
 def spread(_typing: Any, number: Any) -> Any:
-    """Vector of a float32 or float64 in every lane."""
+    """Vector with a float32 or float64 in every lane."""
     kind = _VECTORS[number]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -129,7 +129,7 @@ def spread(_typing: Any, number: Any) -> Any:
 
 
 def _kind_of(a: Any, b: Any) -> Any:
-    """Type of the result of an operation between two vectors, or a vector and a number; None if it is neither."""
+    """Return the result type of an operation on two vectors, or a vector and a number; None for other operands."""
     for one, other in ((a, b), (b, a)):
         if isinstance(one, Vector) and (other == one or isinstance(other, types.Float)):
             return one
@@ -137,7 +137,7 @@ def _kind_of(a: Any, b: Any) -> Any:
 
 
 def _lane_by_lane(combine: Callable[[Any, Any, Any], Any]) -> Any:
-    """Operation on two vectors, or a vector and a number, from what it builds of the two (builder, left, right)."""
+    """Return an operation on two vectors, or a vector and a number; `combine(builder, left, right)` emits it."""
 
     @intrinsic
     def apply(_typing: Any, a: Any, b: Any) -> Any:
@@ -174,21 +174,21 @@ _arithmetic("fdiv", operator.truediv)
 highest = _lane_by_lane(
     lambda builder, left, right: builder.select(builder.fcmp_ordered(">", left, right), left, right)
 )
-"""The greater of two vectors, or of a vector and a number, lane by lane."""
+"""Lane by lane, the greater of two vectors, or of a vector and a number."""
 lowest = _lane_by_lane(
     lambda builder, left, right: builder.select(builder.fcmp_ordered("<", left, right), left, right)
 )
-"""The smaller of the two."""
+"""Lane by lane, the smaller of two vectors, or of a vector and a number."""
 
 _HALVES = (0.99992264, -0.69098249, 0.22997734, -0.03895358)
-"""Coefficients of ``2^-x`` from 0 to 1, to 8e-5 (ours: least squares of the relative error at Chebyshev's nodes)."""
+"""Coefficients of ``2^-x`` from 0 to 1, to 8e-5 (ours: least squares of the relative error at Chebyshev nodes)."""
 _MOST_HALVES = 125.0
-"""Numbers below 2 to the power of minus 126 are no normal ones, with which processors take longer."""
+"""Numbers below 2^-126 are subnormal, and slow on most processors."""
 
 
 @intrinsic
 def power_of_half(_typing: Any, vector: Any) -> Any:
-    """``2^-x`` of the elements x of a vector of float32, 0 or more, to 8e-5; that of 125 beyond it."""
+    """``2^-x`` of each element x >= 0 of a float32 vector, to 8e-5; elements above 125 count as 125."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         kind, whole_kind = arguments[0].type, ir.VectorType(ir.IntType(32), vector.count)
@@ -228,7 +228,7 @@ def _shuffled(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
 
 @intrinsic
 def packed(_typing: Any, four: Any, fifth: Any) -> Any:
-    """Vector of float32 with the number of each slice of a pack in its lanes, from those of four and of the fifth."""
+    """Float32 vector with the value of each slice of a pack in the slice's lanes, from four values and the fifth."""
     kind = _VECTORS[types.float32]
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -242,7 +242,7 @@ def packed(_typing: Any, four: Any, fifth: Any) -> Any:
 
 @intrinsic
 def counted(_typing: Any, first: Any) -> Any:
-    """Vector of float64 that counts up from a number by one."""
+    """Float64 vector of a number, the number plus 1, and so on."""
     kind = _VECTORS[types.float64]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -253,7 +253,7 @@ def counted(_typing: Any, first: Any) -> Any:
 
 
 def _rows(builder: Any, vectors: Any) -> list[Any]:
-    """Sums of four vectors over the lanes of each slice, as a vector of float64 for each slice."""
+    """Sum four vectors over the lanes of each slice; return a float64 vector with four sums for each slice."""
     sums = []
     for vector in vectors:
         first, second, third = (
@@ -269,8 +269,8 @@ def _rows(builder: Any, vectors: Any) -> list[Any]:
 
 @intrinsic
 def store_sums(_typing: Any, sums: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Write the sums of four vectors of float32 over each slice's lanes to its row of `sums` (slices, 4)."""
-    # returns the sum of the rows. Slices that the array does not have are left out
+    """Write the sums of four float32 vectors over each slice's lanes to the slice's row of `sums` (slices, 4)."""
+    # Returns the sum of the rows. Slices beyond the end of the array are skipped.
     kind = _VECTORS[types.float64]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -300,7 +300,7 @@ def element(_typing: Any, vector: Any, lane: Any) -> Any:
 
 @intrinsic
 def running(_typing: Any, vector: Any) -> Any:
-    """Sums of a vector's elements up to each lane, itself included."""
+    """Cumulative sums of a vector's elements, each including its own lane."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         sums, lanes = arguments[0], vector.count
@@ -316,13 +316,13 @@ def running(_typing: Any, vector: Any) -> Any:
 
 
 def _flags(builder: Any, vector: Vector, flags: Any) -> Any:
-    """Truth values of a vector's lanes as the bits of a whole number."""
+    """Return the truth values of a vector's lanes as the bits of an integer."""
     return builder.zext(builder.bitcast(flags, ir.IntType(vector.count)), ir.IntType(64))
 
 
 @intrinsic
 def passed(_typing: Any, vector: Any, number: Any) -> Any:
-    """How many lanes do not exceed a number."""
+    """Number of lanes that do not exceed a number."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         limit = _spread(context, builder, arguments[1], number, vector)
@@ -334,7 +334,7 @@ def passed(_typing: Any, vector: Any, number: Any) -> Any:
 
 @intrinsic
 def least(_typing: Any, vector: Any) -> Any:
-    """Least element of a vector, and the first lane it stands in."""
+    """Least element of a vector, and the first lane that has it."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         found = arguments[0]
