@@ -15,12 +15,12 @@ from edmsim.machine.pulse_window import PulseWindow
 from edmsim.numeric import keep_plain, plain, real
 
 SIGNED = "offset_um", "pull_N_m"
-"""Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
+"""Parameters of controllers that may be negative: an offset to the right, the pull on a lagging wire."""
 LENGTHENING = "slow_factor", "corner_factor", "patience_factor", "longest_factor", "back_factor"
 """Parameters of controllers that must be 1 or more: they lengthen a period, or slow a growth."""
 SHARES = "_share", "shortest_factor"
-"""Ends of the names of parameters of controllers that must be from 0 to 1."""
-ControllerState = dict[str, Any]  # a controller's snapshot, fit for JSON
+"""Suffixes of parameters of controllers that must be from 0 to 1."""
+ControllerState = dict[str, Any]  # a controller's snapshot as JSON
 
 
 class Step(NamedTuple):
@@ -36,7 +36,7 @@ class WindowObservation(NamedTuple):
 
     time_s: float  # end of the window in s
     duration_s: float  # length of the window in s: 255 t(p)
-    short: int  # pulses without removal: short and open ones are 0..255 together
+    short: int  # pulses without removal; their sum is 0..255
     open: int
     # gap voltage averaged over the window, of the working pulses only: equalising pulses, which hold the mean of both
     # at 0 V, would hide the gap's state
@@ -203,7 +203,7 @@ class DrivesSteps(Protocol):
 
 @runtime_checkable
 class WasTrained(Protocol):
-    """A controller that was trained; `beyond_training` says what was different there, for the report."""
+    """A trained controller; `beyond_training` lists for the report what was different in training."""
 
     beyond_training: list[str]
 
@@ -221,14 +221,14 @@ class HasSwitches(Protocol):
 
 
 def check_parameters(controller: Any) -> None:
-    """Refuse values not finite, negative but for `SIGNED`, of `LENGTHENING` below 1, of `SHARES` above 1.
+    """Refuse values that are not finite, negative unless `SIGNED`, below 1 if `LENGTHENING`, above 1 if `SHARES`.
 
     A parameter that is annotated as an integer must be whole.
     """
     keep_plain(controller)
     for parameter in fields(controller):
         name, setting, counts = parameter.name, getattr(controller, parameter.name), parameter.type is int
-        top = 1.0 if name.endswith(SHARES) else sys.float_info.max  # a whole number may be greater
+        top = 1.0 if name.endswith(SHARES) else sys.float_info.max  # an int may exceed the range of float
         least = 1 if name in LENGTHENING else 0
         value = real(setting)
         fits = value is not None and (-top if name in SIGNED else least) <= value <= top
@@ -238,12 +238,12 @@ def check_parameters(controller: Any) -> None:
             raise InputError(f"{name} of the {controller.name} controller must be a {kind}{bounds}, not {setting!r}")
 
 
-_LONGEST_S = 3600.0  # calculation time, at most (ours): far beyond a window
-_GREATEST_OFFSET_UM = 1e6  # of the guides from the path (ours): beyond any table
+_LONGEST_S = 3600.0  # greatest calculation time (ours: far longer than a window)
+_GREATEST_OFFSET_UM = 1e6  # greatest offset of the guides (ours: more than any table)
 
 
 def check_command(controller: str, command: object) -> FeedCommand:
-    """Return a controller's command in Python's own numbers; refuse anything else, or what cannot be carried out."""
+    """Return a controller's command with Python numbers; refuse other types and impossible commands."""
     if not isinstance(command, FeedCommand):
         raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
     own: FeedCommand = plain(command)
@@ -278,7 +278,7 @@ def _is_finite(value: object) -> bool:
 
 
 def snapshot_text(controller: FeedController) -> str:
-    """Return a controller's snapshot as JSON; refuse one that JSON cannot hold, or that is nothing."""
+    """Return a controller's snapshot as JSON; refuse None and what JSON cannot represent."""
     state = controller.snapshot()
     if state is None:
         raise InputError(f"the {controller.name} controller has the snapshot None: return its state, {{}} if none")
@@ -292,7 +292,7 @@ def snapshot_text(controller: FeedController) -> str:
 
 
 def check_window(start_ns: int, end_ns: int, speed_units: int, max_speed: int | None) -> None:
-    """Refuse a planner's window that runs backwards in time, and a speed beyond the greatest (None for none)."""
+    """Refuse a planner's window that ends before it begins, and a speed above the greatest (None: unlimited)."""
     if end_ns < start_ns:
         raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
     if max_speed is not None and not -max_speed <= speed_units <= max_speed:

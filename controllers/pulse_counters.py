@@ -13,12 +13,12 @@ from edmsim.snapshots import Snapshots
 
 
 def percent_of_window(pulses: float) -> float:
-    """Return a count as per cent of the pulses of a cycle."""
+    """Return a count as a percentage of a cycle's pulses."""
     return 100.0 * pulses / WINDOW_PULSES
 
 
 class PulseCounts(NamedTuple):
-    """Pulses without removal of one cycle of 255, 0..255 together (row T-41)."""
+    """Short and open pulses of one cycle of 255; their sum is 0..255 (row T-41)."""
 
     short: int
     open: int
@@ -27,7 +27,7 @@ class PulseCounts(NamedTuple):
 class PulseAnalyser(Snapshots):
     """The three counters of a cycle, and the 8255's two input latches (mode 1), whose result is polled (row T-43).
 
-    `missed` counts results that nobody had read before the next (row T-44).
+    `missed` counts results that were not read before the next one (row T-44).
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("pulses", "short", "open", "missed", "buffer_full", "_latch")
@@ -42,17 +42,17 @@ class PulseAnalyser(Snapshots):
         return self.buffer_full
 
     def hand_over(self, short: int, open: int) -> None:
-        """Give a result to the latches."""
+        """Put a result into the latches."""
         self._latch = PulseCounts(short, open)
         self.buffer_full = True
 
     def read(self) -> PulseCounts:
-        """Read both ports: the latched counts, which clears IBF; without a new result the old one again."""
+        """Read the latched counts at both ports, which clears IBF; without a new result they are the old ones."""
         self.buffer_full = False
         return self._latch
 
     def clock(self, sc: bool, op: bool) -> None:
-        """Count one pulse on the edge of SYNC by the analyser's lines, of which one at most is set (row T-38)."""
+        """Count one pulse on the edge of SYNC from the analyser's lines; at most one is set (row T-38)."""
         if sc and op:
             raise InputError("a pulse cannot be short and open at once: set SC or OP, or neither for an erosion")
         self.pulses += 1
@@ -62,7 +62,7 @@ class PulseAnalyser(Snapshots):
             self._strobe()
 
     def count_window(self, short: int, open: int) -> None:
-        """Count a whole cycle of 255 pulses at once, before which none has begun."""
+        """Count a whole cycle of 255 pulses at once; no other cycle may have begun."""
         if self.pulses:
             raise InputError(f"a whole cycle can only be counted from its start, not after {self.pulses} pulses")
         if short < 0 or open < 0 or short + open > WINDOW_PULSES:

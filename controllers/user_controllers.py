@@ -1,4 +1,4 @@
-"""Feed controllers of the user, from a Python file or as an object, and the check of their rules."""
+"""Feed controllers of users, from a Python file or as an object, and a check that they work."""
 
 import inspect
 import json
@@ -18,7 +18,7 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import real
 from edmsim.user_code import UserObject, failure, naming_failures, run
 
-NEEDED = ("name", "reset", "update", "snapshot", "restore")  # what a feed controller must offer
+NEEDED = ("name", "reset", "update", "snapshot", "restore")  # methods that a feed controller must have
 _PROTOCOLS = (
     protocols.FeedController, protocols.SeesTruth, protocols.KnowsSetup, protocols.KnowsPart, protocols.SeesBreaks,
     protocols.DrivesSteps, protocols.HasSwitches,
@@ -53,7 +53,7 @@ def from_file(own: UserObject, parameters: dict[str, float]) -> protocols.FeedCo
 
 
 def check_is_controller(candidate: object) -> protocols.FeedController:
-    """Return what was given if it can be a feed controller; `InputError` for a class, or what lacks something."""
+    """Return an object if it can be a feed controller; raises `InputError` for a class or a missing method."""
     if inspect.isclass(candidate):
         raise InputError(f"{candidate.__name__} is a class: give an object of it, {candidate.__name__}()")
     missing = lacking(candidate)
@@ -63,12 +63,12 @@ def check_is_controller(candidate: object) -> protocols.FeedController:
 
 
 def lacking(candidate: object) -> list[str]:
-    """Return what an object or class lacks to be a feed controller."""
+    """Return the methods that an object or class lacks to be a feed controller."""
     return [name for name in NEEDED if not hasattr(candidate, name)]
 
 
 def text_of(controller: protocols.FeedController) -> str:
-    """Return a controller's name with its numbers, as the command line would have it."""
+    """Return a controller's name with its parameters, as on the command line."""
     if not is_dataclass(controller):
         return controller.name
     values = [(field.name, getattr(controller, field.name)) for field in fields(controller) if field.init]
@@ -89,7 +89,7 @@ def _why_not(own: UserObject, kinds: list[str]) -> str:
 
 WINDOW_S = 0.0255  # 255 pulses of the standard setting
 WINDOWS = 300
-SHORTED_WINDOWS = 1000  # 25.5 s: a controller that gives up on a short does so
+SHORTED_WINDOWS = 1000  # 25.5 s, after which controllers give up on a short
 _PATH_UM = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 400.0]])
 """A path with a corner, for controllers that ask for one."""
 Counts = list[tuple[int, int]]
@@ -126,7 +126,7 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
 
 
 def rehearsed(make: Callable[[], protocols.FeedController], max_feed_um_s: float) -> list[protocols.FeedCommand]:
-    """Return what a controller commands on the usual machine after windows of any kind, and a lost wire."""
+    """Return a controller's commands on the default machine for windows of every kind and a lost wire."""
     commands: list[protocols.FeedCommand] = []
     for counts in _every_kind():
         rehearsal = _Rehearsal(make(), max_feed_um_s)
@@ -146,7 +146,7 @@ def _every_kind() -> tuple[Counts, ...]:
 
 
 class _Rehearsal:
-    """A controller that is shown windows of given counts, on a wire that follows its commands."""
+    """A controller that receives windows with chosen counts; the wire follows its commands."""
 
     def __init__(self, controller: protocols.FeedController, max_feed_um_s: float = MAX_FEED_UM_S) -> None:
         self.controller = controller
@@ -155,7 +155,7 @@ class _Rehearsal:
         self.command = protocols.check_command(controller.name, controller.reset(max_feed_um_s))
 
     def run(self, counts: Counts, resumed: bool = False) -> list[protocols.FeedCommand]:
-        """Return the commands after these windows, up to an alarm; `resumed` before every window or not."""
+        """Return the commands after windows, up to an alarm; with `resumed` it is restored before every window."""
         commands = [self.command]
         for short, open_ in counts:
             if self.command.alarm is not None:

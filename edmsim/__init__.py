@@ -44,12 +44,12 @@ _HOMES = {
 
 
 if not (Path(__file__).parent / "controllers").is_dir():
-    # a checkout whose links came out as plain files: the folders themselves stand beside the package
+    # in a checkout without symbolic links the folders are next to the package
     __path__.append(str(Path(__file__).parents[1]))
 
 
 def _register() -> None:
-    """Make environments and policies known by name; nothing of them is loaded before one is made."""
+    """Register the environments and policies by name; they are imported when one is made."""
     from edmsim.envs.registry import register_all
     from edmsim.user_code import MAKERS, PASS_MAKERS
 
@@ -59,19 +59,19 @@ def _register() -> None:
 
 
 def _is_starting() -> bool:
-    """Say whether this is the command ``edmsim``, or ``python -m edmsim``, which cannot answer Ctrl-C yet."""
+    """Return whether this is the command ``edmsim`` or ``python -m edmsim``, which does not handle Ctrl-C yet."""
     is_command = any(Path(word).stem == "edmsim" for word in sys.orig_argv[1:3])
     in_main_thread = threading.current_thread() is threading.main_thread()
     return is_command and in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def __dir__() -> list[str]:
-    """Name the public names, loaded or not, and nothing of the machinery."""
+    """List the public names, imported or not."""
     return sorted([*__all__, "__version__", "__doc__"])
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used, so that ``import edmsim`` stays cheap."""
+    """Import a public name when it is first used, so ``import edmsim`` stays fast."""
     if name in _HOMES:
         value = getattr(import_module(_HOMES[name]), name)
     elif name in ("controllers", "envs"):
@@ -83,7 +83,7 @@ def __getattr__(name: str) -> Any:
 
 
 if _is_starting():
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # ends it at once, without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # end at once, without a traceback
     _register()
     signal.signal(signal.SIGINT, signal.default_int_handler)
 else:

@@ -1,4 +1,4 @@
-"""The command ``edmsim``, also as ``python -m edmsim`` where only the interpreter is on the path."""
+"""The command ``edmsim``; also for ``python -m edmsim``."""
 
 import sys
 
@@ -7,7 +7,7 @@ from edmsim.signals import raise_again
 
 
 def main() -> None:
-    """Run the command line, which Ctrl-C also ends in silence while its modules are still loaded."""
+    """Run the command line; Ctrl-C ends it without a traceback even while its modules are imported."""
     sys.unraisablehook = raise_again
     try:
         from edmsim.cli.app import main as run

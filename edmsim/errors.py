@@ -1,4 +1,4 @@
-"""Errors a user meets: bad input gets one line that says what, where, and what would be right."""
+"""Errors that users see: for bad input, one line with what is wrong, where, and what would be right."""
 
 from __future__ import annotations
 
@@ -21,25 +21,24 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 FAILED, BAD_INPUT, STOPPED, INTERRUPTED = 1, 2, 3, 130
-"""Exit statuses of a command: the model left its validity, or the like; bad usage or input; the machine stopped
-before the end; interrupted by the user."""
+"""Exit statuses of a command: the model left its range of validity, or another failure; bad usage or input; the
+machine stopped before the end; interrupted by the user."""
 
 
 LONGEST_REASON, LONGEST_PLACE = 2000, 300
-"""Characters of a reason, which may list what there is, and of a file's name; the middle of longer ones is left out
-(ours)."""
+"""Greatest lengths of a reason and of a file name, in characters; longer ones lose their middle (ours)."""
 
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a full disk, a user's full share of one, and a file that has reached its greatest size."""
+"""Errors of a full disk, an exceeded quota, and a file of the greatest allowed size."""
 
 
 _NEAR = 0.75
-"""Share of letters that a name and a near one have in common (ours: one letter of four may be wrong)."""
+"""Similarity from which a name is suggested (ours: one letter in four may be wrong)."""
 
 
 _REASONS = {"missing": "missing", "extra_forbidden": "unknown", "model_type": "must be a table"}
-"""What pydantic's kinds of error are called here."""
+"""Our wording of pydantic's error types."""
 
 
 _Arguments = ParamSpec("_Arguments")
@@ -71,7 +70,7 @@ class InputError(EdmsimError):
         self.line = line
 
     def __str__(self) -> str:
-        """Return ``file:line: reason`` with the parts that are known."""
+        """Return ``file:line: reason``, without the parts that are unknown."""
         place = "" if self.file is None else one_line(self.file, LONGEST_PLACE)
         if self.line is not None:
             place += f":{self.line}"
@@ -79,16 +78,16 @@ class InputError(EdmsimError):
 
 
 class WrongTypeError(InputError):
-    """An argument of a type that the function cannot take; its caller may know it by another name."""
+    """An argument has the wrong type; the caller may know the argument by another name."""
 
 
 class CombinationError(InputError):
-    """Values that could each be used, but not together."""
+    """Values that are valid one by one, but not together."""
 
 
 @contextmanager
 def located(file: str | Path | None = None, line: int | None = None, name: str = "") -> Iterator[None]:
-    """Give input errors raised inside the file and line they are about, where they have none, and a name in front."""
+    """Add a file, a line and a prefix to input errors raised inside, where they have none."""
     try:
         yield
     except InputError as error:
@@ -98,7 +97,7 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
 
 
 def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Let a function refuse all but True or False for a bool, texts for lists; if it fails, name a wrong argument."""
+    """Let a function refuse non-booleans for a bool and texts for a list; if it fails, name a wrong argument."""
     kinds = {name: _shown(kind) for name, kind in function.__annotations__.items() if name != "return"}
     switches = {name for name, kind in kinds.items() if kind == "bool"}
     lists = {name for name, kind in kinds.items() if re.fullmatch(r"(Sequence|Iterable)\[str\]( \| None)?", kind)}
@@ -109,7 +108,7 @@ def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Ar
     @wraps(function)
     def run(*args: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
         for name, value in arguments(args, options) if switches or lists else ():
-            if name in switches and type(value).__name__ != "bool":  # Python's or numpy's; others count as one, too
+            if name in switches and type(value).__name__ != "bool":  # Python's or numpy's bool
                 raise WrongTypeError(f"{name} is {value!r}: give True or False")
             if name in lists and isinstance(value, str):
                 raise WrongTypeError(f"{name} is the text {value!r}: give a list, as [{value!r}]")
@@ -127,7 +126,7 @@ def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Ar
 
 
 def methods_refuse_wrong_types(kind: _Class) -> _Class:
-    """Let all public methods of a class, and its making, do as `refuses_wrong_types` says."""
+    """Apply `refuses_wrong_types` to all public methods of a class and to its constructor."""
     for name, method in [*vars(kind).items()]:
         if isfunction(method) and (name == "__init__" or not name.startswith("_")):
             setattr(kind, name, refuses_wrong_types(method))
@@ -135,7 +134,7 @@ def methods_refuse_wrong_types(kind: _Class) -> _Class:
 
 
 def _shown(annotation: object) -> str:
-    """Return an annotation as text, one that was evaluated without modules."""
+    """Return an evaluated annotation as text, without module names."""
     return annotation if isinstance(annotation, str) else re.sub(r"\w+\.", "", formatannotation(annotation))
 
 
@@ -143,7 +142,7 @@ _PLAIN = {"None", "Path", "bool", "float", "int", "str"}
 
 
 def _may_be(value: object, kind: str, known: Mapping[str, object]) -> bool:
-    """Say whether a value may be of an annotated kind; of classes but Python's and edmsim's own, not all is known."""
+    """Return whether a value may have an annotated type; True if a class of another package makes this uncertain."""
     own, kinds = type(value), set(re.findall(r"\w+", re.sub(r"\[[^|]*\]", "", kind)))
     taken = {"Any", "object", "None" if value is None else own.__name__}
     taken |= {"float"} if own is int else {"Literal"} if own is str else set()
@@ -163,20 +162,20 @@ def _is_own(kind: object) -> bool:
 
 
 def refused_entry(error: ValidationError) -> tuple[str, str]:
-    """Return the first entry that pydantic refused, as ``table.key``, and why, in words of a user of files."""
+    """Return the first entry that pydantic refused, as ``table.key``, and the reason in terms of the file."""
     first = error.errors()[0]
     said = re.sub(r"^\w+ should\b", "must", re.sub("^Value error, | after validation", "", first["msg"]))
     return ".".join(map(str, first["loc"])), _REASONS.get(first["type"], said)
 
 
 def invalid_entry(error: ValidationError) -> str:
-    """Return the first entry that pydantic refused, and why, in one line."""
+    """Return the first entry that pydantic refused, with the reason, in one line."""
     place, reason = refused_entry(error)
     return f"{place + ': ' if place else ''}{reason}"
 
 
 def one_of(name: object, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
-    """Return the end of a refusal: the names there are, or those to list, and the one nearest to a name, if any."""
+    """Return the end of a refusal: the valid names (or those to list), and the one most similar to the wrong name."""
     by_lower = {one.lower(): one for one in known}
     near = get_close_matches(str(name).lower(), by_lower, n=1, cutoff=_NEAR)
     hint = f"; did you mean '{by_lower[near[0]]}'?" if near else ""
@@ -184,14 +183,14 @@ def one_of(name: object, known: Iterable[str], listed: Iterable[str] | None = No
 
 
 def refuse_unknown(what: str, name: object, known: Iterable[str], file: str | Path | None = None) -> None:
-    """Refuse a name that is not among those there are."""
+    """Refuse a name that is not among the valid ones."""
     names = [*known]
-    if not isinstance(name, abc.Hashable) or name not in names:  # an array equals a name in every place or none
+    if not isinstance(name, abc.Hashable) or name not in names:  # comparing an array with a name gives an array
         raise InputError(f"unknown {what} {name!r}; there are: {one_of(name, names)}", file)
 
 
 def one_line(text: str, longest: int = LONGEST_REASON) -> str:
-    """Return a message as one line of at most ``longest`` characters; what cannot be shown becomes a blank."""
+    """Return a message as one line of at most ``longest`` characters; unprintable characters become blanks."""
     shown = text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
     if len(shown) <= longest:
         return shown
@@ -216,7 +215,7 @@ def run_command(run: Callable[[], object]) -> None:
         if error.errno not in _FULL:
             raise
         what = f"{error.filename}:"
-        if error.filename is None:  # it is of the standard output, which Python would try to write once more
+        if error.filename is None:  # standard output failed, and Python would try to flush it again at exit
             what = "the standard output"
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         print(f"edmsim: {what} cannot be written: {error.strerror}", file=sys.stderr)
@@ -224,7 +223,7 @@ def run_command(run: Callable[[], object]) -> None:
 
 
 def _is_interrupted(error: BaseException | None) -> bool:
-    """Say whether an error comes from an import that Ctrl-C ended, which a compiled module makes another error of."""
+    """Return whether an error comes from an import that Ctrl-C ended; compiled modules replace the exception."""
     while error is not None:
         if isinstance(error, ImportError | SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
             return True

@@ -1,4 +1,4 @@
-"""Files and folders that outputs go to; texts, tables and arrays read from files."""
+"""Output files and folders; reading of texts, tables and arrays."""
 
 import io
 import math
@@ -21,24 +21,24 @@ from edmsim.errors import InputError, refuses_wrong_types
 
 _LOCK = ".edmsim-lock"
 MOST_ARRAY_BYTES = 800_000_000
-"""Of all arrays in a file that is read (ours: the checkpoint of a long cut at `fine` has a quarter of that)."""
+"""Greatest size of all arrays in a file (ours: four times the checkpoint of a long cut at `fine`)."""
 _UNFINISHED = ".edmsim-new-"
 
 
 @contextmanager
 def naming(file: Path) -> Iterator[None]:
-    """Say of an `OSError` which file could not be written, as that of a full disk does not: see `run_command`."""
+    """Add the file's name to an `OSError`, because that of a full disk has none: see `run_command`."""
     try:
         yield
     except OSError as error:
-        if error.errno is not None and error.filename is None:  # others have a text of their own
+        if error.errno is not None and error.filename is None:  # other errors have their own text
             error.filename = str(file)
         raise
 
 
 def remove_unfinished_line(file: Path) -> int:
-    """Remove a last line that a kill or a full disk cut off; return the bytes that are left."""
-    with naming(file), file.open("r+b") as opened:  # in place, as others may add to it
+    """Remove an incomplete last line after a kill or a full disk; return the remaining bytes."""
+    with naming(file), file.open("r+b") as opened:  # in place, because other processes may append to it
         whole = opened.read().rfind(b"\n") + 1
         opened.truncate(whole)
     return whole
@@ -46,7 +46,7 @@ def remove_unfinished_line(file: Path) -> int:
 
 @contextmanager
 def replacing(file: str | Path) -> Iterator[Path]:
-    """Give a path beside a file to write to; it takes the file's place when all is written, or else is removed."""
+    """Yield a temporary path; it replaces the file if all was written, or else is removed."""
     target = Path(file)
     partial = target.with_name(target.name + ".part")
     try:
@@ -58,8 +58,8 @@ def replacing(file: str | Path) -> Iterator[Path]:
 
 
 def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an ``.npz`` by name; raises `ValueError` in one line if they are damaged or too large."""
-    # nothing is unpickled, and no memory is taken for what is not there
+    """Return the arrays of an ``.npz`` by name; raises a one-line `ValueError` if they are damaged or too large."""
+    # nothing is unpickled, and no memory is allocated before the sizes are checked
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             members = archive.infolist()
@@ -76,7 +76,7 @@ def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
 
 
 def _check_array(member: zipfile.ZipInfo, opened: Any) -> None:
-    """Refuse what is not an array, holds objects, or says another size than it has."""
+    """Refuse a member that is not an array, contains objects, or declares another size than it has."""
     version = npy.read_magic(opened)
     header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
     shape, _, dtype = header(opened)
@@ -96,42 +96,42 @@ def read_text(file: str | Path, encoding: str = "utf-8-sig") -> str:
         raise InputError(f"byte {error.start} is not UTF-8: save the file as UTF-8", file) from None
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file) from None
-    except ValueError as error:  # a name with a zero byte
+    except ValueError as error:  # a name with a NUL byte
         raise InputError(f"cannot be read: {error}", file) from None
 
 
 def read_toml(file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
-    """Return the entries of a user's TOML file; raises `InputError`, which says `what` it is to be."""
+    """Return the entries of a user's TOML file; raises `InputError`, whose message calls the file `what`."""
     try:
         return tomllib.loads(read_text(file))
-    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
+    except (ValueError, RecursionError) as error:  # also for very long numbers and deeply nested brackets
         raise InputError(f"not {what}: {error}", file) from None
 
 
 @refuses_wrong_types
 def folder_of(name: str | Path) -> Path:
-    """Return the folder that a user names; raises `InputError` for an empty name, which `Path` allows."""
+    """Return the folder of this name; raises `InputError` for an empty name, which `Path` allows."""
     if isinstance(name, str) and not name:
         raise InputError("the folder has no name: '.' is the present one")
     return Path(name)
 
 
 def make_writable(name: str | Path) -> Path:
-    """Return a folder that is made and can be written to; raises `InputError` if not."""
+    """Make a folder if necessary; raises `InputError` if it cannot be written to."""
     folder = folder_of(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".edmsim-write-test"
         probe.write_bytes(b"")
         probe.unlink()
-    except (OSError, ValueError) as error:  # a ValueError for a name with a NUL
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL byte
         why = getattr(error, "strerror", None) or error
         raise InputError(f"the output folder cannot be written to: {why}", folder) from None
     return folder
 
 
 def check_suffix(file: Path, what: str, *suffixes: str) -> str:
-    """Return the suffix of a file to write, in lower case; raises `InputError` if it is another, or a folder."""
+    """Return the suffix of an output file in lower case; raises `InputError` for other suffixes and for folders."""
     suffix = file.suffix.lower()
     if suffix not in suffixes:
         raise InputError(f"{what} is written as {' '.join(suffixes)}", file)
@@ -142,9 +142,9 @@ def check_suffix(file: Path, what: str, *suffixes: str) -> str:
 
 @contextmanager
 def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
-    """Keep a folder to this process; the lock goes with it, and a folder made for it into which nothing came.
+    """Lock a folder for this process. On leaving, the lock is removed, and the folder if it is new and empty.
 
-    Raises `InputError` if the folder cannot be written to, or another process or thread, called `who`, works on it.
+    Raises `InputError` if the folder cannot be written to, or is locked. `who` names the holder in the message.
     """
     made = not folder.exists()
     make_writable(folder)
@@ -152,7 +152,7 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     lock = FileLock(file, timeout=0)
-    with suppress(OSError):  # on a file system without locks nothing is locked
+    with suppress(OSError):  # a file system without locks
         try:
             lock.acquire()
         except Timeout:
@@ -170,12 +170,12 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
 
 @contextmanager
 def together(folder: Path, last: str) -> Iterator[Path]:
-    """Give a folder to write files into; they come into another one together, when all are written.
+    """Yield a temporary folder; when all files are written, they are moved into the target folder together.
 
-    `last` is the file without which the others are nothing: a former one goes first, the new one comes last, so that
-    it never stands beside files that are not its own. Nobody else works on the folder.
+    `last` is the file that makes the others valid: the old one is deleted first and the new one moved last, so it is
+    never next to files of another run. The caller has locked the folder.
     """
-    for left in folder.glob(f"{_UNFINISHED}*"):  # by a process that was killed
+    for left in folder.glob(f"{_UNFINISHED}*"):  # left by a process that was killed
         shutil.rmtree(left, ignore_errors=True)
     unfinished = Path(tempfile.mkdtemp(prefix=_UNFINISHED, dir=folder))
     try:

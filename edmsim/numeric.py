@@ -1,4 +1,4 @@
-"""Numbers that users give: Python's own, numpy's, fractions, arrays without a dimension; no truth values.
+"""Checks of numbers from users: Python's, numpy's, fractions, 0-dimensional arrays; booleans are not numbers.
 
 >>> import numpy as np
 >>> plain(np.float32(0.5)), plain((np.int64(3), True))
@@ -16,16 +16,16 @@ from pydantic import BeforeValidator
 
 from edmsim.errors import InputError
 
-_MOST = sys.float_info.max  # a whole number may be greater
+_MOST = sys.float_info.max  # an int may exceed the range of float
 
 
 def _scalar(value: object) -> object:
-    """Return what an array without a dimension holds."""
+    """Return the value of a 0-dimensional array; anything else unchanged."""
     return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
 
 def real(value: object) -> float | None:
-    """Return a number as Python's own; None for anything else."""
+    """Return a number as a Python number; None for anything else."""
     value = _scalar(value)
     if isinstance(value, bool) or not isinstance(value, Real):
         return None
@@ -37,13 +37,13 @@ def real(value: object) -> float | None:
 
 
 def whole(value: object) -> int | None:
-    """Return a whole number as Python's own; None for anything else, 3.0 included."""
+    """Return an integer as a Python int; None for anything else, also for 3.0."""
     number = real(value)
     return number if isinstance(number, int) else None
 
 
 def plain(value: Any) -> Any:
-    """Return a number as Python's own, also within tuples and lists; anything else as it is."""
+    """Return a number as a Python number, also within tuples and lists; anything else unchanged."""
     if isinstance(value, tuple | list):
         inner = [plain(entry) for entry in value]
         return type(value)(*inner) if hasattr(value, "_fields") else type(value)(inner)
@@ -52,13 +52,13 @@ def plain(value: Any) -> Any:
 
 
 def keep_plain(record: Any) -> None:
-    """Make the numbers among the fields of a dataclass Python's own, also of a frozen one."""
+    """Convert the numbers in a dataclass's fields to Python numbers, even if it is frozen."""
     for field in fields(record):
         object.__setattr__(record, field.name, plain(getattr(record, field.name)))
 
 
 def finite(name: str, value: object, least: float = -math.inf) -> float:
-    """Return an argument as a number; refuse anything else, infinity, NaN, or less than `least`."""
+    """Return an argument as a number; refuse other types, infinity, NaN and values below `least`."""
     number = real(value)
     if number is None or not least <= number <= _MOST or number < -_MOST:
         from_least = f" of {least:g} or more" if least > -math.inf else ""
@@ -67,7 +67,7 @@ def finite(name: str, value: object, least: float = -math.inf) -> float:
 
 
 def whole_from(name: str, value: object, least: int | None = None) -> int:
-    """Return an argument as a whole number; refuse anything else, or less than `least`."""
+    """Return an argument as an integer; refuse other types and values below `least`."""
     number = whole(value)
     if number is None or (least is not None and number < least):
         raise InputError(f"{name} is {value!r}: give a whole number{'' if least is None else f', {least} or more'}")
@@ -90,7 +90,7 @@ def within(name: str, value: float, low: float, high: float) -> None:
 
 
 def whole_within(name: str, value: object, low: int, high: int) -> int:
-    """Return an argument as a whole number; refuse anything else, or one that is not from `low` to `high`."""
+    """Return an argument as an integer; refuse other types and values outside `low` to `high`."""
     number = whole_from(name, value)
     if not low <= number <= high:
         raise InputError(f"{name} is {value!r}: give a whole number from {low} to {high}")
@@ -104,12 +104,12 @@ def _for_pydantic(value: object) -> object:
 
 
 Number = Annotated[float, BeforeValidator(_for_pydantic)]
-"""A number among a pydantic model's fields."""
+"""A number in a pydantic model's field."""
 WholeNumber = Annotated[int, BeforeValidator(_for_pydantic)]
 
 
 def named_numbers(text: str, what: str) -> dict[str, float]:
-    """Read ``name=number,...``, empty for none; `what` says in a message whose numbers they are."""
+    """Read ``name=number,...``, or an empty text; `what` names the owner of the numbers in messages."""
     found = {}
     for pair in filter(None, text.split(",")):
         key, equals, value = pair.partition("=")

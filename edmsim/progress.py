@@ -1,4 +1,4 @@
-"""Progress bars; in a file or a pipe, a line from time to time."""
+"""Progress bars; in a file or a pipe, lines at intervals."""
 
 import os
 import sys
@@ -16,16 +16,15 @@ from rich.table import Column
 from edmsim.compiled import PROGRESS
 
 LINE_EVERY_S = 10.0
-"""Between two lines of progress where no bar can be drawn (ours)."""
+"""Interval between lines of progress in a file or a pipe (ours)."""
 NOTEBOOK_EVERY_S = 0.3
-"""Between two pictures of the bar in a notebook (ours: seen to move, and little for a browser)."""
+"""Interval between updates of the bar in a notebook (ours: smooth, and little work for a browser)."""
 
 
 class ShownProgress:
-    """One bar for each name that is shown; none is drawn before the first, so that bad input prints its line alone.
+    """One bar for each name that is shown. None is drawn before the first, so bad input prints only its own line.
 
-    With `quiet` nothing is shown. With `keep` the bars stay on the terminal when all is done, and in a file or a pipe
-    the last line of each.
+    With `quiet` nothing is shown. With `keep` the finished bars, or in a file or a pipe the last line of each, stay.
 
     >>> with ShownProgress(quiet=True) as bar:
     ...     bar.show("cutting", 3, 10, "12 um/s")
@@ -56,9 +55,9 @@ class ShownProgress:
     def show(
         self, name: str, done: float = 0.0, total: float | None = None, text: str = "", at_once: bool = False
     ) -> None:
-        """Say how far something is, in any unit; without a total nobody knows how much it is.
+        """Show progress in any unit; `total` is None if it is unknown.
 
-        `at_once` lets a notebook draw it however soon it comes: something else begins.
+        With `at_once` a notebook draws it without waiting for the interval, because something else begins.
         """
         if self._quiet:
             return
@@ -84,7 +83,7 @@ class ShownProgress:
         self._line = ""
 
     def of(self, name: str) -> Callable[..., None]:
-        """Return `show` for one name: ``watch(done, total)``."""
+        """Return ``watch(done, total)``, which calls `show` with a name."""
         return partial(self.show, name)
 
     def _is_due(self, every_s: float) -> bool:
@@ -106,7 +105,7 @@ class ShownProgress:
 
 
 def in_notebook() -> bool:
-    """Whether this is a notebook in which nobody has switched progress off."""
-    ipython = sys.modules.get("IPython")  # a notebook has loaded it; nobody else need wait for it
+    """Return whether this is a notebook in which progress is not switched off."""
+    ipython = sys.modules.get("IPython")  # a notebook has imported it already; elsewhere the import would take time
     shell = None if ipython is None else ipython.get_ipython()
     return getattr(shell, "kernel", None) is not None and os.environ.get(PROGRESS) != "0"

@@ -9,17 +9,17 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
 
 LEAST_NAME = 8
-"""Characters that are left of a name at least (ours)."""
+"""Least length of a shortened name (ours)."""
 CUT = "…"
-"""In the place of what is left out of a name."""
+"""Stands for the omitted part of a name."""
 
 
 class ScreenTable(rich.table.Table):
-    """A table that fits the terminal: names are shortened, sentences wrap, and numbers stay whole.
+    """A table that fits the terminal: names are shortened, sentences wrap, and numbers stay complete.
 
-    In columns other than `numbers` a word that is too long, as a file's path, is shortened in its middle, so that no
-    two that differ look the same. Where the numbers take more than the width, the table goes on below with the next
-    of them, behind the first `keys` columns, which say what a row is of.
+    In columns other than `numbers`, words that are too long, such as paths, lose their middle; different words stay
+    different. If the numbers are wider than the terminal, the table continues below with the other columns, after the
+    first `keys` columns, which identify the row.
     """
 
     def __init__(self, *names: str, numbers: Sequence[str] = (), keys: int = 1, **options: Any) -> None:
@@ -29,21 +29,21 @@ class ScreenTable(rich.table.Table):
             self.add_column(head, justify="right")
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the table as it is, or one or more that fit."""
+        """Yield the table unchanged, or one or more tables that fit."""
         full_widths = [_width([column.header, *column.cells]) for column in self.columns]
         wide = options.update(max_width=sum(full_widths) + 1000)
         natural = super().__rich_measure__(console, wide).maximum
         if natural <= options.max_width or not self.columns:
             yield from super().__rich_console__(console, options)
             return
-        around = natural - sum(full_widths)  # borders and padding of all columns
+        around = natural - sum(full_widths)  # width of the borders and padding of all columns
         for number, block in enumerate(self._blocks(options.max_width, around)):
             if number and self.box is None:
                 yield Text()
             yield self._part(block, number == 0)
 
     def _blocks(self, width: int, around: int) -> list[dict[int, int]]:
-        """Return the columns of each table with their widths; the keys are in all, the first as wide in all."""
+        """Return the columns and widths of each table; all have the key columns, the first of equal width."""
         each = around / len(self.columns)
         least = [self._least(column) for column in self.columns]
         keys = list(range(self._keys))
@@ -60,22 +60,22 @@ class ScreenTable(rich.table.Table):
         return [{**block, 0: first} for block in shared]
 
     def _shared(self, block: list[int], least: list[int], width: float) -> dict[int, int]:
-        """Give each column its least width, and what is left to those that want more, evenly."""
+        """Return column widths: the least width of each, and the rest divided evenly among those that need more."""
         widths = {k: least[k] for k in block}
         full_widths = {k: _width([self.columns[k].header, *self.columns[k].cells]) for k in block}
         left = int(width) - sum(widths.values())
         while left > 0 and (wanting := [k for k in block if widths[k] < full_widths[k]]):
-            # names first: a head of numbers may take several lines
+            # names first, because the heads of numbers may take several lines
             wanting = [k for k in wanting if not _has_numbers(self.columns[k])] or wanting
             for k in sorted(wanting, key=lambda k: widths[k])[:left]:
                 widths[k] += 1
                 left -= 1
         if left < 0 and not _has_numbers(self.columns[block[0]]):
-            widths[0] = max(widths[0] + left, 1)  # folded: nothing of it is lost
+            widths[0] = max(widths[0] + left, 1)  # folded, so nothing is lost
         return widths
 
     def _least(self, column: rich.table.Column) -> int:
-        """Return the least width: of numbers all, and of names as much as leaves them different."""
+        """Return the least width: numbers need all of it, names enough to stay different."""
         if _has_numbers(column):
             names = shortened(self._heads(), _shortest(self._heads()))
             return max(_width(column.cells), _width(names.get(word, word) for word in _words([column.header])))
@@ -105,9 +105,9 @@ class ScreenTable(rich.table.Table):
 
 
 def shortened(names: Iterable[str], width: int) -> dict[str, str]:
-    """Return names that take no more than a width, those that differ still different; none where that cannot be.
+    """Shorten names to a width so that different names stay different; empty if that is impossible.
 
-    What is left out lies in the middle, or as near to it as leaves the names different.
+    The omitted part is the middle, or as near to it as possible while the names stay different.
     """
     distinct = set(names)
     long = [name for name in distinct if cell_len(name) > width]
@@ -122,7 +122,7 @@ def shortened(names: Iterable[str], width: int) -> dict[str, str]:
 
 
 def _shortest(words: list[str]) -> int:
-    """Return the least width at which words that differ can be shortened and differ still."""
+    """Return the least width to which different words can be shortened and stay different."""
     longest = max(map(cell_len, words), default=0)
     return next((width for width in range(LEAST_NAME, longest) if shortened(words, width)), longest)
 

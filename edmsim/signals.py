@@ -1,4 +1,4 @@
-"""Signals that ask a process to end, while it has work to save."""
+"""Ending a process by a signal while it has work to save."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ENDING = {
     signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL,
     **({signal.SIGHUP: signal.SIG_DFL} if hasattr(signal, "SIGHUP") else {}),
 }  # fmt: skip
-"""Signals that ask a process to end, and what handles them where nobody else does."""
+"""Signals that end a process, and their default handlers."""
 
 
 class NotedSignals:
@@ -30,26 +30,26 @@ class NotedSignals:
             self.raise_noted()
 
     def raise_noted(self) -> None:
-        """Raise `KeyboardInterrupt`, with the signal's number, if one has come."""
+        """Raise `KeyboardInterrupt` with the signal's number, if a signal has arrived."""
         if self._came is not None:
             came, self._came = self._came, None
             raise KeyboardInterrupt(came)
 
     def at_once(self) -> None:
-        """From now on raise at once: whatever is interrupted can be done again."""
+        """Raise at once from here on, because interrupted work can be repeated."""
         self._at_once = True
         self.raise_noted()
 
     def only_note(self) -> None:
-        """From now on raise no more: the work is done, and nothing is left that could be ended."""
+        """Ignore signals from here on, because the work is done."""
         self._at_once, self._came = False, None
 
 
-_AGAIN_S = 0.05  # after this time Python has left what ignores errors (ours)
+_AGAIN_S = 0.05  # after this time Python has left the callback that ignores errors (ours)
 
 
 def raise_again(ignored: sys.UnraisableHookArgs) -> None:
-    """Raise an interruption that Python ignored, as in a callback of an import, once more: a `sys.unraisablehook`."""
+    """Raise an interruption again that Python ignored, as in a callback of an import; a `sys.unraisablehook`."""
     if isinstance(ignored.exc_value, KeyboardInterrupt):
         number = next(iter(ignored.exc_value.args), signal.SIGINT)
         threading.Timer(_AGAIN_S, signal.raise_signal, [number]).start()

@@ -24,31 +24,31 @@ from numpy.typing import NDArray
 
 
 class Snapshots:
-    """Saves and loads its state: fields of a dataclass that are no arguments, and what classes name in `STATE`."""
+    """Saves and loads its state: dataclass fields that are not arguments, and the attributes named in `STATE`."""
 
-    # a plain attribute holds what the arguments or a set-up make again, and is not saved. Parts of the state
-    # that have a snapshot of their own are restored in place. A type that the present value does not show, that of
-    # the entries of a list or of what may be None, is taken from the class' annotations
+    # Other attributes are not saved: the arguments or `set_up` determine them. Values with a `snapshot` of their own
+    # are restored in place. Types that the present value does not show, such as those of a list's entries or of a
+    # value that may be None, are read from the annotations of the class.
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
     def snapshot(self) -> dict[str, Any]:
-        """Return everything that changes, fit for JSON."""
+        """Return the state as JSON values."""
         return state_of(self)
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue where `snapshot` was taken, in an object that was made and set up alike."""
+        """Load a snapshot into an object that was made and set up in the same way."""
         take_state(self, state)
 
 
 class ArraySnapshots(Snapshots):
-    """Saves and loads its state as arrays: of a part with arrays of its own behind the part's name and a dot.
+    """Saves and loads its state as arrays; those of a part are named ``part.array``.
 
-    An array is written into, so its shape and type stay; a property is set.
+    Arrays are written in place and keep shape and type; properties are set.
     """
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return everything that changes, as arrays; a copy."""
+        """Return a copy of the state as arrays."""
         found: dict[str, NDArray[Any]] = {}
         for key, name in _names_of(self).items():
             value = getattr(self, name)
@@ -61,7 +61,7 @@ class ArraySnapshots(Snapshots):
         return found
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Continue where `snapshot` was taken; raises `ValueError` for an array of another shape or type."""
+        """Load a snapshot; raises `ValueError` for an array of another shape or type."""
         for key, name in _names_of(self).items():
             value = getattr(self, name)
             parts = _parts(key, value)
@@ -86,17 +86,17 @@ class ArraySnapshots(Snapshots):
 
 
 def with_prefix(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
-    """Return the arrays whose names begin so, by the rest of their names."""
+    """Return the arrays whose names begin with a prefix, by the rest of their names."""
     return {name.removeprefix(prefix): array for name, array in state.items() if name.startswith(prefix)}
 
 
 def state_of(thing: Any) -> dict[str, Any]:
-    """Return a thing's declared state, fit for JSON: see `Snapshots`."""
+    """Return an object's declared state as JSON values: see `Snapshots`."""
     return {key: plain(getattr(thing, name)) for key, name in _names_of(thing).items()}
 
 
 def take_state(thing: Any, state: Mapping[str, Any]) -> None:
-    """Put the `state_of` a thing into another that was made alike."""
+    """Load the `state_of` an object into another one that was made in the same way."""
     kind: Any = type(thing)
     hints = _hints(kind)
     for key, name in _names_of(thing).items():
@@ -107,7 +107,7 @@ def take_state(thing: Any, state: Mapping[str, Any]) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON holds it: records as mappings, sequences as lists, bytes and arrays as hex digits."""
+    """Return a value as JSON: records as mappings, sequences as lists, bytes and arrays as hex digits."""
     if value is None or (isinstance(value, str | int | float) and not isinstance(value, Enum)):
         return value
     if hasattr(value, "snapshot"):
@@ -128,7 +128,7 @@ def plain(value: Any) -> Any:
 
 
 def like(now: Any, saved: Any, kind: Any = None) -> Any:
-    """Return the value that `plain` made this of: of an annotated kind, or else of that of the present value."""
+    """Undo `plain`; the type of the result is the annotated one, or else that of the present value."""
     if saved is None:
         return None
     if hasattr(now, "restore"):
@@ -152,7 +152,7 @@ def like(now: Any, saved: Any, kind: Any = None) -> Any:
 
 
 def _sequence_like(now: Any, saved: Any, made: Any, inner: tuple[Any, ...]) -> Any:
-    """Return a sequence or set; where no annotation says what its entries are, they are as the present ones."""
+    """Return a sequence or set; without an annotation its entries have the type of the present ones."""
     if issubclass(made, Mapping):
         return made((key, like(None, entry, *inner[1:])) for key, entry in saved)
     if hasattr(made, "_fields"):
@@ -168,7 +168,7 @@ def _sequence_like(now: Any, saved: Any, made: Any, inner: tuple[Any, ...]) -> A
 
 
 def _parts(key: str, value: Any) -> dict[str, Any] | None:
-    """Return the parts with snapshots of their own that a value has, by their prefixes; None where it is an array."""
+    """Return the parts of a value that have a `snapshot`, by their prefixes; None if the value is an array."""
     if hasattr(value, "snapshot"):
         return {key: value}
     if isinstance(value, Mapping):
@@ -177,8 +177,8 @@ def _parts(key: str, value: Any) -> dict[str, Any] | None:
 
 
 def _names_of(thing: Any) -> dict[str, str]:
-    """Return the names of a thing's state by those in its snapshot, which have no leading underscore."""
-    kind: Any = type(thing)  # mypy takes no class for hashable
+    """Return the names of an object's state by the names in its snapshot, which have no leading underscore."""
+    kind: Any = type(thing)  # mypy does not accept a class as hashable
     return _state_names(kind)
 
 

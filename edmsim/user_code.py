@@ -1,4 +1,4 @@
-"""Code named by a text: the user's Python file, ``FILE.py:NAME``, or a kind, ``KIND:REST``."""
+"""Objects named by a text: in a user's Python file, ``FILE.py:NAME``, or of a kind, ``KIND:REST``."""
 
 import ast
 import hashlib
@@ -17,33 +17,33 @@ from edmsim.errors import EdmsimError, InputError, located
 from edmsim.files import read_text
 
 MAKERS: dict[str, str] = {}
-"""What makes something of a kind from the text behind its colon: ``module:function``, imported when first wanted."""
+"""Functions that make an object of a kind from the text after the colon: ``module:function``, imported on use."""
 PASS_MAKERS: dict[str, str] = {}
-"""The same of what decides on the passes of a part (`edmsim.envs.pass_laws`)."""
+"""The same for laws that decide on the passes of a part (`edmsim.envs.pass_laws`)."""
 _OWN = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[^:]*)(?::(?P<rest>.*))?)?", re.DOTALL)
 
 
 class UserObject(NamedTuple):
-    """Something in a user's file."""
+    """An object in a user's file."""
 
     file: str
-    name: str  # what it is called there; empty if nothing was named
-    rest: str  # what stood behind a second colon
+    name: str  # its name there; may be empty
+    rest: str  # text after a second colon
 
 
 def named(text: str) -> UserObject | None:
-    """Take ``FILE.py:NAME:REST`` apart; None if the text names no Python file."""
+    """Split ``FILE.py:NAME:REST``; None if the text names no Python file."""
     found = _OWN.fullmatch(text)
     return None if found is None else UserObject(found["file"], found["name"] or "", found["rest"] or "")
 
 
 def policy_of(text: str) -> str:
-    """Return a policy's file or name, without the prefix ``policy:`` that it has as a controller."""
+    """Return a policy's file or name without the prefix ``policy:``."""
     return text.removeprefix("policy:")
 
 
 def file_of(text: str) -> str | None:
-    """Return the user's file that a text names; of a policy the ``.json``, which has the hash of its ``.npz``."""
+    """Return the user's file that a text names; for a policy its ``.json``, which has the hash of the ``.npz``."""
     if (own := named(text)) is not None:
         return own.file
     policy = policy_of(text)
@@ -53,7 +53,7 @@ def file_of(text: str) -> str | None:
 
 
 def listed(text: str) -> list[str]:
-    """Split a list at its commas, but for those between the numbers of a controller: ``a:x=1,y=2,b,b`` is two."""
+    """Split a list at its commas, except those between the parameters of a controller."""
     pieces: list[str] = []
     for piece in text.split(","):
         if pieces and "=" in piece and ":" not in piece:
@@ -64,30 +64,30 @@ def listed(text: str) -> list[str]:
 
 
 def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
-    """Make what ``KIND:REST`` names, by the function registered in `MAKERS`, or in others."""
+    """Make the object that ``KIND:REST`` names, by the function registered in `MAKERS` or another table."""
     return resolve_name(makers[kind])(rest)
 
 
 def imported_by(text: str | bytes) -> list[str]:
-    """Return the names of the modules that a Python text imports; raises `SyntaxError` if it is not Python."""
+    """Return the names of the modules that a Python source imports; raises `SyntaxError` if it is invalid."""
     nodes = [*ast.walk(ast.parse(text))]
     plain = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     return plain + [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
 
 
 def run(file: str) -> ModuleType:
-    """Run a Python file, once as long as its text stays the same; raises `InputError` if it fails."""
+    """Run a Python file, again only if its text has changed; raises `InputError` if it fails."""
     return _run(str(Path(file).absolute()), read_text(file), file)
 
 
 @lru_cache(maxsize=64)
 def _run(place: str, text: str, shown: str) -> ModuleType:
-    # no import: that would keep bytecode beside the file, and take it for new as long as size and second are the same
+    # not imported: bytecode would be saved next to the file, and used as long as the file's size and second are equal
     module = ModuleType(f"{Path(place).stem}_{hashlib.sha256((place + text).encode()).hexdigest()[:16]}")
     module.__file__ = place
-    sys.modules[module.__name__] = module  # where dataclasses look for the names of their fields' types
+    sys.modules[module.__name__] = module  # dataclasses look up the types of their fields there
     if (folder := str(Path(place).parent)) not in sys.path:
-        sys.path.append(folder)  # last, so that no file of the user's takes the place of an installed package
+        sys.path.append(folder)  # last, so the user's files do not replace installed packages
     try:
         exec(compile(text, place, "exec"), vars(module))
         _check_imports(text, Path(place).parent)
@@ -101,7 +101,7 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
 
 
 def _check_imports(text: str, folder: Path) -> None:
-    """Raise `ImportError` if a module of the file's folder was imported from another one."""
+    """Raise `ImportError` if a module with a file in this folder was imported from elsewhere."""
     for name in imported_by(text):
         file, found = folder / f"{name}.py", getattr(sys.modules.get(name), "__file__", None)
         if found and file.is_file() and Path(found).resolve() != file.resolve():
@@ -109,7 +109,7 @@ def _check_imports(text: str, folder: Path) -> None:
 
 
 def failure(error: BaseException, file: str, what: str) -> InputError:
-    """Return an error of the user's code as one that names the line of the file where it arose, and its callers."""
+    """Return an error of the user's code as an `InputError` that names the line and its callers."""
     frames = _frames(error, file)
     callers = " from ".join(f"line {frame.lineno} in {frame.name}" for frame in reversed(frames[:-1]))
     called = f"; {frames[-1].name} was called at {callers}" if callers else ""
@@ -118,14 +118,14 @@ def failure(error: BaseException, file: str, what: str) -> InputError:
 
 
 def _frames(error: BaseException, file: str) -> list[FrameSummary]:
-    """Return the calls of a file's code that an error came through, the innermost last."""
+    """Return the calls in a file's code through which an error passed, the innermost last."""
     place = str(Path(file).absolute())
     return [frame for frame in extract_tb(error.__traceback__) if frame.filename == place]
 
 
 @cache
 def naming_failures(kind: Any, file: str, methods: tuple[str, ...]) -> Any:
-    """Return a user's class whose methods of these names fail with a `failure`; such a class as it is."""
+    """Return a subclass of a user's class whose methods of these names raise a `failure`."""
     if hasattr(kind, "__wrapped__"):
         return kind
 

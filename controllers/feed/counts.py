@@ -66,7 +66,7 @@ class CountsController(Snapshots):
 
     _state: State = field(default_factory=State, init=False, repr=False)
     _clock_ns: int = field(default=0, init=False, repr=False)  # since the leg began
-    _busy_until_ns: int = field(default=0, init=False, repr=False)  # when the last speed is in XVELOC and YVELOC
+    _busy_until_ns: int = field(default=0, init=False, repr=False)  # when the last speed arrives in XVELOC and YVELOC
     _units: int = field(default=0, init=False, repr=False)  # that speed
     _analyser: PulseAnalyser = field(default_factory=PulseAnalyser, init=False, repr=False)
 
@@ -105,7 +105,7 @@ class CountsController(Snapshots):
         return self._command(window.path_um)
 
     def settings(self, max_feed_um_s: float) -> Settings:
-        """The constants as the routine's words.
+        """Return the constants as the routine's words.
 
         Raises
         ------
@@ -134,7 +134,7 @@ class CountsController(Snapshots):
         )
 
     def _word(self, name: str, scale: float, most: int = WORD) -> int:
-        """A constant in the routine's scale, refused where it does not fit."""
+        """Return a constant in the routine's scale; refuse one that does not fit."""
         value = round(float(getattr(self, name)) * scale)
         if value > most:
             raise InputError(
@@ -144,7 +144,7 @@ class CountsController(Snapshots):
         return value
 
     def _retract_ticks(self) -> int:
-        """Duration of the longest retract; 0 where it has no speed."""
+        """Duration of the longest retract; 0 without a retract speed."""
         if not self.retract_feed_um_s:
             return 0
         ticks = int(self.retract_um / self.retract_feed_um_s * TICKS_PER_S)
@@ -170,23 +170,23 @@ class CountsController(Snapshots):
         return FeedCommand(self._units * UNIT_UM_S, latency_s=latency_ns * 1e-9)
 
 
-# The law behind registers. The counts reach the program as on the machine: 255 clocks of SYNC, strobes, latches at
-# 4030H and 4031H, polled through the handshake at 4032H. With the planner `poscal-literal` the controller is the
-# machine itself: it aims every move once, and its timers decide when a step comes. Any other planner decides that
-# itself, and its steps leave as on the machine: a timer runs out, the 8259 interrupts, the routine raises a line of
-# 4022H.
+# The law behind the registers of the machine. The counts reach the program as on the machine: 255 clocks of SYNC,
+# strobes, latches at 4030H and 4031H, polled through the handshake at 4032H. With the planner `poscal-literal` the
+# computer also times the steps: it receives the end of every move, and its timers decide when a step comes. With any
+# other planner, the planner decides when, and each step leaves as on the machine: a timer runs out, the 8259
+# interrupts, the routine raises a line of 4022H.
 
 
 class _Setup(NamedTuple):
-    """What MAIN gets before a cut."""
+    """Inputs of MAIN before a cut."""
 
-    pulses: PulseSettings = PulseSettings()  # what the codes mean
-    codes: tuple[int, int] = (102, 170)  # nearest to it
-    t_on_us: float = 20.0  # as it was set
+    pulses: PulseSettings = PulseSettings()  # meaning of the codes
+    codes: tuple[int, int] = (102, 170)  # t(i) and t(p) nearest to the setting
+    t_on_us: float = 20.0  # as set by the operator
     unit: Unit = "um"
-    points: tuple[tuple[int, int], ...] = ()  # corners of the path in `unit`, each other than the one before
-    starts_um: tuple[float, ...] = ()  # length of path up to each point
-    corners_um: tuple[float, ...] = ()  # up to every corner, over all legs
+    points: tuple[tuple[int, int], ...] = ()  # corners of the path in `unit`, without repeated points
+    starts_um: tuple[float, ...] = ()  # path length at each point
+    corners_um: tuple[float, ...] = ()  # path length at every corner, over all legs
 
     @classmethod
     def of(cls, machine: Machine, points_um: NDArray[Any], start_um: float) -> "_Setup":
@@ -194,7 +194,7 @@ class _Setup(NamedTuple):
         pulses = PulseSettings(pulse_A=discharge_current_A(machine))
         t_i, t_p = pulses.code_of_t_i(machine.t_on_us), pulses.code_of_t_p(machine.t_period_us)
         while t_i and pulses.mean_current_A(t_i, t_p) > LIMIT_A:
-            t_i -= 1  # a setting at the limit, rounded over it
+            t_i -= 1  # a setting at the limit may be rounded above it
         check_1982(machine.base.table.step_um.value)
         unit = unit_for(machine.base.table.travel_mm.value * 1e3)
         size_um = unit_um(unit)
@@ -213,7 +213,7 @@ class McuController(CountsController):
 
     # distance before a corner from which t(i) is shortened; 0 for no change of the generator
     corner_um: float = 0.0
-    corner_share: float = 0.6  # factor on t(i) there; at least the smallest step of its code is left
+    corner_share: float = 0.6  # factor on t(i) there; the code is at least 1
 
     _computer: Computer = field(default_factory=Computer, init=False, repr=False)
     _move: int = field(default=-1, init=False, repr=False)
@@ -236,7 +236,7 @@ class McuController(CountsController):
         """Read the generator's setting and the path; called before every leg of the cut."""
         self._setup = _Setup.of(machine, points_um, start_um)
         drawn_A = self._setup.pulses.pulse_A * machine.t_on_us / machine.t_period_us
-        if self.corner_um and drawn_A > LIMIT_A + 1e-9:  # no pair of codes means this setting
+        if self.corner_um and drawn_A > LIMIT_A + 1e-9:  # no pair of codes has this current
             raise InputError(
                 f"corner_um of the {self.name} controller needs a setting of at most {LIMIT_A:g} A, but t_on "
                 f"{machine.t_on_us:g} us in t_period {machine.t_period_us:g} us draws {drawn_A:.2f} A: leave "
@@ -250,7 +250,7 @@ class McuController(CountsController):
         return command
 
     def path_run(self, planner: str) -> Planner | None:
-        """Return the computer's own motion where it is to make the steps as in 1982: for `poscal-literal`."""
+        """Return the computer's own motion for `poscal-literal`, with which it makes the steps as in 1982."""
         if kind_of(planner).number != LITERAL:
             return None
         self._start(wrap=True)
@@ -258,7 +258,7 @@ class McuController(CountsController):
         return self._run
 
     def _start(self, wrap: bool) -> None:
-        """INIT, position and settings, start."""
+        """Run INIT, set position and settings, start."""
         setup = self._setup
         self._computer = Computer(Board(setup.pulses), unit=setup.unit, wrap=wrap)
         self._computer.init()
@@ -274,7 +274,7 @@ class McuController(CountsController):
 
     @property
     def emergency(self) -> str | None:
-        """What the emergency routine did, and where; None while it has not run since the leg began."""
+        """Message of the emergency routine with its place; None if it has not run since the leg began."""
         computer = self._computer
         if computer.state != EMERGENCY:
             return None
@@ -285,12 +285,12 @@ class McuController(CountsController):
         return f"the controller's emergency routine{why} stopped the machine at x {x_mm:.3f} y {y_mm:.3f} mm"
 
     def open_switch(self, name: str) -> None:
-        """Let a switch of the machine open: its line interrupts, and the emergency routine runs."""
+        """Open a safety switch: its line interrupts, and the emergency routine runs."""
         self._computer.board.switches.trip(name)
         self._computer.serve()
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        """Feed for the next window; the routines of the steps put off what the program computes."""
+        """Feed for the next window; the interrupt routines of the steps delay the program."""
         self._computer.serve()
         if self._run is not None:
             late_ns = max(self._computer.steppers.free_ns - self._computer.board.now_ns, 0)
@@ -298,7 +298,7 @@ class McuController(CountsController):
         return super().update(window)
 
     def drive(self, steps: list[Step]) -> list[Step]:
-        """Make a planner's steps through timers, interrupts and port."""
+        """Let timers, interrupts and port make a planner's steps."""
         return self._computer.drive(steps)
 
     def _decide(self, tick: int, path_um: float) -> tuple[int, int]:
@@ -312,7 +312,7 @@ class McuController(CountsController):
         return speed, t_states
 
     def _aim(self, path_um: float) -> None:
-        """Tell the program where the present move of the path ends."""
+        """Tell the program the end of the present move."""
         setup = self._setup
         self._move = min(max(bisect_right(setup.starts_um, path_um) - 1, 0), len(setup.points) - 2)
         self._computer.steppers.look_to(*setup.points[self._move + 1])

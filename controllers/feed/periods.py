@@ -1,27 +1,26 @@
 """Rules for the pulse period: constant, by the count of normal pulses, or by the heat of the wire.
 
-Source of `NormalPulses`: Sato et al. (physics notes of the project, sections 5 and 6): normal pulses are counted per
-100 ms and held below a threshold curve over the workpiece's thickness by the off-time; the thickness is known on-line
-from mean current over speed, for removal goes with the mean current; the threshold rises less than proportionally
-with thickness. Reported: 24 % more speed. There the off-time is also shortened below the operator's; at the
-laboratory machine the operator's period is the shortest, because its generator's limit of 2 A leaves no shorter one.
-The curve's numbers were not published: they come from a search.
+Source of `NormalPulses`: Sato et al. Normal pulses are counted every 100 ms, and the off-time holds the count below a
+threshold that rises less than proportionally with the workpiece's thickness. The thickness is estimated as mean
+current over speed, because removal is proportional to the mean current. They report 24 % more speed. Their off-time
+may also fall below the operator's; on the laboratory machine it may not, because the generator's limit of 2 A leaves
+no shorter period. The threshold's numbers were not published; ours come from a search.
 
-`RisingPeriod` is what an operator sets who wants no broken wire. `HoldHeat` takes a measured heat flux, or the wire's
-true temperature. Water cools a wire the better the hotter it is, until the heat flux is critical: then steam covers
-it, and it grows hot and breaks within some 20 ms. No law is quick enough for that; so the period is set by how far
-the hottest place of the wire is from it.
+`RisingPeriod` is the setting of an operator who wants no broken wire. `HoldHeat` uses an estimated heat flux, or the
+wire's true temperature. The hotter a wire is, the better water cools it, up to the critical heat flux. Above that,
+steam covers the wire, and it heats up and breaks within some 20 ms. No law can react so fast. So the law controls how
+far the hottest place of the wire is from this limit.
 
-`Climb` searches: more power until a wire breaks, then less. It is how an operator finds the setting for a wire and a
-height that no table has (ours). Its pace was chosen in the first version of ThinWire: of five on 64 training machines
-that of the defaults earned 1,336, with 23 wires lost; the others 1,100 to 1,359, with 20 to 27.
+`Climb` searches: more power until a wire breaks, then less. So an operator finds the setting for a wire and a height
+that no table has (ours). Its pace was chosen among five in the first version of ThinWire on 64 training machines. The
+default earned 1,336 and lost 23 wires; the others earned 1,100 to 1,359 and lost 20 to 27.
 
-Some rules estimate, while they cut, the heat flux at which this machine's wires break: they hold a flux as `HoldHeat`
+Some rules estimate, while they cut, the heat flux at which this machine's wires break. They hold a flux as `HoldHeat`
 does, and change it. `ClimbingHold` raises it until a wire breaks, then lowers it and raises it more slowly.
-`AdaptiveHold` has a probability for every flux at which wires of this machine may break, updates it by Bayes' rule
-with every second without a break and every lost wire, and holds the flux with the largest expected return. Their
-numbers are ours: in ramps of the flux on training machines, breaks of one machine were within some 10 % of one flux,
-and those of drawn machines within a factor of 3 (docs/tasks/max-rate-shift.md).
+`AdaptiveHold` has a probability distribution of the flux at which wires of this machine break. It updates it by
+Bayes' rule with every second without a break and with every lost wire, and holds the flux with the largest expected
+return. Their numbers are ours: in ramps of the flux on training machines, the breaks of one machine were within some
+10 % of one flux, and those of different machines within a factor of 3 (docs/tasks/max-rate-shift.md).
 """
 
 import math
@@ -42,7 +41,7 @@ from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, flushing_
 COUNT_S = 0.1  # time over which normal pulses are counted: 100 ms (Sato et al.)
 STEP_SHARE = 0.1  # largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)
 STEP_US = 5  # the shortest period is rounded up to whole multiples of this (ours: knobs have steps)
-MOST_ERROR = 1.0  # no larger deviation from what is held counts (ours: one window of few sparks tells little)
+MOST_ERROR = 1.0  # limit of the error (ours: one window with few sparks means little)
 USUAL_S = 20.0  # time constant of the usual share of opens (ours: many retracts, a tenth of a workpiece)
 WIDER = 0.1  # share of opens above the usual one from which a gap counts as wider (ours: of one window, 0.03)
 _Setting = tuple[float | None, float | None]
@@ -62,7 +61,7 @@ class NormalPulses(PeriodRule):
     shortest_factor: float = 1.0
     longest_factor: float = 5.0
 
-    # sums since the last count, the thickness, and the setting; 0 where nothing is known yet
+    # sums since the last count, the thickness, and the setting; 0 means unknown
     seconds: float = field(default=0.0, init=False)
     normal: float = field(default=0.0, init=False)
     charge: float = field(default=0.0, init=False)
@@ -73,7 +72,7 @@ class NormalPulses(PeriodRule):
 
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
         """Add a window; every 100 ms compare with the threshold and set the period."""
-        if not self.base_us:  # without a set-up the first window tells the operator's period
+        if not self.base_us:  # without a set-up the first window has the operator's period
             usual_us = self.operator_us or round(window.duration_s * 1e6 / WINDOW_PULSES, 6)
             self.base_us = self.period_us = usual_us
         self.seconds += window.duration_s
@@ -88,7 +87,7 @@ class NormalPulses(PeriodRule):
     def _take_count(self) -> None:
         self._estimate_height()
         threshold = self.normal_at_10mm * (self.height_mm / 10.0) ** self.exponent_share
-        # before the wire has moved nothing is known of the thickness: the period stays
+        # before the wire has moved the thickness is unknown, and the period stays
         excess = self.normal / self.seconds * COUNT_S / threshold if threshold else 1.0
         change = min(max(excess, 1.0 - STEP_SHARE), 1.0 + STEP_SHARE)
         shortest, longest = self.shortest_factor * self.base_us, self.longest_factor * self.base_us
@@ -97,7 +96,7 @@ class NormalPulses(PeriodRule):
         self.seconds = self.normal = self.charge = self.travel_um = 0.0
 
     def _estimate_height(self) -> None:
-        """Thickness from mean current over speed; standing still or running back tells nothing."""
+        """Estimate the thickness as mean current over speed, unless the wire rests or runs back."""
         if self.travel_um <= 0:
             return
         h_mm = self.height_factor * self.charge / self.travel_um
@@ -202,12 +201,12 @@ class HoldHeat(RisingPeriod):
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the measure to its target."""
         error = min(max(self.excess(law.gauge.near(window)), -MOST_ERROR), MOST_ERROR)
-        if self.recovery_s and shorted(window):  # the sparks that clear a short would find the shortest period
+        if self.recovery_s and shorted(window):  # or the sparks that clear a short would find the shortest period
             error = max(error, 0.0)
         if self.recovery_s and law.servo.retracting:
             self.cutting_s = min(self.cutting_s, max(self.rise_s - self.recovery_s, 0.0))
             self.refilling_s = self.refill_s
-        if self._refills(window):  # the period would be the shortest when the gap has closed again
+        if self._refills(window):  # otherwise the period would be at its shortest when the gap has closed again
             error = max(error, 0.0)
         grown = self.log_us + self.integral_per_s * error * window.duration_s
         self.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
@@ -274,10 +273,10 @@ def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
 
 @dataclass
 class HeatGauge(Gauge):
-    """The true superheat, 0 at the boiling point and 1 where the wire of this very machine boils dry."""
+    """The true superheat: 0 at the boiling point, 1 where the wire of this machine boils dry."""
 
     superheat: float = field(default=0.0, init=False)
-    _superheat_K = 30.0  # where no set-up is known
+    _superheat_K = 30.0  # if no set-up is known
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the superheat at which this machine's wire boils dry."""
@@ -323,8 +322,8 @@ class SetPoint(PeriodRule):
     on_factor: float = 1.0  # on_factor, period_factor: on-time and pulse period, divided by the operator's
     period_factor: float = 1.0
 
-    slowing: float = field(default=1.0, init=False)  # period away from corners, in the operator's
-    factor: float = field(default=1.0, init=False)  # period in force, in the operator's
+    slowing: float = field(default=1.0, init=False)  # period away from corners, divided by the operator's
+    factor: float = field(default=1.0, init=False)  # present period, divided by the operator's
     _on_us, _least_us = 1.0, 0.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
@@ -343,11 +342,11 @@ class SetPoint(PeriodRule):
 
     @property
     def least_factor(self) -> float:
-        """Shortest period that the supply gives, in the operator's; 0 where no set-up is known."""
+        """Shortest period of the supply, divided by the operator's; 0 if no set-up is known."""
         return self._least_us / self.operator_us if self.operator_us else 0.0
 
     def factor_at(self, path_um: float, law: ServoLaw) -> float:
-        """Return the period at a place of the path, in the operator's, and not shorter than the supply gives."""
+        """Return the period at a place of the path over the operator's, at least the shortest of the supply."""
         return max(self.slowing * law.corner.slowing(path_um), self.least_factor)
 
     def first_setting_us(self, law: ServoLaw) -> _Setting:
@@ -385,7 +384,7 @@ class Climb(SetPoint):
         self.slowing, self.held_s, self.broken = self.slowing * self.back_factor, 0.0, True
 
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
-        """Return the setting of the next window, at a shorter period where it is time."""
+        """Return the setting of the next window, with a shorter period if a step is due."""
         if not (law.servo.retracting or self.broken):
             self.held_s += window.duration_s
         if self.held_s >= self.climb_s:
@@ -395,20 +394,20 @@ class Climb(SetPoint):
 
 
 LEAST_HOLD, MOST_HOLD = 0.02, 3.0
-"""Ends of what is held, in parts of the critical flux by the files' constants (ours: beyond any limit seen)."""
-MOST_GROWTH = 50.0  # greatest growth of its logarithm at once (ours: beyond both ends; its power is finite)
+"""Range of the held flux over the critical one by the files' constants (ours: wider than all limits seen)."""
+MOST_GROWTH = 50.0  # limit of the growth of its logarithm (ours: wider than the range, so the exponential is finite)
 LEVELS = np.linspace(math.log(LEAST_HOLD), math.log(MOST_HOLD), 168)
-"""Logarithms of the fluxes that may be held, and at which wires may break: 3 % apart."""
-HAZARD_PER_S = 1.0 / 60.0  # hazard at the flux that is called the wire's limit
+"""Logarithms of the fluxes that can be held, and at which wires can break, 3 % apart."""
+HAZARD_PER_S = 1.0 / 60.0  # hazard at the wire's limit, which defines the limit
 SLOW_S = 0.1
-"""Time constant of the flux that a break is put down to (ours: a wire breaks some 20 ms after it boils dry)."""
-DECISION_S = 1.0  # time between two looks at what was held (ours: some hundred windows)
+"""Time constant of the mean flux before a break (ours: a wire breaks some 20 ms after it boils dry)."""
+DECISION_S = 1.0  # time between two decisions (ours: some hundred windows)
 RAMP_SHARE = 0.02  # chance that the wire's limit lies below the first flux of a ramp (ours)
 
 
 @lru_cache(maxsize=8)
 def hazards_per_s(steepness: float) -> NDArray[np.float64]:
-    """Return the hazard of a flux held (rows) where the limit is another (columns), without breaks by chance."""
+    """Return the hazard for each held flux (rows) and each limit (columns), without breaks by chance."""
     return np.asarray(HAZARD_PER_S * np.exp(np.clip(steepness * (LEVELS[:, None] - LEVELS), -50.0, 12.0)))
 
 
@@ -426,7 +425,7 @@ class ClimbingHold(HoldHeat):
     pace_per_s: float = field(default=0.0, init=False)
 
     def begin(self) -> None:
-        """Begin a leg, with nothing known of the machine."""
+        """Begin a leg without knowledge of the machine."""
         super().begin()
         self.pace_per_s = self.climb_per_s
 
@@ -437,7 +436,7 @@ class ClimbingHold(HoldHeat):
         return super().next_us(window, law)
 
     def fresh_wire(self) -> None:
-        """Ask less of the next wire."""
+        """Lower the held flux for the next wire."""
         super().fresh_wire()
         self.pace_per_s /= self.patience_factor
 
@@ -467,17 +466,17 @@ class AdaptiveHold(HoldHeat):
 
     chance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(LEVELS)), init=False)
     seconds: float = field(default=0.0, init=False)  # since the last decision
-    level_s: float = field(default=0.0, init=False)  # the logarithm of the flux over that time
-    level: float | None = field(default=None, init=False)  # its slow mean now; None where nothing was seen of a wire
+    level_s: float = field(default=0.0, init=False)  # mean logarithm of the flux over that time
+    level: float | None = field(default=None, init=False)  # its present slow mean; None for a wire without windows
     _threading_s = 0.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in how long the machine threads."""
+        """Read the machine's threading time."""
         super().set_up(machine, points_um, start_um)
         self._threading_s = machine.base.table.threading_s.value
 
     def begin(self) -> None:
-        """Begin a leg, with nothing known of the machine."""
+        """Begin a leg without knowledge of the machine."""
         super().begin()
         middle, spread = math.log(min(max(self.limit_share, LEAST_HOLD), MOST_HOLD)), max(self.limit_spread, 0.01)
         chance = np.exp(-0.5 * ((LEVELS - middle) / spread) ** 2)
@@ -485,11 +484,11 @@ class AdaptiveHold(HoldHeat):
         self.hold = self.best_hold()
 
     def limit(self, share: float) -> float:
-        """Return the flux below which the machine's limit lies with a probability, 0 to 1, by what is known."""
+        """Return the quantile of the machine's limit for a probability from 0 to 1."""
         return float(math.exp(np.interp(share, np.cumsum(self.chance), LEVELS)))
 
     def best_hold(self) -> float:
-        """Return the flux u of the most ``u^rate_exponent / (1 + hazard lost_s)`` over what the limit may be."""
+        """Return the flux u with the greatest mean of ``u^rate_exponent / (1 + hazard lost_s)`` over the limits."""
         lost_s = self.break_weight * (self._threading_s + self.rise_s)
         cutting = 1.0 / (1.0 + (self.by_chance_per_s + hazards_per_s(self.steepness)) * lost_s)
         rates = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)
@@ -509,7 +508,7 @@ class AdaptiveHold(HoldHeat):
         return period_us
 
     def _learn(self, *, broken: bool) -> None:
-        """Take in the time since the last decision, and a break, by Bayes' rule; let the limit drift."""
+        """Update the distribution with the time since the last decision and a break, by Bayes' rule; let it drift."""
         chance = self.chance
         if self.seconds:
             chance = chance * np.exp(-np.minimum(self._hazard(self.level_s / self.seconds) * self.seconds, 500.0))
@@ -524,7 +523,7 @@ class AdaptiveHold(HoldHeat):
         self.seconds = self.level_s = 0.0
 
     def _hazard(self, level: float) -> NDArray[np.float64]:
-        """Return the hazard of a flux, given by its logarithm, for every limit there may be, per s."""
+        """Return the hazard at the logarithm of a flux, for every limit, per s."""
         row = int(np.argmin(np.abs(LEVELS - level)))
         return np.asarray(self.by_chance_per_s + hazards_per_s(self.steepness)[row])
 
@@ -537,12 +536,12 @@ class AdaptiveHold(HoldHeat):
 
 
 def _grown(hold: float, by: float) -> float:
-    """Return what is held when its logarithm has grown, at most `MOST_HOLD`."""
+    """Return the held flux after its logarithm has grown, at most `MOST_HOLD`."""
     return min(hold * math.exp(min(by, MOST_GROWTH)), MOST_HOLD)
 
 
 def _near(law: ServoLaw) -> float:
-    """Return the greatest flux of a fifth over the critical one, as the last window left it."""
+    """Return the greatest flux of a fifth over the critical one after the last window."""
     assert isinstance(law.gauge, FluxGauge)
     return float(law.gauge.flux.max())
 
@@ -559,24 +558,24 @@ def _near(law: ServoLaw) -> float:
 WATER_KG_M3 = 1000.0
 IGNITION_S = 1.0  # time constant of what an ignition adds to the flux (ours: some hundred windows)
 FIRST_GUARD, LEAST_GUARD = 1.5, 1.15
-"""Flux of a window, over what is held, that is a burst: at first, and at the least (ours: among the 1.2 to 3 of
-those that dried wires of training machines; counts of 50 ignitions scatter by 0.14)."""
+"""Flux of a window over the held flux from which it is a burst: first value, and least value (ours: bursts that
+dried wires of training machines had 1.2 to 3; counts of 50 ignitions scatter by 0.14)."""
 GUARD_STEP = 0.02  # change of its logarithm after a relief (ours: it settles within some minutes)
-NEAR_HOLD = 0.8  # share of what is held above which the guard learns (ours: below, the gap limits the flux)
+NEAR_HOLD = 0.8  # share of the held flux above which the guard learns (ours: below, the gap limits the flux)
 
 
 @dataclass
 class StreamGauge(FluxGauge):
-    """The highest local heat flux over the critical one of its place, where the water's stream raises it.
+    """The highest local heat flux over the critical one at its place, which the flow of the water raises.
 
     The stream's speed falls linearly from each nozzle to where the jets meet, where eddies remain. It uses pressures
     that the operator set, and constants of the files. Losses of the jets are left out.
     """
 
-    now: float = field(default=0.0, init=False)  # the highest of the last window, not filtered
+    now: float = field(default=0.0, init=False)  # highest flux of the last window, unfiltered
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the dials."""
+        """Read the dials."""
         super().set_up(machine, points_um, start_um)
         self._per_ignition /= stream_share(machine)[:, None]
 
@@ -588,7 +587,7 @@ class StreamGauge(FluxGauge):
 
 
 def stream_share(machine: Machine) -> NDArray[np.float64]:
-    """Return the critical heat flux in each fifth of the height over that of still water, by the files: (5,)."""
+    """Return the critical heat flux of each fifth of the height over that of still water, by the files: (5,)."""
     files = Machine.load(
         machine.name, flushing_lower_Pa=machine.flushing_lower_Pa, flushing_upper_Pa=machine.flushing_upper_Pa
     )
@@ -629,7 +628,7 @@ class GuardedHold(AdaptiveHold):
     relieving: bool = field(default=False, init=False)  # whether the present window is a relief
     ignition_s: float = field(default=0.0, init=False)  # flux of one ignition per second
     wire_s: float = field(default=0.0, init=False)  # cutting time of the wire
-    ramp_hold: float = field(default=0.0, init=False)  # where the ramp begins; 0 without one, and after it
+    ramp_hold: float = field(default=0.0, init=False)  # flux at the ramp's beginning; 0 without or after a ramp
 
     def begin(self) -> None:
         """Begin a leg, with a ramp."""
@@ -638,20 +637,20 @@ class GuardedHold(AdaptiveHold):
         self.hold = self.best_hold()
 
     def best_hold(self) -> float:
-        """Return what the ramp has reached, or the flux of the largest expected return."""
+        """Return the present flux of the ramp, or else the one with the largest expected return."""
         if self.ramp_hold and self.wire_s < self.ramp_s:
             return _grown(self.ramp_hold, self.ramp_per_s * self.wire_s)
         return super().best_hold()
 
     def excess(self, near: float) -> float:
-        """Return how far the flux is above what this wire is to bear, in parts of it."""
+        """Return the flux above that of this wire, as a share of it."""
         left = max(1.0 - self.wire_s / self.gentle_s, 0.0) if self.gentle_s else 0.0
         return near / (self.hold * (1.0 - (1.0 - self.gentle_share) * left)) - 1.0
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
-        """Period that brings the flux to what is held, or the one of a relief."""
+        """Period that brings the flux to the held one, or that of a relief."""
         self.wire_s += window.duration_s
-        if self.relieving:  # such a window says nothing about the others
+        if self.relieving:  # a relief says nothing about other windows
             self.relieving = False
             return math.exp(self.log_us)
         period_us = super().next_us(window, law)
@@ -669,6 +668,6 @@ class GuardedHold(AdaptiveHold):
         return max(period_us, self.relief_us) if self.relieving else period_us
 
     def fresh_wire(self) -> None:
-        """Take in what the break said of the limit; the guard stays."""
+        """Update the limit with the break; the guard keeps its threshold."""
         self.relieving, self.wire_s, self.ramp_hold = False, 0.0, 0.0
         super().fresh_wire()
