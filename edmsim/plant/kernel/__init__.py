@@ -1,1 +1,1 @@
-"""The compiled pulse loop, what it works on, and how it is called."""
+"""The compiled pulse loop, its data, and how it is called."""

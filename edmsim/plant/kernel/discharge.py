@@ -1,4 +1,4 @@
-"""Effects of a discharge: crater, heat, debris; and the check whether the wire breaks."""
+"""Effects of a discharge: crater, heat, debris, and whether the wire breaks."""
 
 import math
 
@@ -17,30 +17,29 @@ from edmsim.plant.mechanics.modal import project
 from edmsim.plant.wire import HeatLaw, add_currents, heat_step, spot_K, strength_share
 from edmsim.plant.workpiece.craters import share_crater
 
-KERF_SHARE = 0.5  # a wire is in a kerf, and not along a wall, where metal faces this share of its girth (ours)
+KERF_SHARE = 0.5  # a wire is in a kerf, not along a wall, if metal faces this share of it (ours)
 PLACE_SD_UM = 2000.0
-"""Standard deviation of the height at which a discharge is located (ours). That its current divides between two
-contacts as the wire's resistances do, and so tells its height, is the method of Shoda, Kaneko, Nishimura, Kunieda and
-Fan (ISEM X, 1992)."""
+"""Standard deviation of the measured height of a discharge (ours). The method is that of Shoda, Kaneko, Nishimura,
+Kunieda and Fan (ISEM X, 1992): the current divides between the two contacts by the resistances of the wire."""
 _HEIGHT_STREAM, _ERROR_STREAM = np.uint64(0x5BD1E995A1B2C3D5), np.uint64(0xC2B2AE3D27D4EB4F)
-"""What makes keys of draws that are only for the measurement out of the plant's: they leave its own draws alone."""
+"""Keys of draws that only concern the measurement, so they do not change the plant's own draws."""
 
 
 @compiled
 def _within(state: NDArray[np.void]) -> float:
-    """Where in the metal of its slice this pulse's discharge strikes, as a share of that metal's height."""
+    """Return the height of this pulse's discharge in the metal of its slice, as a share of the metal's height."""
     return uniform(state[0].key ^ _HEIGHT_STREAM, np.uint64(state[0].pulses))
 
 
 @compiled
 def _wire_at(a: Arrays, s: int, within: float) -> int:
-    """Slice of the wire before a discharge in a slice: the next one, where that slice's metal reaches up to it."""
+    """Return the slice of the wire at a discharge: the next one if the metal of the slice reaches up to it."""
     return s + 1 if within * a.metal[s] >= 1.0 and s + 1 < a.shape.shape[0] else s
 
 
 @compiled
 def locate(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, s: int, within: float) -> None:
-    """Count a discharge `within` a slice in the fifth of the height where its currents put it, with their error."""
+    """Count a discharge in the fifth of the height that its currents indicate, with their error."""
     key, count = state[0].key, np.uint64(state[0].pulses)
     height_um = (s + within * a.metal[s]) * c.slice_um
     height_um += PLACE_SD_UM * normal(key ^ _ERROR_STREAM, count)
@@ -53,7 +52,7 @@ def erode(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, position: Array, s: int, k: int,
     volume: float,
 ) -> float:
-    """Remove a crater of `volume` um3 at the ray at a place; returns what becomes debris, 0 if it found no metal."""
+    """Remove a crater of `volume` um3 at a ray; return the volume that becomes debris, 0 if there is no metal."""
     state[0].crater_um3 += volume
     if share_crater(a, c, position, s, k, volume, draw(state) - 0.5):
         state[0].wear_wait_um3 += volume
@@ -65,7 +64,7 @@ def erode(
 
 @compiled
 def check_strength(state: NDArray[np.void], a: Arrays, c: Constants, s: int, spot: float = 0.0) -> None:
-    """Break the wire if what is left of its strength in a slice, or at a spot hotter than that, does not hold it."""
+    """Break the wire if its strength in a slice, at a spot hotter than the slice by `spot`, is below its tension."""
     share = strength_share(a.temperature_K[s] + spot, c.half_strength_K, c.water_K)
     if state[0].broken == 0 and c.strength_N * share * (1.0 - state[0].worn_share) < c.tension_N:
         state[0].broken = 1
@@ -74,7 +73,7 @@ def check_strength(state: NDArray[np.void], a: Arrays, c: Constants, s: int, spo
 
 @compiled
 def feed_current(a: Arrays, s: int, current2_us: float) -> None:
-    """Divide a discharge's current between the contacts (see `wire.add_currents`)."""
+    """Divide a discharge's current between the two contacts (see `wire.add_currents`)."""
     z = a.height_share[s]
     a.current2_us[0, s] += (1.0 - z) * (1.0 - z) * current2_us
     a.current2_us[1, s] += z * z * current2_us
@@ -85,7 +84,7 @@ def warm(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, s: int,
     energy_J: float, spot: float = 0.0,
 ) -> None:
-    """Give a slice's wire its share of an energy released on it, and see whether it breaks."""
+    """Heat the wire of a slice by its share of a discharge's energy, and check whether it breaks."""
     a.temperature_K[s] = min(a.temperature_K[s] + c.wire_heat_share * energy_J * heat.kelvin_per_J, heat.melting_K)
     window[0].temperature_max_K = max(window[0].temperature_max_K, a.temperature_K[s])
     check_strength(state, a, c, s, spot)
@@ -93,7 +92,7 @@ def warm(
 
 @compiled
 def _mark_spot(state: NDArray[np.void], c: Constants, outcome: int, energy_J: float, burn_us: float) -> None:
-    """Remember the heat of the place that burned: it adds up where arcs return, and is new where a spark strikes."""
+    """Update the heat of the spot: an arc adds to that of the discharge before, a spark begins a new spot."""
     left = 0.0
     if outcome == ARC:
         left = state[0].spot * exponential(-state[0].since_discharge_us / c.spot_us)
@@ -106,7 +105,7 @@ def _mark_spot(state: NDArray[np.void], c: Constants, outcome: int, energy_J: fl
 
 @compiled
 def _wet(a: Arrays, c: Constants, outcome: int, s: int) -> float:
-    """Chance that water is around a discharge: sparks strike in gas more rarely, an arc burns in its forerunner's."""
+    """Return the chance that a discharge is in water: sparks rarely strike in gas, arcs burn in gas."""
     if outcome == ARC:
         return 0.0
     return float((1.0 - a.covered[s]) / (1.0 - c.dryness * a.covered[s]))
@@ -117,7 +116,7 @@ def discharge(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
     bubble: BubbleLaw, position: Array, outcome: int, s: int, k: int, burn_us: float,
 ) -> tuple[float, float, float]:
-    """One spark or arc burning for `burn_us`: crater and heat. Returns its energy, impulse and debris in um3."""
+    """Apply crater and heat of a spark or arc that burns for `burn_us`; return energy, impulse and debris in um3."""
     power = t.burning_V * t.current_A
     energy = power * burn_us * 1e-6
     gap, wet = gap_of(a, position, s, k), _wet(a, c, outcome, s)
@@ -143,8 +142,8 @@ def short_circuit(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
     bubble: BubbleLaw, position: Array, s: int, k: int,
 ) -> float:
-    """Short-circuit current for the on-time; where metal touches (`s` >= 0), it melts a little of the bridge."""
-    # returns the impulse of the metal that melts: a share of what the bubble of the same energy gives at 20 um
+    """Apply a short circuit of the on-time; if metal touches (`s` >= 0), it melts a part of the bridge."""
+    # Returns the impulse of the melting metal: a share of that of a bubble of the same energy at 20 um.
     window[0].charge_A_us += t.short_A * t.on_us
     feed_current(a, s if s >= 0 else a.shape.shape[0] // 2, t.current_form * t.short_A**2 * t.on_us)
     if s < 0:
@@ -162,7 +161,7 @@ def log_pulse(
     pulses: NDArray[np.void], n: int, a: Arrays, position: Array, start_us: float, open_V: float, outcome: int,
     delay: float, s: int, k: int,
 ) -> None:
-    """Write down how pulse `n` of the window began, before its crater changes the gap."""
+    """Log the beginning of pulse `n` of the window, before its crater changes the gap."""
     p = pulses[n]
     p.start_us, p.delay_us, p.open_V, p.kind = start_us, delay, open_V, outcome
     if outcome == OPEN or s < 0:
@@ -174,9 +173,9 @@ def log_pulse(
 
 @compiled
 def _load_steadily(a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array) -> None:
-    """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets."""
-    # the force acts along the pull on a slice. The jets leave to the open side of a kerf and push the wire there;
-    # along a wall they have turned away before, and the water behind the wire is that of the bath
+    """Set the loads that are constant for many pulses: the mean magnetic force since the last time, and the jets."""
+    # The magnetic force has the direction of the electrostatic pull on the slice. The jets push the wire to the open
+    # side of the kerf. Along a wall there are no jets, and the water behind the wire is that of the bath.
     per_A2_us = c.magnetic_N_A2 * 1e6 / dt_us
     for s in range(sums.shape[0]):
         pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
@@ -193,15 +192,15 @@ def _load_steadily(a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_
 def propagate_heat(
     state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array, current2_us: Array, forces: Array
 ) -> None:
-    """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks."""
-    # `current2_us` and `forces` are room for the currents and, in the third and fourth column, for the steady forces
+    """Propagate heat and debris over the time since the last call, wear the wire, and check whether it breaks."""
+    # `current2_us` and `forces` are buffers, for the currents, and for the steady forces in columns 2 and 3.
     dt = state[0].heat_wait_us
     add_currents(a, current2_us)
     heat_step(a, heat, current2_us, dt)
     _load_steadily(a, c, sums, current2_us, dt, forces)
     for s in range(a.shape.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
-    # the water has to pass the debris of the whole height
+    # debris over the whole height slows the water down
     flowing = dt / (1.0 + EINSTEIN * mean_of_slices(a.debris, a.shape.shape[0]))
     flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.entering)
     flush(a.wake_debris, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)

@@ -26,12 +26,12 @@ from edmsim.plant.mechanics.modal import copy, kick, lean, mean_deflection, move
 from edmsim.plant.wire import HeatLaw
 from edmsim.plant.workpiece.craters import carve
 
-HEAT_INTERVAL_US = 1500.0  # heat and debris are carried on as often at least, well under their 10 ms or so
-DEEPEST_UM = 0.75 * OVERLAP_UM  # deeper in the metal at a window's end, the wire is where no push would have taken it
-TRACED_MOVE_UM = 2.0  # rays serve no longer once an axis has moved further than this since they were traced
-LOST_UM = -1e9  # depth in the metal of a wire that is nowhere
-FINITE = 1e15  # no sum of lengths, times or temperatures is as large as this
-MOST_DEFLECTION_UM = 2000.0  # a wire bent further has left the range in which the model is valid
+HEAT_INTERVAL_US = 1500.0  # longest interval of heat and debris steps, well below their time scale of 10 ms
+DEEPEST_UM = 0.75 * OVERLAP_UM  # greatest depth in the metal at a window's end; no push moves the wire further
+TRACED_MOVE_UM = 2.0  # movement of an axis after which rays are traced again
+LOST_UM = -1e9  # depth that marks a wire whose position is not finite
+FINITE = 1e15  # greater than any valid sum of lengths, times or temperatures
+MOST_DEFLECTION_UM = 2000.0  # limit of the model's validity
 
 
 @compiled_apart
@@ -39,7 +39,7 @@ def _carve(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], c: Constants, rows: Array,
 ) -> None:
-    """Carve the craters on the rays from the field; volume that finds no metal counts as missed."""
+    """Carve the rays' craters from the field; volume without metal counts as missed."""
     missed = carve(a, tiles, index, c, draw(state) - 0.5, rows)
     state[0].carved_pulses = state[0].pulses
     state[0].missed_um3 += missed
@@ -49,7 +49,7 @@ def _carve(
 
 @compiled
 def _is_due(state: NDArray[np.void], c: Constants) -> bool:
-    """Whether the rays must be traced again: after a number of pulses, or if an axis has moved."""
+    """Return whether the rays must be traced again: after a number of pulses, or if an axis has moved."""
     if state[0].traces == 0 or state[0].pulses - state[0].traced_pulses >= c.trace_pulses:
         return True
     moved = 0.0
@@ -63,10 +63,10 @@ def _renew_rays(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], levels: NDArray[np.float32], c: Constants, position: Array, rows: Array,
 ) -> None:
-    """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
+    """Trace the rays from the wire's present position, after carving the craters of a former wire."""
     if state[0].carved_pulses < state[0].pulses:
         _carve(state, window, a, tiles, index, c, rows)
-    # a wire that leans, or leant until now, has its rays in the plane square to it
+    # the rays of a tilted wire, or of one that was tilted before, are in the plane perpendicular to it
     u, v = state[0].axis_um[2], state[0].axis_um[3]
     if u != 0.0 or v != 0.0 or a.upright[0] != 1.0:
         slope_x, slope_y = lean(a, c, u, v)
@@ -97,7 +97,7 @@ def _add_deflection(window: NDArray[np.void], a: Arrays) -> None:
 
 @compiled_apart
 def _lacks_tiles(state: NDArray[np.void]) -> bool:
-    """Whether the wire, at either guide, has gone too far from where the field's tiles were made."""
+    """Return whether the wire, at either guide, is too far from the place around which the field has tiles."""
     far = False
     for d in range(2):
         low = state[0].axis_um[d] + state[0].deflection_um[d]
@@ -109,7 +109,7 @@ def _lacks_tiles(state: NDArray[np.void]) -> bool:
 
 @compiled_apart
 def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None:
-    """Set the window's sums to nought."""
+    """Reset the window's sums."""
     w = window[0]
     w.start_ns, w.duration_ns, w.ignitions = state[0].time_ns, 0, 0
     for k in range(4):
@@ -122,16 +122,16 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
         w.deflection_um[axis] = w.deflection2_um2[axis] = 0.0
     for s in range(a.temperature_K.shape[0]):
         w.temperature_max_K = max(w.temperature_max_K, a.temperature_K[s])
-    # gas that is not a number may have faded by the window's end, but for this
+    # added here because NaN in the gas may have faded at the window's end
     slices = a.shape.shape[0]
     w.coverage = mean_of_slices(a.steam, slices) + mean_of_slices(a.gas, slices) + mean_of_slices(a.wake_gas, slices)
 
 
 @compiled_apart
 def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_um: float) -> int:
-    """Take the window's means, and see whether the model still holds."""
+    """Compute the window's means, and check whether the model is still valid."""
     w = window[0]
-    gas = w.coverage  # what it was when the window began
+    gas = w.coverage  # as it was at the window's beginning
     warmth = 0.0
     for s in range(a.shape.shape[0]):
         warmth += a.temperature_K[s]
@@ -141,7 +141,7 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     pulses = w.counts[0] + w.counts[1] + w.counts[2] + w.counts[3]
     x, y = w.deflection_um[0] / pulses, w.deflection_um[1] / pulses
     state[0].deflection_um[0], state[0].deflection_um[1] = x, y
-    # math.isfinite does not survive the compiler's liberties with sums; a comparison does
+    # fastmath may remove math.isfinite, but not a comparison
     places = ringing(a, 0) + ringing(a, 1)
     for axis in range(N_AXES):
         places += state[0].axis_um[axis]
@@ -156,7 +156,7 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
 
 @compiled_apart
 def _check_events(events: NDArray[np.int64], now_ns: int, drives: bool) -> int:
-    """Whether a window's events are steps of a motor, or with `drives` levels of their lines, in order of time."""
+    """Check that a window's events are motor steps, or with `drives` also input lines, in order of time."""
     before = now_ns
     for k in range(events.shape[0]):
         channel, value = events[k, 1], events[k, 2]
@@ -172,7 +172,7 @@ def _check_events(events: NDArray[np.int64], now_ns: int, drives: bool) -> int:
 
 @compiled
 def _grid_steps(spans: float, most: int) -> int:
-    """Whole steps of the time grid, from none to the most there are: they are places in tables."""
+    """Round to whole steps of the time grid, 0 to `most`; they are indices of tables."""
     return max(min(int(spans + 0.5), most), 0)
 
 
@@ -181,7 +181,7 @@ def _move_wire(
     a: Arrays, c: Constants, t: Timing, p: Propagators, loads: Array, held: Array, k: int, scale: float, film: float,
     resistance: float, narrow: bool, upward: bool, films: Array,
 ) -> None:
-    """Move the wire over `k` grid steps under the pull times a scale, through the films where the metal is near."""
+    """Move the wire over `k` grid steps under the scaled pull; `narrow`: against the films near the metal."""
     if k == 0:
         return
     span_us = k * t.grid_us
@@ -216,10 +216,10 @@ def fire_window(
     log: NDArray[np.void],
     count: int,
 ) -> int:
-    """Fire `count` pulses; stop early if the wire breaks or an axis has to. Steps happen at their own times."""
-    # the pulses are written to `log` if that has room for them, or none at all if it is empty. With a `link`, MuJoCo
-    # moves wire and table through it, otherwise the modes move by `p`; numba leaves out what the other would need.
-    # Returns how the window ended (`FINE` and its neighbours in `state`)
+    """Fire `count` pulses, with motor steps at their times; stop early if the wire breaks or an axis must stop."""
+    # As many pulses are logged as fit into `log`, which may be empty. With a `link`, MuJoCo moves wire and table;
+    # without one, the modes move by `p`. numba omits the code of the other case. Returns how the window ended (`FINE`
+    # and the following constants of `state`).
     if state[0].broken != 0:
         return loop.BROKEN
     if _lacks_tiles(state):
@@ -234,18 +234,18 @@ def fire_window(
     if _is_due(state, c):
         _renew_rays(state, window, a, tiles, index, levels, c, position, scratch.rows)
     _pack_rays(a)
-    # the leak through the water divides the open voltage with the resistance of the supply
+    # leakage through the water and the supply's resistance form a voltage divider
     open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
-    # while a discharge burns, the pull goes with the square of its lower voltage
+    # while a discharge burns, the pull is proportional to the square of its lower voltage
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
     per_grid = 1.0 / t.grid_us
     next_event = 0
     for n in range(WINDOW_PULSES):
         place_wire(state, a, position)
         totals = sum_rays(a, c, law, position, sums, contact)
-        # just traced: the ratio of film to pull holds until the next tracing
+        # the ratio of film to pull is kept until the next tracing
         if state[0].traced_pulses == state[0].pulses:
             scale_film(state, a, c, position, sums)
         _add_deflection(window, a)
@@ -259,7 +259,7 @@ def fire_window(
         if outcome == loop.SHORT:
             impulse = short_circuit(state, window, a, c, t, heat, bubble, position, s, k)
         elif outcome != loop.OPEN:
-            # an iso-pulse ends with the switch, so that the delay shortens its discharge
+            # an iso-pulse ends at a fixed time, so the delay shortens its discharge
             burn = t.on_us - delay if t.mode == loop.ISO_PULSE else t.on_us
             burn *= t.arc_share if outcome == loop.ARC else 1.0
             energy, impulse, removed = discharge(state, window, a, c, t, heat, bubble, position, outcome, s, k, burn)
@@ -296,16 +296,16 @@ def fire_window(
             narrow = is_narrow(a, c, sums)
             if narrow:
                 find_films(state, a, c, sums, film, films)
-            # first span: the voltage is on and pulls the wire; its mean square over delay and discharge counts
+            # first span: the voltage pulls the wire, with its mean square over delay and discharge
             k_end = _grid_steps((delay + burn) * per_grid, k_period)
             pulled = (open_scale * delay + burn_scale * burn) / max(delay + burn, t.grid_us)
-            # alternate sweeps over the slices, so that neither end of the wire is favoured
+            # the direction of sweeps over the slices alternates, to favour neither end of the wire
             upward = state[0].pulses % 2 == 0
             _move_wire(a, c, t, p, load, held, k_end, pulled, film, resistance, narrow, upward, films)
             # the push of the bubble comes at the end of the discharge
             if impulse != 0.0:
                 kick(a, at, kick_x, kick_y)
-            # second span, without a pull: in parts where a film is narrow, since it changes with the motion
+            # second span, without pull: in several parts if a film is narrow, because it changes with the motion
             spans, k_before = c.film_spans if narrow else 1, k_end
             for n_span in range(1, spans + 1):
                 k_now = k_period if n_span == spans else k_end + (k_period - k_end) * n_span // spans
@@ -319,29 +319,29 @@ def fire_window(
             )
         if axes.errs != 0:
             apply_geometric_errors(state, axes)
-        # gas of earlier discharges fades first; the new gas acts from the next pulse on
+        # first the gas of earlier discharges fades; the new gas acts from the next pulse on
         quiet = period_us - delay - conducting
         fade(a, gas, k_period)
         if energy > 0.0:
             k_quiet = _grid_steps(quiet * per_grid, k_period)
             blow(a, c, gas, s, draw(state), energy, k_quiet, removed)
-        # a short leaves no channel, and the last one's ions go on leaving
+        # a short leaves no channel, so deionisation of the last one continues
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if energy == 0.0 else quiet
         state[0].pulses += 1
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
-        # heat and debris change slowly: they travel once in several pulses
+        # heat and debris change slowly, so they are propagated once in several pulses
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
             propagate_heat(state, a, c, heat, sums, contact, films)
-        # an axis was stopped, or the state left its range: the window ends here
+        # the window ends if an axis was stopped or the state left its range
         if next_event < 0:
             return _end(state, window, a, LOST_UM if next_event == LOST else 0.0)
         if state[0].broken != 0 or n + 1 == count:
             break
-    # carve now what the next tracing, or a reader of the field, must find carved
+    # carve before the next tracing or reading of the field
     if state[0].broken != 0 or count < WINDOW_PULSES or _is_due(state, c):
         _carve(state, window, a, tiles, index, c, scratch.rows)
-    # what the last pulse drove into the metal must be out of it before the rays are traced again
+    # push the wire out of the metal before the rays are traced again
     place_wire(state, a, position)
     deepest = 0.0
     if sum_rays(a, c, law, position, sums, contact)[2] > 0.0:

@@ -1,8 +1,8 @@
-"""A plant's memory: its arrays, and one table of their addresses with which the compiled loop is called.
+"""A plant's memory: its arrays, and a table of their addresses, which is the argument of the compiled loop.
 
-A call with some sixty arguments would cost a tenth of a window; a call with one address costs next to nothing. The
-sizes are constants of the compiled code, one version per resolution, so that its short loops are unrolled. The table
-and the way back from it to the groups follow from their declarations in `state`.
+A call with some 60 arguments would take a tenth of a window; a call with one address takes almost no time. Array
+sizes are constants of the compiled code, with one version per resolution, because its short loops are then unrolled.
+The table, and the code that reads groups from it, follow from the declarations in `state`.
 """
 
 import functools
@@ -31,7 +31,7 @@ _RECORDS: dict[str, Any] = {
 }
 _NAMES = {kind: name for name, kind in (*_GROUPS.items(), *_RECORDS.items())}
 _COUNTED = {"tiles": "tiles", "index_side": "tile_index", "pulses": "pulses", "levels": "levels"}
-"""Lengths of `ArraySizes` that change while a plant is at work, and the arrays of `Own` that have them."""
+"""Lengths in `ArraySizes` that change while a plant runs, with the array of `Own` that has each length."""
 _TABLE = np.dtype(
     [(name, "i8") for name in _COUNTED]
     + [(name, state.entries_of(kind)) for name, kind in _GROUPS.items()]
@@ -40,7 +40,7 @@ _TABLE = np.dtype(
 
 
 class Memory:
-    """The arrays a plant's loop works on; they live as long as their addresses are in the table at `address`."""
+    """The arrays of a plant's loop; references are held as long as their addresses are in the table at `address`."""
 
     def __init__(self, sizes: state.ArraySizes) -> None:
         self._sizes = sizes
@@ -49,7 +49,7 @@ class Memory:
         self._alive: dict[tuple[str, str], NDArray[Any]] = {}
 
     def put(self, group: NamedTuple) -> None:
-        """Put a group: its numbers, and the addresses of its arrays, which must be as they were declared."""
+        """Store a group in the table: its numbers, and the addresses of its arrays, which must be as declared."""
         kind = type(group)
         name = _NAMES[kind]
         if name in _RECORDS:
@@ -60,7 +60,7 @@ class Memory:
             self._table[name] = tuple([self._entry(name, field, value) for field, value in fields])
 
     def put_own(self, **arrays: NDArray[Any]) -> None:
-        """Put some arrays of `Own`: the scalars' rows, the kerf field, whose tiles move, or the log of pulses."""
+        """Store arrays of `Own`: records of scalars, the kerf field, whose tiles change, or the log of pulses."""
         lengths = {length: len(arrays[name]) for length, name in _COUNTED.items() if name in arrays}
         self._sizes = self._sizes._replace(**lengths)
         for length, count in lengths.items():
@@ -71,16 +71,16 @@ class Memory:
                 entries[field.name] = self._entry("own", field, arrays[field.name])
 
     def _entry(self, name: str, field: state.Field, value: Any) -> Any:
-        """Return what the table has for a field: the number, or the address of the array, which is kept alive."""
+        """Return a field's entry in the table: the number, or the address of the array, which is kept alive."""
         if field.stored is None:
             return value
         state.check(field, value, self._sizes)
         self._alive[name, field.name] = value
-        return value.ctypes.data  # the array's interface would describe the type of its records every time
+        return value.ctypes.data  # `__array_interface__` would describe the record type at every call
 
 
 def _group_of(group: Any) -> Any:
-    """In compiled code, a declared group by its record in the table and the numbers of `ArraySizes`."""
+    """Return a function of compiled code that reads a group from its record in the table and `ArraySizes`."""
     fields = {
         field.name: GroupField(field.dtype, None if field.stored is None else field.stored.shape)
         for field in state.fields_of(group)
@@ -104,33 +104,33 @@ _own_of, _arrays_of, _propagators_of, _scratch_of, _axes_of, _link_of, _law_of, 
 
 
 CALL = 5
-"""Numbers of a call for one plant (int64): address of its `Memory`'s table, address of the window's events (int64;
-time, channel and value in a row), number of events, and pulses to fire; the call writes how the window ended."""
+"""Columns of a call for one plant (int64): address of its `Memory`'s table, address of the window's events (int64
+rows of time, channel, value), number of events, pulses to fire, and the result: how the window ended."""
 
 
 @functools.cache
 def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Callable[[int, int], None]:
-    """Return the compiled window of one resolution; with `full`, MuJoCo moves wire and table, the wire's nodes."""
-    # it takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
-    # plant and a thousand run the same machine code, so that a plant's bits do not depend on its company
+    """Return the compiled window of a resolution; with `full`, MuJoCo moves the table and the wire's nodes."""
+    # Its arguments are the address of rows of `CALL` numbers, one row for each plant, and the number of rows. One
+    # plant and a thousand run the same machine code, so a plant's bits do not depend on the others.
     return specialised(fire_full_windows if full else fire_windows, slices, rays, coordinates)
 
 
 @compiled
 def _no_link(_at: Any, _lengths: tuple[int, ...]) -> None:
-    """Stand for the link to MuJoCo where the modes move."""
+    """Return no link to MuJoCo; the modes move."""
     return
 
 
 @compiled
 def _full_link(at: Any, lengths: tuple[int, ...]) -> FullLink:
-    """Link to MuJoCo by its record in the table."""
+    """Return the link to MuJoCo from its record in the table."""
     return _link_of(at.link, lengths)
 
 
 @compiled
 def _fire(calls: int, count: int, slices: int, rays: int, coordinates: int, link: Callable[..., Any]) -> None:
-    """Fire a window for each of some plants, through the link that a function finds."""
+    """Fire a window for each plant; `link` returns a plant's link to MuJoCo."""
     rows = _rows(calls, (count, CALL))
     for k in range(count):
         at = _table(rows[k, 0], (1,))[0]
@@ -146,10 +146,10 @@ def _fire(calls: int, count: int, slices: int, rays: int, coordinates: int, link
 
 
 def fire_windows(calls: int, count: int, slices: int, rays: int, coordinates: int) -> None:
-    """Fire a window for each of some plants whose modes move; compiled only (see `window_function`)."""
+    """Fire a window for each plant, moved by modes; only called compiled (see `window_function`)."""
     _fire(calls, count, slices, rays, coordinates, _no_link)
 
 
 def fire_full_windows(calls: int, count: int, slices: int, rays: int, coordinates: int) -> None:
-    """Fire a window for each of some plants that MuJoCo moves: what a cut without it need not wait for."""
+    """Fire a window for each plant, moved by MuJoCo; compiled separately because other cuts do not need it."""
     _fire(calls, count, slices, rays, coordinates, _full_link)
