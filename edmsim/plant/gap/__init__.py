@@ -1,1 +1,1 @@
-"""The spark gap: rays across it, ignition, how a pulse ends, debris, the generator."""
+"""The spark gap: rays across it, breakdown, outcome of a pulse, debris, gas, the generator."""

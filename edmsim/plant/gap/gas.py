@@ -1,17 +1,16 @@
-"""The gas of discharges: its push on the wire, and the share of the wire's front that it covers then.
+"""The gas of discharges: its push on the wire, and the share of the wire's front that it covers.
 
-While it is confined in the slit between the wire's front half and the metal, the bubble first drives the water out:
-that push grows with the square root of the energy delivered until the gas reaches the slit's open edges, after one to
-three us. Then the gas escapes through the edges, and pushes with what pressure the discharge keeps up against that.
+The bubble first drives the water out of the slit between the wire's front half and the metal. This push grows with
+the square root of the energy delivered until the gas reaches the slit's open edges, after one to three us. Then the
+gas escapes through the edges, and pushes with the pressure that the discharge still maintains.
 Derivation, figure and uncertainty: ``docs/theory/gas.md``.
 
-A discharge boils some water, and splits some into hydrogen and oxygen. The pocket of steam spans the kerf and covers
-the front over a length of some mm until it has condensed; the permanent gas covers less, until the water has crept
-back into the gap. Where gas bridges the gap there is no water to pull, to be pushed, to ignite in or to cool.
+A discharge boils water, and splits some of it into hydrogen and oxygen. The pocket of steam spans the kerf and covers
+the front over a length of some mm until it has condensed. The permanent gas covers less, until the water has flowed
+back into the gap. Where gas bridges the gap there is no water: no pull, no push, no ignition and no cooling.
 
-The kerf behind the wire is a reservoir: the pockets exchange the gap's water with it, debris and all, and the
-permanent gas collects there until the jets have flushed it out. The water that creeps back brings that share of gas
-with it.
+The kerf behind the wire is a reservoir. The pockets exchange the gap's water and debris with it, and the permanent
+gas collects there until the jets flush it out. The water that flows back into the gap contains its share of gas.
 """
 
 import math
@@ -26,23 +25,24 @@ from edmsim.plant.gap.water import AMBIENT_PA, DENSITY_KG_M3, surface_tension_N_
 from edmsim.plant.kernel.state import GRID, Array, Arrays, Constants, Stored
 
 REFERENCE_GAP_UM, REFERENCE_J, REFERENCE_DIAMETER_UM = 20.0, 0.01, 250.0
-"""Gap, energy and wire diameter at which the impulse constant of a machine file holds."""
-LEAST_GAP_UM = 5.0  # nearer metal does not raise the impulse (ours: craters and asperities are as large)
-SLIT_LOGARITHM = 0.6  # mean of ln(slit / bubble) while the bubble crosses the slit (ours: the integration, 0.5 to 1)
+"""Gap, energy and wire diameter for which the impulse constant of a machine file applies."""
+LEAST_GAP_UM = 5.0  # below this gap the impulse is constant (ours: craters and asperities are as large)
+SLIT_LOGARITHM = 0.6  # mean of ln(slit / bubble) while the bubble crosses the slit (ours: by integration, 0.5 to 1)
 LATE_SHARE = 0.7
-"""Rise of the energy that drives the water, half of the gas's while the discharge burns, if that ends at once and the
-gas has all the time until the vent to give the rest (ours: the integration, 0.6 to 0.8)."""
-HEAT_RATIO = 1.3  # of specific heats of steam (tables, 100 to 1000 C; less where it dissociates, down to 1.15)
+"""Rise of the energy that drives the water if the discharge ends at once, so the gas has all the time until the vent
+to deliver its energy. Of a discharge that burns until then, half drives the water (ours: by integration, 0.6 to
+0.8)."""
+HEAT_RATIO = 1.3  # of the specific heats of steam (tables, 100 to 1000 C; down to 1.15 if it dissociates)
 ESCAPE_M_S = 270.0
-"""Volume of gas per area of the edges and time at choked flow: 0.585 of its speed of sound, here that of dry steam at
-100 C (ours: 150 if it carries spray to 480 at 850 C)."""
+"""Volume flow of gas per area of the edges at choked flow: 0.585 of its speed of sound, here of dry steam at 100 C
+(ours: 150 with spray, 480 at 850 C)."""
 ESCAPE_AREA, ESCAPE_EDGE = 2.267, 4.0
-"""Projected area of gas that has reached both edges, and length of edge that it leaves through, in half widths of the
-slit (ours, derived: a circle between the edges, by the cosine of the place on the wire)."""
+"""Projected area of the gas that has reached both edges, and length of edge through which it leaves, in half widths
+of the slit (ours, derived: a circle between the edges, projected by the cosine of the angle on the wire)."""
 
 
 class BubbleLaw(NamedTuple):
-    """Constants of the push for one wire; those of the gas that escapes hold at a gap of 20 um."""
+    """Constants of the push on one wire; those of the escaping gas are for a gap of 20 um."""
 
     impulse_Ns: float  # impulse of the water driven out by 10 mJ, delivered until the gas escapes, at a gap of 20 um
     vent_us: float  # time in us after which the gas of a discharge of 1 W escapes
@@ -51,7 +51,7 @@ class BubbleLaw(NamedTuple):
 
 
 def bubble_law(diameter_um: float, impulse_10mJ_Ns: float, bubble_share: float) -> BubbleLaw:
-    """Return the push for a wire from the impulse of 10 mJ on one of 250 um; it grows with the diameter's square."""
+    """Return the push for a wire from the impulse of 10 mJ at 250 um; it is proportional to the squared diameter."""
     half_m, gap_m = math.pi / 4 * diameter_um * 1e-6, REFERENCE_GAP_UM * 1e-6
     inertia = 2 * math.pi * DENSITY_KG_M3 * gap_m * SLIT_LOGARITHM
     area_m2 = ESCAPE_AREA * half_m**2
@@ -66,19 +66,18 @@ def bubble_law(diameter_um: float, impulse_10mJ_Ns: float, bubble_share: float) 
 
 @compiled
 def vent_time_us(power_W: float, gap_um: float, law: BubbleLaw) -> float:
-    """Time after ignition at which the gas of a discharge of constant power (above 0) reaches the slit's edges."""
+    """Return the time after ignition at which the gas of a discharge of constant power reaches the slit's edges."""
     return law.vent_us * cube_root(max(gap_um, LEAST_GAP_UM) * (1.0 / power_W / REFERENCE_GAP_UM))
 
 
 @compiled
 def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: BubbleLaw) -> float:
-    """Impulse that the bubble of a discharge gives the wire where liquid fills the slit."""
-    # the water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``; what escapes adds ``k
-    # (20 um / g)`` times half of the energy that the gas holds then, and ``k (20 um / g) P - F0`` as long as the
-    # discharge burns on
+    """Return the impulse of a discharge's bubble on the wire, in a slit full of liquid."""
+    # The water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``. The escaping gas adds
+    # ``k (20 um / g)`` times half of its energy at the vent, and ``k (20 um / g) P - F0`` while the discharge burns.
     if power_W <= 0.0:
         return 0.0
-    # one root, and no division that waits for the gap
+    # one root, and no division that depends on the gap
     per_W = 1.0 / power_W
     per_vent = inverse_cube_root(max(gap_um, LEAST_GAP_UM) * (per_W / REFERENCE_GAP_UM))
     narrow = per_vent * per_vent * per_vent * per_W  # 20 um over the gap
@@ -86,7 +85,7 @@ def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: Bubble
     until_vent = min(burn_us * (1.0 / law.vent_us) * per_vent, 1.0)
     confined_us = vent_time_us(power_W, gap_um, law) * until_vent
     energy_J = power_W * confined_us * 1e-6
-    # a discharge that ends before its gas escapes leaves it the time to give more of its energy
+    # if a discharge ends before its gas escapes, the gas has time to deliver more of its energy
     driving_J = energy_J * (1.0 + LATE_SHARE * (1.0 - until_vent))
     water_Ns = law.impulse_Ns * math.sqrt(driving_J * (1.0 / REFERENCE_J) * narrow)
     escape_N = max(0.0, escape * power_W - law.ambient_N)
@@ -94,45 +93,45 @@ def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: Bubble
 
 
 LEAST_POCKET = 1e-6
-"""Half the least length that debris is spread over, in heights of a slice (ours): without steam it stays there."""
+"""Half the least length over which debris spreads, in heights of a slice (ours): without steam it does not spread."""
 
 
 class GasLaw(NamedTuple):
-    """Gas of discharges: how much, and how long it lives."""
+    """Amount and lifetime of the gas of discharges."""
 
-    # half the length of front that steam and permanent gas of a discharge cover, over the root of its energy
+    # half the length of front covered by a discharge's steam and permanent gas, over the root of its energy
     steam_um_J: float
     gas_um_J: float
-    # speed of the wire at whose edges the water would go as fast as that which pockets of steam all over the front
-    # drive out of the gap and let back in
+    # speed of a wire that drives the water through its edges as fast as pockets of steam all over the front do
     refill_um_s: float
-    # (GRID + 1, 2): share of steam and of permanent gas that is left over the time grid of the setting
+    # (GRID + 1, 2): remaining share of steam and of permanent gas on the setting's time grid
     fading: Annotated[Array, Stored(GRID + 1, 2)]
 
 
 def cover_um2_J(pressure_energy_share: float, kerf_um: float) -> float:
-    """Square of half the length that the gas of a discharge covers, in um2 per joule."""
-    # gas of the volume ``share E / p0`` that spans the kerf is a flat disc: ``R^2 = share E / (pi p0 w)``
+    """Return the square of half the length that a discharge's gas covers, in um2 per joule."""
+    # gas of volume ``share E / p0`` in the kerf is a flat disc: ``R^2 = share E / (pi p0 w)``
     return pressure_energy_share / (math.pi * AMBIENT_PA * kerf_um * 1e-6) * 1e12
 
 
 def steam_life_us(half_length_um: float, periods: float) -> float:
-    """Lifetime of a pocket of steam: `periods` times Rayleigh's time of collapse, ``0.915 R sqrt(rho / p0)``."""
+    """Return the lifetime of a steam pocket: `periods` times Rayleigh's collapse time ``0.915 R sqrt(rho / p0)``."""
     return periods * 0.915 * half_length_um * math.sqrt(DENSITY_KG_M3 / AMBIENT_PA)
 
 
 def refill_um_s(gap_um: float, life_us: float) -> float:
-    """Speed of a wire that drives the water through its edges as fast as pockets of steam do."""
-    # pockets of the life T over a share a of the front give the edges' water ``u = pi r a / T``, whose loss resists a
-    # wire as ``loss rho u (r / g) d``: as `film.edge_loss_kg_m2` does at ``2 pi g a / (T sqrt(8 / pi))``; here a is 1
+    """Return the speed at which a wire drives the water through its edges as fast as pockets of steam do."""
+    # Pockets of lifetime T over a share a of the front move the edges' water at ``u = pi r a / T``. Its loss resists
+    # the wire by ``loss rho u (r / g) d``, as `film.edge_loss_kg_m2` does at ``2 pi g a / (T sqrt(8 / pi))``. Here a
+    # is 1.
     return 2 * math.pi * gap_um / (max(life_us, 1.0) * 1e-6) / math.sqrt(8 / math.pi)
 
 
 def refill_us(
     length_um: float, gap_um: float, viscosity_Pa_s: float, temperature_K: float, wetting: float
 ) -> float:
-    """Time in which capillarity draws water over a length into a gap."""
-    # the pressure ``2 sigma cos(angle) / g`` works against friction (Washburn) and inertia, whose times are added
+    """Return the time in which capillarity draws water over a length into a gap."""
+    # the pressure ``2 sigma cos(angle) / g`` acts against friction (Washburn) and inertia, whose times are added
     length, gap, driving = length_um * 1e-6, gap_um * 1e-6, surface_tension_N_m(temperature_K) * wetting
     friction = 3 * viscosity_Pa_s * length**2 / (driving * gap)
     inertia = length * math.sqrt(DENSITY_KG_M3 * gap / (4 * driving))
@@ -141,7 +140,7 @@ def refill_us(
 
 @exactly_compiled
 def fill_fading(fading: Array, life_us: float, filled_us: float, grid_us: float) -> None:
-    """Fill `GasLaw.fading` for the lives of steam and of permanent gas."""
+    """Fill `GasLaw.fading` for the lifetimes of steam and permanent gas."""
     steam, gas = math.exp(-grid_us / life_us), math.exp(-grid_us / filled_us)
     fading[0, 0] = fading[0, 1] = 1.0
     for k in range(1, fading.shape[0]):
@@ -150,13 +149,13 @@ def fill_fading(fading: Array, life_us: float, filled_us: float, grid_us: float)
 
 @compiled
 def _either(steam: Any, gas: Any) -> Any:
-    """Share of a front that gas covers, of a slice or of a vector of them: both kinds lie anywhere on it."""
+    """Return the share of the front covered by steam or gas, which overlap at random; for a slice or a vector."""
     return steam + gas - steam * gas
 
 
 @compiled
 def fade(a: Arrays, law: GasLaw, k_period: int) -> None:
-    """Let gas vanish over a period: steam for good, permanent gas to what the kerf behind the wire has of it."""
+    """Let gas fade over a period: steam to 0, permanent gas to its share in the kerf behind the wire."""
     steam_left, gas_left = law.fading[k_period, 0], law.fading[k_period, 1]
     for s in range(0, a.steam.shape[0], COORDINATES):
         behind = load(a.wake_gas, (s,))
@@ -169,7 +168,7 @@ def fade(a: Arrays, law: GasLaw, k_period: int) -> None:
 
 @compiled
 def _overlap(place: float, reach: float, first: int, top: float) -> Any:
-    """How much of each of four slices from one on lies within a reach of a place, in heights of a slice."""
+    """Return the share of each of four slices, from `first` on, within a distance of a height, in slice heights."""
     low = counted(float(first))
     return highest(lowest(low + 1.0, min(place + reach, top)) - highest(low, place - reach), 0.0)
 
@@ -178,15 +177,15 @@ def _overlap(place: float, reach: float, first: int, top: float) -> Any:
 def blow(
     a: Arrays, c: Constants, law: GasLaw, s: int, within: float, energy_J: float, k_left: int, debris_um3: float
 ) -> None:
-    """Let a discharge blow gas at a share of the height of its slice, so long before the period's end."""
-    # gas of former discharges ends where it covers the front again. The steam spreads the discharge's debris over its
-    # pocket, beyond the workpiece as well, and exchanges the gap's debris with the kerf's. Lengths count as shares of
-    # the height of the metal in the discharge's slice
+    """Add a discharge's gas at the height `within` its slice, `k_left` grid steps before the period's end."""
+    # New gas replaces that of former discharges where both cover the front. The steam spreads the discharge's debris
+    # over its pocket, also beyond the workpiece, and exchanges debris between the gap and the kerf behind. Lengths
+    # are in units of the height of the metal in the discharge's slice.
     root, place = math.sqrt(energy_J) / (c.slice_um * a.metal[s]), s + within
     steam, gas = law.steam_um_J * root, law.gas_um_J * root
     pocket = max(steam, LEAST_POCKET)
     steam_left, gas_left = law.fading[k_left, 0], law.fading[k_left, 1]
-    # once, and not for each slice
+    # computed once for all slices
     debris, thinner = debris_um3 / (2.0 * pocket * c.cavity_um3), c.cavity_um3 / c.wake_um3
     a.wake_gas[s] += (1.0 - a.wake_gas[s]) * min(c.gas_um3_J * energy_J / (c.wake_um3 * a.metal[s]), 1.0)
     top = np.float64(a.shape.shape[0])

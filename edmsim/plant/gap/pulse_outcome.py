@@ -1,4 +1,4 @@
-"""The outcome of a pulse, open, spark, arc or short, from the gaps along the rays, contact and breakdown."""
+"""The outcome of a pulse (open, spark, arc or short) from gaps, contacts and breakdown."""
 
 from typing import Any
 
@@ -15,11 +15,11 @@ from edmsim.plant.gap.water import bridged_probability
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import place_slice, place_wire, push_out
 
-LEFT_UM = 0.1  # an overlap so small is left: the next contact is felt 2 um before the metal (ours)
-MOST_TRIES = 64  # a delay put off so often by the flow does not end within the wait (ours: by then it has passed)
+LEFT_UM = 0.1  # an overlap of this size remains: the next contact acts 2 um before the metal (ours)
+MOST_TRIES = 64  # after so much thinning by the flow the pulse is open (ours: the wait has passed by then)
 MOST_SWEEPS = 8
-"""Greatest number of sweeps over the slices that push the wire out; what is left is judged at the window's end
-(ours)."""
+"""Greatest number of sweeps over the slices that push the wire out; an overlap that remains is judged at the window's
+end (ours)."""
 
 
 @compiled
@@ -38,7 +38,7 @@ def draw_normal(state: NDArray[np.void]) -> float:
 
 @compiled
 def leak_conductance(a: Arrays, c: Constants) -> float:
-    """Conductance in siemens of the water between wire and metal (rays in parallel)."""
+    """Return the conductance in siemens of the water between wire and metal (rays in parallel)."""
     conductance = 0.0
     for s in range(a.distance.shape[0]):
         inverse = spread(np.float32(0.0))
@@ -50,19 +50,19 @@ def leak_conductance(a: Arrays, c: Constants) -> float:
 
 @compiled
 def _gain(a: Arrays, c: Constants, s: int) -> float:
-    """What gas and the height of its metal make of the breakdown rate in a slice."""
+    """Return the factor of gas and metal height on the breakdown rate of a slice."""
     return float((1.0 - c.dryness * a.covered[s]) * a.metal[s])
 
 
 @compiled
 def _packed(values: Array, first: int) -> Any:
-    """Values of a pack of slices, from its first one on, in a vector."""
+    """Return the values of a pack of slices, starting at its first slice, as a vector."""
     return packed(load(values, (first,)), values[first + PACK - 1])
 
 
 @compiled
 def _packed_moves(a: Arrays, position: Array, axis: int, first: int) -> Any:
-    """How far the wire of a pack of slices has moved along an axis from where their rays were traced."""
+    """Return the motion along an axis of a pack of slices since their rays were traced."""
     last = first + PACK - 1
     return packed(
         load(position, (axis, first)) - load(a.reference_um, (axis, first)),
@@ -74,12 +74,12 @@ def _packed_moves(a: Arrays, position: Array, axis: int, first: int) -> Any:
 def sum_rays(
     a: Arrays, c: Constants, law: GapLaw, position: Array, sums: Array, contact: Array
 ) -> tuple[float, float, float, float, float]:
-    """Sum every slice's rays where the wire is: rate, primed weight, depth of contacts, pull along x and y."""
+    """Sum every slice's rays at the wire's position: rate, primed weight, depth of contacts, pull in x and y."""
     rays, block = rays_of(a), block_law(law)
     dryness, shielding, one = np.float32(c.dryness), np.float32(c.shielding), spread(np.float32(1.0))
     everything, near = spread(0.0), spread(np.float32(0.0))
     for first in range(0, sums.shape[0], PACK):
-        # gas and the height of the metal act on the rate of breakdown and on the pull
+        # gas and the height of the metal change the breakdown rate and the pull
         covered, metal = _packed(a.covered, first), _packed(a.metal, first)
         gain, pull = (one - covered * dryness) * metal, (one - covered * shielding) * metal
         sx, sy = _packed_moves(a, position, 0, first), _packed_moves(a, position, 1, first)
@@ -98,7 +98,7 @@ def sum_rays(
 
 @compiled
 def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, int, int]:
-    """Smallest gap among the slices that touch, its slice and place."""
+    """Return the smallest gap among the slices in contact, its slice and place."""
     deepest, slice_, place = NO_METAL_UM, 0, 0
     for s in range(contact.shape[0]):
         if contact[s] > 0.0:
@@ -110,8 +110,8 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
 
 @compiled_apart
 def touch(state: NDArray[np.void], a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
-    """Slice and place of the deepest contact; the wire is pushed out of the metal where it overlaps."""
-    # the deepest slice comes first, and with the wire's new shape the others, up and down
+    """Push the wire out of the metal where they overlap; return slice and place of the deepest contact."""
+    # first the deepest slice, then with the wire's new shape the others, upwards and downwards in turn
     deepest, slice_, place = deepest_contact(a, position, contact)
     if deepest >= -LEFT_UM:
         return slice_, place
@@ -135,7 +135,7 @@ def touch(state: NDArray[np.void], a: Arrays, position: Array, contact: Array) -
 
 @compiled
 def _may_bridge(a: Arrays, c: Constants) -> bool:
-    """Whether a slice has so much debris that it may bridge the gap."""
+    """Return whether a slice has enough debris to bridge the gap."""
     most = 0.0
     for s in range(a.shape.shape[0]):
         most = max(most, a.debris[s])
@@ -144,7 +144,7 @@ def _may_bridge(a: Arrays, c: Constants) -> bool:
 
 @compiled_apart
 def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) -> bool:
-    """Whether debris bridges the gap somewhere."""
+    """Draw whether debris bridges the gap somewhere."""
     for s in range(a.shape.shape[0]):
         if a.debris[s] > 0.9 * c.bridge_base:
             gap = narrowest_now(a, position, s)[1]
@@ -158,15 +158,15 @@ def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) 
 
 @compiled
 def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
-    """Slice at which the cumulative sum of a kind passes `target`, and what of it is left there."""
+    """Return the slice at which a column's cumulative sum passes `target`, and the rest of `target` there."""
     passed, sum_, left = 0, 0.0, target
-    for s in range(sums.shape[0]):  # no way out before the end: where it would be cannot be foreseen
+    for s in range(sums.shape[0]):  # no early exit, because processors would mispredict it
         sum_ += sums[s, kind]
         if target >= sum_:
             passed, left = s + 1, target - sum_
     if passed < sums.shape[0]:
         return passed, left
-    heaviest = 0  # the target lay within rounding of the total
+    heaviest = 0  # beyond the total by rounding
     for s in range(sums.shape[0]):
         if sums[s, kind] > sums[heaviest, kind]:
             heaviest = s
@@ -175,8 +175,8 @@ def _pick(sums: Array, kind: int, target: float) -> tuple[int, float]:
 
 @compiled
 def _await(state: NDArray[np.void], a: Arrays, sums: Array, rate: float, wait_us: float) -> tuple[float, int, float]:
-    """Delay of the long branch in us, its slice, and what of a drawn sum is left there."""
-    # thinning: breakdowns come at the summed rate; one is put off if the water has carried away what prepared it
+    """Draw the delay of the long branch in us; return it, its slice, and the rest of the drawn sum there."""
+    # thinning: breakdowns come at the summed rate, and are rejected if the water has carried away their preparation
     delay, per_rate = 0.0, 1.0 / max(rate, 1e-30)
     for _ in range(MOST_TRIES):
         delay -= logarithm(draw(state)) * per_rate
@@ -193,7 +193,7 @@ def _await(state: NDArray[np.void], a: Arrays, sums: Array, rate: float, wait_us
 def _chains_up(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, position: Array, s: int, k: int
 ) -> bool:
-    """Whether a primed place owes it to a particle, and that particle finds others that bridge the gap with it."""
+    """Draw whether a place is primed by a particle that bridges the gap together with others."""
     return gap_of(a, position, s, k) > law.primed_gap_um and draw(state) < c.chaining * a.debris[s]
 
 
@@ -202,8 +202,8 @@ def _ignite(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
     totals: tuple[float, float, float, float, float],
 ) -> tuple[int, float, int, int]:
-    """Class of the pulse, delay until breakdown in us, its slice and place; an open one has no place."""
-    # as likely as 1 - exp(-weight); the logarithm need not wait for the sums
+    """Return outcome, delay until breakdown in us, slice and place; an open pulse has no place."""
+    # with the probability 1 - exp(-weight); the logarithm can be computed before the sums
     is_primed = -logarithm(draw(state)) < law.primed_per_um2 * totals[1]
     if is_primed:
         delay = weibull(c.primed_scale_us, c.primed_shape, draw(state))
@@ -222,7 +222,7 @@ def _ignite(
 
 @compiled
 def _reignites(state: NDArray[np.void], c: Constants) -> float:
-    """Chance that the place that burned last burns again: its ions leave the later, the hotter it still is."""
+    """Return the chance that the last place burns again: the hotter it is, the longer its ions stay."""
     since = state[0].since_discharge_us
     hot = state[0].spot * exponential(-since / c.spot_us)
     return float(exponential(-since / (c.deionisation_us * (1.0 + hot))))
@@ -233,7 +233,7 @@ def decide(
     state: NDArray[np.void], a: Arrays, c: Constants, law: GapLaw, t: Timing, position: Array, sums: Array,
     contact: Array, totals: tuple[float, float, float, float, float],
 ) -> tuple[int, float, int, int]:
-    """How this pulse ends: class, delay until ignition in us, slice and place of its ray."""
+    """Return how the pulse ends: outcome, delay until ignition in us, slice and place of its ray."""
     if totals[2] > 0.0:
         s, k = touch(state, a, position, contact)
         return SHORT, 0.0, s, k
@@ -241,7 +241,7 @@ def decide(
         return SHORT, 0.0, -1, 0
     since, deionising = state[0].since_discharge_us, c.deionisation_us * (1.0 + state[0].spot)
     chance = draw(state)
-    # the first rules it out most often
+    # the first condition excludes it in most pulses
     if chance * (deionising + since) < deionising and chance < _reignites(state, c):
         s, r = state[0].last_slice, state[0].last_ray
         if meets_metal(a, c, s, r):

@@ -1,8 +1,8 @@
-"""The water in the gap: its properties there, its pressure under a flushing nozzle, and the debris it carries.
+"""The water in the gap: its properties, its pressure under a flushing nozzle, and the debris that it carries.
 
-Two jets push fresh water in from below and above. It travels towards the place where they meet, leaving backwards
-through the kerf on its way, so the flow past a slice falls linearly from the nozzle to that place: mid-height, where
-both push alike. Debris is a volume share of the gap's water, one number per slice.
+Two jets drive fresh water in from below and above. It flows to the height where they meet, and leaves backwards
+through the kerf on its way, so the flow falls linearly from the nozzle to that height, which is the middle if both
+pressures are equal. Debris is a volume share of the gap's water in every slice.
 """
 
 import math
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, load, spread, total
 
-REFERENCE_K = 293.15  # temperature for which a machine file gives permittivity and viscosity
+REFERENCE_K = 293.15  # temperature of a machine file's permittivity and viscosity
 DENSITY_KG_M3 = 998.0  # water at 20 C
-AMBIENT_PA = 101_325.0  # pressure of the water around the kerf, and behind the wire, where the gas goes
+AMBIENT_PA = 101_325.0  # pressure around the kerf, and behind the wire, where the gas escapes to
 
 
 def permittivity_ratio(temperature_K: float) -> float:
@@ -45,8 +45,8 @@ M3_S_OF_L_MIN = 1e-3 / 60
 
 def face_Pa(set_Pa: float, standoff_mm: float, bore_mm: float, flow_l_min: float) -> float:
     """Return the pressure at the workpiece's face over the surroundings."""
-    # off the workpiece the water escapes through the curtain between the nozzle's rim and the face, without losses:
-    # what drives the pump's flow through there is left, and the stagnation pressure of the free jet
+    # With a stand-off the water escapes without losses between the nozzle's rim and the face. The pressure that
+    # drives the pump's flow through this opening remains, and the stagnation pressure of the free jet.
     bore_m = bore_mm * 1e-3
     curtain_m2 = math.pi * bore_m * standoff_mm * 1e-3
     if curtain_m2 == 0.0:
@@ -59,23 +59,23 @@ def face_Pa(set_Pa: float, standoff_mm: float, bore_mm: float, flow_l_min: float
 class Jets(NamedTuple):
     """Water of two nozzles in the gap."""
 
-    # height at which the jets meet, as a share of the workpiece's: 0 where the lower one is off, 1 where the upper
+    # height at which the jets meet, as a share of the workpiece's: 0 if the lower one is off, 1 if the upper one is
     lower_share: float
     # mean axial speed of the water at each nozzle
     lower_m_s: float
     upper_m_s: float
 
     def past_m_s(self, height_share: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Speed at heights over the lower face, given as shares of the workpiece's."""
+        """Return the speed at heights over the lower face, as shares of the workpiece's height."""
         above = height_share - self.lower_share
         below_slope = self.lower_m_s / self.lower_share if self.lower_share > 0.0 else 0.0
         above_slope = self.upper_m_s / (1.0 - self.lower_share) if self.lower_share < 1.0 else 0.0
         return below_slope * np.maximum(-above, 0.0) + above_slope * np.maximum(above, 0.0)
 
     def flow_share(self, slices: int) -> NDArray[np.float64]:
-        """Water that enters each slice from the lower and the upper nozzle, of what leaves that nozzle: (2, slices).
+        """Return the share of the lower and the upper nozzle's water that enters each slice: (2, slices).
 
-        The slice in which the jets meet has of either as much as lies on its side.
+        The slice in which the jets meet receives water from both, up to the height where they meet.
         """
         share = np.zeros((2, slices))
         for side, reach in enumerate((self.lower_share * slices, (1.0 - self.lower_share) * slices)):
@@ -86,14 +86,14 @@ class Jets(NamedTuple):
 
 
 def _meeting_share(lower_Pa: float, upper_Pa: float) -> float:
-    """Height at which two jets meet, as a share of the workpiece's: ``(z / (h - z))^2`` is the pressures' ratio."""
-    # as much water leaves through the kerf at every height (ours), so the flows fall with one slope
+    """Return the height z at which two jets meet, over the workpiece's; the pressure ratio is ``(z / (h - z))^2``."""
+    # the same amount of water leaves through the kerf at every height (ours), so both flows fall with one slope
     lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
     return lower / (lower + upper) if lower + upper > 0.0 else 0.5
 
 
 def jets(lower_Pa: float, upper_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float) -> Jets:
-    """Return what two nozzles drive through the gap."""
+    """Return the flow of two nozzles through the gap."""
     share = _meeting_share(lower_Pa, upper_Pa)
     return Jets(
         share,
@@ -103,7 +103,7 @@ def jets(lower_Pa: float, upper_Pa: float, viscosity_Pa_s: float, side_gap_um: f
 
 
 def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, way_mm: float) -> float:
-    """Mean axial speed of the water at a nozzle, 0 for no way: slot Poiseuille flow, ``dp g^2 / (12 eta z)``."""
+    """Return the mean axial speed of slot Poiseuille flow at a nozzle, ``dp g^2 / (12 eta z)``; 0 if z is 0."""
     if way_mm == 0.0:
         return 0.0
     return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * way_mm * 1e-3)
@@ -115,8 +115,8 @@ Reynolds numbers of some 10 000 (handbook)."""
 
 
 def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float) -> Jets:
-    """Return what two nozzles drive down the kerf behind the wire, whose flow is turbulent."""
-    # ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet, the same as in the gap
+    """Return the turbulent flow of two nozzles through the kerf behind the wire."""
+    # ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the length z to where the jets meet, as in the gap
     share = _meeting_share(lower_Pa, upper_Pa)
 
     def speed_m_s(pressure_Pa: float, way: float) -> float:
@@ -126,12 +126,12 @@ def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float
     return Jets(share, speed_m_s(lower_Pa, share), speed_m_s(upper_Pa, 1.0 - share))
 
 
-EINSTEIN = 2.5  # rise of a liquid's viscosity with its share of particles, over the clean one's (Einstein, 1906)
+EINSTEIN = 2.5  # relative rise of a liquid's viscosity per volume share of particles (Einstein, 1906)
 
 
 @compiled
 def mean_of_slices(shares: NDArray[np.float64], slices: int) -> float:
-    """Mean over the height of a share that every slice has, and none beyond: of debris in its water, of gas."""
+    """Return the mean over the height of a share per slice, without the padding: of debris in the water, of gas."""
     sum_ = spread(0.0)
     for s in range(0, shares.shape[0], COORDINATES):
         sum_ += load(shares, (s,))
@@ -140,8 +140,8 @@ def mean_of_slices(shares: NDArray[np.float64], slices: int) -> float:
 
 @compiled
 def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArray[np.float64]) -> None:
-    """Carry debris to where the jets meet and out."""
-    # implicit upwind, so that no interval is too long. The slice in which the jets meet takes from both sides
+    """Carry debris to where the jets meet, and out."""
+    # implicit upwind scheme, stable for any interval; the slice in which the jets meet receives from both sides
     n = share.shape[1]
     for side in range(2):
         changes = lower if side == 0 else upper
@@ -151,7 +151,7 @@ def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArra
             if share[side, s] == 0.0:
                 break
             flow = changes * share[side, s]
-            stays = 1.0 / (1.0 + flow)  # a division that need not wait for the slice upstream
+            stays = 1.0 / (1.0 + flow)  # a division that does not depend on the upstream slice
             debris[s] = (debris[s] + flow * upstream) * stays
             upstream = debris[s]
 
@@ -160,7 +160,7 @@ def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArra
 def bridged_probability(
     debris: float, gap_um: float, base: float, per_um: float, ceiling: float, steepness: float
 ) -> float:
-    """Probability that debris bridges a gap: a sigmoid around the critical share (form and values: SPARC)."""
+    """Return the probability that debris bridges a gap: a sigmoid around a critical share (form, values: SPARC)."""
     critical = min(ceiling, base + per_um * gap_um)
     x = steepness * (debris - critical)
     if x > 30.0:
