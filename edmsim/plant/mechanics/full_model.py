@@ -1,9 +1,10 @@
-"""The full model: MuJoCo's models of the table, alone and with the wire, stepped by compiled code.
+"""The full model: MuJoCo models of the table, with or without the wire, stepped by compiled code.
 
-A pulse is a few calls of ``mj_step``. A plant's modal arrays hold coordinates of the full model here, so that
-whatever else moves the wire works on them unchanged: ``wire_q`` and ``wire_v`` are deflections of the wire's nodes in
-um and um/s, ``shape`` runs straight from node to node, and ``table_q[axis]`` is where carriage and rotor are less
-where the motor's steps say, both in um of travel, ``table_v[axis]`` in um/s. The drives' bench steps the table alone.
+A pulse is a few calls of ``mj_step``. Here a plant's modal arrays hold coordinates of the full model, so the other
+code that moves the wire works unchanged: ``wire_q`` and ``wire_v`` are deflections of the wire's nodes in um and
+um/s, ``shape`` interpolates linearly between nodes, and ``table_q[axis]`` holds the positions of carriage and rotor
+relative to the commanded one, in um of travel, ``table_v[axis]`` their speeds in um/s. The bench of the drives steps
+the table alone.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ if TYPE_CHECKING:
     import mujoco
 
 class FullLink(NamedTuple):
-    """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants."""
+    """A MuJoCo model for compiled code: addresses, views into MuJoCo's memory, and constants."""
 
-    # valid as long as the model and data it was made from; `FullMechanics` keeps them
-    # addresses of the function and of its two arguments
+    # valid as long as its model and data exist; `FullMechanics` holds them
+    # addresses of ``mj_step`` and its two arguments
     mj_step: int
     model: int
     data: int
@@ -42,19 +43,19 @@ class FullLink(NamedTuple):
     qpos: Annotated[Array, Stored("dofs")]
     qvel: Annotated[Array, Stored("dofs")]
     force: Annotated[Array, Stored("dofs")]
-    # (2, nodes): degree of freedom of every node along x and y, from the lower guide up
+    # (2, nodes): degrees of freedom of every node in x and y, from the lower guide up
     wire: Annotated[NDArray[np.int64], Stored(2, "nodes")]
     # (2,): degrees of freedom of the axes' carriages and rotors
     carriage: Annotated[NDArray[np.int64], Stored(2)]
     rotor: Annotated[NDArray[np.int64], Stored(2)]
     longest_us: float  # longest time step
-    reach_m: float  # a node further from the line between the guides is lost
+    reach_m: float  # greatest valid distance of a node from the line between the guides
     node_kg: Annotated[Array, Stored("nodes")]  # (nodes,): mass of every node
-    most_force_N: float  # a node pulled harder is lost
+    most_force_N: float  # greatest valid force on a node
     rad_per_um: Annotated[Array, Stored(2)]  # (2,): rotor angle per um of travel
     step_um: float  # travel of a full step of a motor
     holding_Nm: Annotated[Array, Stored(2)]  # (2,): largest torque of a motor
-    teeth: float  # periods of that torque in a turn
+    teeth: float  # periods of this torque per turn
     friction_N: float  # Coulomb friction of an axis' ways
     presliding_m: float  # travel over which friction builds up
     # (2,): friction on each axis as a share of `friction_N`, -1 to 1: the only state besides the plant's arrays
@@ -71,19 +72,19 @@ _ALLOWED: dict[str, tuple[float, float, str]] = {
 
 @dataclass(frozen=True)
 class DriveSetup:
-    """What the drives of the table have that its linear model has not."""
+    """Constants of the table's drives that its linear model does not have."""
 
     step_m: float  # travel of one full step of a motor, in m
     friction_N: float  # Coulomb friction of an axis' ways in N; 0 for none
     presliding_m: float  # travel in m over which friction builds up to 63 % after a reversal
-    backlash_m: float  # play of a nut on its screw in m; 0 for a preloaded one
+    backlash_m: float  # backlash of a nut on its screw in m; 0 for a preloaded one
 
     def __post_init__(self) -> None:
         mechanics.check_allowed(self, "drive", _ALLOWED)
 
 
 class TableMechanics:
-    """MuJoCo's model and data of a table; keep it as long as the link, which holds addresses of its memory."""
+    """MuJoCo's model and data of a table. It must exist as long as its link, which has addresses of its memory."""
 
     def __init__(self, drive: DriveSetup, longest_us: float, model_file: str = mechanics.MODEL_FILE) -> None:
         spec = mechanics.read_mjcf(model_file).copy()
@@ -98,14 +99,14 @@ class TableMechanics:
         self.link = self._link_of_table(drive, longest_us)
 
     def _make_ready(self, drive: DriveSetup) -> None:
-        """Take the linear motors off, give the nuts their play, and leave the integration to plain Euler steps."""
+        """Disable the linear motors, set the backlash of the nuts, and use plain Euler steps."""
         import mujoco
 
         model = self.model
         for axis in "xy":
             model.tendon_lengthspring[model.tendon(f"{axis}_screw").id] = -drive.backlash_m / 2, drive.backlash_m / 2
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-        # explicit damping costs least; without warm start only positions, velocities and forces go into a step
+        # explicit damping is fastest; without warm start a step depends only on positions, velocities and forces
         off = mujoco.mjtDisableBit
         for flag in (off.mjDSBL_ACTUATION, off.mjDSBL_EULERDAMP, off.mjDSBL_WARMSTART, off.mjDSBL_AUTORESET):
             model.opt.disableflags |= flag
@@ -141,53 +142,53 @@ class TableMechanics:
         )
 
     def set_travel(self, travel_m: float) -> None:
-        """Put the far stops of both axes as far behind a travel as the near ones stand before zero."""
+        """Place the far stops of both axes as far beyond a travel as the near ones are before zero."""
         for axis in "xy":
             stops = self.model.joint(axis).range
             stops[1] = travel_m - stops[0]
 
     @property
     def stops_um(self) -> tuple[float, float]:
-        """End stops of an axis, the near one below zero and the far one beyond the travel."""
+        """Positions of an axis' end stops: the near one below zero, the far one beyond the travel."""
         near_m, far_m = self.model.joint("x").range
         return near_m * 1e6, far_m * 1e6
 
     def set_motor(self, axis: int, motor: NDArray[np.void]) -> None:
-        """Put a direct-current motor, a row of `MOTOR`, in the place of the stepper of x (0) or y (1)."""
+        """Replace the stepper of x (0) or y (1) by a DC motor, a record of `MOTOR`."""
         name = "xy"[axis]
         self.model.dof_damping[self.link.rotor[axis]] = motor["damping_Nm_s"][0]
         self.model.body(f"{name}_rotor").inertia[:] = motor["inertia_kg_m2"][0]
         tendon, play_m = self.model.tendon(f"{name}_screw").id, motor["backlash_um"][0] * 1e-6
         self.model.tendon_lengthspring[tendon] = -play_m / 2, play_m / 2
-        self.model.tendon_damping[tendon] = 0.0  # the loop has the damper, which does nothing within the backlash
+        self.model.tendon_damping[tendon] = 0.0  # the loop computes this damping, which is 0 within the backlash
 
     def reset(self) -> None:
-        """Let the ways' friction go; positions and velocities come from the plant's arrays."""
+        """Release the friction of the ways; positions and velocities come from the plant's arrays."""
         self.link.friction_share[:] = 0.0
 
     def snapshot(self) -> dict[str, Array]:
-        """Return what changes and is not in the plant's arrays; with them, `restore` continues bit for bit."""
+        """Return the state that is not in the plant's arrays; together they continue bit for bit."""
         return {"friction_share": self.link.friction_share.copy()}
 
     def restore(self, state: dict[str, Array]) -> None:
-        """Take back a `snapshot`."""
+        """Load a `snapshot`."""
         self.link.friction_share[:] = state["friction_share"]
 
 
 def compile_without_geoms(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile a model without its geoms: they are drawn only, and yet a time step would pay for them."""
+    """Compile a model without its geoms, which are only drawn but would take time in every step."""
     for geom in list(spec.geoms):
         spec.delete(geom)
     return cast("mujoco.MjModel", spec.compile())
 
 
 def dofs_of(model: mujoco.MjModel, joints: list[str]) -> NDArray[np.int64]:
-    """Degrees of freedom of slides and hinges; they stand at the same place in qpos and in qvel."""
+    """Return the degrees of freedom of slide and hinge joints, whose indices are the same in qpos and qvel."""
     return np.array([int(model.joint(name).dofadr[0]) for name in joints], np.int64)
 
 
 def _address_of_step() -> int:
-    """Return where ``mj_step`` is; looked up through the bindings, so it is the library they have loaded."""
+    """Return the address of ``mj_step`` in the library that the Python bindings have loaded."""
     import mujoco
 
     function = ctypes.CDLL(mujoco._functions.__file__).mj_step
@@ -195,8 +196,8 @@ def _address_of_step() -> int:
 
 
 def _timestep(model: mujoco.MjModel) -> Array:
-    """Return a view of the model's time step, which the bindings give as a copy only."""
-    # gravity, of which there is a view, stands a few numbers behind it. A place counts if it follows two changes
+    """Return a view of the model's time step, of which the bindings only return copies."""
+    # gravity, of which there is a view, is a few numbers after it; the right place follows two changes of the step
     gravity = model.opt.gravity.__array_interface__["data"][0]
     before = model.opt.timestep
     for back in range(1, 17):
@@ -212,14 +213,15 @@ def _timestep(model: mujoco.MjModel) -> Array:
 
 
 _STEP_SHARE, _VARIED_STEP_SHARE = 0.95, 0.7
-"""Longest time step as a share of the longest stable one. Near the limit the errors of chain and time step cancel: at
-the limit itself waves run along the chain as along the string. Where it changes from pulse to pulse it stays further
-off (ours), as each change feeds the chain's highest mode, the more the nearer to the limit."""
-_MOST_ACCELERATION = 5e9  # m/s2; MuJoCo takes 1e10 for a number gone wild
+"""Longest time step as a share of the longest stable one, for a constant and for a varying period. Near the limit the
+errors of chain and time step cancel: at the limit waves on the chain are exactly as fast as on the string. If the
+step varies from pulse to pulse, its share is smaller (ours), because every change excites the chain's highest mode,
+the more the nearer the step is to the limit."""
+_MOST_ACCELERATION = 5e9  # m/s2; MuJoCo treats 1e10 as divergence
 
 
 class FullMechanics(TableMechanics):
-    """MuJoCo's model and data for one plant; keep it as long as the link, which holds addresses of its memory."""
+    """MuJoCo's model and data for one plant. It must exist as long as its link, which has addresses of its memory."""
 
     def __init__(
         self, wire: mechanics.WireSetup, drive: DriveSetup, slice_heights_m: ArrayLike,
@@ -262,8 +264,8 @@ def _stable_step(modes: mechanics.ModalModel) -> float:
 
 @compiled
 def sound(link: FullLink) -> bool:
-    """Whether every number MuJoCo is about to step from is finite and has a meaning."""
-    # MuJoCo itself would write a warning into a file for what is refused here
+    """Return whether all numbers of the next MuJoCo step are finite and in range."""
+    # otherwise MuJoCo would write a warning into a file
     for axis in range(2):
         for m in range(link.wire.shape[1]):
             dof = link.wire[axis, m]
@@ -286,21 +288,21 @@ def _drive(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
         rotor = link.rotor[axis]
         if axes.drives[axis].sample != 0:
             row, motor = axes.rows[axis], axes.motors[axis]
-            damping = screw_damping(row, motor)  # not in MuJoCo: it does nothing within the backlash
+            damping = screw_damping(row, motor)  # not in MuJoCo, because it is 0 within the backlash
             link.force[link.carriage[axis]] = damping + motor.load_N + row.hand_N
             torque = energise(row, motor, link.timestep[0])
             link.force[rotor] = torque + row.hand_Nm - damping * motor.um_per_rad * 1e-6
             continue
         link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
-        # a tooth away the torque is the same: the rotor may rest four full steps off, without anyone noticing
+        # the torque has the period of a tooth: the rotor may stay four full steps off without being detected
         lead = link.qpos[rotor] - state[0].commanded_um[axis] * link.rad_per_um[axis]
         link.force[rotor] = -link.holding_Nm[axis] * math.sin(link.teeth * lead)
 
 
 @compiled
 def _rub(link: FullLink, axis: int, travel_m: float) -> None:
-    """Carry friction on over a travel: Dahl's law, exact for a travel in one direction."""
-    # ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' bending z, here as a share of the largest
+    """Update the friction after a travel by Dahl's law, exactly for a travel in one direction."""
+    # ``dz/dx = 1 - z sign(dx) / presliding`` for the bristles' deflection z, here as a share of the greatest one
     left = math.exp(-abs(travel_m) / link.presliding_m)
     toward = 1.0 if travel_m > 0.0 else -1.0
     link.friction_share[axis] = toward + (link.friction_share[axis] - toward) * left
@@ -308,7 +310,7 @@ def _rub(link: FullLink, axis: int, travel_m: float) -> None:
 
 @compiled
 def _brake_axis(axes: Axes, link: FullLink, axis: int, rotor_rad_s: float, carriage_m_s: float) -> None:
-    """Let dry friction take its share of the speeds that a time step has given rotor and carriage."""
+    """Apply dry friction to the speeds of rotor and carriage after a time step."""
     motor, dt = axes.motors[axis], link.timestep[0]
     rotor, carriage = link.rotor[axis], link.carriage[axis]
     change = rubbed_rotor(axes.rows[axis], motor, rotor_rad_s, link.qvel[rotor], dt) - link.qvel[rotor]
@@ -321,7 +323,7 @@ def _brake_axis(axes: Axes, link: FullLink, axis: int, rotor_rad_s: float, carri
 
 @compiled
 def step(state: NDArray[np.void], axes: Axes, link: FullLink) -> bool:
-    """One time step of MuJoCo under the forces on the wire; false if they or what they move have no meaning."""
+    """Make one time step of MuJoCo under the forces on the wire; return False if a number is out of range."""
     _drive(state, axes, link)
     if not sound(link):
         return False
@@ -342,7 +344,7 @@ def step(state: NDArray[np.void], axes: Axes, link: FullLink) -> bool:
 
 @compiled
 def see_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> None:
-    """Tell the axes whose drives have a loop where MuJoCo has moved them, and their encoders."""
+    """Update the servo axes and their encoders after MuJoCo has moved them."""
     for axis in range(2):
         if axes.drives[axis].sample == 0:
             continue
@@ -359,7 +361,7 @@ def see_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int)
 
 @compiled
 def lay_out_axes(axes: Axes, link: FullLink) -> None:
-    """Give MuJoCo the places and speeds of the axes whose drives have a loop."""
+    """Copy positions and speeds of the servo axes to MuJoCo."""
     for axis in range(2):
         if axes.drives[axis].sample != 0:
             row, motor = axes.rows[axis], axes.motors[axis]
@@ -371,7 +373,7 @@ def lay_out_axes(axes: Axes, link: FullLink) -> None:
 
 @compiled
 def coast_table(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> bool:
-    """Step a table without a wire to a time, the drives' outputs held; False once its state is out of range."""
+    """Step a table without a wire to a time, with constant drive outputs; False if its state is out of range."""
     start_ns = state[0].time_ns
     span_ns = until_ns - start_ns
     if span_ns <= 0:
@@ -388,7 +390,7 @@ def coast_table(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: i
 
 @compiled
 def _lay_out(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
-    """Give MuJoCo the positions and velocities of the plant's arrays."""
+    """Copy positions and velocities from the plant's arrays to MuJoCo."""
     for axis in range(2):
         for m in range(link.wire.shape[1]):
             dof = link.wire[axis, m]
@@ -403,7 +405,7 @@ def _lay_out(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
 
 @compiled
 def _take_back(state: NDArray[np.void], a: Arrays, axes: Axes, link: FullLink) -> None:
-    """Take positions and velocities from MuJoCo into the plant's arrays."""
+    """Copy positions and velocities from MuJoCo to the plant's arrays."""
     for axis in range(2):
         for m in range(link.wire.shape[1]):
             dof = link.wire[axis, m]
@@ -420,7 +422,7 @@ def _take_back(state: NDArray[np.void], a: Arrays, axes: Axes, link: FullLink) -
 
 @compiled
 def _push(a: Arrays, link: FullLink, s: int, impulse_x: float, impulse_y: float) -> None:
-    """Let an impulse (N s) on a slice act over the last time step: on the speeds, and on the places by them."""
+    """Apply an impulse (N s) on a slice to the last time step: to the speeds, and through them to the positions."""
     dt = link.timestep[0]
     for m in range(link.wire.shape[1]):
         share = a.shape[s, m] / link.node_kg[m]
@@ -433,7 +435,7 @@ def _push(a: Arrays, link: FullLink, s: int, impulse_x: float, impulse_y: float)
 
 @compiled
 def _way(a: Arrays, link: FullLink, films: Array, s: int) -> float:
-    """How far (um) a slice has come nearer since the pulse's begin, whose places `Arrays.wire_q` still has."""
+    """Return a slice's motion (um) towards the metal since the beginning of the pulse, still in `Arrays.wire_q`."""
     way = 0.0
     for m in range(link.wire.shape[1]):
         x, y = link.qpos[link.wire[0, m]] * 1e6, link.qpos[link.wire[1, m]] * 1e6
@@ -443,7 +445,7 @@ def _way(a: Arrays, link: FullLink, films: Array, s: int) -> float:
 
 @compiled
 def _add_growth(a: Arrays, link: FullLink, films: Array, scale: float) -> None:
-    """Add to the forces by what the pull on slices near the metal has grown since the pulse's begin."""
+    """Add to the forces the growth of the pull on slices near the metal since the beginning of the pulse."""
     for s in range(films.shape[0]):
         if films[s, 3] == 0.0:
             continue
@@ -455,8 +457,8 @@ def _add_growth(a: Arrays, link: FullLink, films: Array, scale: float) -> None:
 
 @compiled
 def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, mean: float, resistance: float) -> None:
-    """Let mean film and films resist the speed after a time step, which the step has moved the wire with."""
-    # with the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``: no film is too stiff
+    """Apply the resistance of the mean film and of the slices' films after a time step."""
+    # for an effective mass m, a speed v becomes ``v / (1 + c dt / m)``, which is stable for any film
     dt = link.timestep[0]
     for m in range(link.wire.shape[1]):
         taken = 1.0 - 1.0 / (1.0 + a.mobility[m] * resistance * dt)
@@ -480,7 +482,7 @@ def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, mean: float, r
 
 @compiled
 def _overlap(begin: float, end: float, low: float, high: float) -> float:
-    """Length of what two spans share."""
+    """Return the length of the overlap of two spans."""
     return max(0.0, min(end, high) - max(begin, low))
 
 
@@ -491,16 +493,16 @@ def move_full(
     ignite_us: float, end_us: float, period_ns: int, s: int, kick_x: float, kick_y: float,
     events: NDArray[np.int64], next_event: int,
 ) -> int:
-    """Step the full model over the period of a pulse that starts at the state's time, which is left as it is."""
-    # as `modal.move` and `advance_axes` together, in equal time steps: the pull (um kg/s2 times the scales) acts with
-    # its mean over each, the kick (N s) on slice `s` at `end_us`. Returns the first event after this period;
-    # `TRIPPED` if an axis has to be stopped; `LOST` if a coordinate is out of range or not finite
+    """Step the full model over the period of a pulse that starts at the state's time, which is not changed."""
+    # Does the same as `modal.move` and `advance_axes`, in equal time steps: the pull (um kg/s2 times the scales) acts
+    # with its mean over each step, the kick (N s) on slice `s` at `end_us`. Returns the first event after the period;
+    # `TRIPPED` if an axis must be stopped; `LOST` if a coordinate is out of range or not finite.
     period_us = period_ns * 1e-3
     n_steps = math.ceil(period_us / link.longest_us)
     dt_us = period_us / n_steps
     link.timestep[0] = dt_us * 1e-6
     _lay_out(state, a, link)
-    # the two time steps around the kick share it, so that its mean time is right; in the last one it comes early
+    # the kick is divided between two time steps so that its mean time is exact; in the last step it comes early
     kicked = min(int(end_us / dt_us), n_steps - 1)
     second = end_us / dt_us - kicked if kicked < n_steps - 1 else 0.0
     fine = True

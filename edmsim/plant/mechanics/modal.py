@@ -1,4 +1,4 @@
-"""Motion of wire and table: exact propagators of the modes, their tables, steps of the table, contact."""
+"""Motion of wire and table: exact propagators of the modes, their tables, motor steps, contact."""
 
 import math
 
@@ -19,15 +19,14 @@ def copy(to: Array, of: Array) -> None:
 
 
 BENDS = 3
-"""How often the wire's angle and the places where it bends are worked out from each other (ours): each time the error
-falls by a hundred."""
+"""Iterations of the wire's angle and the places where it bends (ours): each reduces the error by a factor of 100."""
 
 
 @compiled
 def lean(a: Arrays, c: Constants, u_um: float, v_um: float) -> tuple[float, float]:
-    """Lay a wire between guides of which the upper one leads; return by how much it leans per height, along x and y.
+    """Place a wire between guides with a lead of the upper one; return its slope in x and y.
 
-    It bends inside the guides: where its stiffness lets it, and further in, the more it leans, round their edges.
+    It bends inside the guides: by its stiffness, and further inside by the radius of their edges and the angle.
     """
     lead = math.hypot(u_um, v_um)
     lower, upper = c.lower_bend_um, c.upper_bend_um
@@ -43,13 +42,13 @@ def lean(a: Arrays, c: Constants, u_um: float, v_um: float) -> tuple[float, floa
 
 @compiled
 def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
-    """Wire position on the workpiece, per slice: the line between the guides, ringing of the table, deflection."""
-    # the axes x and y move both guides, u and v the upper one further
+    """Compute the wire's position in every slice: line between the guides, ringing of the table, deflection."""
+    # the axes x and y move both guides, u and v the upper one in addition
     n_modes, filled = a.sway.shape
     for axis in range(2):
         start, lead = state[0].axis_um[axis] + ringing(a, axis), state[0].axis_um[2 + axis]
         for s in range(0, filled, COORDINATES):
-            place, odd = spread(start), spread(0.0)  # two sums: the second need not wait for the first
+            place, odd = spread(start), spread(0.0)  # two independent sums, which the processor computes in parallel
             for m in range(0, n_modes, 2):
                 place += load(a.sway, (m, s)) * a.wire_q[axis, m]
                 odd += load(a.sway, (m + 1, s)) * a.wire_q[axis, m + 1]
@@ -61,7 +60,7 @@ def place_wire(state: NDArray[np.void], a: Arrays, position: Array) -> None:
 
 @compiled
 def place_slice(state: NDArray[np.void], a: Arrays, position: Array, s: int) -> None:
-    """As `place_wire`, for one slice."""
+    """Do the same as `place_wire` for one slice."""
     for axis in range(2):
         deflection = spread(0.0)
         for m in range(0, a.shape.shape[1], COORDINATES):
@@ -72,7 +71,7 @@ def place_slice(state: NDArray[np.void], a: Arrays, position: Array, s: int) -> 
 
 @compiled
 def mean_deflection(a: Arrays, axis: int) -> float:
-    """Mean over the height of the wire's deflection."""
+    """Return the mean of the wire's deflection over the height."""
     mean = spread(0.0)
     for m in range(0, a.mean_shape.shape[0], COORDINATES):
         mean += load(a.mean_shape, (m,)) * load(a.wire_q, (axis, m))
@@ -81,14 +80,14 @@ def mean_deflection(a: Arrays, axis: int) -> float:
 
 @compiled
 def ringing(a: Arrays, axis: int) -> float:
-    """Where x or y is, less its `axis_um`: the table rings after every motor step."""
+    """Return the deviation of x or y from its `axis_um`: the table rings after every motor step."""
     return np.float64(a.table_shape[axis, 0] * a.table_q[axis, 0] + a.table_shape[axis, 1] * a.table_q[axis, 1])
 
 
 @compiled
 def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> None:
-    """Take the wire out of the metal against a direction and stop its motion into it."""
-    # the smallest correction in modal coordinates, as of an impulse there; plastic for the slice, the rest swings on
+    """Move the wire out of the metal against a direction, and stop its motion into the metal."""
+    # the smallest correction in modal coordinates, like that of an impulse: inelastic for this slice only
     n_modes = a.shape.shape[1]
     norm = speed = 0.0
     for m in range(n_modes):
@@ -105,7 +104,7 @@ def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> Non
 
 @compiled
 def project(a: Arrays, sums: Array, onto: Array) -> None:
-    """Loads on the modal coordinates (2, modes) of the pull on the slices (see `breakdown.slice_sums`)."""
+    """Compute the loads on the modal coordinates (2, modes) of the slices' pull (see `breakdown.slice_sums`)."""
     n_slices, n_modes = a.shape.shape
     for axis in range(2):
         for m in range(0, n_modes, COORDINATES):
@@ -117,10 +116,10 @@ def project(a: Arrays, sums: Array, onto: Array) -> None:
 
 @compiled
 def move(a: Arrays, p: Propagators, loads: Array, scale: float, k: int, braking: float) -> None:
-    """Propagate every mode over `k` grid steps, under loads that are constant over them."""
-    # a force f adds ``f (1 - p11) / omega^2`` to the deflection and ``f p12`` to the speed: exact, no time step
-    # enters. `braking` is the mean resistance times the span, in kg; with its ratio B to a mode's mass, a free mass
-    # would keep ``exp(-B)`` of its speed, here in Pade's form: no mode grows, however stiff the film
+    """Propagate every mode over `k` grid steps under constant loads."""
+    # A force f adds ``f (1 - p11) / omega^2`` to the deflection and ``f p12`` to the speed, exactly. `braking` is the
+    # mean resistance times the span, in kg. With its ratio B to a mode's mass, a free mass would keep ``exp(-B)`` of
+    # its speed; the Pade approximation used here is stable for any film.
     for m in range(0, a.shape.shape[1], COORDINATES):
         c, s = load(p.wire, (k, 0, m)), load(p.wire, (k, 1, m))
         back, damped = load(p.wire, (k, 2, m)), load(p.wire, (k, 3, m))
@@ -137,7 +136,7 @@ def move(a: Arrays, p: Propagators, loads: Array, scale: float, k: int, braking:
 
 @compiled
 def kick(a: Arrays, s: int, kick_x: float, kick_y: float) -> None:
-    """Give a slice an impulse (N s)."""
+    """Apply an impulse (N s) to a slice."""
     for m in range(0, a.shape.shape[1], COORDINATES):
         jump = load(a.shape, (s, m)) * 1e6
         store(a.wire_v, (0, m), load(a.wire_v, (0, m)) + jump * kick_x)
@@ -155,7 +154,7 @@ def ring(a: Arrays, p: Propagators, k: int) -> None:
 
 @compiled
 def step_table(state: NDArray[np.void], a: Arrays, p: Propagators, axis: int, travel_um: float, k_since: int) -> None:
-    """One motor step, `k_since` grid steps before now, that moves the table: x or y rings around its new place."""
+    """Apply a motor step, `k_since` grid steps ago: x or y rings around its new position."""
     state[0].axis_um[axis] += travel_um
     for m in range(2):
         jump = -a.table_participation[axis, m] * travel_um
@@ -165,7 +164,7 @@ def step_table(state: NDArray[np.void], a: Arrays, p: Propagators, axis: int, tr
 
 @exactly_compiled
 def one_step(omega: float, zeta: float, dt: float) -> tuple[float, float, float, float]:
-    """Propagators of ``q'' + 2 zeta omega q' + omega^2 q = 0`` over a time, q counted from its equilibrium."""
+    """Return the propagators of ``q'' + 2 zeta omega q' + omega^2 q = 0`` over a time, q relative to equilibrium."""
     # ``q(t+dt) = p11 q + p12 v`` and ``v(t+dt) = p21 q + p22 v``: the 2x2 matrix exponential
     s = omega * math.sqrt(abs(1.0 - zeta * zeta))
     if s == 0.0:
@@ -174,8 +173,8 @@ def one_step(omega: float, zeta: float, dt: float) -> tuple[float, float, float,
     elif zeta < 1.0:
         decay = math.exp(-zeta * omega * dt)
         cosine, sine = decay * math.cos(s * dt), decay * math.sin(s * dt) / s
-    else:  # summed from the two decaying exponentials: cosh alone would overflow
-        slow = math.exp(-omega * omega / (zeta * omega + s) * dt)  # e^(-(z w - s) t) without the cancellation
+    else:  # as a sum of two decaying exponentials, because cosh would overflow
+        slow = math.exp(-omega * omega / (zeta * omega + s) * dt)  # e^(-(z w - s) t) without cancellation
         cosine = slow * (1.0 + math.exp(-2.0 * s * dt)) / 2.0
         sine = slow * -math.expm1(-2.0 * s * dt) / (2.0 * s)
     return cosine + zeta * omega * sine, sine, -omega * omega * sine, cosine - zeta * omega * sine
@@ -185,7 +184,7 @@ def one_step(omega: float, zeta: float, dt: float) -> tuple[float, float, float,
 def fill_wire(
     wire: Array, yielding: Array, compliance: Array, omega: Array, zeta: Array, shape: Array, dt: float
 ) -> None:
-    """Fill the tables of the wire's modes (see `state.Propagators`); what is filled up to whole vectors stays 0."""
+    """Fill the tables of the wire's modes (see `state.Propagators`); the padding stays 0."""
     n_slices, n_modes = shape.shape
     yielding[:] = 0.0
     for m in range(n_modes):
@@ -194,7 +193,7 @@ def fill_wire(
         wire[0, 1, m] = wire[0, 2, m] = 0.0
         a, b, c, d = one_step(omega[m], zeta[m], dt)
         p11, p12, p21, p22 = a, b, c, d
-        # every row is the one before over one more step: ten times faster than exponentials, and exact to some 1e-13
+        # each row is the row before times one step: ten times faster than exponentials, with an error of some 1e-13
         for k in range(1, wire.shape[0]):
             wire[k, 0, m], wire[k, 1, m], wire[k, 2, m], wire[k, 3, m] = p11, p12, p21, p22
             rests = (1.0 - p11) * soft
@@ -207,7 +206,7 @@ def fill_wire(
 
 @exactly_compiled
 def fill_table(t11: Array, t12: Array, t21: Array, t22: Array, omega: Array, zeta: Array, dt: float) -> None:
-    """Fill the tables of the two modes of either axis of the table, as those of the wire."""
+    """Fill the tables of the two modes of each table axis, like those of the wire."""
     t11[0], t12[0], t21[0], t22[0] = 1.0, 0.0, 0.0, 1.0
     for axis in range(2):
         for m in range(2):

@@ -1,8 +1,8 @@
 """The machine's mechanics: the MuJoCo model of table and wire, and its exact modal reduction.
 
-A machine's MJCF is read once, with a check of the names that the plant needs. `build_model` fits it to a wire;
-`reduce_model` linearises that model at its tensioned equilibrium and returns its modes. Every number of the modal
-plant is read from the model, none typed twice.
+A machine's MJCF is read once, and the names that the plant needs are checked. `build_model` adapts it to a wire;
+`reduce_model` linearises this model at its tensioned equilibrium and returns its modes. All numbers of the modal
+plant are read from the model.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "numeric": ("rotor_teeth",),
     "camera": ("overview",),
 }
-"""Names that plant, playback and pictures ask for, by kind; the chain of the wire has names of its own."""
+"""Names that plant, playback and pictures need, by kind, without those of the wire's nodes."""
 N_NODES = 25
-"""Nodes of the wire, the fewest whose first four modes are within 1 % of the string's: a time step costs what
-its nodes cost, and fewer nodes allow a longer one."""
+"""Nodes of the wire: the least number with the first four modes within 1 % of the string's. Fewer nodes make time
+steps faster, and allow longer ones."""
 
 
 def read_mjcf(model_file: str) -> mujoco.MjSpec:
-    """Return a machine's MJCF, with all that the plant asks for by name; it is to be copied, not changed."""
+    """Return a machine's MJCF after a check of its names; copy it before changing it."""
     return _read_mjcf(model_file, mjcf_version(model_file))
 
 
-@functools.lru_cache(maxsize=8)  # reading takes four times as long as fitting a wire and compiling
+@functools.lru_cache(maxsize=8)  # reading takes four times as long as adapting to a wire and compiling
 def _read_mjcf(model_file: str, _version: int) -> mujoco.MjSpec:
     import mujoco
 
@@ -75,7 +75,7 @@ def _read_mjcf(model_file: str, _version: int) -> mujoco.MjSpec:
 
 
 def _lacking(spec: mujoco.MjSpec) -> list[str]:
-    """Return what a MJCF lacks, each as kind and name."""
+    """Return the missing elements of an MJCF, as kind and name."""
     listed: dict[str, Any] = {
         "body": spec.bodies, "joint": spec.joints, "site": spec.sites, "geom": spec.geoms, "tendon": spec.tendons,
         "actuator": spec.actuators, "numeric": spec.numerics, "camera": spec.cameras,
@@ -92,7 +92,7 @@ def _lacking(spec: mujoco.MjSpec) -> list[str]:
 
 
 def screw_constants(model: mujoco.MjModel) -> tuple[dict[str, float], dict[str, float]]:
-    """Return screws and tables of x and y as constants of `edmsim.compiled.axis_rows.MOTOR`."""
+    """Return the constants of the screws and tables of x and y, as fields of `edmsim.compiled.axis_rows.MOTOR`."""
     found = []
     for axis in "xy":
         carriage, screw = model.joint(axis), model.tendon(f"{axis}_screw").id
@@ -171,7 +171,7 @@ def linearise(model: mujoco.MjModel) -> Linear:
 
 
 def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
-    """Refuse a machine whose blocks of degrees of freedom pull on each other: it would have other modes."""
+    """Refuse a machine whose blocks of degrees of freedom are coupled, because its modes would differ."""
     inside = np.zeros(linear.mass.shape, bool)
     for block in blocks:
         inside[np.ix_(block, block)] = True
@@ -185,14 +185,14 @@ def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
 
 @functools.cache
 def _dsygvd() -> Callable[[Array, Array], tuple[Array, Array, int]]:
-    """Return what scipy.linalg.eigh calls, without its checks, as draws need it often."""
-    # its module is loaded without the package around it, whose arrays of other libraries take a tenth of a second
+    """Return LAPACK's eigensolver, which scipy.linalg.eigh calls after checks that would be slow here."""
+    # only its module is imported: the import of the scipy.linalg package takes a tenth of a second more
     name = "scipy.linalg._flapack"
     lapack: Any = sys.modules.get(name)
     if lapack is None:
         package = find_spec("scipy.linalg")
         spec = PathFinder.find_spec(name, package.submodule_search_locations if package else None)
-        if spec is None or spec.loader is None:  # another scipy has it elsewhere
+        if spec is None or spec.loader is None:  # in another version of scipy it may be elsewhere
             from scipy.linalg import lapack as public
 
             return public.dsygvd
@@ -222,12 +222,12 @@ def block_modes(linear: Linear, block: list[int]) -> Modes:
     return Modes(omega, diagonal / (2 * omega), shape, shape.T @ mass, neglected)
 
 
-_ALIKE = 1e-8  # share of its greatest entry by which a matrix of the wire may differ between x and y: noise
+_ALIKE = 1e-8  # tolerance of the wire's matrices between x and y, relative to the greatest entry: noise
 MODEL_FILE = "agiecut_dem15.xml"  # the machine in `edmsim.models`
 
 _ALLOWED: dict[str, tuple[float, float, str]] = {
     "diameter_m": (20e-6, 400e-6, "m (20 to 400 um)"),  # T-13
-    "density_kg_m3": (1e3, 25e3, "kg/m3"),  # magnesium to beyond tungsten
+    "density_kg_m3": (1e3, 25e3, "kg/m3"),  # from magnesium to above tungsten
     "tension": (*TENSION_N, "N"),
     "guide_distance_m": (1e-3, 0.5, "m (1 to 500 mm)"),  # ours
     "damping_ratio": (0.0, 5.0, "of critical"),  # ours
@@ -237,7 +237,7 @@ _ALLOWED: dict[str, tuple[float, float, str]] = {
 
 
 def check_allowed(parts: object, of: str, allowed: Mapping[str, tuple[float, float, str]]) -> None:
-    """Refuse attributes that no part can have, by least and greatest value and unit; most often a unit is wrong."""
+    """Refuse attributes outside their allowed range; the most frequent cause is a wrong unit."""
     for name, (low, high, unit) in allowed.items():
         value = getattr(parts, name)
         if not low <= value <= high:  # also refuses nan
@@ -252,11 +252,11 @@ class WireSetup:
     density_kg_m3: float  # density of the wire in kg/m3 (brass 8400 to 8500)
     tension: float  # axial force the brake holds, in N
     guide_distance_m: float  # distance between the guides in m; the workpiece's height plus the clearances
-    # damping of the first mode of the wire in air as a share of critical: what is alike all along the wire
+    # damping ratio of the wire's first mode in air; this damping is uniform along the wire
     damping_ratio: float
-    # height of the workpiece in m, in the middle between the guides, in whose slot the wire moves water
+    # height of the workpiece in m, centred between the guides; in its slot the wire moves water
     slot_m: float = 0.0
-    slot_mass_kg_m: float = 0.0  # mass of that water per metre of the slot
+    slot_mass_kg_m: float = 0.0  # added mass of this water per metre of the slot
 
     def __post_init__(self) -> None:
         check_allowed(self, "wire", _ALLOWED)
@@ -276,10 +276,10 @@ class WireSetup:
 class ModalModel:
     """Table and wire as independent damped oscillators, mass-normalised."""
 
-    # a wire mode's coordinate obeys ``q'' + 2 zeta omega q' + omega^2 q = wire_shape.T @ F`` for forces F (N) on the
-    # slices; the wire's displacement at the slices is then ``wire_shape @ q`` (m). The same modes serve x and y. A
-    # table mode obeys the same equation about ``table_participation * travel``, the place to which a commanded travel
-    # (m) shifts it; the axis has then moved by ``table_slide_shape @ q`` (m)
+    # The coordinate of a wire mode obeys ``q'' + 2 zeta omega q' + omega^2 q = wire_shape.T @ F`` for forces F (N) on
+    # the slices, whose displacement is ``wire_shape @ q`` (m). Modes in x and y are equal. The coordinate of a table
+    # mode obeys the same equation about ``table_participation * travel``, its equilibrium for a commanded travel (m);
+    # the displacement of the axis is ``table_slide_shape @ q`` (m).
     # (n_modes,): undamped angular frequency in rad/s, rising, and damping ratio
     wire_omega: Array
     wire_zeta: Array
@@ -295,26 +295,26 @@ class ModalModel:
     table_slide_shape: Array
     # (2, 2): modal coordinate at rest per metre of commanded travel (kg^1/2), ``[axis, mode]``
     table_participation: Array
-    # (2,): rotor angle that commands one metre of travel, per axis: what `ctrl` of the full model expects
+    # (2,): rotor angle per metre of travel for each axis, for `ctrl` of the full model
     rotor_rad_per_m: Array
-    slice_mass_kg: Array  # (n_slices,): mass that an impulse on a slice moves there
-    mobility: Array  # (n_modes,): damping rate of every mode under 1 kg/s of resistance on every slice, in 1/kg
-    inertia: Array  # (n_modes,): mean square of the slices' speed per square of a mode's, in 1/kg
-    # largest coupling of two modes by damping, ``|c_ij| / sqrt(c_ii c_jj)``, which modal damping drops. The wire has
-    # none (its damping is proportional to mass); the table's is 0.02
+    slice_mass_kg: Array  # (n_slices,): effective mass for an impulse on a slice
+    mobility: Array  # (n_modes,): damping rate of every mode by a resistance of 1 kg/s on every slice, in 1/kg
+    inertia: Array  # (n_modes,): mean square speed of the slices per squared speed of a mode, in 1/kg
+    # largest coupling of two modes by damping, ``|c_ij| / sqrt(c_ii c_jj)``, which modal damping neglects: 0 for the
+    # wire, whose damping is proportional to mass; 0.02 for the table
     neglected_damping: float
 
 
 def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel:
     """Return the machine's MuJoCo model with this wire in it."""
-    # nodes, segments, upper arm, the drawn workpiece and the time step (half the limit of stability) follow the wire.
-    # Joints are ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower guide up,
-    # actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad)
+    # Nodes, segments, upper arm, the drawn workpiece and the time step (half the limit of stability) are adapted to
+    # the wire. Joints are ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower
+    # guide up, actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad).
     return cast("mujoco.MjModel", machine_spec(wire, model_file).compile())
 
 
 def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | None = None) -> mujoco.MjSpec:
-    """Return what `build_model` compiles, perhaps with fewer nodes of the wire than the file has."""
+    """Return what `build_model` compiles, optionally with fewer nodes of the wire than the file has."""
     spec = read_mjcf(model_file).copy()
     if n_nodes is not None:
         _thin_out(spec, n_nodes)
@@ -327,7 +327,7 @@ def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | N
 
 
 def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:
-    """Leave a wire's lowest nodes and tie the last of them to the upper guide."""
+    """Remove all but the lowest nodes of the wire, and connect the last of them to the upper guide."""
     for part in (list(spec.tendons), list(spec.bodies)):
         for item in part:
             kind, _, number = item.name.partition("_")
@@ -339,7 +339,7 @@ def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:
 
 
 class _Nodes(NamedTuple):
-    """A wire's nodes: heights, masses, dampings, and the stiffness of the segments between them."""
+    """A wire's nodes: heights, masses, damping, and the stiffness of the segments between them."""
 
     heights_m: Array
     mass_kg: Array
@@ -348,24 +348,24 @@ class _Nodes(NamedTuple):
 
 
 def _nodes_of(wire: WireSetup, count: int) -> _Nodes:
-    """Return a number of nodes of a wire."""
+    """Return the chain of a wire with a number of nodes."""
     spacing_m = wire.guide_distance_m / (count + 1)
     return _nodes_at(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
 
 
 def _nodes_at(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
-    # a node has the mass of its length of wire, and of the water that moves with what of it is in the slot
+    # a node has the mass of its length of wire, and the added mass of the part that is in the slot
     low, high = (wire.guide_distance_m - wire.slot_m) / 2, (wire.guide_distance_m + wire.slot_m) / 2
     slot_m = np.minimum(heights_m + spacing_m / 2, high) - np.maximum(heights_m - spacing_m / 2, low)
     mass_kg = wire.line_density * spacing_m + np.maximum(slot_m, 0.0) * wire.slot_mass_kg_m
-    # damping in proportion to the mass: the wire's first mode has the ratio asked for
+    # damping proportional to mass gives the wire's first mode its damping ratio
     count = len(heights_m)
     omega_1 = 2 / (wire.guide_distance_m / (count + 1)) * wire.wave_speed * math.sin(math.pi / (2 * (count + 1)))
     return _Nodes(heights_m, mass_kg, 2 * wire.damping_ratio * omega_1 * mass_kg, wire.tension / spacing_m)
 
 
 def _fit_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
-    """Give the chain's nodes and segments the wire's mass, damping and tension."""
+    """Set mass, damping and tension of the chain's nodes and segments."""
     fitted = _nodes_of(wire, len(nodes))
     for node, height, mass_kg, damping in zip(nodes, *fitted[:3], strict=True):
         node.frame.pos = [0.0, 0.0, 0.0]
@@ -379,7 +379,7 @@ def _fit_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
 
 
 def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
-    """Draw the workpiece as thick as the guides leave room for, the clamps on it; neither weighs anything."""
+    """Draw the workpiece as high as fits between the guides, with its clamps; both have no mass."""
     workpiece = spec.geom("workpiece")
     below = workpiece.pos[2] - workpiece.size[2]
     clearance = min(below, guide_distance_m / 4)
@@ -391,8 +391,8 @@ def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
 
 def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
     """Linearise a machine at its tensioned equilibrium and return its modes."""
-    # the modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps its
-    # diagonal in modal coordinates; `ModalModel.neglected_damping` is the largest part dropped
+    # The modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Of the damping in modal
+    # coordinates only the diagonal is kept; `ModalModel.neglected_damping` is the largest part neglected.
     node_heights, guide_distance = wire_heights(model)
     slices = _checked_heights(slice_heights_m, guide_distance)
     linear, blocks = machine_at_rest(model, len(node_heights))
@@ -409,7 +409,7 @@ def machine_at_rest(model: mujoco.MjModel, n_nodes: int) -> tuple[Linear, list[l
 
 
 def _of_table(linear: Linear, blocks: list[list[int]]) -> dict[str, Any]:
-    """Return those fields of a `ModalModel` that are the table's, from its blocks along x and y."""
+    """Return the table's fields of a `ModalModel` from its blocks in x and y."""
     tables = [block_modes(linear, block) for block in blocks]
     travels = [_unit_travel(linear, block, axis) for axis, block in enumerate(blocks)]
     return {
@@ -427,7 +427,7 @@ def _of_table(linear: Linear, blocks: list[list[int]]) -> dict[str, Any]:
 def _with_wire(
     table: dict[str, Any], modes: Modes, node_heights: Array, guide_distance: float, n_modes: int, slices: Array
 ) -> ModalModel:
-    """Return the model of a table and of the modes of a wire along one direction."""
+    """Return the model of a table and of the modes of a wire in one direction."""
     if not 1 <= n_modes <= len(node_heights):
         raise InputError(f"n_modes is {n_modes}; this wire has 1 to {len(node_heights)} modes")
     node_shape = modes.shape[:, :n_modes]
@@ -448,7 +448,7 @@ def _with_wire(
 
 
 def _check_alike(linear: Linear, wire_x: list[int], wire_y: list[int]) -> None:
-    """Refuse a wire that is not the same along x and y."""
+    """Refuse a wire that differs between x and y."""
     for name in ("mass", "damping", "stiffness"):
         x, y = (getattr(linear, name)[np.ix_(block, block)] for block in (wire_x, wire_y))
         if np.abs(x - y).max() > _ALIKE * np.abs(x).max():
@@ -489,19 +489,19 @@ def _unit_travel(linear: Linear, block: list[int], axis: int) -> tuple[Array, fl
 
 
 def at_heights(shape: Array, node_heights: Array, guide_distance: float, heights: Array) -> Array:
-    """Return deflections at `heights` of wires bent as `shape` (n_nodes, n): straight from node to node."""
+    """Interpolate deflections of nodes, `shape` (n_nodes, n), linearly at `heights`."""
     known = np.concatenate([[0.0], node_heights, [guide_distance]])
     bent = np.zeros((shape.shape[1], len(known)))
     bent[:, 1:-1] = shape.T
     return np.stack([np.interp(heights, known, mode) for mode in bent], axis=1)
 
 
-# Modes of a machine with any wire: the file is linearised once, and the modes of other wires follow by formula.
+# Modes of a machine with any wire: the file is linearised once; the modes of other wires follow from formulas.
 
 def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
     """Return the modes of ``reduce_model(build_model(wire, model_file), ...)`` without building that model."""
-    # the file's machine is linearised once. Of another wire only the nodes' masses and dampings differ, and the
-    # segments' stiffness, by one factor: their rest length is 0, so a node feels T/a times its neighbour's offset
+    # The file's machine is linearised once. Another wire has other masses and damping of the nodes, and another
+    # stiffness of all segments: their rest length is 0, so the force on a node is T/a times its neighbour's offset.
     known = _reference(model_file, mjcf_version(model_file))
     new, across = _nodes_of(wire, len(known.nodes.mass_kg)), known.across
     mass, damping, diagonal = across.mass.copy(), across.damping.copy(), np.arange(len(new.mass_kg))
@@ -515,12 +515,12 @@ def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: 
 
 
 _REFERENCE_WIRE = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
-"""Any wire would do: what depends on it is taken out again."""
-_ANCHORED = 1e-6  # share of a node's stiffness that may hold it where its neighbours are not
+"""Any wire would do: what depends on it is removed again."""
+_ANCHORED = 1e-6  # greatest stiffness to ground of a node, as a share of its stiffness
 
 
 class _Reference(NamedTuple):
-    """A file's table, as fields of a `ModalModel`; one direction of the reference wire at rest, and its nodes."""
+    """A file's table, as fields of a `ModalModel`; the reference wire at rest in one direction, and its nodes."""
 
     table: dict[str, Any]
     across: Linear
@@ -529,7 +529,7 @@ class _Reference(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _reference(model_file: str, _version: int) -> _Reference:
-    """Return a file's machine; ours is cached between runs, as MuJoCo takes a quarter of a second to load."""
+    """Return a file's machine. Ours is cached between runs, because importing MuJoCo takes a quarter of a second."""
     if Path(model_file).is_absolute():
         return _read_machine(model_file)
     source = models.path(model_file).read_bytes() + version("mujoco").encode()
@@ -537,7 +537,7 @@ def _reference(model_file: str, _version: int) -> _Reference:
     content = cache.read_signed(file)
     if content is None:
         content = pickle.dumps(_read_machine(model_file))
-        with suppress(OSError):  # what cannot be stored is read again the next time
+        with suppress(OSError):  # if it cannot be written, the machine is read again the next time
             cache.write_signed(file, content)
     return cast("_Reference", pickle.loads(content))
 
