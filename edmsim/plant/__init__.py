@@ -1,1 +1,1 @@
-"""What obeys physics: generator, gap, wire, dielectric, workpiece, table, and the pulse loop over them."""
+"""The physics: generator, gap, wire, dielectric, workpiece, table, and the pulse loop."""

@@ -1,4 +1,4 @@
-"""Converts a machine's constants to the numbers and units of the pulse loop."""
+"""Convert a machine's constants to the numbers and units of the pulse loop."""
 
 import functools
 import math
@@ -23,27 +23,28 @@ from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, mod
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
-RAY_RANGE_UM = 110.0  # rays end so far from the wire (ours: the pull on what lies beyond is 1 % of that at 20 um)
+RAY_RANGE_UM = 110.0  # range of rays (ours: there the pull is 1 % of that at 20 um)
 CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
-"""How far before a ray's edge its wall is looked for, at least, and in ray spacings (ours): between rays it may stand
-nearer, the more the further they are apart, and what is not reached stays in the kerf."""
+"""Distance before a ray's edge from which its wall is searched: least value, and value in ray spacings (ours).
+Between rays the wall may be nearer, the more the wider their spacing, and metal that is not reached would stay in the
+kerf."""
 LEAST_ENERGY_J = 1e-9
-"""Energy of a discharge below which its gas has no life to speak of (ours); a generator switched off has none."""
-LEAST_PARTICLE_UM = 0.05  # debris is taken to be no finer than this in the mean (ours: it then ignites nothing)
-JET_REACH_MM = 3.0  # a jet turns into the kerf over this height from the face, half of a nozzle's usual bore (ours)
-PRIMED_SPAN = 3.0  # the chance of a primed site ends this many widths above the critical gap
+"""Least energy for the lifetime of a discharge's gas (ours); a generator that is off has an energy of 0."""
+LEAST_PARTICLE_UM = 0.05  # least mean size of particles (ours: finer ones do not prime)
+JET_REACH_MM = 3.0  # height over which a jet turns into the kerf: half the usual bore of a nozzle (ours)
+PRIMED_SPAN = 3.0  # a site can be primed up to this number of widths above the critical gap
 
 
 def _patch_m2(machine: Machine, res: Resolution) -> float:
-    """Area of wire surface that one ray stands for."""
+    """Return the area of wire surface of one ray."""
     around = math.pi * machine.wire_diameter_um * 1e-6 / res.rays
     return around * machine.height_mm * 1e-3 / res.slices
 
 
 def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
-    """Breakdown constants of one ray."""
+    """Return the breakdown constants of one ray."""
     gap = machine.base.gap
-    # active front area the t50 law is taken to hold for: half the wire's girth times the height
+    # front area to which the t50 law refers: half the wire's circumference times the height
     reference_m2 = math.pi / 2 * gap.reference_wire_um.value * 1e-6 * gap.reference_height_mm.value * 1e-3
     share = _patch_m2(machine, res) / reference_m2
     scale = 1.0 / (math.log(2) * share)
@@ -51,7 +52,7 @@ def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
     primed_per_um2 = share / (4 * PRIMED_SPAN * (width * field) ** 2)
     size_um = max(gap.particle_share.value * crater_um3(machine) ** (1 / 3), LEAST_PARTICLE_UM)
     particles_um3 = _patch_m2(machine, res) * 1e12 / (math.pi * size_um**3)
-    burns = open_V > machine.material.burning_voltage_V.value  # a generator switched off ignites nothing
+    burns = open_V > machine.material.burning_voltage_V.value  # a generator that is off ignites nothing
     return GapLaw(
         t50_a=gap.median_a_us_um2.value * scale,
         t50_b=gap.median_b_us_um.value * scale,
@@ -69,13 +70,13 @@ def gap_law(machine: Machine, res: Resolution, open_V: float) -> GapLaw:
 
 
 def _gap_viscosity_Pa_s(machine: Machine) -> float:
-    """Viscosity of the gap's water without debris."""
+    """Return the viscosity of the gap's water without debris."""
     water = machine.base.dielectric
     return water.viscosity_Pa_s.value * viscosity_ratio(water.gap_temperature_K.value)
 
 
 def _wake_jets(machine: Machine) -> Jets:
-    """What the two nozzles drive down the kerf behind the wire."""
+    """Return the flow of the two nozzles through the kerf behind the wire."""
     return kerf_jets(*faces_Pa(machine), _kerf_um(machine), machine.height_mm)
 
 
@@ -84,12 +85,12 @@ def _kerf_um(machine: Machine) -> float:
 
 
 def _same_names(part: Part) -> dict[str, Any]:
-    """Return the constants of a part that the loop takes as they are, by the same names."""
+    """Return the constants of a part that the loop uses unchanged, by the same names."""
     return {name: constant.value for name, constant in part if name in Constants._fields}
 
 
 def constants(machine: Machine, res: Resolution) -> Constants:
-    """Numbers of the loop that do not depend on the generator's setting."""
+    """Return the loop's constants that do not depend on the generator's setting."""
     base, water, spark = machine.base, machine.base.dielectric, machine.base.discharge
     radius = machine.wire_diameter_um / 2
     slice_um = machine.height_mm * 1e3 / res.slices
@@ -98,7 +99,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
     front, side = res.film_from_um, max(res.film_from_um, water.side_gap_um.value)
     flow, wake, bends = flushing(machine), _wake_jets(machine), setting.guide_bends(machine)
     return Constants(
-        # part by part, so that a name which two of them have is an error
+        # separate arguments, so a name in two of them is an error
         **_same_names(base.gap), **_same_names(spark), **_same_names(base.gas), **_same_names(base.cooling),
         **_same_names(base.table), **_same_names(machine.wire),
         radius_um=radius,
@@ -145,7 +146,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
 
 
 def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
-    """Heat balance of the wire in one slice."""
+    """Return the heat balance of the wire in one slice."""
     wire, cooling = machine.wire, machine.base.cooling
     section = area_m2(machine.wire_diameter_um)
     slice_m = machine.height_mm * 1e-3 / res.slices
@@ -172,7 +173,7 @@ def heat_law(machine: Machine, res: Resolution) -> HeatLaw:
 
 
 def too_strong_mJ(machine: Machine) -> float:
-    """Energy of a discharge that breaks the wire in its place, with one arc there, at the boiling point; else 0."""
+    """Return the energy of one discharge and one arc if it breaks a wire at the boiling point; otherwise 0."""
     heat, pulse = heat_law(machine, Resolution(1, 1, 1)), timing(machine)
     energy_J = pulse.burning_V * pulse.current_A * pulse.on_us * 1e-6
     heat_J = machine.base.cooling.wire_heat_share.value * energy_J * (1 + pulse.arc_share)
@@ -182,7 +183,7 @@ def too_strong_mJ(machine: Machine) -> float:
 
 
 def gas_law(machine: Machine, timing: Timing) -> gas.GasLaw:
-    """Gas of the discharges of one setting; its life is that of the gas of the longest of them."""
+    """Return the gas constants of one setting; the lifetime is that of the gas of its longest discharges."""
     law, water, kerf = machine.base.gas, machine.base.dielectric, _kerf_um(machine)
     shares = law.steam_share.value, law.permanent_share.value
     steam, permanent = (math.sqrt(gas.cover_um2_J(share, kerf)) for share in shares)
@@ -198,15 +199,15 @@ def gas_law(machine: Machine, timing: Timing) -> gas.GasLaw:
 
 
 def push_law(machine: Machine) -> gas.BubbleLaw:
-    """Push of the discharges' bubbles on this wire."""
+    """Return the constants of the push of bubbles on this wire."""
     spark = machine.base.discharge
     return gas.bubble_law(machine.wire_diameter_um, spark.impulse_10mJ_Ns.value, spark.bubble_share.value)
 
 
 def wire_setup(machine: Machine) -> WireSetup:
-    """Wire and guides of a set-up, and the water in its slot, as the model of the mechanics wants them."""
+    """Return the wire, guides and water in the slot for the model of the mechanics."""
     return WireSetup(
-        diameter_m=machine.wire_diameter_um / 1e6,  # 20 um stays exactly 20e-6
+        diameter_m=machine.wire_diameter_um / 1e6,  # rounded, so 20 um is exactly 20e-6
         density_kg_m3=machine.wire.density_kg_m3.value,
         tension=machine.tension,
         guide_distance_m=machine.guide_distance_mm * 1e-3,
@@ -219,19 +220,19 @@ def wire_setup(machine: Machine) -> WireSetup:
 
 
 def _slice_heights_m(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Heights of the slices' mid-planes above the lower guide."""
+    """Return the heights of the slices' mid-planes above the lower guide."""
     middle = (np.arange(res.slices) + 0.5) / res.slices * machine.height_mm
     return (middle + machine.base.guides.clearance_mm.value) * 1e-3
 
 
 def modal_model(machine: Machine, res: Resolution) -> ModalModel:
-    """Modes of table and wire for this set-up, from the MJCF."""
+    """Return the modes of table and wire for this set-up, from the MJCF."""
     heights = tuple(_slice_heights_m(machine, res).tolist())
     return modes_with(wire_setup(machine), machine.base.model, res.modes, heights)
 
 
 def screws(machine: Machine) -> dict[int, dict[str, float]]:
-    """Return what of a direct-current motor's constants is the machine's own, for its axes x (0) and y (1)."""
+    """Return the constants of `MOTOR` that belong to the machine, for its axes x (0) and y (1)."""
     table, file = machine.base.table, machine.base.model
     friction_N, backlash_um = table.friction_N.value, table.backlash_um.value
     dry = {"way_friction_N": friction_N, "way_stiction_N": friction_N, "backlash_um": backlash_um}
@@ -254,7 +255,7 @@ def _drive_setup(machine: Machine) -> DriveSetup:
 
 
 def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
-    """MuJoCo's own model of this set-up, to be stepped in the loop."""
+    """Return the MuJoCo model of this set-up for the loop."""
     heights = _slice_heights_m(machine, res)
     full = FullMechanics(
         wire_setup(machine), _drive_setup(machine), heights, machine.base.model, varied=timing(machine).period_ns == 0
@@ -264,7 +265,7 @@ def full_mechanics(machine: Machine, res: Resolution) -> FullMechanics:
 
 
 def table_mechanics(machine: Machine, longest_us: float) -> TableMechanics:
-    """MuJoCo's own model of this machine's table, without the wire, in time steps up to a longest one."""
+    """Return the MuJoCo model of this machine's table without the wire, with a longest time step."""
     table = TableMechanics(_drive_setup(machine), longest_us, machine.base.model)
     table.set_travel(machine.base.table.travel_mm.value * 1e-3)
     return table
@@ -278,13 +279,13 @@ def fill_propagators(p: Propagators, modes: ModalModel, timing: Timing) -> None:
 
 
 def flushing(machine: Machine) -> Jets:
-    """What the two nozzles drive through the gap."""
+    """Return the flow of the two nozzles through the gap."""
     water = machine.base.dielectric
     return jets(*faces_Pa(machine), _gap_viscosity_Pa_s(machine), water.side_gap_um.value, machine.height_mm)
 
 
 def faces_Pa(machine: Machine) -> tuple[float, float]:
-    """Pressures of the flushing at the workpiece's lower and upper face: those set, less what the stand-offs take."""
+    """Return the flushing pressures at the workpiece's lower and upper face, after the losses of the stand-offs."""
     water, set_Pa, standoff_mm = machine.base.dielectric, setting.flushing_Pa(machine), setting.standoffs_mm(machine)
     lower, upper = (
         face_Pa(pressure, distance, water.nozzle_mm.value, water.nozzle_flow_l_min.value)
@@ -294,42 +295,43 @@ def faces_Pa(machine: Machine) -> tuple[float, float]:
 
 
 def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Heights of the slices' mid-planes above the lower guide, as shares of the distance of the guides."""
+    """Return the heights of the slices' mid-planes above the lower guide, as shares of the guides' distance."""
     return _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
 
 
 def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Speed of the water past every slice."""
+    """Return the speed of the water past every slice."""
     return flushing(machine).past_m_s((np.arange(res.slices) + 0.5) / res.slices)
 
 
 def wake_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Speed of the kerf's water behind every slice: the flow's, none where the jets meet, and that of eddies."""
+    """Return the speed of the water behind every slice: that of the flow, 0 where jets meet, and that of eddies."""
     wake = _wake_jets(machine)
     down = wake.past_m_s((np.arange(res.slices) + 0.5) / res.slices)
     return np.hypot(down, machine.base.dielectric.turbulence.value * max(wake.lower_m_s, wake.upper_m_s))
 
 
 def carried_per_us(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Way of the water past every slice in 1 us, over that which leaves nothing of what prepares a breakdown."""
+    """Return the distance that the water moves past every slice in 1 us, over the length that ends a preparation."""
     return flow_m_s(machine, res) / machine.base.gap.carried_um.value
 
 
 def convection_W_m2K(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Heat transfer from the wire to water that does not boil, per slice: ``h (1 + k v)``, front and back alike."""
+    """Return the heat transfer coefficient of every slice without boiling, ``h (1 + k v)``, at front and back."""
     cooling, past_m_s = machine.base.cooling, 0.5 * (flow_m_s(machine, res) + wake_m_s(machine, res))
     return cooling.convection_W_m2K.value * (1 + cooling.convection_per_m_s.value * past_m_s)
 
 
 def critical_W_m2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Largest heat flux by boiling, per slice: that of a pool, or more in a stream, ``k sqrt(v) (T_b - T_w)``."""
+    """Return the critical heat flux of every slice: that of a pool, or more in a flow, ``k sqrt(v) (T_b - T_w)``."""
     cooling, subcooling_K = machine.base.cooling, BOILING_K - machine.base.dielectric.temperature_K.value
     stream = cooling.critical_stream.value * np.sqrt(wake_m_s(machine, res)) * subcooling_K
     return np.maximum(cooling.critical_W_m2.value, stream)
 
 
 def jet_um_kg_s2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Force on every slice of the jets that turn into the kerf, ``c d dp exp(-z / l)`` per length from each face."""
+    """Return the force on every slice of the jets that turn into the kerf, from each face ``c d dp exp(-z / l)`` per
+    length."""
     edges_mm = np.arange(res.slices + 1) / res.slices * machine.height_mm
     force = np.zeros(res.slices)
     for pressure_Pa, from_face_mm in zip(faces_Pa(machine), (edges_mm, edges_mm[::-1]), strict=True):
@@ -339,7 +341,7 @@ def jet_um_kg_s2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 
 def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, res: Resolution) -> None:
-    """Fill what lasts as long as the set-up."""
+    """Fill the arrays that belong to the set-up."""
     fill_model(a, model)
     a.height_share[: res.slices] = height_share(machine, res)
     a.carried_per_us[:] = carried_per_us(machine, res)
@@ -350,7 +352,7 @@ def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, 
 
 
 def fill_model(a: Arrays, model: ModalModel | FullMechanics) -> None:
-    """Fill the rays' directions and the model's wire, which has a shape (slices, modes or nodes)."""
+    """Fill the rays' directions and the wire of the model, whose shape is (slices, modes or nodes)."""
     slices, modes = model.wire_shape.shape
     angle = 2 * np.pi * np.arange(len(a.ray_cosine)) / len(a.ray_cosine)
     a.ray_cosine[:], a.ray_sine[:] = np.cos(angle), np.sin(angle)
@@ -365,16 +367,16 @@ def fill_model(a: Arrays, model: ModalModel | FullMechanics) -> None:
 
 
 def stand_upright(a: Arrays) -> None:
-    """Let the rays be those of a vertical wire."""
+    """Set the rays to those of a vertical wire."""
     a.reach_x[:] = a.across_x[:] = a.ray_cosine
     a.reach_y[:] = a.across_y[:] = a.ray_sine
     a.upright[:], a.lean_share[:] = 1.0, a.height_share
 
 
 def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:
-    """Let some of a plant's arrays be those of a plant at rest."""
+    """Set arrays of a plant to their values at rest."""
     others = {
-        "reference_um": -1e9,  # nowhere: every ray is traced in full at first
+        "reference_um": -1e9,  # far away, so all rays are first traced in full
         "distance": NO_METAL_UM,
         "temperature_K": water_K,
         "ray_metal": 1.0,
@@ -385,7 +387,7 @@ def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:
 
 
 class GeneratorSetting(NamedTuple):
-    """Times and currents of a setting, what follows for breakdown and gas; the machine with it; whether it is on."""
+    """Times and currents of a setting, its constants of breakdown and gas, its machine, and whether it is on."""
 
     timing: Timing
     gap: GapLaw
@@ -395,9 +397,9 @@ class GeneratorSetting(NamedTuple):
 
 
 def settings_of(machine: Machine, resolution: Resolution) -> Callable[[float, float, bool], GeneratorSetting]:
-    """Return what makes a machine's settings of on-time, period and on or off; `InputError` for one it refuses."""
+    """Return a function that makes a setting from on-time, period and on or off; it raises `InputError`."""
 
-    @functools.lru_cache(128)  # some 10 kB each; a knob with detents comes back to them
+    @functools.lru_cache(128)  # some 10 kB each; controllers return to the same settings
     def made(t_on_us: float, t_period_us: float, on: bool) -> GeneratorSetting:
         same = (t_on_us, t_period_us) == (machine.t_on_us, machine.t_period_us)
         with_it = machine if same else machine.with_pulses(t_on_us, t_period_us)

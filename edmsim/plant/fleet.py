@@ -15,11 +15,11 @@ from edmsim.plant.kernel.memory import CALL
 from edmsim.plant.kernel.state import BROKEN, FINE, NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
-_LEAST_PLANTS = 4  # plants a thread is woken for, at the least (ours): to wake it takes a good part of a window
+_LEAST_PLANTS = 4  # least number of plants per thread (ours): waking a thread takes a large part of a window
 
 
 class Fleet:
-    """Plants of one resolution and mechanics; the bits of one depend on neither their number nor the threads."""
+    """Plants of one resolution and mechanics; a plant's bits depend neither on the others nor on the threads."""
 
     def __init__(self, plants: Sequence[Plant], threads: int = 1) -> None:
         kinds = {(plant.resolution, plant.mechanics) for plant in plants}
@@ -28,7 +28,7 @@ class Fleet:
         self.plants = list(plants)
         self.threads = threads
         self.states: NDArray[np.void] = np.zeros(len(plants), STATE)  # (n,) `STATE` of every plant
-        self.windows: NDArray[np.void] = np.zeros(len(plants), WINDOW)  # (n,) `WINDOW`: every plant's last
+        self.windows: NDArray[np.void] = np.zeros(len(plants), WINDOW)  # (n,) `WINDOW`: last window of every plant
         self._calls = np.zeros((len(plants), CALL), np.int64)
         self._calls[:, 3] = WINDOW_PULSES
         self.make_room(8)  # motor steps of most windows
@@ -38,24 +38,24 @@ class Fleet:
         self._pool_process = 0  # process that has its threads
 
     def replace(self, i: int, plant: Plant) -> None:
-        """Put another plant in the place of plant `i`."""
+        """Replace plant `i` by another plant."""
         self.plants[i] = plant
         plant.move_rows(self.states[i : i + 1], self.windows[i : i + 1])
         self._calls[i, 0] = plant.address
 
     def make_room(self, most: int) -> None:
-        """Make room for more motor steps per window; those there were are forgotten."""
+        """Allocate room for more motor steps per window; present ones are lost."""
         # (n, most, 3): time, axis and direction of the steps of every plant's next window
         self.steps: NDArray[np.int64] = np.zeros((len(self.plants), most, 3), np.int64)
         self._calls[:, 1] = self.steps.ctypes.data + np.arange(len(self.plants)) * self.steps.strides[0]
 
     def advance(self, indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Fire 255 pulses in plants (m,), with the first `counts` (n,) of `steps`; returns those that ended badly."""
+        """Fire 255 pulses in plants (m,), with the first `counts` (n,) of `steps`; return the plants that failed."""
         calls = self._calls[indices]
         calls[:, 2] = counts[indices]
         self._fire(calls)
         status = calls[:, 4]
-        if not status.any():  # all are `FINE`, as most often
+        if not status.any():  # the usual case: all are `FINE`
             return indices[:0]
         lacking = np.flatnonzero(status == NO_TILES)
         if len(lacking):
@@ -84,7 +84,7 @@ class Fleet:
             part.result()
 
     def _take(self, calls: NDArray[np.int64], shares: Iterator[tuple[int, int]]) -> None:
-        """Fire one share after another that nobody has taken yet."""
+        """Fire shares of the plants one after another, until no thread has any left."""
         fire, address, row = self.plants[0].fire, calls.ctypes.data, calls.strides[0]
         for first, count in shares:
             fire(address + first * row, count)
@@ -96,7 +96,7 @@ class Fleet:
             self._pool, self._pool_process = None, 0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a pickle or copy needs: the plants, and how many threads."""
+        """Return the state for a pickle or copy: the plants, and the number of threads."""
         return {"plants": self.plants, "threads": self.threads}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -105,7 +105,7 @@ class Fleet:
 
 @functools.cache
 def _shares(plants: int, threads: int) -> tuple[tuple[int, int], ...]:
-    """First plant and number of plants of each share: ever fewer, so that no thread waits long for the last one."""
+    """Return the first plant and size of each share, in falling sizes, so that threads end at about the same time."""
     shares, first = [], 0
     while first < plants:
         count = max((plants - first) // (2 * threads), 1) if threads > 1 else plants

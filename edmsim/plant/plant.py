@@ -43,12 +43,12 @@ from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
 MECHANICS = ("modal", "mujoco")  # integrators of table and wire
 _OF_WIRE, _CHANGING = loop.lasting(loop.Arrays, loop.CHANGING), loop.lasting(loop.Arrays, loop.WALL, loop.CHANGING)
-_OVERRUN_UM = 2000.0  # a table may stand so far behind its end switches, where it is braked (ours)
+_OVERRUN_UM = 2000.0  # distance behind its end switches within which a table is stopped (ours)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
 
 def _coordinates(resolution: Resolution, mechanics: str) -> int:
-    """Coordinates of the wire in each plane: its modes, or MuJoCo's nodes."""
+    """Return the number of coordinates of the wire in each plane: of its modes, or of MuJoCo's nodes."""
     return resolution.modes if mechanics == "modal" else N_NODES
 
 
@@ -133,22 +133,22 @@ class Plant:
         self.reset(seed, stock=stock, position_um=position_um)
 
     def _set_up(self, machine: Machine, drives: Mapping[str, AxisDrive]) -> None:
-        """Work out what follows from a machine; what was allocated stays."""
+        """Compute everything that depends on the machine; allocated memory stays."""
         self._set_up_drives(machine, drives)
         self._set_up_setting(machine)
 
     def _set_up_setting(self, machine: Machine) -> None:
-        """Work out what follows from a machine but for its drives."""
+        """Compute everything that depends on the machine except its drives."""
         self._first_machine = machine
         self._model = self._make_model()
         self._take_constants()
         for axis in (0, 1):
             if isinstance(self._model, FullMechanics) and self._drives.has_loop(axis):
                 self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
-        self._grid_us = 0.0  # the propagators are those of the model before
+        self._grid_us = 0.0  # the propagators belong to the previous model
 
     def _take_constants(self) -> None:
-        """Work out what follows from the first machine but for drives and mechanics."""
+        """Compute everything that depends on the first machine except drives and mechanics."""
         machine, res = self._first_machine, self.resolution
         self._constants = constants.constants(machine, res)
         constants.fill_arrays(self._arrays, self._model, machine, res)
@@ -169,14 +169,14 @@ class Plant:
         self.drives = self._drives.by_axis
 
     def move_rows(self, state: NDArray[np.void], window: NDArray[np.void]) -> None:
-        """Move the plant's scalars into a row each of arrays (1,) of `STATE` and `WINDOW` that a `Fleet` holds."""
+        """Move the plant's scalars into rows (1,) of the arrays of `STATE` and `WINDOW` of a `Fleet`."""
         state[:], window[:] = self._state, self._window
         self._state, self._window = state, window
         self._window_bytes = memoryview(window.view(np.uint8))  # type: ignore[arg-type]
         self._memory.put_own(state=state, window=window)
 
     def _make_model(self) -> ModalModel | FullMechanics:
-        """Return the model of table and wire; it stays alive with the plant, whose loop has its addresses."""
+        """Return the model of table and wire; the plant holds it, because its loop has the model's addresses."""
         if self.mechanics == "modal":
             return constants.modal_model(self._first_machine, self.resolution)
         full = constants.full_mechanics(self._first_machine, self.resolution)
@@ -209,7 +209,7 @@ class Plant:
         key, new = key_of(whole_from("seed", seed, 0)), self._first_machine if machine is None else machine
         position_um = new.base.table.centre_um if position_um is None else self._checked_place(position_um, new)
         stock = block_in_front(new, position_um[0]) if stock is None else checked_stock(stock, new)
-        if machine is not None:  # all arguments are fine: what is refused changes nothing
+        if machine is not None:  # all arguments are valid; a refused call changes nothing
             self._set_up(machine, self._drives.options)
         self._set(new.t_on_us, new.t_period_us, on=True)
         res, travel_um = self.resolution, new.base.table.travel_mm.value * 1e3
@@ -228,7 +228,7 @@ class Plant:
         constants.stand_upright(self._arrays)
 
     def _checked_place(self, position_um: Sequence[float], machine: Machine) -> tuple[float, ...]:
-        """Return a place as numbers; refuse what is not two or four of them, or is far beyond the travel."""
+        """Return a position as numbers; refuse one without two or four numbers, or far beyond the travel."""
         travel_um = machine.base.table.travel_mm.value * 1e3
         place = tuple(finite("position_um", um) for um in np.ravel(position_um).tolist())
         if len(place) not in (2, 4):
@@ -266,13 +266,13 @@ class Plant:
             self._model.restore(lost)
 
     def _check_goes_on(self, machine: Machine, *more: str) -> None:
-        """Refuse a set-up that differs in what cannot change during a cut."""
+        """Refuse a set-up that differs in a property that cannot change during a cut."""
         for name in ("base", "wire", "wire_diameter_um", "material", "height_mm", *more):
             if getattr(machine, name) != getattr(self._first_machine, name):
                 raise InputError(f"a set-up with another {name} cannot go on with this cut: begin another one")
 
     def drift(self, machine: Machine) -> None:
-        """Change the water during a cut; nothing else changes or comes to rest.
+        """Change the water during a cut; everything else continues unchanged.
 
         Parameters
         ----------
@@ -287,19 +287,19 @@ class Plant:
         now, water = self.machine, {"dielectric": self._first_machine.base.dielectric}
         same_water = machine.model_copy(update={"base": machine.base.model_copy(update=water)})
         self._check_goes_on(same_water, "tension")
-        machine.with_pulses(now.t_on_us, now.t_period_us)  # refused before anything is changed
+        machine.with_pulses(now.t_on_us, now.t_period_us)  # refuse before anything is changed
         self._first_machine = machine
         self._take_constants()
         self._set(now.t_on_us, now.t_period_us, self._setting.on)
 
     def _rest_wire(self) -> None:
-        """Let the wire, and what is in the water around it, be at rest; metal and axes stay as they are."""
+        """Reset the wire and the water around it to rest; metal and axes do not change."""
         for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
             self._state[name] = 0
         self._lay_to_rest(_OF_WIRE)
 
     def _lay_to_rest(self, names: Sequence[str]) -> None:
-        """Let some of the arrays be those of a plant at rest."""
+        """Set arrays to their values at rest."""
         constants.lay_to_rest(self._arrays, names, self._constants.water_K)
         self._state["since_discharge_us"] = 1e9
         self._state["tiled_um"] = _NOWHERE_UM
@@ -346,7 +346,7 @@ class Plant:
         self._state["time_ns"] += took_ns
         self._rest_wire()
         if self.mechanics == "mujoco":
-            self._arrays.table_q[:] = table_q  # steps once lost stay lost
+            self._arrays.table_q[:] = table_q  # lost steps stay lost
         return late_s
 
     def take_metal(self, metal: KerfField) -> None:
@@ -433,9 +433,9 @@ class Plant:
             if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype != np.int64:
                 raise InputError("steps are rows of time_ns, axis and direction, in whole numbers, not an array of "
                                  f"shape {rows.shape} and type {rows.dtype}")
-            place = ctypes.addressof(ctypes.c_char.from_buffer(rows.data))  # numpy takes 1 % of a window to say where
+            place = ctypes.addressof(ctypes.c_char.from_buffer(rows.data))  # numpy takes 1 % of a window for it
         status = self._fire_once(place, len(rows), pulses)
-        if status == loop.FINE:  # as most often
+        if status == loop.FINE:  # the usual case
             return read_window(self._window_bytes)
         if status == loop.BROKEN and self._is_bare:
             pass_window(
@@ -495,7 +495,7 @@ class Plant:
 
     @property
     def address(self) -> int:
-        """Where the compiled loop finds the plant (see `memory.CALL`)."""
+        """Address of the plant's table for the compiled loop (see `memory.CALL`)."""
         return self._memory.address
 
     @property
@@ -504,18 +504,18 @@ class Plant:
         return self._fire
 
     def make_tiles(self) -> None:
-        """Make the kerf field's tiles around the wire, which the loop asks for when it lacks them."""
+        """Allocate the kerf field's tiles around the wire; the loop reports when they are missing."""
         s, c = self._state[0], self._constants
         x, y = (float(v) for v in s["axis_um"][:2] + s["deflection_um"])
         u, v = (float(v) for v in s["axis_um"][2:])
         n = self.resolution.slices
         shares = self._arrays.height_share, self._arrays.lean_share
         ends = [float(share[k]) for share in shares for k in (0, n - 1)]
-        low, high = min(ends), max(ends)  # where the wire bends is known once its rays are traced
+        low, high = min(ends), max(ends)  # the places where the wire bends are known after its rays were traced
         reach_um = c.radius_um + c.range_um + 2 * loop.TILED_UM + self._drives.reach_um
         tiles = self.field.tiles
         self.field.allocate(x + low * u, y + low * v, reach_um, ((high - low) * u, (high - low) * v))
-        if self.field.tiles is not tiles:  # it was too small, and `levels` with it
+        if self.field.tiles is not tiles:  # the array was too small, and `levels` with it
             self._put_field()
         self._state["tiled_um"] = (x, y, x + u, y + v)
 
@@ -537,7 +537,7 @@ class Plant:
         return left_validity(status, window, self.time_ns * 1e-9, self.commanded_um)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return everything that changes, as arrays; `restore` continues bit for bit."""
+        """Return the state as arrays; `restore` continues bit for bit."""
         drives = {axis: drive.name for axis, drive in self.drives.items()}
         state: dict[str, NDArray[Any]] = {"set_up": digest_of(self._first_machine, drives)}
         state.update({f"field.{k}": v for k, v in self.field.snapshot().items()})
@@ -585,7 +585,7 @@ class Plant:
         self._state[:] = state["state"]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a pickle or copy needs: the set-up and a snapshot, no addresses."""
+        """Return the state for a pickle or copy: the set-up and a snapshot, without addresses."""
         return {
             "machine": self._first_machine, "mechanics": self.mechanics, "resolution": self.resolution,
             "stock": self.field.stock, "window": self._window.copy(), "snapshot": self.snapshot(),
@@ -602,7 +602,7 @@ class Plant:
         self._memory.put_own(pulses=self._pulses)
 
     def __repr__(self) -> str:
-        """Say what is set up, and where and when it is."""
+        """Return the set-up with position and time as text."""
         res, (x, y) = self.resolution, self.commanded_um
         generator = "on" if self.generator_on else "off"
         return (
@@ -662,7 +662,7 @@ class Plant:
         return self.following_error_in_um(self._state[0])
 
     def following_error_in_um(self, state: np.void) -> tuple[float, float]:
-        """Return the following error by a record of `STATE` of this plant, the present or an earlier one."""
+        """Return the following error in a record of `STATE` of this plant, the present or an earlier one."""
         x, y = state["commanded_um"][:2] - state["indicated_um" if self._drives.axes.errs else "axis_um"][:2]
         return float(x), float(y)
 
@@ -777,9 +777,9 @@ class Plant:
     def last_pulses(self) -> NDArray[np.void]:
         """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""
         fired = sum(self._window["counts"][0].tolist()) if len(self._pulses) else 0
-        # as bytes: numpy copies records field by field, which takes twenty times as long
+        # as bytes, because numpy copies records field by field, which is 20 times slower
         pulses = self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
-        forget_places(pulses)  # the loop writes none, so a row would have that of an earlier window
+        forget_places(pulses)  # the loop does not write these, so a row would have those of an earlier window
         return pulses
 
     def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:

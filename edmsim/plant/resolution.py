@@ -1,4 +1,4 @@
-"""How finely the plant is resolved, by name."""
+"""Resolutions of the plant by name."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from edmsim.errors import refuse_unknown
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely the plant is resolved."""
+    """Resolution of the plant."""
 
     # slices of the workpiece's height, rays around the wire, modes of the wire in each plane
     slices: int
@@ -15,12 +15,12 @@ class Resolution:
     modes: int
     # side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm
     cell_um: float = 4.0
-    # front gap in the kerf below which a slice's own film is followed pulse by pulse; the mean film of all slices
-    # damps the wire at any gap
+    # front gap in the kerf below which the film of a single slice is applied in every pulse; the mean film of all
+    # slices damps the wire at any gap
     film_from_um: float = 12.0
-    # spans into which the time from a discharge to the period's end is cut where a slice's own film is followed
+    # number of parts of the time from a discharge to the end of the period, if the film of a single slice is applied
     film_spans: int = 1
-    # windows after which what fell on the rays is carved from the field and they are traced again
+    # number of windows after which craters are carved from the field and the rays are traced again
     trace_windows: int = 1
 
 
@@ -32,7 +32,7 @@ RESOLUTIONS: dict[str, Resolution] = {
 
 
 def resolution(name: str | Resolution) -> Resolution:
-    """Look up a resolution by name; an own one is returned as it is."""
+    """Return a resolution by its name; a `Resolution` is returned unchanged."""
     if isinstance(name, Resolution):
         return name
     refuse_unknown("resolution", name, RESOLUTIONS)

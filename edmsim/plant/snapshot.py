@@ -1,4 +1,4 @@
-"""Checks of a plant's snapshot before it is restored, because compiled code has no bounds checks."""
+"""Checks of a plant's snapshot before it is loaded, because compiled code has no bounds checks."""
 
 import hashlib
 from collections.abc import Mapping
@@ -15,21 +15,21 @@ from edmsim.plant.workpiece.kerf_field import FULL
 
 _Snapshot = Mapping[str, NDArray[Any]]
 
-_MOST = 1 << 62  # counts and times (ns) stay below this: a hundred years
-_ROUNDED = 1e-9  # a mean of heights lies beyond the greatest of them by less (ours: some roundings of 1e-16)
+_MOST = 1 << 62  # limit of counts and times (ns): 100 years
+_ROUNDED = 1e-9  # rounding of a mean of heights (ours: some times 1e-16)
 
 _STATED = {"name", "wire_name", "material_name", "generator_name", "t_on_us", "t_period_us"}
-"""What of a set-up changes with the pulse setting, which a snapshot holds, or only names what else it says."""
+"""Fields of a set-up that change with the pulse setting, which is in the snapshot, or that are only names."""
 
 
 def digest_of(machine: Machine, drives: Mapping[str, str]) -> NDArray[np.uint8]:
-    """Return what identifies a plant's set-up, with the name of every axis' drive."""
+    """Return a digest of a plant's set-up and the names of its drives."""
     said = machine.model_dump_json(exclude=_STATED) + own_mjcf_text(machine.base.model) + repr(sorted(drives.items()))
     return np.frombuffer(hashlib.sha256(said.encode()).digest(), np.uint8)
 
 
 def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None:
-    """Refuse a snapshot of another set-up, or whose arrays are missing, unlike `like`'s, or lead beyond another."""
+    """Refuse a snapshot of another set-up, or with missing arrays, other shapes than `like`, or invalid indices."""
     if "set_up" in state and not np.array_equal(state["set_up"], like["set_up"]):
         raise InputError("this is a snapshot of another set-up: restore it in a plant with the same machine, "
                          "material, wire, generator, drives and operator's choices")
@@ -45,7 +45,7 @@ def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None
 
 
 def _all_numbers(array: NDArray[Any]) -> bool:
-    """Whether all floats of an array or record are finite, or in records infinite: a switch that never opens is."""
+    """Return whether all floats are finite; in records also infinite, as a switch that never opens is."""
     kinds = array.dtype.fields
     if kinds is not None:
         return not any(np.isnan(array[name]).any() for name in kinds if kinds[name][0].base.kind == "f")
@@ -53,7 +53,7 @@ def _all_numbers(array: NDArray[Any]) -> bool:
 
 
 def _check_places(state: _Snapshot, sizes: ArraySizes) -> None:
-    """Refuse places beyond arrays, and invalid counts."""
+    """Refuse indices beyond arrays, and invalid counts."""
     scalars = state["state"][0]
     counts = "time_ns", "pulses", "traced_pulses", "carved_pulses", "traces"
     within = {
@@ -69,7 +69,7 @@ def _check_places(state: _Snapshot, sizes: ArraySizes) -> None:
 
 
 def _check_metal(state: _Snapshot) -> None:
-    """Refuse heights of metal that no slice has; an index of the kerf field that leads beyond it, or twice to one."""
+    """Refuse impossible heights of metal, and an index of the kerf field that is out of range or not unique."""
     for name in ("ray_metal", "metal"):
         if not np.all((state[name] >= 0.5 - _ROUNDED) & (state[name] <= 1.5 + _ROUNDED)):
             raise InputError(f"the snapshot's {name} is not within 0.5..1.5")

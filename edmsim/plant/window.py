@@ -16,13 +16,13 @@ _NAMES = tuple(name for name in WINDOW.names or () if name != FREE)
 _KINDS = [WINDOW[name] for name in _NAMES]
 _NAN = math.nan
 _FORMAT = struct.Struct("=" + "".join(f"{math.prod(of.shape)}{'q' if of.base.kind == 'i' else 'd'}" for of in _KINDS))
-"""`state.WINDOW` as plain numbers."""
+"""`state.WINDOW` as Python numbers."""
 _READ = (
     "start_ns", "duration_ns", "counts", "voltage_us", "charge_A_us", "energy_J", "delay_us", "ignitions", "gap_um",
     "crater_um3", "deflection_um", "deflection2_um2", "temperature_max_K", "debris", "coverage",
     "broken", "fifths",
 )  # fmt: skip
-"""Order in which `read_window` takes them: with names instead, a window would take 1 % longer."""
+"""Fields in the order of `read_window`: with keyword arguments a window would take 1 % longer."""
 if _NAMES != _READ:
     raise TypeError(f"read_window reads {_READ}, and WINDOW has {_NAMES}")
 
@@ -71,7 +71,7 @@ _LEFT: dict[int, tuple[type[PlantError], str]] = {
 
 
 def read_window(row: memoryview) -> PulseWindow:
-    """Return a window from the bytes of its `state.WINDOW`; raises `InputError` if they are those of none."""
+    """Return a window from the bytes of its `state.WINDOW`; raises `InputError` if they are invalid."""
     (
         start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
         x, y, xx, yy, hottest, debris, coverage, broken, bottom, second, third, fourth, top,
@@ -90,7 +90,7 @@ def read_window(row: memoryview) -> PulseWindow:
 
 
 def forget_places(pulses: NDArray[np.void]) -> None:
-    """Give pulses without a place (rows of `state.PULSE`) no gap and no ray, too."""
+    """Set gap and ray of pulses without a place (rows of `state.PULSE`)."""
     nowhere = pulses["slice"] < 0
     for name in ("gap_um", "x_um", "y_um"):
         pulses[name][nowhere] = np.nan
@@ -98,7 +98,7 @@ def forget_places(pulses: NDArray[np.void]) -> None:
 
 
 def without_wire(window: PulseWindow, timing: Timing) -> NDArray[np.void]:
-    """Return the pulses of a window (rows of `state.PULSE`) that found no wire: all open."""
+    """Return the pulses of a window without a wire (rows of `state.PULSE`): all open."""
     pulses = np.zeros(window.pulses, PULSE)
     pulses["start_us"] = np.arange(window.pulses) * window.duration_ns * 1e-3 / window.pulses
     pulses["delay_us"], pulses["open_V"], pulses["kind"], pulses["slice"] = timing.wait_us, timing.open_V, OPEN, -1
@@ -107,7 +107,7 @@ def without_wire(window: PulseWindow, timing: Timing) -> NDArray[np.void]:
 
 
 def left_validity(status: int, window: PulseWindow, time_s: float, commanded_um: tuple[float, float]) -> PlantError:
-    """Return the error that tells why a window did not begin, or how, when and where it left the model's range."""
+    """Return the error of a window that did not begin, or left the model's range, with its cause, time and place."""
     if status == BROKEN:
         reason = "the wire is broken: thread a new one (Plant.rethread), or begin again (Plant.reset)"
         return WireBrokenError(reason, time_s, commanded_um, window)
@@ -122,7 +122,7 @@ def left_validity(status: int, window: PulseWindow, time_s: float, commanded_um:
 
 
 def wrong_step(rows: NDArray[np.int64], now_ns: int, lines: bool) -> str:
-    """Say which step cannot be taken, nothing if all can; with `lines`, drives have input lines, too."""
+    """Return a message for an invalid step, or an empty text; with `lines`, drives have input lines, too."""
     before = now_ns
     for time_ns, axis, direction in rows.tolist():
         is_step = axis in range(N_AXES) and direction in (-1, 1)
@@ -139,7 +139,7 @@ def pass_window(
     state: NDArray[np.void], window: NDArray[np.void], drives: Drives, timing: Timing, events: NDArray[np.int64],
     step_um: float, pulses: int,
 ) -> None:
-    """Let pulses pass that find no wire, open ones of the longest wait; the axes take their steps as in a rapid."""
+    """Let pulses without a wire pass, open ones of the longest wait; the axes move as in a rapid."""
     if wrong := wrong_step(events, int(state["time_ns"][0]), drives.axes.loops > 0):
         raise InputError(wrong)
     period_ns = timing.period_ns

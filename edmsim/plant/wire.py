@@ -1,9 +1,9 @@
 """The wire: its loads, temperature and strength.
 
-Loads: the gas bubble of a discharge pushes the wire away from the place (an impulse); the open voltage pulls
-it towards the metal (electrostatic pressure on every ray). Heat: a share of the discharge energy enters the
-wire at the discharge, the current heats it, water cools it, and the running wire carries heat downwards.
-Structure of the heat balance after the ETH model (SPARC, MIT licence) and Schacht (KU Leuven 2004).
+Loads: the gas bubble of a discharge pushes the wire away (an impulse), and the open voltage pulls it towards the
+metal (electrostatic pressure on every ray). Heat: a share of the discharge's energy enters the wire, the current
+heats it, water cools it, and the running wire carries heat downwards. The heat balance has the structure of the ETH
+model (SPARC, MIT licence) and of Schacht (KU Leuven 2004).
 """
 
 import math
@@ -15,7 +15,7 @@ from edmsim.plant.kernel.state import Array, Arrays
 
 VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12  # CODATA 2018
 VACUUM_PERMEABILITY_N_A2 = 1.25663706212e-6  # CODATA 2018
-MOST_EXCHANGE = 0.25  # share of the difference in one explicit step of conduction (ours: stable up to a half)
+MOST_EXCHANGE = 0.25  # share of the difference per explicit step of conduction (ours: stable up to 0.5)
 
 
 class HeatLaw(NamedTuple):
@@ -25,19 +25,19 @@ class HeatLaw(NamedTuple):
     # cooling per us of a slice's wire per W/(m2 K): its surface over its heat capacity, times 1e-6
     cooling_m2K_J: float
     conduction_per_us: float  # exchange with each neighbour
-    # share of a slice's wire replaced by the next one's per us (wire running speed over slice height)
+    # share of a slice's wire that is replaced per us (running speed over slice height)
     run_per_us: float
-    joule_K_per_A2_us: float  # rise per ampere squared and us of the current in the slice, at the water's temperature
+    joule_K_per_A2_us: float  # temperature rise per A2 us of the current in the slice, at the water's temperature
     resistance_per_K: float  # relative rise of the wire's resistivity per kelvin
-    water_K: float  # temperature of the water that is not at the wire, and of the wire that enters
-    # where water boils on the wire, and the boiling curve from there on (see `heat_transfer_W_m2K`)
+    water_K: float  # temperature of the bulk water, and of the wire that enters
+    # boiling point of the water at the wire, and the boiling curve above it (see `heat_transfer_W_m2K`)
     boiling_K: float
     superheat_K: float
     film_W_m2K: float
-    dry_share: float  # share of the heat transfer that gas all around the front takes away
-    melting_K: float  # the wire gets no hotter
-    # where discharges have heated one place: the rise of a metre of wire per joule, the square of the least length
-    # that can give way, and the growth of the square of the length that the heat has spread over
+    dry_share: float  # reduction of the heat transfer by gas over the whole front
+    melting_K: float  # greatest temperature of the wire
+    # a hot spot: temperature rise of a metre of wire per joule, square of the least length that can break, and growth
+    # of the square of the length over which the heat has spread
     spot_K_m_J: float
     spot_m2: float
     spreading_m2_us: float
@@ -47,9 +47,9 @@ class HeatLaw(NamedTuple):
 def heat_transfer_W_m2K(
     temperature_K: float, law: HeatLaw, convection_W_m2K: float, critical_W_m2: float, dry: float
 ) -> float:
-    """Heat flux from the wire over its temperature above the water's."""
-    # convection up to the boiling point; then nucleate boiling, whose flux rises with the cube of the superheat
-    # (Rohsenow) up to the critical one; beyond, a film of steam. `dry` is the share of front and back under gas
+    """Return the heat flux from the wire over its temperature above the water's."""
+    # Convection up to the boiling point; then nucleate boiling, whose flux rises with the cube of the superheat
+    # (Rohsenow) up to the critical one; above that a film of steam. `dry` is the share of the wire under gas.
     wet = max(1.0 - law.dry_share * dry, 0.0)
     convection = convection_W_m2K * wet
     superheat = temperature_K - law.boiling_K
@@ -64,9 +64,9 @@ def heat_transfer_W_m2K(
 
 @compiled
 def add_currents(a: Arrays, current2_us: Array) -> None:
-    """Find the integral of the squared current in every slice's wire (A2 us) since heat was propagated last."""
-    # a discharge's current comes from both guides and divides as the wire's resistances do: below the discharge flows
-    # the share of the height above it
+    """Compute the integral of the squared current in every slice's wire (A2 us) since heat was propagated."""
+    # A discharge's current comes from both contacts, and divides by the wire's resistances: the share below the
+    # discharge equals the share of the height above it.
     n = a.temperature_K.shape[0]
     from_below = from_above = 0.0
     for s in range(n):
@@ -79,14 +79,14 @@ def add_currents(a: Arrays, current2_us: Array) -> None:
 
 @compiled
 def spot_K(law: HeatLaw, heat_J: float, time_us: float) -> float:
-    """Rise of a section into which heat has come for a time, ``Q / (rho c A sqrt(pi a t + d^2))``."""
-    # conduction spreads the heat over ``sqrt(pi a t)``; a disc thinner than the wire does not give way (ours)
+    """Return the rise of a section that has received heat over a time, ``Q / (rho c A sqrt(pi a t + d^2))``."""
+    # conduction spreads the heat over ``sqrt(pi a t)``; a disc thinner than the wire cannot break (ours)
     return heat_J * law.spot_K_m_J / math.sqrt(law.spot_m2 + law.spreading_m2_us * time_us)
 
 
 @compiled
 def _conduct(temperature: Array, exchange: float) -> None:
-    """Let heat flow between neighbouring slices, by a share of their difference."""
+    """Exchange heat between neighbouring slices, by a share of their difference."""
     n = temperature.shape[0]
     above = temperature[n - 1]
     for s in range(n - 1, -1, -1):
@@ -98,13 +98,13 @@ def _conduct(temperature: Array, exchange: float) -> None:
 
 @compiled
 def heat_step(a: Arrays, law: HeatLaw, current2_us: Array, dt_us: float) -> None:
-    """Advance the slices' temperatures by a span of time, in which currents flowed (see `add_currents`)."""
-    # exact for convection, explicit for conduction, implicit upwind for the wire, which enters at the top, cold
+    """Advance the slices' temperatures by a span of time with currents (see `add_currents`)."""
+    # exact for convection, explicit for conduction, implicit upwind for the wire, which enters cold at the top
     temperature = a.temperature_K
     n = temperature.shape[0]
     run = law.run_per_us * dt_us
     exchange = law.conduction_per_us * dt_us
-    if exchange > MOST_EXCHANGE:  # thin slices: all steps but the last one before the rest of the balance
+    if exchange > MOST_EXCHANGE:  # thin slices need several steps; the last one is part of the balance below
         steps = math.ceil(exchange / MOST_EXCHANGE)
         exchange /= steps
         for _ in range(steps - 1):
@@ -128,10 +128,10 @@ def heat_step(a: Arrays, law: HeatLaw, current2_us: Array, dt_us: float) -> None
 
 @compiled
 def strength_share(temperature_K: float, half_strength_K: float, cold_K: float) -> float:
-    """Tensile strength over its cold value: linear, one half at `half_strength_K`, never below zero."""
+    """Return the tensile strength over its cold value: linear, 0.5 at `half_strength_K`, at least 0."""
     return max(0.0, 1.0 - 0.5 * (temperature_K - cold_K) / (half_strength_K - cold_K))
 
 
 def area_m2(diameter_um: float) -> float:
-    """Cross-section of the wire."""
+    """Return the cross-section of the wire."""
     return math.pi / 4 * (diameter_um * 1e-6) ** 2

@@ -1,1 +1,1 @@
-"""The machine's axes: steps, motors, encoders and the drives that close a loop over them."""
+"""The machine's axes: steps, motors, encoders and servo drives."""

@@ -1,8 +1,8 @@
-"""The axes over a span of time: step edges and input lines in order of time, drives at their sampling instants.
+"""Advance the axes over a span of time, with step edges, input lines and samples of drives in order of time.
 
-Both integrators call `advance_axes`, with x and y where they indicate they are: the modal one after every pulse for
-the pulse's period, the full one before every time step of MuJoCo for that step. Where no drive has a loop, an axis is
-where its steps lead it, and rings.
+Both integrators call `advance_axes` with the indicated positions of x and y: the modal one after every pulse for the
+pulse's period, the full one before every time step of MuJoCo for that step. An axis under a stepper is at its
+setpoint, and rings.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timin
 from edmsim.plant.mechanics.modal import step_table
 
 LOST, TRIPPED = -1, -2
-"""What is returned instead of the next event: the state is out of range or not finite; the machine stops an axis."""
+"""Results in place of the next event: the state is out of range or not finite; the machine stops an axis."""
 
 
 @compiled
@@ -25,7 +25,7 @@ def _take_step(
     state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
     time_ns: int, axis: int, direction: int, until_ns: int, full: bool,
 ) -> None:
-    """One step of a stepper: MuJoCo's magnets pull the rotor there; in the modal model the axis rings around it."""
+    """Make one step of a stepper: in MuJoCo its magnets pull the rotor; in the modal model the axis rings."""
     travel = direction * step_um
     state[0].commanded_um[axis] += travel
     if full or axis >= 2:
@@ -43,14 +43,14 @@ def _take_step(
 
 @compiled
 def indicate(state: NDArray[np.void]) -> None:
-    """Put x and y where they would be without the errors of screws and ways."""
+    """Set x and y to their positions without the errors of screws and ways."""
     for axis in range(2):
         state[0].axis_um[axis] = state[0].indicated_um[axis]
 
 
 @compiled
 def apply_geometric_errors(state: NDArray[np.void], axes: Axes) -> None:
-    """Put x and y where the errors of screws and ways lead them."""
+    """Set x and y to their positions with the errors of screws and ways."""
     places = state[0].axis_um
     x, y = errors_um(axes.ways, places[0], places[1], places[2])
     for axis in range(2):
@@ -70,12 +70,12 @@ def take_line(axes: Axes, channel: int, level: int) -> None:
 
 @compiled
 def in_reach(state: NDArray[np.void], axes: Axes) -> bool:
-    """Whether the wire at both guides is still where the kerf field has tiles for it; not so if it is nowhere."""
+    """Return whether the kerf field has tiles for the wire at both guides; False if its position is not finite."""
     fine = True
     for d in range(2):
         low = state[0].axis_um[d] + state[0].deflection_um[d]
         high = low + state[0].axis_um[2 + d]
-        # an axis may be so far from where its steps lead it, and is judged by that
+        # a servo axis may be this far from its setpoint
         reach = 2.0 * TILED_UM + axes.rows[d].stray_um
         fine = fine and bool(abs(low - state[0].tiled_um[d]) < reach)
         fine = fine and bool(abs(high - state[0].tiled_um[2 + d]) < reach + axes.rows[2 + d].stray_um)
@@ -84,7 +84,7 @@ def in_reach(state: NDArray[np.void], axes: Axes) -> bool:
 
 @compiled
 def _place_axes(state: NDArray[np.void], axes: Axes) -> None:
-    """Put the axes whose drives have a loop where their tables are; one that is nowhere stays."""
+    """Set the servo axes to the positions of their tables, unless these are out of range."""
     for axis in range(N_AXES):
         if axes.drives[axis].sample != 0 and abs(axes.rows[axis].place_um) < NOWHERE_UM:
             state[0].axis_um[axis] = axes.rows[axis].place_um
@@ -95,7 +95,7 @@ def _run_drives(
     state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
     events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
 ) -> int:
-    """Take events and samples in order of time, where a drive has a loop; see `advance_axes`."""
+    """Do `advance_axes` if there are servo drives: events and samples in order of time."""
     before = tripped(axes)
     while True:
         who, due_ns = first_due(axes, until_ns)
@@ -132,10 +132,10 @@ def advance_axes(
     state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
     events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
 ) -> int:
-    """Take the events (time in ns, channel, value) and samples before a time; returns the first event after it."""
-    # `LOST` if an axis left the tiles of the field; `TRIPPED` as soon as the machine has to stop an axis that it had
-    # not to stop before: the rest of the span has not passed for the axes then. `k_period` are the steps of the
-    # pulse's grid since the axes were here last, for the steppers of the modal model
+    """Process the events (time in ns, channel, value) and samples before a time; return the first event after it."""
+    # Returns `LOST` if an axis left the tiles of the field, or `TRIPPED` if the machine must stop another axis; in
+    # this case the axes are not advanced to the end of the span. `k_period` is the number of time-grid steps since
+    # the last call, for the steppers of the modal model.
     if axes.loops == 0:
         while next_event < events.shape[0] and events[next_event, 0] < until_ns:
             time_ns, axis, direction = events[next_event, 0], events[next_event, 1], events[next_event, 2]

@@ -1,4 +1,4 @@
-"""The boards of the drives: when a drive is due, its inputs, and when its outputs take effect."""
+"""The boards of the drives: sampling instants, inputs, and the times at which outputs take effect."""
 
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import compiled
@@ -6,16 +6,16 @@ from edmsim.compiled.memory_views import call_with_two
 from edmsim.plant.axes.encoder import read_axis
 from edmsim.plant.kernel.state import Axes
 
-NEVER = 1 << 62  # a time (ns) after all others
-NOBODY = -1  # nobody is due
-NOWHERE_UM = 1e9  # largest valid place; beyond it, or not finite, the axis has run away
+NEVER = 1 << 62  # a time (ns) later than all others
+NOBODY = -1  # nothing is due
+NOWHERE_UM = 1e9  # limit of valid positions: beyond it, or not finite, the axis has run away
 _OUTPUT, _DUTY, _SAMPLE, _ALARM = (kind * axis_rows.N_AXES for kind in range(4))
-"""Who is due: one of these and the number of the axis."""
+"""What is due: one of these plus the number of the axis."""
 
 
 @compiled
 def first_due(axes: Axes, until_ns: int) -> tuple[int, int]:
-    """Who is due first before a time, and when: of several at once in the order of the axes, outputs first."""
+    """Return what is due first before a time, and when: at equal times outputs first, then in order of the axes."""
     who, due_ns = NOBODY, until_ns
     for axis in range(axis_rows.N_AXES):
         drive = axes.drives[axis]
@@ -34,7 +34,7 @@ def first_due(axes: Axes, until_ns: int) -> tuple[int, int]:
 
 @compiled
 def fault_net_low(axes: Axes) -> bool:
-    """Whether a drive pulls the fault net low through its diode."""
+    """Return whether a drive pulls the fault net low through its diode."""
     for axis in range(axis_rows.N_AXES):
         row = axes.rows[axis]
         if axes.drives[axis].sample != 0 and row.wiring & axis_rows.NET_OUT and row.pins & axis_rows.FAULT_OUT:
@@ -44,7 +44,7 @@ def fault_net_low(axes: Axes) -> bool:
 
 @compiled
 def _is_shared(axes: Axes, axis: int) -> bool:
-    """Whether another drive is writing to the output that one shares with it."""
+    """Return whether another drive is writing to the shared output."""
     for other in range(axis_rows.N_AXES):
         writes = axes.drives[other].sample != 0 and not axes.drives[other].lines & axis_rows.HOLDS_OUTPUT
         if other != axis and writes and axes.rows[other].shares == axes.rows[axis].shares:
@@ -54,7 +54,7 @@ def _is_shared(axes: Axes, axis: int) -> bool:
 
 @compiled
 def _put_command(axes: Axes, axis: int) -> None:
-    """Let a command take effect, on all axes of an output that is shared."""
+    """Let a command take effect; a shared output moves all its axes."""
     group = axes.rows[axis].shares
     if group == 0:
         axes.rows[axis].duty = axes.drives[axis].command
@@ -66,7 +66,7 @@ def _put_command(axes: Axes, axis: int) -> None:
 
 @compiled
 def _call(axes: Axes, axis: int, event: int, now_ns: int) -> bool:
-    """Call a drive; say whether what it commands is a share of its supply."""
+    """Call a drive's sample function; return whether its command is within -1..1."""
     drive, row = axes.drives[axis], axes.rows[axis]
     row.lines = row.hand_lines
     if row.wiring & axis_rows.NET_IN and fault_net_low(axes):
@@ -85,7 +85,7 @@ def _call(axes: Axes, axis: int, event: int, now_ns: int) -> bool:
 
 @compiled
 def _take_sample(axes: Axes, axis: int) -> bool:
-    """Let a drive take its sample; false as for `serve`."""
+    """Take a drive's sample; return False like `serve`."""
     drive, row = axes.drives[axis], axes.rows[axis]
     now_ns, fine, ready_ns = drive.due_ns, True, drive.due_ns
     if row.in_reset == 0 and now_ns >= drive.stalled_until_ns:
@@ -104,9 +104,9 @@ def _take_sample(axes: Axes, axis: int) -> bool:
 
 @compiled
 def serve(axes: Axes, who: int, now_ns: int) -> bool:
-    """Let happen what `first_due` found.
+    """Do what `first_due` found.
 
-    False if a drive commands what is not a share of its supply, or its next sample is not due later.
+    Returns False if a drive's command is not within -1..1, or its next sample is not later.
     """
     axis = who % axis_rows.N_AXES
     drive, row = axes.drives[axis], axes.rows[axis]
@@ -130,7 +130,7 @@ def serve(axes: Axes, who: int, now_ns: int) -> bool:
 
 @compiled
 def shut_off(axes: Axes, axis: int, now_ns: int) -> None:
-    """Take a drive out of service whose command or period is invalid."""
+    """Shut off a drive whose command or period is invalid."""
     hold_in_reset(axes, axis)
     axes.drives[axis].command = axes.rows[axis].duty = 0.0
     axes.rows[axis].trip |= axis_rows.NO_COMMAND
@@ -139,7 +139,7 @@ def shut_off(axes: Axes, axis: int, now_ns: int) -> None:
 
 @compiled
 def tripped(axes: Axes) -> int:
-    """Return which axes the machine itself has to stop, a bit each."""
+    """Return the axes that the machine must stop, as bits."""
     found = 0
     for axis in range(axis_rows.N_AXES):
         if axes.drives[axis].sample != 0 and axes.rows[axis].trip != 0:
@@ -149,7 +149,7 @@ def tripped(axes: Axes) -> int:
 
 @compiled
 def watch(axes: Axes, now_ns: int) -> None:
-    """See which axes are too far from where the planner has them; a place that is not a number is nowhere."""
+    """Check which axes are too far from the planner's position, or have a position that is not finite."""
     for axis in range(axis_rows.N_AXES):
         row = axes.rows[axis]
         if axes.drives[axis].sample == 0:
@@ -164,7 +164,7 @@ def watch(axes: Axes, now_ns: int) -> None:
 
 @compiled
 def hold_in_reset(axes: Axes, axis: int) -> None:
-    """Let go of all of a drive's pins: the board pulls the bridge's enable low."""
+    """Reset a drive: its pins float, and the board pulls the bridge's enable low."""
     axes.rows[axis].in_reset = 1
     axes.rows[axis].pins = axis_rows.FREEWHEEL
     axes.drives[axis].output_ns = axes.drives[axis].duty_ns = NEVER

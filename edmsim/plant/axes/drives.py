@@ -1,4 +1,4 @@
-"""A plant's drives: their rows in the memory of the pulse loop, their part of a snapshot, stops, and faults."""
+"""A plant's drives: their records in the memory of the pulse loop, their part of snapshots, stops, and faults."""
 
 import copy
 import math
@@ -24,11 +24,11 @@ AXIS_NAMES = ("x", "y", "u", "v")
 
 _ROWS = "edmsim.compiled.axis_rows"
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
-_LOOK_NS = 10_000_000  # how often it is looked whether a rapid is over (ours)
+_LOOK_NS = 10_000_000  # interval of checks whether a rapid is over (ours)
 
 
 class AxisDrive(Protocol):
-    """What a plant needs of a drive (see `edmsim.controllers.axis.drive.Drive`)."""
+    """Interface of a drive for the plant (see `edmsim.controllers.axis.drive.Drive`)."""
 
     name: str
     record: NDArray[np.void]
@@ -40,11 +40,10 @@ class AxisDrive(Protocol):
 
 
 class Drives:
-    """The drives of one plant by axis, copied, so that one may be given to several plants; other axes have a stepper.
+    """The drives of one plant by axis. They are copied, so several plants can use one; other axes have a stepper.
 
-    `ways` are the errors of screws and ways of x and y, `screws` those of axes whose screw and table are the
-    machine's and not the drive's; an axis may stray `stray_um` from where its steps lead it before the machine stops
-    it.
+    `ways` are the errors of screws and ways of x and y; `screws` are constants of axes whose screw and table belong
+    to the machine and not to the drive. The machine stops an axis that is `stray_um` from its setpoint.
     """
 
     def __init__(
@@ -92,12 +91,12 @@ class Drives:
         self.axes = made._replace(loops=len(self._looped), errs=int(errs))
 
     def reset(self, state: NDArray[np.void], seed: int) -> None:
-        """Switch the drives on at time 0, with the axes at rest where the scalars of a plant (`STATE`) say."""
+        """Switch the drives on at time 0, with the axes at rest at the positions in a record of `STATE`."""
         self.switch_on(state["axis_um"][0], seed)
         self._apply_errors(state)
 
     def switch_on(self, axis_um: NDArray[np.float64], seed: int) -> None:
-        """Switch the drives on at time 0, with the axes at rest at some places; the seed is the encoders' noise's."""
+        """Switch the drives on at time 0, with the axes at rest; the seed is that of the encoders' noise."""
         rows, drives = self.axes.rows, self.axes.drives
         rows[:], drives[:] = self._initial_rows, self._initial
         for name in ("place_um", "zero_um", "least_um", "most_um", "rotor_um"):
@@ -107,7 +106,7 @@ class Drives:
         for k in self._looped:
             drives["index"][k] = 1
             drives["due_ns"][k] = int(drives["num"][k]) // int(drives["den"][k])
-            rows["noise_key"][k] = key_of(-1 - axis_rows.N_AXES * int(seed) - k)  # other keys than the plants' own
+            rows["noise_key"][k] = key_of(-1 - axis_rows.N_AXES * int(seed) - k)  # unlike those of plants
             if self.axes.motors["spike_rate_Hz"][k] > 0:
                 rows["spike_ns"][k] = draw_pause(rows[k], self.axes.motors[k])
         self._find_marks()
@@ -116,10 +115,10 @@ class Drives:
         self, state: NDArray[np.void], position_um: Sequence[float], duration_ns: int, step_um: float,
         rapid_um_s: float,
     ) -> tuple[int, float]:
-        """Let the first axes go to a place without the wire, within `duration_ns`, the others stay."""
-        # an axis under a drive with a loop is given whole steps, at once where the drive makes ramps of its own, and
-        # is moved by it; the others are there. Returns how long it took (ns), and for how long (s) axes would still
-        # have to be waited for until they are within a step of their place: 0 if they are, or have been stopped
+        """Move the first axes to a position without the wire, within `duration_ns`; the others stay."""
+        # Servo drives receive whole steps, all at once if they make their own ramps; stepper axes are moved at once.
+        # Returns the duration (ns), and the time (s) after which axes would be within a step of their position: 0 if
+        # they are, or were stopped.
         moved_um = np.zeros(axis_rows.N_AXES)
         moved_um[: len(position_um)] = position_um - state["commanded_um"][0, : len(position_um)]
         counts = [round(float(um) / step_um) if self.has_loop(k) else 0 for k, um in enumerate(moved_um)]
@@ -143,8 +142,8 @@ class Drives:
     def _travel(
         self, state: NDArray[np.void], counts: list[int], duration_ns: int, step_um: float, rapid_um_s: float
     ) -> tuple[int, float]:
-        """Move the axes whose drives have a loop by some steps; return what `carry` does."""
-        # on its way an axis may be anywhere between its old place and its new one
+        """Move the servo axes by a number of steps; return the same as `carry`."""
+        # in a rapid an axis may be anywhere between its old and new position
         rows, start_ns, to_um = self.axes.rows, int(state["time_ns"][0]), state["commanded_um"][0]
         at_once = [getattr(self.by_axis.get(name), "makes_ramps", False) for name in AXIS_NAMES]
         moves = straight_moves(counts, start_ns, rapid_um_s / step_um, at_once)
@@ -166,24 +165,24 @@ class Drives:
         return until_ns - start_ns, late_s
 
     def away_um(self, state: NDArray[np.void]) -> NDArray[np.float64]:
-        """Return how far every axis is from where its steps lead it; 0 for a stepper, which nobody looks after."""
+        """Return the distance of every axis from its setpoint; 0 under a stepper, which is not monitored."""
         away_um = np.zeros(axis_rows.N_AXES)
         away_um[self._looped] = np.abs(self.axes.rows["place_um"] - state["commanded_um"][0])[self._looped]
         return away_um
 
     def passes_by(self, step_um: float) -> bool:
-        """Say whether an axis under a drive with a loop moves so fast that it cannot be settling."""
+        """Return whether a servo axis moves too fast to be settling."""
         speeds_um_s = self.axes.rows["speed_um_s"][self._looped]
         return bool(np.any(np.abs(speeds_um_s) * rapid_constants()["step_s"] > step_um))
 
     def _publish_places(self, state: NDArray[np.void]) -> None:
-        """Put the axes whose drives have a loop where their tables are; one that is nowhere stays."""
+        """Set the servo axes to the positions of their tables, unless these are out of range."""
         places_um = self.axes.rows["place_um"]
         there = [k for k in self._looped if abs(places_um[k]) < NOWHERE_UM]
         state["axis_um"][0, there] = places_um[there]
 
     def follow(self, state: NDArray[np.void], events: NDArray[np.int64], until_ns: int, step_um: float) -> None:
-        """Let the axes take events without the wire, each at its time, and go on to a time."""
+        """Process events without the wire, each at its time, and advance the axes to a time."""
         if self.axes.errs:
             indicate(state)
         for time_ns, channel, value in events.tolist():
@@ -203,7 +202,7 @@ class Drives:
         self._apply_errors(state)
 
     def _after_backlash(self, state: NDArray[np.void], axis: int, travel_um: float) -> float:
-        """Return how far a stepper's axis goes at a step, whose nut may have play."""
+        """Return the travel of a stepper's axis at a step, after the backlash of its nut."""
         if not self.axes.errs or axis >= 2:
             return travel_um
         slack_um = float(state["slack_um"][0, axis])
@@ -212,7 +211,7 @@ class Drives:
         return travel_um - (now_um - slack_um)
 
     def _run_to(self, time_ns: int) -> None:
-        """Run the drives that have a loop, with no step made, up to a time, or until an axis has to be stopped."""
+        """Run the servo drives without steps up to a time, or until an axis must be stopped."""
         if self._looped:
             run_moves(self.axes, np.zeros(0, MOVE), time_ns)
 
@@ -221,21 +220,21 @@ class Drives:
             apply_geometric_errors(state, self.axes)
 
     def has_loop(self, axis: int) -> bool:
-        """Return whether the drive of an axis, by its number, has a loop."""
+        """Return whether an axis, by its number, has a servo drive."""
         return axis in self._looped
 
     def faults(self) -> int:
-        """Return which axes have to stop: bit k for axis k, if its drive reports a fault, or the machine stops it."""
+        """Return the axes that must stop, bit k for axis k: its drive reports a fault, or the machine stops it."""
         lines, trips = self.axes.drives["lines"].tolist(), self.axes.rows["trip"].tolist()
         return sum(1 << k for k in range(axis_rows.N_AXES) if lines[k] & axis_rows.FAULT or trips[k])
 
     @property
     def reach_um(self) -> float:
-        """How much further than its steps lead it the wire may get at either guide."""
+        """Greatest distance of the wire from its setpoint at either guide."""
         return 2.0 * self._stray_um if self._looped else 0.0
 
     def step_um(self, axis: int) -> float:
-        """Return what a step edge asks a drive that has a loop to move its axis by, as screw and encoder are."""
+        """Return the travel per step edge that a servo drive commands, by its screw and encoder."""
         motor, name = self.axes.motors[axis], AXIS_NAMES[axis]
         counts = getattr(self.by_axis[name], "counts_per_step", None)
         if counts is None:
@@ -244,13 +243,13 @@ class Drives:
         return float(counts * motor["um_per_rad"] / motor["counts_per_rad"])
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return what changes, without addresses; `restore` continues bit for bit."""
+        """Return the state without addresses; `restore` continues bit for bit."""
         drives = self.axes.drives.copy()
         drives["sample"] = 0
         return {"drives": drives, "axes": self.axes.rows.copy()}
 
     def check(self, state: Mapping[str, NDArray[Any]], now_ns: int) -> None:
-        """Refuse a snapshot by whose clocks samples would never come, or never end."""
+        """Refuse a snapshot with clocks by which samples would never come, or never end."""
         for k in self._looped:
             name, drive = AXIS_NAMES[k], state["drives"][k : k + 1]
             _check_period(name, drive)
@@ -260,13 +259,13 @@ class Drives:
                 raise InputError(f"the {name} drive's next sample is due at {drive['due_ns'][0]} ns, which cannot be")
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot` of drives of the same kinds."""
+        """Load a `snapshot` of drives of the same kinds."""
         self.axes.rows[:] = state["axes"]
         self.axes.drives[:] = state["drives"]
         self._connect()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Be a copy: each drive's record is a row of the copied axes again."""
+        """Finish a copy: let each drive's record be a view of the copied axes."""
         vars(self).update(state)
         for k, name in enumerate(AXIS_NAMES):
             drive = self.by_axis.get(name)
@@ -275,7 +274,7 @@ class Drives:
         self._connect()
 
     def _find_marks(self) -> None:
-        """Take index marks and home cams as they are where the axes stand."""
+        """Initialise index marks and home cams at the axes' positions."""
         for k in self._looped:
             row, motor = self.axes.rows[k], self.axes.motors[k]
             row["mark"] = mark_below(row, motor)
@@ -283,7 +282,7 @@ class Drives:
             row["cam_ns"] = LONG_AGO_NS
 
     def _connect(self) -> None:
-        """Put the addresses of the samples, which differ from process to process."""
+        """Set the addresses of the sample functions, which differ between processes."""
         self.axes.drives["sample"] = 0
         for k in self._looped:
             sample = self.by_axis[AXIS_NAMES[k]].sample
@@ -292,7 +291,7 @@ class Drives:
 
 
 def _initial_rows(travel_um: float, stray_um: float) -> NDArray[np.void]:
-    """Rows of axes that are switched on, but for where they stand."""
+    """Return the records of axes at switch-on, without their positions."""
     rows = np.zeros(axis_rows.N_AXES, axis_rows.AXIS)
     rows["spike_ns"], rows["stray_um"] = np.inf, stray_um
     rows["low_um"], rows["high_um"] = (0.0, 0.0, -np.inf, -np.inf), (travel_um, travel_um, np.inf, np.inf)
@@ -306,10 +305,10 @@ def _check_period(name: str, record: NDArray[np.void]) -> None:
         raise InputError(f"the {name} drive's period is {num}/{den} ns; it must be 1 us or more")
 
 
-# The reasons for which axes stopped, in words: from the drives, and from table and wire.
+# The reasons why axes stopped, as text: from the drives, and from table and wire.
 
 def reason(drives: Drives) -> str:
-    """Return why axes have stopped, the first one first: what stopped each, and what that did to others."""
+    """Return why axes have stopped, in order of time: what stopped each, and its effect on the others."""
     rows, lines = drives.axes.rows, drives.axes.drives["lines"]
     stopped = [k for k, name in enumerate(AXIS_NAMES) if name in drives.by_axis and drives.faults() >> k & 1]
     fault = axis_rows.FAULT
@@ -347,7 +346,7 @@ def _own_words(drives: Drives, k: int) -> str:
 
 
 def _line_low(drives: Drives, k: int) -> str:
-    """Return who pulls the fault line of an axis low; nothing if nobody does."""
+    """Return what pulls the fault line of an axis low; empty if nothing does."""
     rows, lines = drives.axes.rows, drives.axes.drives["lines"]
     others = [
         name for j, name in enumerate(AXIS_NAMES)
@@ -359,20 +358,20 @@ def _line_low(drives: Drives, k: int) -> str:
 
 
 def _of_supply(drives: Drives, k: int) -> str:
-    """Return what is wrong with the supply of an axis' motor, if something is."""
+    """Return the fault of the supply of an axis' motor; empty without a fault."""
     name = AXIS_NAMES[k]
     row, motor, own = drives.axes.rows[k], drives.axes.motors[k], drives.by_axis[name].motor
     assert own is not None
     if motor["supply_V"] < own["supply_V"][0]:
         return f"; its supply gives {motor['supply_V']:g} V in place of {own['supply_V'][0]:g} V"
-    # behind its inner resistance a supply is lower than this only where its current is at its limit
+    # a supply's voltage is lower than this only at its current limit
     if row["link_V"] < motor["supply_V"] - motor["supply_A"] * motor["supply_ohm"]:
         return f"; its supply is at its limit of {motor['supply_A']:g} A and gives {row['link_V']:.1f} V"
     return ""
 
 
 def reason_of_delay(drives: Drives, away_um: NDArray[np.float64], near_um: float, late_s: float) -> str:
-    """Return which axes are not near their places, of which there is one, and how long (s) they would take."""
+    """Return which axes (at least one) are not near their positions, and the time (s) that they would need."""
     far = [k for k, name in enumerate(AXIS_NAMES) if away_um[k] > near_um]
     texts = []
     for k in far:
@@ -382,24 +381,24 @@ def reason_of_delay(drives: Drives, away_um: NDArray[np.float64], near_um: float
     return f"{' and '.join(texts)}, {rest}" + "".join(_of_supply(drives, k) for k in far)
 
 
-# Faults of an axis under a drive with a loop, while the machine runs.
+# Faults of a servo axis while the machine runs.
 
 class AxisFault(NamedTuple):
-    """A fault of an axis from a time on."""
+    """A fault of an axis that begins at a time."""
 
     axis: str  # ``x`` or ``y``
     fault: str  # one of `FAULTS`
-    at_s: float  # machine time from which on it is there; from the cut's begin, for 0
+    at_s: float  # machine time at which it begins; 0 for the beginning of the cut
 
 
 FAULTS = ("stuck", "swapped", "unplugged", "supply-off", "logic-off", "fault-line", "stalled")
-"""The rotor is held; the encoder's wires are exchanged, so that the loop turns the wrong way; they are unplugged; the
-motor has no supply, and the capacitor at its bridge is discharged; the drive's logic has none; its fault input is
-pulled low; it computes no more."""
+"""The rotor is blocked; the encoder's phases are exchanged, so the feedback has the wrong sign; they are unplugged;
+the motor has no supply, and the capacitor at its bridge is discharged; the drive's logic has no supply; its fault
+input is pulled low; its processor hangs."""
 
 
 def break_axis(axes: Axes, k: int, fault: str) -> None:
-    """Give an axis one of `FAULTS`; done twice it is as done once."""
+    """Apply one of `FAULTS` to an axis; repeating it has no effect."""
     row = axes.rows[k : k + 1]
     match fault:
         case "stuck":

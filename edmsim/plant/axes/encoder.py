@@ -1,12 +1,11 @@
-"""The encoder: its phases as the axis moves, their count in a drive's inputs, index marks, home cam, end switches.
+"""The encoder of an axis: its phases, the count in the drive, index marks, home cam, end switches.
 
-The phases follow the place of rotor or table edge by edge. An input is not read again for ``1 / rate`` after it was
-read: of edges that come faster it sees what the phases are by then. One step of the four states is a count, two at
-once are illegal and move none, three look like one back.
+The phases follow the position of rotor or table edge by edge. After reading, an input is not read again for
+``1 / rate``; after faster edges it reads the phases as they are then. A change by one of the four states is a count,
+a change by two is illegal and not counted, and a change by three is a count backwards.
 
-Spikes come at random on A, on B or on both wires, one as often as the other, at exponential intervals and with
-exponential lengths (ours: nothing is known of them). One shorter than ``1 / rate`` does not pass the input; a longer
-one turns phases over while it lasts.
+Noise spikes come on A, on B or on both wires, with equal probability, at exponential intervals and with exponential
+durations (ours: no source). Spikes shorter than ``1 / rate`` do not pass the input; longer ones invert the phases.
 """
 
 import math
@@ -22,14 +21,14 @@ from edmsim.plant.kernel.state import Axes
 
 @compiled
 def position(row: Any, motor: Any) -> float:
-    """Place of what the encoder sits on, in counts since it was switched on."""
+    """Return the encoder's position in counts since it was switched on."""
     place_um = row.place_um if motor.on_table != 0.0 else row.rotor_um
     return float((place_um - row.zero_um) * motor.counts_per_rad / motor.um_per_rad)
 
 
 @compiled
 def _count_at(position: float, phase_error: float) -> int:
-    """True count at a position; the edges of every other count are off by `phase_error`."""
+    """Return the true count at a position; every other edge is displaced by `phase_error`."""
     count = math.floor(position + 0.5)
     within = position + 0.5 - count
     if count % 2 != 0 and within < phase_error:
@@ -49,7 +48,7 @@ def _phases_at_input(row: Any) -> Any:
 
 @compiled
 def read_phases(row: Any) -> None:
-    """Let the input count what it sees now."""
+    """Count the phases that the input reads."""
     phases = _phases_at_input(row)
     step = ((phases ^ phases >> 1) - (row.latched_state ^ row.latched_state >> 1)) & 3
     row.latched_state = phases
@@ -62,7 +61,7 @@ def read_phases(row: Any) -> None:
 
 @compiled
 def _catch_up(row: Any, now_ns: float, hold_ns: float) -> None:
-    """Read the phases if an edge has waited for the input to be ready."""
+    """Read the phases if they changed before the input was ready."""
     if row.ready_ns <= now_ns and row.latched_state != _phases_at_input(row):
         read_phases(row)
         row.ready_ns += hold_ns
@@ -70,7 +69,7 @@ def _catch_up(row: Any, now_ns: float, hold_ns: float) -> None:
 
 @compiled
 def _look(row: Any, now_ns: float, hold_ns: float) -> None:
-    """Read the phases, which have just changed, if the input is ready."""
+    """Read the phases after a change, if the input is ready."""
     if row.ready_ns <= now_ns:
         read_phases(row)
         row.ready_ns = now_ns + hold_ns
@@ -98,7 +97,7 @@ def draw_pause(row: Any, motor: Any) -> float:
 
 @compiled
 def _take_spikes(row: Any, motor: Any, hold_ns: float, until_ns: float) -> None:
-    """Let spikes on the encoder's wires begin and end before a time."""
+    """Process noise spikes on the encoder's wires before a time."""
     while row.spike_ns < until_ns:
         at_ns = row.spike_ns
         _catch_up(row, at_ns, hold_ns)
@@ -117,7 +116,7 @@ def _take_spikes(row: Any, motor: Any, hold_ns: float, until_ns: float) -> None:
 
 @compiled
 def see_edges(drive: Any, row: Any, motor: Any, before: float, from_ns: float, to_ns: float) -> None:
-    """Count the edges of a short motion at constant speed, from a `position` in counts of the same rows."""
+    """Count the edges of a short motion at constant speed, from a `position` in counts."""
     after = position(row, motor)
     count = _count_at(after, motor.phase_error)
     if count == row.true_count and row.spike_ns >= to_ns:
@@ -147,13 +146,13 @@ def read_axis(axes: Axes, axis: int, now_ns: int) -> None:
     row.time_ns = now_ns
 
 
-BOUNCES = 8  # a contact that bounces opens and closes so often in turn (ours), evenly
-LONG_AGO_NS = -(1 << 61)  # when a switch last changed that has not moved yet
+BOUNCES = 8  # number of changes of a bouncing contact, at equal intervals (ours)
+LONG_AGO_NS = -(1 << 61)  # time of the last change of a switch that has never changed
 
 
 @compiled
 def mark_below(row: Any, motor: Any) -> int:
-    """Number of the index mark that begins at or below the encoder's place."""
+    """Return the number of the index mark that begins at or below the encoder's position."""
     place_um = row.place_um if motor.on_table != 0.0 else row.rotor_um
     mark: int = math.floor((place_um - motor.index_phase_um) / motor.index_um)
     return mark
@@ -161,7 +160,7 @@ def mark_below(row: Any, motor: Any) -> int:
 
 @compiled
 def pass_marks(row: Any, motor: Any, least_ns: int) -> None:
-    """Note the index marks passed since the last call; one passed in under `least_ns`, or unplugged, is missed."""
+    """Count the index marks passed since the last call, except pulses shorter than `least_ns` or a broken wire."""
     on_table = motor.on_table != 0.0
     place_um = row.place_um if on_table else row.rotor_um
     speed_um_s = abs(row.speed_um_s if on_table else row.speed_rad_s * motor.um_per_rad)
@@ -180,7 +179,7 @@ def pass_marks(row: Any, motor: Any, least_ns: int) -> None:
 
 @compiled
 def home_level(row: Any, motor: Any, now_ns: float) -> int:
-    """Level of the home input at a time; until a change of its bouncing switch has settled it is ``AXIS.home``."""
+    """Return the home input at a time; until its bouncing switch has settled, it keeps its level ``AXIS.home``."""
     since_ns, pulse_ns = now_ns - row.cam_ns, motor.cam_bounce_ns / BOUNCES
     new: int = row.cam
     before: int = row.home
@@ -194,7 +193,7 @@ def home_level(row: Any, motor: Any, now_ns: float) -> int:
 
 @compiled
 def watch_cam(row: Any, motor: Any, now_ns: float) -> None:
-    """Let the home switch close or open where the table stands at a time."""
+    """Update the home switch for the table's position at a time."""
     place_um, slack_um = row.place_um, motor.cam_hysteresis_um if row.cam != 0 else 0.0
     on = 1 if motor.cam_low_um - slack_um <= place_um <= motor.cam_high_um + slack_um else 0
     if on != row.cam and motor.cam_low_um != motor.cam_high_um:

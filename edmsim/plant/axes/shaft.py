@@ -1,8 +1,9 @@
 """Motor, rotor, screw and table of an axis: two masses on a spring with backlash and friction.
 
-``J dw/dt = k i - b w - g F``, ``m dv/dt = F + load - c v``, ``F`` of the screw's spring and damper by which the rotor
-is ahead of the table, less the backlash. Time steps are semi-implicit, 20 us or a fifth of a radian of the swing of
-table and rotor. MuJoCo moves the two masses in the full model; forces and friction are the same functions there.
+``J dw/dt = k i - b w - g F``, ``m dv/dt = F + load - c v``, where ``F`` is the force of the screw's spring and damper
+from the distance by which the rotor leads the table, without the backlash. Time steps are semi-implicit, 20 us or a
+fifth of a radian of the oscillation of table and rotor. In the full model MuJoCo moves the two masses, with the same
+functions for forces and friction.
 """
 
 import math
@@ -17,18 +18,16 @@ from edmsim.errors import InputError
 from edmsim.plant.axes.encoder import position, see_edges, watch_cam
 from edmsim.plant.kernel.state import Axes
 
-# Direct-current motors: the current of the winding under amplifier, bridge and supply, its torque and heat.
+# DC motors: current of the winding under amplifier, bridge and supply; torque and heat.
 #
-# ``L di/dt = V - R i - k w``. The bridge is a locked antiphase one: over a period of its pulses the winding has the
-# mean ``(2 duty - 1)`` of the voltage at the bridge, in either direction of the current, so that a duty of one half
-# brakes. Off, its diodes lead a current that still flows back to the supply until it is gone, and the motor
-# freewheels.
+# ``L di/dt = V - R i - k w``. The bridge runs in locked antiphase: the mean voltage of the winding over a PWM period
+# is ``(2 duty - 1)`` times that of the bridge, in both directions of the current, so a duty of one half brakes. If
+# the bridge is off, its diodes feed the remaining current back to the supply, and then the motor freewheels.
 #
-# A velocity amplifier drives the bridge by a reference voltage: 10 V asks for the rotor's speed ``10 *
-# amplifier_rad_s_V``. It compares that with its tachometer and asks for a limited current of the winding,
-# proportional and integral to the error of speed; the bridge gives the voltage that this current needs at this speed.
-# At 0 V it brakes with that current, so that the axis coasts to a stop. Gain, symmetry and offset are adjusted by
-# hand.
+# A velocity amplifier has a reference voltage as input: 10 V commands the rotor speed ``10 * amplifier_rad_s_V``.
+# From the difference to its tachometer a PI controller computes a limited current, and the bridge supplies the
+# voltage for this current at the present speed. At 0 V it brakes with this current. Gain, symmetry and offset are
+# adjusted by hand.
 
 _POSITIVE = frozenset(
     (
@@ -46,7 +45,7 @@ _EITHER = frozenset(
 
 
 def check_motor(motor: NDArray[np.void]) -> None:
-    """Raise `InputError` for a row of `MOTOR` with a value that no motor can have."""
+    """Raise `InputError` for a record of `MOTOR` with an impossible value."""
     for name in axis_rows.MOTOR.names or ():
         value = float(motor[name][0])
         fine = math.isfinite(value) and (value > 0 if name in _POSITIVE else value >= 0 or name in _EITHER)
@@ -59,7 +58,7 @@ def check_motor(motor: NDArray[np.void]) -> None:
 
 @compiled
 def _settle(current: float, voltage: float, emf: float, motor: Any, dt: float) -> float:
-    """Current after a time at constant voltage and speed: exact."""
+    """Return the current after a time at constant voltage and speed; exact."""
     settled = (voltage - emf) / motor.resistance_ohm
     left = math.exp(-dt * motor.resistance_ohm / motor.inductance_H)
     return float(settled + (current - settled) * left)
@@ -67,7 +66,7 @@ def _settle(current: float, voltage: float, emf: float, motor: Any, dt: float) -
 
 @compiled
 def _freewheel(row: Any, motor: Any, emf: float, dt: float) -> float:
-    """Current of a motor whose bridge is off: through the diodes against the supply, until it is 0."""
+    """Return the current of a motor whose bridge is off: it flows through the diodes to the supply until it is 0."""
     drop = row.link_V + 2.0 * motor.diode_V
     if row.current_A == 0.0:
         return _settle(0.0, math.copysign(drop, emf), emf, motor, dt) if abs(emf) > drop else 0.0
@@ -77,7 +76,7 @@ def _freewheel(row: Any, motor: Any, emf: float, dt: float) -> float:
 
 @compiled
 def _feed(row: Any, motor: Any, drawn_A: float, dt: float) -> None:
-    """Voltage at the bridge: a capacitor behind a supply with a resistance, a limit of current, and no way back."""
+    """Update the bridge voltage: a capacitor charged by a supply with resistance, current limit and no feedback."""
     charge = dt / motor.link_F
     fed = row.link_V + charge * (motor.supply_V / motor.supply_ohm - drawn_A)
     link_V = fed / (1.0 + charge / motor.supply_ohm)
@@ -91,7 +90,7 @@ def _feed(row: Any, motor: Any, drawn_A: float, dt: float) -> None:
 
 @compiled
 def energise(row: Any, motor: Any, dt: float) -> float:
-    """Carry current, supply and the winding's heat on over a time (s); return the mean torque (Nm)."""
+    """Advance current, supply and the winding's heat by a time (s); return the mean torque (Nm)."""
     emf, before = motor.torque_Nm_A * row.speed_rad_s, row.current_A
     if row.pins & axis_rows.FREEWHEEL:
         row.integral_A = 0.0
@@ -119,7 +118,7 @@ def energise(row: Any, motor: Any, dt: float) -> float:
 
 @compiled
 def _target_rad_s(row: Any, motor: Any) -> float:
-    """Speed that the amplifier makes of the voltage at its input."""
+    """Return the speed that the amplifier commands for its input voltage."""
     warmth = 1.0 - math.exp(-row.moved_ns * 1e-9 / motor.warm_s) if motor.warm_s > 0.0 else 1.0
     volts = row.duty * axis_rows.REFERENCE_V + motor.offset_V + motor.drift_V * warmth
     volts = min(max(volts, -axis_rows.REFERENCE_V), axis_rows.REFERENCE_V)
@@ -129,7 +128,7 @@ def _target_rad_s(row: Any, motor: Any) -> float:
 
 @compiled
 def share_of_supply(row: Any, motor: Any, dt: float) -> float:
-    """Share of the bridge's voltage (-1 to 1) for the current asked for; carry the integral on over a time (s)."""
+    """Return the share of the bridge voltage (-1 to 1) for the commanded current; advance the integral by `dt`."""
     error = _target_rad_s(row, motor) - row.speed_rad_s
     target_A = motor.amplifier_A_s * error + row.integral_A
     held_A = min(max(target_A, -motor.limit_A), motor.limit_A)
@@ -140,13 +139,13 @@ def share_of_supply(row: Any, motor: Any, dt: float) -> float:
 
 
 _LONGEST_NS = 20_000
-"""Time step (ours): a hundredth of the electrical time constant of small motors, as long as half a bridge's pulse."""
+"""Time step (ours): a hundredth of the electrical time constant of small motors, half a PWM period."""
 _FURTHEST_UM = 1e9  # travel of rotor or table beyond which an axis has run away (ours: a kilometre)
-_STEP_RAD = 0.2  # time step as a share of the radian of the fastest swing (ours)
+_STEP_RAD = 0.2  # time step times the angular frequency of the fastest oscillation (ours)
 
 
 def longest_step_ns(motor: NDArray[np.void]) -> int:
-    """Return the time step for a motor, a row of `MOTOR`."""
+    """Return the time step for a motor, a record of `MOTOR`."""
     m = motor[0]
     omega2 = m["screw_N_m"] * (1 / m["table_kg"] + (m["um_per_rad"] * 1e-6) ** 2 / m["inertia_kg_m2"])
     return max(int(min(_LONGEST_NS, _STEP_RAD / math.sqrt(omega2) * 1e9)), 1)
@@ -154,7 +153,7 @@ def longest_step_ns(motor: NDArray[np.void]) -> int:
 
 @compiled
 def screw_damping(row: Any, motor: Any) -> float:
-    """Force (N) of the screw's damper on the table; none within the backlash."""
+    """Return the force (N) of the screw's damper on the table; 0 within the backlash."""
     if abs(row.rotor_um - row.place_um) < 0.5 * motor.backlash_um:
         return 0.0
     return float(motor.screw_N_s_m * (row.speed_rad_s * motor.um_per_rad - row.speed_um_s) * 1e-6)
@@ -162,7 +161,7 @@ def screw_damping(row: Any, motor: Any) -> float:
 
 @compiled
 def _screw_spring(row: Any, motor: Any) -> float:
-    """Force (N) of the screw's spring on the table."""
+    """Return the force (N) of the screw's spring on the table."""
     ahead_um, play_um = row.rotor_um - row.place_um, 0.5 * motor.backlash_um
     if abs(ahead_um) <= play_um:
         return 0.0
@@ -171,7 +170,7 @@ def _screw_spring(row: Any, motor: Any) -> float:
 
 @compiled
 def rubbed(before: float, after: float, friction: float, stiction: float) -> float:
-    """Speed after a time step with dry friction that can change it by so much while sliding and while sticking."""
+    """Return the speed after a time step with dry friction; the arguments are its speed changes in slip and stick."""
     if abs(after) <= (stiction if before == 0.0 else friction):
         return 0.0
     return after - math.copysign(friction, after)
@@ -179,7 +178,7 @@ def rubbed(before: float, after: float, friction: float, stiction: float) -> flo
 
 @compiled
 def rubbed_rotor(row: Any, motor: Any, before: float, after: float, dt: float) -> float:
-    """Speed of a rotor (rad/s) after a time step with its friction; nil where it is held."""
+    """Return a rotor's speed (rad/s) after a time step with its friction; 0 if it is blocked."""
     if row.locked != 0:
         return 0.0
     per_Nm = dt / motor.inertia_kg_m2
@@ -188,14 +187,14 @@ def rubbed_rotor(row: Any, motor: Any, before: float, after: float, dt: float) -
 
 @compiled
 def rubbed_table(motor: Any, before: float, after: float, dt: float) -> float:
-    """Speed of a table (um/s) after a time step with the friction of its ways."""
+    """Return a table's speed (um/s) after a time step with the friction of its ways."""
     per_N = dt * 1e6 / motor.table_kg
     return rubbed(before, after, per_N * motor.way_friction_N, per_N * motor.way_stiction_N)
 
 
 @compiled
 def _turn(row: Any, motor: Any, dt: float) -> None:
-    """Carry an axis on over a time step (s)."""
+    """Advance an axis by a time step (s)."""
     torque = energise(row, motor, dt)
     force = _screw_spring(row, motor) + screw_damping(row, motor)
     speed, inertia = row.speed_rad_s, motor.inertia_kg_m2
@@ -210,7 +209,7 @@ def _turn(row: Any, motor: Any, dt: float) -> None:
 
 @compiled
 def coast(axes: Axes, axis: int, until_ns: int) -> bool:
-    """Move an axis whose drive has a loop to a time, its outputs held, in equal time steps; see `coast_all`."""
+    """Advance a servo axis to a time with constant outputs, in equal time steps; see `coast_all`."""
     drive, row, motor = axes.drives[axis], axes.rows[axis], axes.motors[axis]
     span_ns = until_ns - row.moved_ns
     if span_ns <= 0:
@@ -221,7 +220,7 @@ def coast(axes: Axes, axis: int, until_ns: int) -> bool:
         before = position(row, motor)
         _turn(row, motor, dt)
         if not (abs(row.place_um) < _FURTHEST_UM and abs(row.rotor_um) < _FURTHEST_UM):
-            return False  # its encoder would count edges without end
+            return False  # otherwise its encoder would count edges for ever
         see_edges(drive, row, motor, before, start_ns + k * dt * 1e9, start_ns + (k + 1) * dt * 1e9)
         watch_cam(row, motor, start_ns + (k + 1) * dt * 1e9)
     row.moved_ns = until_ns
@@ -230,7 +229,7 @@ def coast(axes: Axes, axis: int, until_ns: int) -> bool:
 
 @compiled
 def coast_all(axes: Axes, first: int, until_ns: int) -> bool:
-    """Move the axes from `first` on whose drives have a loop; false if a place is out of range or not finite."""
+    """Advance the servo axes from `first` on; return False if a position is out of range or not finite."""
     for axis in range(first, axis_rows.N_AXES):
         if axes.drives[axis].sample != 0 and not coast(axes, axis, until_ns):
             return False

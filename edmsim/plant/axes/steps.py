@@ -1,4 +1,4 @@
-"""Moves of an exact number of steps, at once, at a rate, or with ramps; and rapids of x and y."""
+"""Moves of a number of steps, at once, at a rate, or with ramps; and rapids of x and y."""
 
 import math
 import tomllib
@@ -21,19 +21,19 @@ MOVE = np.dtype(
         ("axis", "i8"),
         ("start_ns", "i8"),
         ("end_ns", "i8"),
-        ("count", "i8"),  # steps; their sign is the direction
+        ("count", "i8"),  # number of steps; the sign is the direction
         ("made", "i8"),  # steps made so far
         ("rate_Hz", "f8"),
-        ("ramp_s", "f8"),  # in which the rate is reached, and left; 0 makes all steps at once
+        ("ramp_s", "f8"),  # duration of each ramp; 0 makes all steps at once
     ]
 )
 """A move of the step source."""
 STEP_OPEN, DIR_OPEN = 1, 2
-"""Bits: the step input, or the direction input, is unplugged. A pull-up holds it: no step, always positive."""
+"""Bits: the step input or the direction input is unplugged and pulled up: no steps, or always positive."""
 
 
 def move(axis: int, start_ns: int, count: int, rate_Hz: float, accel_Hz_s: float) -> NDArray[np.void]:
-    """Return a move as a row of `MOVE`; one too short for its ramps is the faster part of a triangle."""
+    """Return a move as a record of `MOVE`; one that is too short for its ramps has a triangular profile."""
     row = np.zeros(1, MOVE)
     steps = abs(count)
     ramp_s, seconds = 0.0, 0.0
@@ -48,7 +48,7 @@ def move(axis: int, start_ns: int, count: int, rate_Hz: float, accel_Hz_s: float
 
 @compiled
 def _steps_by(row: Any, now_ns: int) -> int:
-    """Steps of a move made by a time, without their sign."""
+    """Return the number of steps of a move up to a time."""
     total: int = abs(row.count)
     if now_ns >= row.end_ns:
         return total
@@ -68,7 +68,7 @@ def _steps_by(row: Any, now_ns: int) -> int:
 
 @compiled
 def make_steps(moves: NDArray[np.void], axis: int, unplugged: int, now_ns: int) -> int:
-    """Carry an axis' moves on to a time; return the step edges that came since, up less down."""
+    """Advance an axis' moves to a time; return the steps since, positive minus negative."""
     edges: int = 0
     for k in range(moves.shape[0]):
         row = moves[k]
@@ -82,10 +82,10 @@ def make_steps(moves: NDArray[np.void], axis: int, unplugged: int, now_ns: int) 
     return edges
 
 
-# A rapid: x and y go to another place under their drives, the wire cut and the generator off.
+# A rapid: x and y move to another place under their drives, with the wire cut off and the generator off.
 #
-# The axes are stepped by edmsim's own integrator, whatever moves the table while it cuts: without the wire, rotor,
-# screw and table are all there is, and MuJoCo moves them alike.
+# edmsim's own integrator moves the axes even if MuJoCo moves the table in the cut: without the wire there are only
+# rotor, screw and table, which MuJoCo would move in the same way.
 
 @cache
 def rapid_constants() -> dict[str, float]:
@@ -95,7 +95,7 @@ def rapid_constants() -> dict[str, float]:
 
 
 def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once: Sequence[bool]) -> NDArray[np.void]:
-    """Return moves along a straight line; axes whose drive makes ramps of its own get their steps at once."""
+    """Return the moves of a straight line; drives with their own ramps receive all steps at once."""
     way = math.hypot(*counts)
     rows = [np.zeros(0, MOVE)]
     for axis, count in enumerate(counts):
@@ -108,7 +108,7 @@ def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once
 def time_left_s(
     before_um: NDArray[np.float64], away_um: NDArray[np.float64], between_s: float, near_um: float
 ) -> float:
-    """Return how long axes take at their pace until they are near their places; infinite if one comes no nearer."""
+    """Return the time until the axes are near their targets at their speed; infinite if one does not approach."""
     far = away_um > near_um
     nearer_um = (before_um - away_um)[far]
     if np.any(nearer_um <= 0.0):
@@ -118,7 +118,7 @@ def time_left_s(
 
 @compiled
 def run_moves(axes: Axes, moves: NDArray[np.void], until_ns: int) -> bool:
-    """Run the drives and their axes to a time; false, and no further, once the machine has to stop another axis."""
+    """Run the drives and their axes to a time; stop and return False if the machine must stop another axis."""
     before = tripped(axes)
     while True:
         who, due_ns = first_due(axes, until_ns)

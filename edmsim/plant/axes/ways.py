@@ -1,9 +1,9 @@
-"""Geometric errors of screws and ways: periodic, cumulative, out of square and not straight.
+"""Geometric errors of screws and ways: periodic, cumulative, squareness and straightness.
 
-An error is what an axis indicates less where it truly is, the value that a compensation table holds. It is nought in
-the middle of the table. Of x: the screw's, cumulative and periodic, and the bend of the way of y. Of y: its screw's,
-the bend of the way of x, and what x is askew. Bends and skew may change with the third axis, u, whose slide hangs on
-the same column.
+An error is the indicated minus the true position of an axis, as in a compensation table. It is 0 in the middle of the
+table. The error of x has a cumulative and a periodic part of its screw, and the bend of the way of y. That of y has
+the parts of its screw, the bend of the way of x, and the squareness error. Bends and squareness may change with the
+third axis, u, whose slide is on the same column.
 """
 
 import math
@@ -17,15 +17,15 @@ from edmsim.machine.machine import Machine
 
 WAY = np.dtype(
     [
-        ("middle_um", "f8"),  # of the travel
+        ("middle_um", "f8"),  # middle of the travel
         ("pitch", "f8"),  # cumulative error per um of travel
-        ("wave_um", "f8"),  # periodic error: this times the sine of
-        ("wave_per_um", "f8"),  # this times the travel from the middle
+        ("wave_um", "f8"),  # periodic error: this amplitude times the sine of
+        ("wave_per_um", "f8"),  # this factor times the travel from the middle
         ("skew", "f8"),  # per um of the other axis
         ("skew_per_um", "f8"),  # its change per um of u
         ("bend_per_um", "f8"),  # per square of the other axis
         ("bend_per_um2", "f8"),  # its change per um of u
-        ("backlash_um", "f8"),  # what a stepper loses at a reversal
+        ("backlash_um", "f8"),  # backlash of a stepper at a reversal
     ]
 )
 """Errors of x or of y."""
@@ -57,7 +57,7 @@ def ways_of(machine: Machine, nuts: bool = True) -> NDArray[np.void]:
 
 @compiled
 def _error_um(way: Any, own_um: float, other_um: float, third_um: float) -> float:
-    """Error of an axis: its place and the other's from their middles, and that of u."""
+    """Return the error of an axis from its position and the other's, relative to their middles, and that of u."""
     skew = way.skew + way.skew_per_um * third_um
     bend = way.bend_per_um + way.bend_per_um2 * third_um
     screw = way.pitch * own_um + way.wave_um * math.sin(way.wave_per_um * own_um)
@@ -66,19 +66,19 @@ def _error_um(way: Any, own_um: float, other_um: float, third_um: float) -> floa
 
 @compiled_apart
 def errors_um(ways: NDArray[np.void], x_um: float, y_um: float, u_um: float) -> tuple[float, float]:
-    """Return the errors of x and y where the axes indicate some places."""
+    """Return the errors of x and y at indicated positions."""
     x_um, y_um = x_um - ways[0].middle_um, y_um - ways[1].middle_um
     return _error_um(ways[0], x_um, y_um, u_um), _error_um(ways[1], y_um, x_um, u_um)
 
 
 @compiled
 def taken_up(slack_um: float, travel_um: float, backlash_um: float) -> float:
-    """Slack in a nut after a travel of its screw: within half the backlash either way."""
+    """Return the slack in a nut after a travel of its screw: at most half the backlash on either side."""
     return min(max(slack_um + travel_um, -0.5 * backlash_um), 0.5 * backlash_um)
 
 
 class StillTable:
-    """A table at rest between moves by steppers, without wire and gap; errors and slack are those of the pulse loop.
+    """A table that is moved by steppers and rests in between, without wire and gap; with the pulse loop's errors.
 
     >>> from edmsim.machine.machine import Machine
     >>> StillTable(Machine.load()).move((10_000.0, 20_000.0))
@@ -91,7 +91,7 @@ class StillTable:
         self._slack_um = [0.0, 0.0]
 
     def move(self, to_um: tuple[float, float]) -> tuple[float, float]:
-        """Move the motors straight to a place, and return where the table truly comes to rest, in um."""
+        """Move the motors straight to a place, and return the true position of the table at rest, in um."""
         for k in (0, 1):
             travel_um = float(to_um[k] - self.commanded_um[k])
             self._slack_um[k] = taken_up(self._slack_um[k], travel_um, float(self._ways["backlash_um"][k]))

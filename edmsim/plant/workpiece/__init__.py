@@ -1,1 +1,1 @@
-"""The metal: kerf field, craters, stepped workpieces, the slot that straight cuts start from."""
+"""The metal: kerf field, craters, stepped workpieces, and slots in which straight cuts start."""

@@ -1,4 +1,4 @@
-"""Workpieces before the cut: a block in front of the wire, a slot, a wavy wall; and the wall that a pass leaves."""
+"""Workpieces before the cut: a block in front of the wire, a slot, a wavy wall. Measuring the wall of a pass."""
 
 import math
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from edmsim.plant.kernel.state import TILE
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import FULL, KerfField, Stock
 
-SLOT_UM = 400.0  # length of the slot behind the wire (ours: the wire's rays do not reach its open end)
-SLOT_GAP_UM = 30.0  # gap round the wire at the slot's end (ours: a little wider than what cuts settle at in front)
-BLOCK_UM = 1000.0  # how far a wavy wall goes on before and behind what is needed of it (ours: beyond the rays' reach)
-_SCALLOP_UM = 20.0  # spacing of the holes that make up a slot: their cusps stay below half a um
+SLOT_UM = 400.0  # length of the slot behind the wire (ours: beyond the range of rays)
+SLOT_GAP_UM = 30.0  # gap around the wire at the slot's end (ours: slightly wider than the front gap of cuts)
+BLOCK_UM = 1000.0  # length of a wavy wall before and after the needed part (ours: beyond the range of rays)
+_SCALLOP_UM = 20.0  # spacing of the holes that form a slot: their cusps are below 0.5 um
 _FRONT_GAP_UM = 30.0  # gap between the wire and a block in front of it (ours)
 
 
 def block_in_front(machine: Machine, x_um: float) -> Stock:
-    """Return a block over the rest of the table, whose straight edge is just beyond a wire at `x_um`."""
+    """Return a block that covers the rest of the table, with a straight edge just in front of a wire at `x_um`."""
     travel_um = machine.base.table.travel_mm.value * 1e3
     return Stock((x_um + machine.wire_diameter_um / 2 + _FRONT_GAP_UM, 0.0, travel_um, travel_um))
 
@@ -31,8 +31,8 @@ def wavy_wall(
     wall_um: tuple[float, float], length_um: float, wave_um: float, spacing_um: float, shift_um: float
 ) -> Stock:
     """Return a block whose upper edge along +x is a row of shallow arcs, as a coarse pass may leave it."""
-    # `wall_um` is half way between the deepest and the highest of its waves, `wave_um` from the bottom of an arc to
-    # the ridge between two, `shift_um` where along x the arcs begin
+    # `wall_um` is the middle between the deepest and the highest points of the waves, `wave_um` the distance from the
+    # bottom of an arc to the ridge between two, `shift_um` the beginning of the arcs in x.
     x, y = wall_um
     radius = spacing_um**2 / (8 * wave_um)
     centres = np.arange(x - BLOCK_UM + shift_um, x + length_um + BLOCK_UM, spacing_um)
@@ -41,7 +41,7 @@ def wavy_wall(
 
 
 def checked_stock(stock: Stock, machine: Machine) -> Stock:
-    """Return a workpiece that fits its machine; `InputError` if its greatest height is not the machine's."""
+    """Return a workpiece; raises `InputError` if its greatest height is not the machine's."""
     if stock.steps and stock.height_mm != machine.height_mm:
         raise InputError(f"the stepped workpiece is {stock.height_mm:g} mm high and the machine set up for "
                          f"{machine.height_mm:g} mm; they must be the same")
@@ -51,7 +51,7 @@ def checked_stock(stock: Stock, machine: Machine) -> Stock:
 def started_slot(
     machine: Machine, end_um: tuple[float, float], *, gap_um: float = SLOT_GAP_UM, steps: Sequence[LowerRegion] = ()
 ) -> Stock:
-    """Return a block with a slot along +x; the wire at its end stands `gap_um` off the metal on three sides."""
+    """Return a block with a slot along +x; the wire at its end has a gap of `gap_um` on three sides."""
     x, y = end_um
     radius = machine.wire_diameter_um / 2 + gap_um
     holes = tuple((float(c), y, radius) for c in np.arange(x - SLOT_UM, x + 1.0, _SCALLOP_UM))
@@ -59,22 +59,22 @@ def started_slot(
     return Stock((x - SLOT_UM, 0.0, travel, travel), holes, tuple(steps), machine.height_mm if steps else None)
 
 
-# The wall that a pass leaves: its distance from a line.
+# The wall after a pass: its distance from a line.
 
 REACH_UM = 80.0
-"""Distance from the line, either way, within which the wall is looked for (ours: more than a pass takes or leaves);
-below there is metal all over."""
+"""Distance from the line, on both sides, in which the wall is searched (ours: more than a pass removes or leaves);
+below there is only metal."""
 
 
 class WallLine(NamedTuple):
-    """Where a wall that faces +y is to be."""
+    """Nominal place of a wall that faces +y."""
 
-    x_um: float  # where the line begins
-    y_um: float  # of the line, along +x
+    x_um: float  # beginning of the line
+    y_um: float  # length of the line along +x
 
 
 def wall_error_um(field: KerfField, y_um: float, from_um: float, to_um: float) -> float:
-    """Root mean square of a wall's distance from `y_um` over the height and a stretch of x, by columns of cells."""
+    """Return the rms distance of a wall from `y_um` over the height and a range of x, by columns of cells."""
     return float(_error_um(field.tiles, field.index, field.n_slices, field.cell_um, y_um, from_um, to_um))
 
 

@@ -1,7 +1,7 @@
 """Craters: the metal that a discharge removes.
 
-A crater's area in the metal of its slice is shared among the rays in its width, whose edges recede at once; the field
-itself is carved before they are traced again, ray by ray, so that a cell is looked up once for all discharges since.
+A crater's area in the metal of its slice is divided among the rays in its width, whose edges recede at once. The
+field is carved ray by ray before the next tracing, so a cell is read once for all discharges since the last one.
 """
 
 import math
@@ -15,29 +15,30 @@ from edmsim.plant.gap.rays import BARE_UM, gap_of, pack_of, packed_lane, place_o
 from edmsim.plant.kernel.state import Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 
-CARVE_BEYOND_UM = 48.0  # how far behind a ray's edge its wall is looked for
-MOST_PARTS = 1e12  # more parts than a wall has, and a number that multiplies without overflow
-LEVEL_UM = 6.0  # so much further from the wire, metal between two rays is struck by a factor e less often (ours)
+CARVE_BEYOND_UM = 48.0  # distance behind a ray's edge in which its wall is searched
+MOST_PARTS = 1e12  # more parts than any wall has, without overflow in products
+LEVEL_UM = 6.0  # distance from the wire over which discharges between two rays become rarer by a factor e (ours)
 
 
 @compiled
 def crater_diameter(volume: float, c: Constants) -> float:
-    """Diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
+    """Return the diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
     return 1.0 / inverse_cube_root(volume * c.crater_cube)
 
 
 @compiled
 def _section(x: float, reach: float, curve: float) -> float:
-    """Area of a crater from its middle to `x`, over its mean depth, in ray spacings; ``curve = 1 / (3 reach^2)``."""
-    # a half ellipsoid, averaged over the height of its slice, is ``1.5 (1 - (x / reach)^2)`` of its mean depth
+    """Return a crater's area from its middle to `x` over its mean depth, in ray spacings; curve = 1 / (3 reach^2)."""
+    # the depth of a half ellipsoid, averaged over the slice's height, is ``1.5 (1 - (x / reach)^2)`` of the mean
+    # depth
     inside = min(max(x, -reach), reach)
     return 1.5 * (inside - inside * inside * inside * curve)
 
 
 @compiled
 def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float, curve: float) -> float:
-    """How many ray spacings of metal a crater covers, the ray in the middle and `span` on either side looked at."""
-    # far from bare rays nothing has to be looked at
+    """Return the metal that a crater covers in ray spacings, from its middle ray and `span` rays on each side."""
+    # far from rays without metal, all of it is metal
     if middle >= span and middle + span < a.unbroken[s]:
         return 2.0 * reach
     before, covered = -reach, 0.0
@@ -51,23 +52,23 @@ def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, rea
 
 @compiled_apart
 def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
-    """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth."""
-    # `jitter` (-0.5..0.5 ray spacings) lets many of them cover the wall evenly. False if there was no metal
+    """Divide a crater of `volume` um3 among the rays in its width, whose edges recede by its mean depth."""
+    # `jitter` (-0.5..0.5 ray spacings) makes many craters cover the wall evenly. Returns False if there is no metal.
     if volume <= 0.0:
         return False
     n_rays = a.ray_cosine.shape[0]
     spacing = (c.radius_um + gap_of(a, position, s, middle)) * (2.0 * math.pi / n_rays)
-    # one over half the crater's diameter, in ray spacings
+    # inverse of half the crater's diameter in ray spacings
     per_reach = max(2.0 * spacing / crater_diameter(volume, c), 1.0 / (0.25 * n_rays - 1.0))
     reach, curve = 1.0 / per_reach, per_reach * per_reach * (1.0 / 3.0)
-    if not reach > 0.0:  # the wire is nowhere, and so are its rays
+    if not reach > 0.0:  # the position of the wire is not finite
         return False
     span = int(reach) + 1
     covered = _metal_covered(a, s, middle, span, jitter, reach, curve)
     if covered <= 0.0:
         return False
     metal = np.float64(a.ray_metal[s, ray_at(a, s, middle)])
-    # mean depth: the volume over the height of metal and the width that lies on metal
+    # mean depth: volume over the height of metal and the width on metal
     depth = volume / (c.slice_um * metal * spacing * covered)
     before = -reach
     for aside in range(-span, span + 1):
@@ -75,11 +76,11 @@ def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, 
         after = _section(aside + 0.5 - jitter, reach, curve)
         deep, before = depth * (after - before), after
         if a.distance[s, place] < BARE_UM:
-            # the edge recedes at once; the field follows before the next tracing
+            # the edge recedes at once; the field is carved before the next tracing
             a.distance[s, place] += np.float32(deep)
             a.packed_gap[pack_of(s), packed_lane(s, place)] = a.distance[s, place]
             area = deep * spacing
-            if metal != 1.0:  # a product always taken would round other cuts' sums otherwise
+            if metal != 1.0:  # multiplying always would change the rounding in other cuts
                 area *= metal
             a.pending_um2[s, place] += area
     return True
@@ -90,12 +91,12 @@ def _carve_ray(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, s: int, r: int, parts: int,
     aside: float, rows: Array,
 ) -> int:
-    """Take `parts` from the wall a ray stands for, `aside` ray spacings beside it; returns the parts not found."""
+    """Remove `parts` from a ray's wall, shifted by `aside` ray spacings; return the parts that were not found."""
     near = c.radius_um + np.float64(a.edge_um[s, r])
     width = near * (2.0 * math.pi / a.ray_cosine.shape[0])
     cosine, sine = a.across_x[r], a.across_y[r]
     x, y = a.reference_um[0, s], a.reference_um[1, s]
-    if a.upright[0] != 1.0:  # in the slice's plane the wall is not square to the ray
+    if a.upright[0] != 1.0:  # in the slice's plane the wall is not perpendicular to the ray
         width /= a.upright[0]
         x += near * (a.reach_x[r] - cosine)
         y += near * (a.reach_y[r] - sine)
@@ -109,8 +110,8 @@ def _carve_ray(
 def carve(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float, rows: Array
 ) -> float:
-    """Carve what lies on the rays from the field; returns the volume in um3 that found no metal."""
-    # `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees
+    """Carve the craters of the rays from the field; return the volume in um3 that found no metal."""
+    # `aside` (-0.5..0.5 ray spacings) shifts all strips, so that no ridge remains between two rays
     part = c.cell_um**2 / FULL
     missed = 0.0
     for s in range(a.shape.shape[0]):
@@ -119,11 +120,11 @@ def carve(
             if a.pending_um2[s, place] > 0.0:
                 metal = np.float64(a.ray_metal[s, r])
                 area = a.pending_um2[s, place] + a.carry_um2[s]
-                if metal != 1.0:  # a division always made would round other cuts' sums otherwise
+                if metal != 1.0:  # dividing always would change the rounding in other cuts
                     area /= metal
                 a.pending_um2[s, place] = 0.0
                 parts = max(0, int(min(area / part, MOST_PARTS)))
-                # the field counts whole parts: the rest waits in its slice
+                # the field has whole parts; the rest is kept for the slice
                 a.carry_um2[s] = area - parts * part
                 left = 0
                 if parts != 0:
@@ -131,7 +132,7 @@ def carve(
                 if metal != 1.0:
                     a.carry_um2[s] *= metal
                 if left > 0:
-                    # metal that was not there did not become debris either
+                    # metal that was not found did not become debris
                     lost = left * part * c.slice_um * metal
                     a.debris[s] = max(0.0, a.debris[s] - lost / (c.cavity_um3 * a.metal[s]))
                     missed += lost

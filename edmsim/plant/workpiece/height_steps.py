@@ -1,8 +1,8 @@
 """A workpiece whose height changes: the slices that have metal at each place.
 
-The workpiece stands on its lower face, so that a lower place lacks its uppermost slices. A slice has metal
-where its middle lies below the local height. The topmost one with metal there stands for what lies above the one
-below it, half a slice to one and a half: no height is rounded.
+The workpiece stands on its lower face, so lower places have no metal in the uppermost slices. A slice has metal where
+its middle is below the local height. The topmost slice with metal represents all metal above the slice below it, half
+a slice to one and a half, so heights are not rounded.
 """
 
 from collections.abc import Sequence
@@ -15,18 +15,18 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 
-_BETWEEN = 1e-6  # parts of a cell up to which an edge counts as one of two cells; far above rounding
+_BETWEEN = 1e-6  # distance, in cells, within which an edge counts as on the border of two cells; far above rounding
 
 
 class LowerRegion(NamedTuple):
-    """A region where the workpiece has a height of its own."""
+    """A region where the workpiece has another height."""
 
-    region_um: BaseGeometry  # polygon or polygons in um on the table
-    height_mm: float  # height there, above the workpiece's lower face
+    region_um: BaseGeometry  # in um on the table
+    height_mm: float  # height over the workpiece's lower face
 
 
 class Relief:
-    """Where each slice of a stepped workpiece lacks metal, and how high it is; the earlier of two steps holds."""
+    """Heights of a stepped workpiece, and the regions without metal in each slice; the first of two steps applies."""
 
     def __init__(self, steps: Sequence[LowerRegion], height_mm: float, n_slices: int) -> None:
         self.height_mm, self.slice_mm = height_mm, height_mm / n_slices
@@ -42,14 +42,14 @@ class Relief:
             of_height.setdefault(height, []).append(region.difference(claimed))
             claimed = claimed.union(region)
         lower = sorted(height for height in of_height if height < height_mm)
-        # where the workpiece has each of its lower heights, from the lowest up, without overlap
+        # regions of the lower heights, from the lowest up, without overlap
         self.faces_um = [LowerRegion(shapely.union_all(of_height[height]), height) for height in lower]
         self._bounds_um = shapely.bounds([region for region, _ in self.faces_um]).reshape(-1, 4)
         of_level: dict[int, list[BaseGeometry]] = {}
         for region, height in self.faces_um:
             shapely.prepare(region)
             of_level.setdefault(slices_below(height, height_mm, n_slices), []).append(region)
-        self.voids_um: list[BaseGeometry] = []  # of each slice from the bottom, the region without metal
+        self.voids_um: list[BaseGeometry] = []  # region without metal of each slice, from the bottom
         void: BaseGeometry = shapely.Polygon()
         for number in range(n_slices):
             if number in of_level:
@@ -59,11 +59,11 @@ class Relief:
 
     def metal(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
               ) -> NDArray[np.float64] | None:
-        """Share (0..1) of square cells that each slice has metal in, (n_slices, len(x), len(y)); exact."""
-        # None if every slice has metal everywhere in them
+        """Return each slice's share of metal (0..1) in square cells, (n_slices, len(x), len(y)); exact."""
+        # None if all slices are full of metal there
         half = cell_um / 2
         whole = shapely.box(x_um[0] - half, y_um[0] - half, x_um[-1] + half, y_um[-1] + half)
-        if not self.voids_um[-1].intersects(whole):  # the uppermost slice lacks most
+        if not self.voids_um[-1].intersects(whole):  # the uppermost slice has the least metal
             return None
         share = np.empty((self.n_slices, len(x_um), len(y_um)))
         for number, void in enumerate(self.voids_um):
@@ -74,7 +74,7 @@ class Relief:
         return share
 
     def heights_mm(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height at points ``(n, 2)``; on a border the lower one."""
+        """Return the height at points ``(n, 2)``; on a border the lower one."""
         x_um, y_um = points_um.T
         found = np.full(len(points_um), self.height_mm)
         for region, height in reversed(self._faces_near(*points_um.min(axis=0), *points_um.max(axis=0))):
@@ -82,43 +82,43 @@ class Relief:
         return found
 
     def levels(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Height over that of a slice, (len(x), len(y))."""
+        """Return the height in slice heights, (len(x), len(y))."""
         whole = shapely.box(x_um[0], y_um[0], x_um[-1], y_um[-1])
         near = next((face for face in self._faces_near(*whole.bounds) if face.region_um.intersects(whole)), None)
-        if near is None or near.region_um.contains(whole):  # most often
+        if near is None or near.region_um.contains(whole):  # the usual case
             height_mm = self.height_mm if near is None else near.height_mm
             return np.full((len(x_um), len(y_um)), height_mm / self.slice_mm, np.float32)
         points = np.stack(np.meshgrid(x_um, y_um, indexing="ij"), axis=-1).reshape(-1, 2)
         return (self.heights_mm(points) / self.slice_mm).reshape(len(x_um), len(y_um)).astype(np.float32)
 
     def _faces_near(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> list[LowerRegion]:
-        """Return the faces whose bounding boxes meet a rectangle, from the lowest up."""
+        """Return the faces whose bounding boxes overlap a rectangle, from the lowest up."""
         low_x, low_y, high_x, high_y = self._bounds_um.T
         meets = (low_x <= x1_um) & (high_x >= x0_um) & (low_y <= y1_um) & (high_y >= y0_um)
         return [self.faces_um[k] for k in np.flatnonzero(meets)]
 
     def clearance_um(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distance of points ``(n, 2)`` to where each slice lacks metal, (n_slices, n); 0 where it does."""
+        """Return the distance of points ``(n, 2)`` to each slice's region without metal, (n_slices, n); 0 inside."""
         points = shapely.points(points_um)
         distance = np.stack([shapely.distance(void, points) for void in self.voids_um])
-        return np.where(np.isnan(distance), np.inf, distance)  # nothing is lacking
+        return np.where(np.isnan(distance), np.inf, distance)  # no region without metal
 
 
 def slices_below(height_mm: float, full_mm: float, n_slices: int) -> int:
-    """Slices of a workpiece `full_mm` high whose middle lies below a height."""
+    """Return the number of slices of a workpiece `full_mm` high whose middle is below a height."""
     middle = (np.arange(n_slices) + 0.5) / n_slices * full_mm
     return int((middle < height_mm).sum())
 
 
 def middle_slice(lowest_mm: float, full_mm: float, n_slices: int) -> int:
-    """Slice at mid height of a workpiece's lowest place: it has metal everywhere."""
+    """Return the slice at mid height of the workpiece's lowest place, which has metal everywhere."""
     return slices_below(lowest_mm, full_mm, n_slices) // 2
 
 
 def _covered(
     void: BaseGeometry, whole: BaseGeometry, x_um: NDArray[np.float64], y_um: NDArray[np.float64], half_um: float
 ) -> NDArray[np.float64]:
-    """Share of each cell that a region covers; only cells on its rim are cut with it."""
+    """Return the share of each cell that a region covers; only cells on its border are intersected."""
     if not void.intersects(whole):
         return np.zeros((len(x_um), len(y_um)))
     if void.contains(whole):
@@ -137,15 +137,15 @@ def _covered(
 def _rim(
     near: BaseGeometry, bounds_um: tuple[float, float, float, float], count: int, cell_um: float
 ) -> NDArray[np.bool_]:
-    """Say which cells (count, count) of a tile the edge of a region within it may touch."""
+    """Return the cells (count, count) of a tile that a region's edge may touch."""
     low, high = np.array(bounds_um[:2]), np.array(bounds_um[2:])
     rim = np.zeros((count, count), np.bool_)
     areas = [part for part in shapely.get_parts(near) if isinstance(part, shapely.Polygon)]
     for ring in shapely.get_rings(areas):
         corners = shapely.get_coordinates(ring)
         first, last = np.minimum(corners[:-1], corners[1:]), np.maximum(corners[:-1], corners[1:])
-        of_tile = ((first == last) & ((first == low) | (first == high))).any(axis=1)  # where the tile ends
-        # with both cells that an edge lies between
+        of_tile = ((first == last) & ((first == low) | (first == high))).any(axis=1)  # end of the tile
+        # both cells if an edge is between them
         i0, j0 = np.maximum(np.floor((first - low) / cell_um - _BETWEEN).astype(int), 0)[~of_tile].T
         i1, j1 = (np.floor((last - low) / cell_um + _BETWEEN).astype(int) + 1)[~of_tile].T
         for a, b, c, d in zip(i0, i1, j0, j1, strict=True):

@@ -1,7 +1,7 @@
-"""The kerf field: the metal that is left in every slice of the workpiece, on a sparse tiled grid.
+"""The kerf field: the remaining metal in every slice of the workpiece, on a sparse tiled grid.
 
-A cell holds the fraction of metal left in it as a whole number of 1/32768 parts, so that removal is
-exact arithmetic: nothing is lost or gained however many craters fall. Tiles exist only along the path.
+A cell stores its fraction of metal as an integer number of 1/32768 parts, so removal is exact: no metal is lost or
+gained by rounding. Tiles exist only along the path.
 """
 
 import functools
@@ -20,12 +20,12 @@ from edmsim.plant.kernel.state import NO_METAL_UM, TILE
 from edmsim.plant.workpiece.height_steps import LowerRegion, Relief
 
 FULL = 32768  # parts in a full cell
-PARALLEL = 1e-9  # a direction is parallel to an axis of the grid if its cosine is below this
+PARALLEL = 1e-9  # a direction with a smaller cosine is parallel to an axis of the grid
 
 
 @dataclass(frozen=True)
 class Stock:
-    """The blank before the first spark: a rectangle with round start holes, perhaps of several heights.
+    """The blank before the first spark: a rectangle with round start holes, optionally with several heights.
 
     Raises
     ------
@@ -35,9 +35,9 @@ class Stock:
 
     rectangle_um: tuple[float, float, float, float]
     holes_um: tuple[tuple[float, float, float], ...] = ()
-    # regions that are less high than the rest; where they overlap, the earlier one holds
+    # regions that are lower than the rest; where they overlap, the first one applies
     steps: tuple[LowerRegion, ...] = ()
-    # height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
+    # height outside the steps, the greatest: the machine's `height_mm`. Required with steps.
     height_mm: float | None = None
 
     def __post_init__(self) -> None:
@@ -45,7 +45,7 @@ class Stock:
             raise InputError("a workpiece with steps needs height_mm, its greatest height: that of the machine")
 
     def is_whole(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> bool:
-        """Whether the lowest slice is full of metal between two corners: away from every edge and hole."""
+        """Return whether the lowest slice is full of metal between two corners, away from edges and holes."""
         left, low, right, high = self.rectangle_um
         if not (left <= x0_um and low <= y0_um and x1_um <= right and y1_um <= high):
             return False
@@ -56,15 +56,15 @@ class Stock:
         return np.array(self.holes_um, np.float64).reshape(-1, 3)
 
     def _holes_near(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> NDArray[np.float64]:
-        """Holes (n, 3) whose squares reach between two corners."""
+        """Return the holes (n, 3) whose bounding squares overlap a rectangle."""
         x, y, radius = self._holes.T
         in_x = (x + radius >= x0_um) & (x - radius <= x1_um)
         return np.asarray(self._holes[in_x & (y + radius >= y0_um) & (y - radius <= y1_um)])
 
     def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float) -> NDArray[np.float64]:
-        """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``."""
-        # in the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge the
-        # share falls linearly over one cell. Where holes overlap, the one that takes most of a cell counts
+        """Return the share of metal (0..1) in square cells of side `cell_um` centred at ``x_um[:, None], y_um``."""
+        # This is for the lowest slice, where no step removes metal. Exact for the rectangle; at a hole's edge the
+        # share falls linearly over one cell. Where holes overlap, the one that takes most of a cell counts.
         x0, y0, x1, y1 = self.rectangle_um
         half = cell_um / 2
         in_x = np.clip(np.minimum(x_um + half, x1) - np.maximum(x_um - half, x0), 0, cell_um) / cell_um
@@ -85,7 +85,7 @@ class KerfField:
     n_slices : int
         Slices of the workpiece height, counted from the bottom.
     stock : Stock
-        The blank the tiles are filled from when they are first needed.
+        The blank from which tiles are filled when they are first needed.
     cell_um : float
         Side of a cell in um.
     extent_um : float
@@ -98,9 +98,9 @@ class KerfField:
         ``x`` from ``(tx * TILE + ix) * cell_um`` on, likewise ``y``. The metal's edge is the half-full level
         between cell centres.
     index : int32 array (nx, ny)
-        The tile's place in `tiles`, -1 where none is allocated yet (there the stock is untouched).
+        The tile's index in `tiles`; -1 if it is not allocated, because the stock is untouched there.
     relief : Relief or None
-        Which slices of a stepped stock have metal where; None if all have it everywhere.
+        The places at which each slice of a stepped stock has metal; None if all slices have it everywhere.
     gone : tuple of Polygon
         Pieces that fell out of the stock, in um: `take_out`.
     levels : float32 array (capacity, TILE, TILE)
@@ -136,10 +136,10 @@ class KerfField:
         return self.cell_um**2 / FULL
 
     def allocate(self, x_um: float, y_um: float, reach_um: float, lean_um: tuple[float, float] = (0.0, 0.0)) -> bool:
-        """Make sure that every tile within `reach_um` of a point exists; say whether any was new."""
-        # with `lean_um`, of all points between the point and the one that lies so much further along x and y
+        """Allocate every tile within `reach_um` of a point; return whether any was new."""
+        # with `lean_um`, of all points on the line from the point to the one displaced by it
         pieces = max(1, math.ceil(max(abs(lean) for lean in lean_um) / (4 * self.cell_um * TILE)))
-        if pieces > 1:  # a rectangle about a long way aslant would be mostly empty
+        if pieces > 1:  # the rectangle around a long diagonal would be mostly empty
             u, v = (lean / pieces for lean in lean_um)
             new = False
             for k in range(pieces):
@@ -184,17 +184,17 @@ class KerfField:
         self._stock_beyond += _beyond(self.tiles[last], self.levels[last])
 
     def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
-        """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
+        """Return the parts of metal in a tile before the cut: (n_slices, TILE, TILE), read-only."""
         return np.broadcast_to(self._stock_tile(tx, ty), (self.n_slices, TILE, TILE))
 
     def _stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
-        """Parts of metal in a tile before the cut, (TILE, TILE) where all slices have the same."""
+        """Return the parts of metal in a tile before the cut; (TILE, TILE) if all slices are equal."""
         parts = self._blank_tile(tx, ty)
         gone = self._gone_in(tx, ty, self.gone)
         return parts if gone is None else np.where(gone, np.uint16(0), parts)
 
     def _blank_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
-        """Parts of metal in a tile of the blank, (TILE, TILE) where all slices have the same."""
+        """Return the parts of metal in a tile of the blank; (TILE, TILE) if all slices are equal."""
         if self.relief is not None:
             x, y = _centres_um(tx, ty, self.cell_um)
             metal = self.relief.metal(x, y, self.cell_um)
@@ -203,7 +203,7 @@ class KerfField:
         return _even_parts(self._even, tx, ty, self.cell_um)
 
     def _gone_in(self, tx: int, ty: int, pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.bool_] | None:
-        """Say which cells (TILE, TILE) of a tile have their middles in some pieces; None if no piece is near."""
+        """Return the cells (TILE, TILE) of a tile whose centres are in pieces; None if no piece is near."""
         if not pieces:
             return None
         side = self.cell_um * TILE
@@ -215,10 +215,10 @@ class KerfField:
         return np.asarray(shapely.contains_xy(shapely.union_all(near), x[:, None], y[None, :]), np.bool_)
 
     def take_out(self, piece: shapely.Polygon) -> float:
-        """Take a piece out of the stock, as one that fell: in every slice, also where no tile is allocated yet."""
-        # it counts neither as removed metal nor as stock any more. Cells go whose middles lie in it
+        """Remove a piece that fell from the stock: in every slice, also where no tile is allocated yet."""
+        # It then counts neither as removed metal nor as stock. Cells whose centres are in it are emptied.
         whole = isinstance(piece, shapely.Polygon) and piece.is_valid and not piece.is_empty
-        if not whole or piece.interiors:  # a snapshot holds outlines
+        if not whole or piece.interiors:  # snapshots store outlines
             raise InputError(f"a piece is a shapely.Polygon in um without holes or crossings, not {piece!r}")
         taken = 0
         for tx, ty, place in self.tile_places():
@@ -236,7 +236,7 @@ class KerfField:
 
     @property
     def removed_parts(self) -> int:
-        """Parts of cells removed so far, over all slices: exact."""
+        """Parts of cells removed so far in all slices; exact."""
         return self._stock_parts - int(self.tiles[: self.count].sum(dtype=np.int64))
 
     @property
@@ -253,7 +253,7 @@ class KerfField:
             yield int(tx), int(ty), int(self.index[tx, ty])
 
     def patch(self, slice_index: int, ix0: int, ix1: int, iy0: int, iy1: int) -> NDArray[np.float64]:
-        """Metal fraction (0..1) of the cells ``ix0 <= ix < ix1, iy0 <= iy < iy1`` of one slice, dense."""
+        """Return the metal fraction (0..1) of the cells ``ix0 <= ix < ix1, iy0 <= iy < iy1`` of one slice."""
         out = np.empty((ix1 - ix0, iy1 - iy0))
         for tx in range(ix0 // TILE, (ix1 - 1) // TILE + 1):
             for ty in range(iy0 // TILE, (iy1 - 1) // TILE + 1):
@@ -268,7 +268,7 @@ class KerfField:
         return out
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
-        """Return a copy of everything that changes, as arrays."""
+        """Return a copy of the state as arrays."""
         return {
             "tiles": self.tiles[: self.count].copy(),
             "index": self.index.copy(),
@@ -278,7 +278,7 @@ class KerfField:
         }
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
-        """Take back a `snapshot`."""
+        """Load a `snapshot`."""
         self.tiles = np.array(state["tiles"], np.uint16)
         self.count = len(self.tiles)
         if self.count == 0:
@@ -294,7 +294,7 @@ class KerfField:
 
 
 def _centres_um(tx: int, ty: int, cell_um: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the cells of a tile have their middles, along x and y."""
+    """Return the centres of a tile's cells in x and y."""
     centres = np.arange(0.5, TILE, dtype=np.float64) * cell_um
     return tx * cell_um * TILE + centres, ty * cell_um * TILE + centres
 
@@ -306,9 +306,9 @@ def _in_parts(share: NDArray[np.float64]) -> NDArray[np.uint16]:
 _WHOLE_TILE = np.full((TILE, TILE), FULL, np.uint16)
 
 
-@functools.lru_cache(maxsize=1024)  # many episodes begin with one stock; a tile takes 2 KB
+@functools.lru_cache(maxsize=1024)  # many episodes begin with the same stock; a tile takes 2 KB
 def _even_parts(stock: Stock, tx: int, ty: int, cell_um: float) -> NDArray[np.uint16]:
-    """Parts of metal in a tile (TILE, TILE) of a stock without steps, not to be written to."""
+    """Return the parts of metal in a tile (TILE, TILE) of a stock without steps; read-only."""
     side = cell_um * TILE
     x0, y0 = tx * side, ty * side
     if stock.is_whole(x0 - cell_um, y0 - cell_um, x0 + side + cell_um, y0 + side + cell_um):
@@ -323,19 +323,19 @@ def _rings(pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.float64]:
 
 
 def _pieces(rows: NDArray[np.generic]) -> tuple[shapely.Polygon, ...]:
-    """Return the pieces of `_rings`."""
+    """Return the pieces from the rows of `_rings`."""
     table = np.asarray(rows, np.float64)
     return tuple(shapely.Polygon(table[table[:, 0] == k, 1:]) for k in np.unique(table[:, 0]))
 
 
 def _beyond(tiles: NDArray[np.uint16], levels: NDArray[np.float32]) -> float:
-    """Parts that the topmost slices' metal is more than they hold themselves, or less, below zero."""
+    """Return the parts of metal by which the topmost slices are higher than a slice; negative if lower."""
     top = np.ceil(levels - 0.5).astype(np.int64) - 1
     parts = np.take_along_axis(tiles, top[:, None], axis=1)[:, 0]
     return float((parts * (levels.astype(np.float64) - top - 1.0)).sum())
 
 
-# --- compiled access: the pulse loop reads and removes metal through these two functions only ---
+# --- compiled access of the pulse loop ---
 
 
 _TILE_BITS, _TILE_MASK = np.uint64(5), np.uint64(TILE - 1)
@@ -343,7 +343,7 @@ _TILE_BITS, _TILE_MASK = np.uint64(5), np.uint64(TILE - 1)
 
 @compiled
 def _inside(px: float, py: float, index: NDArray[np.int32]) -> bool:
-    """Whether a point, in cells, lies on the grid, less its outermost cells: rounding may lead a cell beyond."""
+    """Return whether a point, in cells, is on the grid without its outermost cells, because of rounding."""
     limit = np.float64(index.shape[0] * TILE - 1)
     return bool(1.0 <= px < limit) and bool(1.0 <= py < limit)
 
@@ -352,8 +352,8 @@ def _inside(px: float, py: float, index: NDArray[np.int32]) -> bool:
 def _parts(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_x: np.int64, cell_y: np.int64
 ) -> np.int64:
-    """Parts of metal in a cell of the grid; whole where no tile is allocated."""
-    # unsigned, so that neither floor division nor negative indices cost anything
+    """Return the parts of metal in a cell of the grid; full if its tile is not allocated."""
+    # unsigned integers need no code for floor division and negative indices
     ix, iy = np.uint64(cell_x), np.uint64(cell_y)
     place = index[ix >> _TILE_BITS, iy >> _TILE_BITS]
     if place < 0:
@@ -365,7 +365,7 @@ def _parts(
 def metal_height(
     index: NDArray[np.int32], levels: NDArray[np.float32], slice_index: int, cell_um: float, x: float, y: float
 ) -> float:
-    """Height over a slice's of the metal that a slice stands for at a point of a stepped stock, 0.5 to 1.5."""
+    """Return the height of a slice's metal at a point of a stepped stock, in slice heights: 0.5 to 1.5."""
     grid = 1.0 / cell_um
     if not _inside(x * grid, y * grid, index):
         return 1.0
@@ -374,7 +374,7 @@ def metal_height(
     if place < 0:
         return 1.0
     over = np.float64(levels[np.uint64(place), ix & _TILE_MASK, iy & _TILE_MASK]) - slice_index
-    return over if 0.5 < over <= 1.5 else 1.0  # only the topmost slice may have more or less than its own
+    return over if 0.5 < over <= 1.5 else 1.0  # only the topmost slice may differ from 1
 
 
 @compiled
@@ -382,29 +382,30 @@ def trace(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_um: float, x: float, y: float,
     cosine: float, sine: float, start_um: float, end_um: float,
 ) -> float:
-    """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` if it meets none."""
-    # the edge lies one cell before where the metal met amounts to one cell: it moves smoothly as a cell is emptied
+    """Return the distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` without metal."""
+    # the edge is one cell before the point at which the metal passed amounts to a cell, so it moves smoothly as a
+    # cell is emptied
     grid = 1.0 / cell_um
     px, py = (x + cosine * start_um) * grid, (y + sine * start_um) * grid
     length = end_um - start_um
     if not (_inside(px, py, index) and _inside(px + length * cosine * grid, py + length * sine * grid, index)):
-        return NO_METAL_UM  # beyond the table there is none
-    # cell of the start, and the lengths along the ray to the next border in x and in y
+        return NO_METAL_UM  # there is no metal beyond the table
+    # cell of the start, and lengths along the ray to the next cell border in x and in y
     ix, iy = np.int64(px), np.int64(py)
     per_x, per_y = cell_um / max(abs(cosine), PARALLEL), cell_um / max(abs(sine), PARALLEL)
     step_x, step_y = np.int64(1 if cosine > 0.0 else -1), np.int64(1 if sine > 0.0 else -1)
     next_x = (ix + 1 - px if cosine > 0.0 else px - ix) * per_x
     next_y = (iy + 1 - py if sine > 0.0 else py - iy) * per_y
-    # metal met so far, in parts times um; a whole cell of it makes an edge
+    # metal passed so far, in parts times um, up to that of a full cell
     here, met, whole = 0.0, 0.0, FULL * cell_um
     while here < length:
         parts = np.float64(_parts(tiles, index, slice_index, ix, iy))
         along_x = next_x < next_y
         there = next_x if along_x else next_y
-        # the cell counts by its share of metal and by the length of the ray in it
+        # a cell counts by its share of metal and the length of the ray in it
         met += parts * (there - here)
         if met >= whole:
-            # the cell was completed within this step; the edge lies one cell before that
+            # the full cell was reached within this step; the edge is one cell before
             return start_um + there - (met - whole) / parts - cell_um
         here = there
         ix += step_x if along_x else 0
@@ -419,13 +420,13 @@ def _clear_cells(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, ix: int, iy: int, step_x: int, step_y: int,
     length: int,
 ) -> float:
-    """How many cells of a row of `length` are clear before its metal, the first one with metal by what it lacks."""
+    """Return the number of empty cells before a row's metal, and the empty share of the first cell with metal."""
     limit = np.uint64(index.shape[0] * TILE)
     ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
     left = length
     while left > 0 and ux < limit and uy < limit:
         place = index[ux >> _TILE_BITS, uy >> _TILE_BITS]
-        if place < 0:  # the stock is untouched
+        if place < 0:  # untouched stock
             return float(length - left)
         row, column = ux & _TILE_MASK, uy & _TILE_MASK
         along = int(row) if step_x != 0 else int(column)
@@ -448,7 +449,7 @@ def _carve_row(
     tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, ix: int, iy: int, step_x: int, step_y: int,
     length: int, parts: int,
 ) -> int:
-    """Remove `parts` from a row of `length` cells, the first metal first; return what of them found none."""
+    """Remove `parts` from a row of `length` cells, from its beginning; return the parts that were not found."""
     quota = np.int64(parts)
     limit = np.uint64(index.shape[0] * TILE)
     ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
@@ -458,7 +459,7 @@ def _carve_row(
         row, column = ux & _TILE_MASK, uy & _TILE_MASK
         along = int(row) if step_x != 0 else int(column)
         run = min(left, TILE - along if step_x + step_y > 0 else along + 1)  # cells of the row in this tile
-        # without a tile the stock is untouched: nothing is taken where the wire cannot be
+        # without a tile the stock is untouched: the wire cannot be there
         if place >= 0:
             tile, level = np.uint64(place), np.uint64(slice_index)
             for _ in range(run):
@@ -482,13 +483,13 @@ def carve_wall(
     cosine: float, sine: float, edge_um: float, before_um: float, level_um: float, beyond_um: float,
     width_um: float, parts: int, rows: NDArray[np.float64],
 ) -> int:
-    """Remove `parts` parts of metal from a wall; return how many found none."""
-    # the wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
-    # `before_um` before it to `beyond_um` behind. Discharges strike what is nearest: a row of cells gives less by a
-    # factor e for every `level_um` that its metal begins further away, so that the wall stays level between rays.
-    # `rows` (2, `MOST_ROWS`) is room for what is found of each
+    """Remove `parts` parts of metal from a wall; return the number of parts that were not found."""
+    # The wall is perpendicular to a direction, at `edge_um` from the point, and `width_um` wide. Metal is searched
+    # from `before_um` before it to `beyond_um` behind it. Discharges strike the nearest metal: a row of cells loses
+    # less by a factor e for every `level_um` by which its metal is further away, which keeps the wall level between
+    # rays. `rows` (2, `MOST_ROWS`) is a buffer.
     grid = 1.0 / cell_um
-    # rows run along the axis nearer to the direction, so that each crosses the wall once
+    # rows are parallel to the axis nearest to the direction, so each crosses the wall once
     along_x = abs(cosine) >= abs(sine)
     px, py = (x + cosine * edge_um) * grid, (y + sine * edge_um) * grid
     ahead, aside = (px, py) if along_x else (py, px)
@@ -497,7 +498,7 @@ def carve_wall(
     step_x, step_y = (step, 0) if along_x else (0, step)
     ahead -= step * before_um * grid
     length = int((before_um + beyond_um) * grid) + 1
-    # width of the wall across the rows, in cells
+    # width of the wall in rows
     extent = width_um * grid * abs(major)
     low, slant = aside - 0.5 * extent, minor / major
     high, fall = low + extent, abs(major) * cell_um / level_um
@@ -505,7 +506,7 @@ def carve_wall(
     count = min(math.floor(high) - first + 1, rows.shape[1])
     for n in range(count):
         row = first + n
-        # where this row meets a wall that is not square to the grid
+        # place where this row meets the wall, which is oblique to the grid
         line = ahead - (row + 0.5 - aside) * slant
         cell = math.floor(line)
         ix, iy = (cell, row) if along_x else (row, cell)
@@ -515,7 +516,7 @@ def carve_wall(
         rows[0, n], rows[1, n] = clear, weights
     quota, spent, per_weight = 0, 0, parts / weights
     for n in range(count):
-        # the last row takes the rest, so that no part is lost
+        # the last row gets the rest, so no part is lost
         due = parts if n == count - 1 else int(rows[1, n] * per_weight)
         quota += due - spent
         spent = due
