@@ -1,6 +1,6 @@
-"""Errors of each planner in path, speed and end point, for straight moves in every direction at many speeds.
+"""Errors of each planner, and of the computer of 1982, in path, speed and end point.
 
-The computer of 1982 is included.
+The moves are straight, in all directions and at many speeds.
 """
 
 import math
@@ -15,15 +15,15 @@ from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
 from edmsim.controllers.planner.registry import PLANNERS, Planner, make_planner
 
-MACHINE = "mcu"  # name of the computer that makes its own steps, in place of a planner's
+MACHINE = "mcu"  # name of the computer of 1982, which makes its own steps
 COMPARED = (*PLANNERS, MACHINE)
 SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)  # speeds in units at which the planners are compared: those of row T-G9
 DIRECTIONS_DEG = range(360)
 LONG_UM, SHORT_UM = 2500, 50
-"""Lengths of the moves: well beyond the 8 bits of REDUC, where about 45 degrees the squares wrap, and below them."""
-STRETCH_UM = 100.0  # length over which a local speed is taken; the steps alone make some 1 % of ripple in it
+"""Lengths of the moves: far above the 8 bits of REDUC, where the squares wrap near 45 degrees, and below them."""
+STRETCH_UM = 100.0  # length over which a local speed is averaged; single steps make a ripple of some 1 % in it
 START_UM = (30_000, 30_001)
-_MARGIN = 4.0  # time allowed for a move, over the time it should take; the slowest takes twice that
+_MARGIN = 4.0  # longest time of a move over its nominal time; the slowest planner needs twice the nominal time
 
 
 class MoveError(NamedTuple):
@@ -31,15 +31,15 @@ class MoveError(NamedTuple):
 
     path_max_um: float  # distance of the position counters from the line, after every step
     path_rms_um: float
-    # mean speed from the first to the last step, along the line, over the commanded one, less 100 %
+    # mean speed along the line from the first to the last step, relative to the commanded one, minus 100 %
     speed_percent: float
-    # rms of the speed over stretches of `STRETCH_UM`, in % of the commanded one; nan for less than two
+    # rms deviation of the speed over lengths of `STRETCH_UM`, in % of the commanded one; NaN for fewer than two
     ripple_percent: float
-    end_um: float  # distance from the end of the move to where the motors stopped
+    end_um: float  # distance from the end of the move to the place where the motors stopped
 
 
 def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int, int] = START_UM) -> MoveError:
-    """Run one straight move of a planner of `PLANNERS`, or `MACHINE`, to its end, at 1 to 127 units."""
+    """Run one straight move of a planner of `PLANNERS` or of `MACHINE` to its end, at 1 to 127 units."""
     start = np.array(start_um)
     run = np.array(run_um)
     length = math.hypot(*run_um)
@@ -75,7 +75,7 @@ def _follower(planner: str, points_um: NDArray[np.int64]) -> Planner:
 
 
 def _ripple(along_um: NDArray[np.float64], times: NDArray[np.float64]) -> float:
-    """Deviation (rms) of the speed over stretches from their mean, in um/s."""
+    """Return the rms deviation of the speed over lengths of `STRETCH_UM` from its mean, in um/s."""
     furthest = np.maximum.accumulate(along_um)
     marks = np.arange(furthest[0], furthest[-1], STRETCH_UM)
     if len(marks) < 3:
@@ -87,7 +87,7 @@ def _ripple(along_um: NDArray[np.float64], times: NDArray[np.float64]) -> float:
 def around(
     planner: str, length_um: float, speed: int, directions_deg: Iterable[float] = DIRECTIONS_DEG
 ) -> NDArray[np.float64]:
-    """Errors of a move of one length in many directions: an array (directions, fields of `MoveError`)."""
+    """Return the errors of moves of one length in many directions: (directions, fields of `MoveError`)."""
     runs = (
         (round(length_um * math.cos(a)), round(length_um * math.sin(a)))
         for a in np.radians(list(directions_deg))

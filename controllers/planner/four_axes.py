@@ -1,8 +1,8 @@
 """Planners of tapered cuts: x and y move the lower guide, u and v the upper one relative to it.
 
-`exact` plans all four axes alike. The arithmetic of the counting planners has two axes: they plan x and y, and u and
-v follow along the path, step by step. Feeds and lengths refer to the faster face of the workpiece: each move is as
-long as on that face.
+`exact` plans all four axes in the same way. The other planners have two axes: they plan x and y, and u and v follow
+along the path, step by step. Feeds and lengths refer to the faster face of the workpiece: a move is as long as on
+that face.
 """
 
 import bisect
@@ -20,12 +20,11 @@ from edmsim.geometry import Floats
 from edmsim.snapshots import Snapshots
 
 MOST_LEAD = 4.0
-"""Greatest travel of a follower over that of what it follows (ours): that many of its steps then fall between two of
-the others."""
+"""Greatest travel of u or v over that of x and y (ours): the number of their steps between two steps of x and y."""
 
 
 def check_lead(name: str, points_um: ArrayLike, lead_um: ArrayLike) -> None:
-    """Refuse corners (n, 2) and leads (n, 2) at which u and v cannot follow x and y as a planner moves them."""
+    """Refuse corners (n, 2) and leads (n, 2) for which u and v cannot follow a planner's x and y."""
     kind, instead = kind_of(name), "choose the planner exact (--planner exact)"
     if kind.number == LITERAL:
         raise InputError(f"the planner {name} moves two axes, and this wire leans: {instead}, or poscal")
@@ -47,9 +46,9 @@ def make_leaning_planner(
     name: str, points_um: ArrayLike, lead_um: ArrayLike, along_um: ArrayLike, unit: Unit = "um",
     step_um: float = STEP_UM,
 ) -> Planner:
-    """Make a planner for a wire that leans: corners of the lower guide, u and v there, length of path up to each.
+    """Make a planner for a tilted wire from corners of the lower guide, and u, v and path length at each.
 
-    It begins where that length is 0; corners before have lengths below 0, and it can run back to them.
+    It begins at length 0; it can run back to corners with negative lengths.
     """
     check_lead(name, points_um, lead_um)
     places = np.concatenate([np.asarray(points_um, np.float64), np.asarray(lead_um, np.float64)], axis=1)
@@ -60,7 +59,7 @@ def make_leaning_planner(
 
 
 class ExactAxes(Snapshots):
-    """An ideal line through points of several axes, `along_um` apart: all move evenly between two of them."""
+    """An ideal line through points of several axes at path lengths `along_um`; between two points it is straight."""
 
     STATE = ("_behind", "_counts")
     speed_unit_nm_s = 1.0
@@ -73,7 +72,7 @@ class ExactAxes(Snapshots):
         self._along: list[float] = along_um[moving].tolist()
         self._step_um = step_um
         start_um = places_um[np.searchsorted(along_um, 0.0)]
-        grid = np.floor(start_um / step_um + 0.5)  # the start lies on the grid of steps, whichever that is
+        grid = np.floor(start_um / step_um + 0.5)  # the start is on the grid of steps
         self._from = start_um.tolist()
         self._steps: list[list[float]] = (places_um[moving] / step_um - (start_um / step_um - grid)).tolist()
         self._first: list[int] = grid.astype(int).tolist()
@@ -115,7 +114,7 @@ class ExactAxes(Snapshots):
         return found
 
     def _crossings(self, place_um: float, end_um: float) -> list[tuple[float, int, int]]:
-        """Return where between two lengths an axis passes the middle between two steps, in order of passing."""
+        """Return the lengths at which an axis passes the middle between two steps, in order."""
         forward, found = end_um >= place_um, []
         here = [first + count for first, count in zip(self._first, self._counts, strict=True)]
         k = min(max(bisect.bisect_right(self._along, place_um) - 1, 0), len(self._along) - 2)
@@ -138,7 +137,7 @@ class ExactAxes(Snapshots):
 
 
 class Following(Snapshots):
-    """A planner of x and y whose steps u and v follow."""
+    """A planner of x and y, whose steps u and v follow."""
 
     STATE = ("_planner", "_led")
 
@@ -189,7 +188,7 @@ class Following(Snapshots):
         return found
 
     def _speed(self, way_um: float, speed_units: int) -> int:
-        """Return the speed of x and y at which the path is followed at a speed, in whole units."""
+        """Return the speed of x and y for a speed along the path, in whole units."""
         k = min(max(int(np.searchsorted(self._way_um, way_um, side="right")) - 1, 0), len(self._way_um) - 2)
         along = self._along_um[k + 1] - self._along_um[k]
         share = (self._way_um[k + 1] - self._way_um[k]) / along if along > 0 else 1.0
@@ -198,7 +197,7 @@ class Following(Snapshots):
         return units if speed_units >= 0 else -units
 
     def _follow(self, way_um: float, since_ns: int, time_ns: int) -> list[Step]:
-        """Return the steps of u and v up to a length of the way of x and y, evenly in time."""
+        """Return the steps of u and v up to a length of the path of x and y, evenly distributed in time."""
         moves = []
         for axis in (0, 1):
             target = round(float(np.interp(way_um, self._way_um, self._leads[:, axis])) / self._step_um)

@@ -1,4 +1,4 @@
-"""The planners in compiled code: their record, how each kind makes steps, and one call for all kinds."""
+"""The planners in compiled code: their record, the steps of each kind, and one call for all kinds."""
 
 import functools
 import math
@@ -14,33 +14,33 @@ from edmsim.compiled.numba_internals import address_of, call_returning
 from edmsim.controllers.mcu.firmware import timers
 from edmsim.controllers.mcu.firmware.poscal import WORD, Displacement, counted, look_up, resolve, subsgn, velocm
 
-# A planner's data in compiled code: a row of numbers and the corners of its path.
+# A planner's data in compiled code: a record of numbers, and the corners of its path.
 
 POSCAL, LITERAL, DDA, SINE_TABLE, EXACT = range(5)  # kinds of planners
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Row = Any  # one row of `PLANNER`; compiled code writes to it
+Row = Any  # one record of `PLANNER`; compiled code writes to it
 
 PLANNER = np.dtype(
     [
-        ("kind", "i8"),  # one of the five above
+        ("kind", "i8"),  # one of the kinds above
         ("last_move", "i8"),  # index of the path's last straight move
-        ("unit_um", "i8"),  # travel of one unit of position
+        ("unit_um", "i8"),  # unit of position
         ("hertz", "i8"),  # the clock is hertz / per
         ("per", "i8"),
         ("step_um", "f8"),  # travel of a motor step
-        ("from_um", "f8", 2),  # where the planner began
-        # what changes while it runs, see `CHANGES`
-        ("move", "i8"),  # the one the wire is on
-        ("counter", "i8", 2),  # steps made, those back deducted
-        ("along", "i8"),  # length run in 1 / 10^12 um (`EXACT`), or within the move in step_um / 65536 (`DDA`)
-        ("timer", "i8", 2),  # to the next step: an accumulator's phase, or ticks left of a reload counter (`LITERAL`)
+        ("from_um", "f8", 2),  # start position
+        # state, see `CHANGES`
+        ("move", "i8"),  # present move
+        ("counter", "i8", 2),  # steps made, forward minus backward
+        ("along", "i8"),  # length in 1 / 10^12 um (`EXACT`), or within the move in step_um / 65536 (`DDA`)
+        ("timer", "i8", 2),  # phase of an accumulator, or remaining ticks of a reload counter (`LITERAL`)
         ("rate", "i8", 2),  # axis speeds in units / 128
-        ("aim", "i8", 5),  # fields of the `Displacement` they come from, but its halvings
-        ("carrot_is_end", "i8"),  # whether that leads to the move's end
-        ("heading", "i8"),  # of the last command
-        ("speed", "i8"),  # of the last command, in units
+        ("aim", "i8", 5),  # fields of the `Displacement` from which they were computed, without its halvings
+        ("carrot_is_end", "i8"),  # whether it points to the end of the move
+        ("heading", "i8"),  # direction of the last command
+        ("speed", "i8"),  # speed of the last command, in units
     ]
 )
 """Numbers of one planner."""
@@ -48,12 +48,12 @@ PLANNER = np.dtype(
 CHANGES = ("move", "counter", "along", "timer", "rate", "aim", "carrot_is_end", "heading", "speed")
 """Fields that change while a planner runs."""
 
-LIMIT = -1  # what is returned in place of a number of steps if one would leave what the counters count
+LIMIT = -1  # result in place of a number of steps if a counter would overflow
 
 
 @exactly_compiled
 def place_um(row: Row, axis: int) -> int:
-    """Position counter of an axis in whole um; that of `LITERAL` wraps at 16 bits."""
+    """Return the position counter of an axis in whole um; that of `LITERAL` wraps at 16 bits."""
     place = int(row.from_um[axis]) + int(row.step_um) * row.counter[axis]
     if row.kind == LITERAL:
         return int(counted(place // row.unit_um, 0, True) * row.unit_um)
@@ -62,7 +62,7 @@ def place_um(row: Row, axis: int) -> int:
 
 @exactly_compiled
 def position_um(row: Row, axis: int) -> float:
-    """Position counter of an axis in um, whatever its steps are."""
+    """Return the position counter of an axis in um, for any step."""
     if row.kind == LITERAL:
         return float(place_um(row, axis))
     return float(row.from_um[axis] + row.step_um * row.counter[axis])
@@ -70,14 +70,14 @@ def position_um(row: Row, axis: int) -> float:
 
 @exactly_compiled
 def count(row: Row, axis: int, direction: int) -> bool:
-    """Count a step; False if it would leave what 16 bits count and the counter does not wrap."""
+    """Count a step; return False if a 16-bit counter that does not wrap would overflow."""
     row.counter[axis] += direction
     return bool(row.kind == LITERAL or 0 <= position_um(row, axis) <= WORD * row.unit_um)
 
 
 @exactly_compiled
 def note(row: Row, out: Ints, made: int, tick: int, axis: int, direction: int) -> int:
-    """Write a step behind those made, if there is room; return how many there are."""
+    """Append a step if there is room; return the number of steps."""
     if made < out.shape[0]:
         out[made, 0], out[made, 1], out[made, 2] = timers.tick_time_ns(tick, row.hertz, row.per), axis, direction
     return made + 1
@@ -85,22 +85,22 @@ def note(row: Row, out: Ints, made: int, tick: int, axis: int, direction: int) -
 
 @exactly_compiled
 def aim_at(row: Row, way: Displacement) -> None:
-    """Keep the vector that leads on."""
+    """Store the vector of the present direction."""
     row.aim[0], row.aim[1], row.aim[2] = way.x, way.y, way.length
     row.aim[3], row.aim[4] = way.x_direction, way.y_direction
 
 
 @exactly_compiled
 def aimed(row: Row) -> Displacement:
-    """Return the vector kept."""
+    """Return the stored vector."""
     return Displacement(row.aim[0], row.aim[1], row.aim[2], row.aim[3], row.aim[4], 0)
 
 
 # An ideal line generator: each axis stays within half a step of a point that runs along the path.
-# Lengths along the path are whole numbers of 65 536ths of a motor step. At every tick of the clock, the point moves
-# by the speed in units. An axis steps when it is over half a step behind.
+# Lengths along the path are integers in 1/65,536 of a motor step. At every tick of the clock, the point moves by the
+# speed in units. An axis steps when it is more than half a step behind.
 
-NM = 1000  # nanometres in a um: steps and corners of this planner are whole numbers of them
+NM = 1000  # nanometres per um: steps and corners of this planner are whole nm
 _HALF_WORD = 1 << 16
 
 
@@ -123,7 +123,7 @@ def run_dda(row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed
             direction = heading if points[row.move + 1, axis] > points[row.move, axis] else -heading
             if not count(row, axis, direction):
                 return LIMIT
-            # The point passes the threshold between two ticks; the motor hears of it at the later one.
+            # the point passes the threshold between two ticks; the step is made at the later one
             made = note(row, out, made, tick - (-travelled // abs(speed)), axis, direction)
         elif 0 <= row.move + heading <= row.last_move:
             row.move += heading
@@ -139,11 +139,11 @@ def _nm(um: float) -> int:
 
 @exactly_compiled
 def _until_step(row: Row, points: Floats, lengths: Ints, axis: int, heading: int) -> int:
-    """Length until the running point is more than half a step ahead of an axis."""
+    """Return the length until the running point is more than half a step ahead of an axis."""
     run = _nm(points[row.move + 1, axis] - points[row.move, axis]) * heading
     if run == 0:
         return timers.NEVER
-    # Measured from the end the point comes from, in the axis' own direction of travel.
+    # measured from the end from which the point comes, in the axis' direction of travel
     length, step = lengths[row.move], _nm(row.step_um)
     origin = _nm(points[row.move, axis] if heading > 0 else points[row.move + 1, axis])
     behind = (_nm(row.from_um[axis]) + step * row.counter[axis] - origin) * (1 if run > 0 else -1)
@@ -153,7 +153,7 @@ def _until_step(row: Row, points: Floats, lengths: Ints, axis: int, heading: int
 
 @exactly_compiled
 def _scaled(length: int, share: int, of: int) -> int:
-    """A length times a share of a whole, rounded down; the product alone would not fit 64 bits."""
+    """Return ``length * share / whole`` rounded down; the product alone would overflow 64 bits."""
     whole = share // of
     rest = share - whole * of
     high, low = length // _HALF_WORD, length % _HALF_WORD
@@ -161,17 +161,16 @@ def _scaled(length: int, share: int, of: int) -> int:
     return whole * length + part * _HALF_WORD + ((rest * high - part * of) * _HALF_WORD + rest * low) // of
 
 
-# An exact planner: it accumulates the length of path in whole attometres, without rounding errors.
-# It has no clock and no 16-bit counters. A feed is any whole number of nm/s; a step or a corner is any number of
-# um. An axis steps when the path crosses the middle between two of its steps. The steps of both axes are in time
-# order.
+# An exact planner: it accumulates the path length in whole attometres, without rounding errors.
+# It has no clock and no 16-bit counters. Feeds are whole nm/s; steps and corners are any number of um. An axis steps
+# when the path crosses the middle between two of its steps. The steps of both axes are in order of time.
 
-FINE_PER_UM = 10**12  # attometres (nm/s times ns) in a um: the unit of the length behind the wire
+FINE_PER_UM = 10**12  # attometres (nm/s times ns) per um: the unit of the travelled length
 
 
 @exactly_compiled
 def segment_at(along: Floats, last: int, place_um: float, start: int) -> int:
-    """Segment of the path, 0 to the last, in which a length lies, looked for from another on."""
+    """Return the segment of the path that contains a length; the search starts at another segment."""
     k = 0 if start < 0 else (last if start > last else start)
     while k < last and place_um > along[k + 1]:
         k += 1
@@ -186,7 +185,7 @@ def run_exact(row: Row, points: Floats, along: Floats, start_ns: int, end_ns: in
     feed, place = speed * 1e-3, row.along / FINE_PER_UM
     end = min(max(place + feed * (end_ns - start_ns) * 1e-9, along[0]), along[row.last_move + 1])
     made = _steps(row, points, along, place, end, feed, start_ns, end_ns, out)
-    begin: float = along[0] * FINE_PER_UM  # below 0 if the planner began at a later point than the path's first
+    begin: float = along[0] * FINE_PER_UM  # negative if the planner began at a later point than the first
     row.along = min(max(row.along + speed * (end_ns - start_ns), math.ceil(begin)), path_end(row, along))
     row.move = segment_at(along, row.last_move, row.along / FINE_PER_UM, row.move)
     return made
@@ -194,7 +193,7 @@ def run_exact(row: Row, points: Floats, along: Floats, start_ns: int, end_ns: in
 
 @exactly_compiled
 def path_end(row: Row, along: Floats) -> int:
-    """Length of the whole path in attometres."""
+    """Return the length of the whole path in attometres."""
     end: float = along[row.last_move + 1] * FINE_PER_UM
     return math.floor(end)
 
@@ -204,7 +203,7 @@ def _steps(
     row: Row, points: Floats, along: Floats, place_um: float, end_um: float, feed_um_s: float, start_ns: int,
     end_ns: int, out: Ints,
 ) -> int:
-    """Count the steps from one length of the path to another, but those not due yet; return their number."""
+    """Make the steps between two lengths of the path, except those that are not due yet; return their number."""
     forward = end_um >= place_um
     step, last = row.step_um, row.last_move
     first_x, first_y = math.floor(row.from_um[0] / step + 0.5), math.floor(row.from_um[1] / step + 0.5)
@@ -250,21 +249,21 @@ def _steps(
         k += 1 if forward else -1
 
 
-# The default planner: POSCAL re-aimed at every step at a point a little ahead on the present move.
-# The thesis computes POSCAL once per move and leaves the line by up to hundreds of um (rows T-G11, T-G12). Here the
-# same integer routines aim at a point a little ahead, as its text foresees ("the tangent may change at every
-# step"). Three things are ours: this point, the vector in quarter um, for a precise length (row T-G10), and the
-# path speed doubled up to 128..255 for VELOCM, which makes directions at low speed as precise as at high speed
-# (rows T-G9, T-A4).
-# The planner with the sine table aims at the same point, with directions from the table instead of a square root
-# (row T-72). A direction is right to half an entry plus the rounding of sine and cosine, 0.3 degrees. As each step
-# aims again, the path is as accurate as with POSCAL.
+# The default planner: POSCAL, aimed again at every step at a point ahead on the present move.
+# In the thesis POSCAL runs once per move, and the wire leaves the line by up to hundreds of um (rows T-G11, T-G12).
+# Here the same integer routines aim at a point ahead, which its text mentions ("the tangent may change at every
+# step"). Three things are ours: this point; the vector in quarter um, for a precise length (row T-G10); and the path
+# speed doubled until it is 128..255 for VELOCM, which makes directions at low speed as precise as at high speed (rows
+# T-G9, T-A4).
+# The planner with the sine table aims at the same point, and takes directions from the table instead of a square root
+# (row T-72). The error of a direction is up to half an entry plus the rounding of sine and cosine, 0.3 degrees. As it
+# aims again at every step, the path is as accurate as with POSCAL.
 
-# The planner of 1982: POSCAL once per move and a reload counter per axis, with all their faults.
-# POSCAL computes the direction once, at the start of a move, and each axis stops at its own target. A component
-# that REDUC drops never moves (row T-G11), axis speeds are whole units (row T-G9), and the sum of squares wraps at
-# 16 bits (row T-G6), so the wire leaves the line (row T-G12). A change of speed repeats VELOCM alone; the timers
-# use it from their next interrupt on. A backward move runs the same vector in reverse.
+# The planner of 1982: POSCAL once per move and a reload counter per axis, with all their errors.
+# POSCAL computes the direction once, at the beginning of a move, and each axis stops at its own target. A component
+# that REDUC reduces to 0 never moves (row T-G11), axis speeds are whole units (row T-G9), and the sum of squares
+# wraps at 16 bits (row T-G6), so the wire leaves the line (row T-G12). After a change of speed only VELOCM runs
+# again; the timers use the result from their next interrupt on. A backward move runs the same vector in reverse.
 
 
 @exactly_compiled
@@ -291,7 +290,7 @@ def run_literal(row: Row, points: Floats, tick: int, last: int, speed: int, out:
 
 @exactly_compiled
 def _aim(row: Row, points: Floats, heading: int) -> None:
-    """POSCAL's vector from here to the end of a move, turned to point forwards along the path."""
+    """Return POSCAL's vector to the end of a move, turned to point forwards along the path."""
     target, unit = row.move + (heading > 0), row.unit_um
     x, x_direction = subsgn(int(points[target, 0]) // unit, place_um(row, 0) // unit)
     y, y_direction = subsgn(int(points[target, 1]) // unit, place_um(row, 1) // unit)
@@ -300,7 +299,7 @@ def _aim(row: Row, points: Floats, heading: int) -> None:
 
 @exactly_compiled
 def _begin_move(row: Row, points: Floats, heading: int) -> bool:
-    """Pass to the next moves while this one is over; False where the path ends."""
+    """Go to the next move while the present one is over; return False at the end of the path."""
     while not (_to_go(row, points, 0, heading) or _to_go(row, points, 1, heading)):
         if not 0 <= row.move + heading <= row.last_move:
             return False
@@ -311,14 +310,14 @@ def _begin_move(row: Row, points: Floats, heading: int) -> bool:
 
 @exactly_compiled
 def _to_go(row: Row, points: Floats, axis: int, heading: int) -> bool:
-    """Whether an axis still moves: its component survived REDUC, its target is over half a step ahead."""
+    """Return whether an axis still moves: its component is not 0, and its target is over half a step away."""
     left = (int(points[row.move + (heading > 0), axis]) - place_um(row, axis)) * row.aim[3 + axis] * heading
     return bool(row.aim[axis] > 0 and 2 * left > row.step_um)
 
 
 @exactly_compiled
 def _set_rates(row: Row, points: Floats, speed: int, heading: int) -> None:
-    """VELOCM with the stored vector, in whole units; an axis that has arrived stops and its counter is unloaded."""
+    """Run VELOCM with the stored vector, in whole units; an axis at its target stops, and its counter is unloaded."""
     x, y = velocm(aimed(row), speed)
     row.rate[0], row.rate[1] = abs(x), abs(y)
     for axis in range(2):
@@ -328,9 +327,9 @@ def _set_rates(row: Row, points: Floats, speed: int, heading: int) -> None:
 
 QUARTER = 4  # vectors are aimed in quarters of 1 um
 
-CARROT_UM = 32  # distance of the carrot ahead of the wire in um (ours): 128 quarters, which suits POSCAL's 8 bits
+CARROT_UM = 32  # distance of the carrot, the point aimed at, in um (ours): 128 quarters, for POSCAL's 8 bits
 
-SMALLEST_VECTOR = 91  # vectors with a shorter longer component are doubled before their length is taken (row T-G10)
+SMALLEST_VECTOR = 91  # vectors with a shorter longer component are doubled (row T-G10)
 
 
 @exactly_compiled
@@ -357,13 +356,13 @@ def run_poscal(row: Row, points: Floats, tick: int, last: int, speed: int, out: 
 
 @exactly_compiled
 def at_end(row: Row, points: Floats) -> bool:
-    """Whether the counters have come to the path's end in the present heading, as near as an axis steps."""
+    """Return whether the counters are at the path's end in the present direction, within half a step."""
     return _on_last_move(row) and near(row, points, row.move + (row.heading > 0))
 
 
 @exactly_compiled
 def near(row: Row, points: Floats, point: int) -> bool:
-    """Whether either counter is as near to a corner as it comes: half of a 2 um step (row T-18)."""
+    """Return whether both counters are at a corner, within half of a 2 um step (row T-18)."""
     for axis in range(2):
         away = abs(place_um(row, axis) - int(points[point, axis]))
         if 8 * away > 5 * row.step_um + 2:
@@ -373,7 +372,7 @@ def near(row: Row, points: Floats, point: int) -> bool:
 
 @exactly_compiled
 def lengthened(x: int, y: int) -> tuple[int, int, int, int]:
-    """Magnitudes of a signed displacement in quarter um, doubled while it is short, and their directions."""
+    """Return the magnitudes of a displacement in quarter um, doubled while it is short, and their signs."""
     x, x_direction = subsgn(x, 0)
     y, y_direction = subsgn(y, 0)
     while 0 < max(x, y) < SMALLEST_VECTOR:
@@ -383,7 +382,7 @@ def lengthened(x: int, y: int) -> tuple[int, int, int, int]:
 
 @exactly_compiled
 def _command(row: Row, points: Floats, speed: int) -> None:
-    """Take a commanded speed; a change of sign turns the wire round where it is."""
+    """Set a commanded speed; a change of sign reverses the motion at once."""
     heading = 1 if speed > 0 else -1
     if heading != row.heading:
         row.heading, row.speed = heading, abs(speed)
@@ -394,7 +393,7 @@ def _command(row: Row, points: Floats, speed: int) -> None:
 
 @exactly_compiled
 def _set_speed(row: Row, speed: int) -> None:
-    """VELOCM for the present aim, at the speed doubled to fill 8 bits; rates are in units / 128."""
+    """Run VELOCM for the present aim at the speed doubled to fill 8 bits; rates are in units / 128."""
     row.speed = speed
     row.rate[0] = row.rate[1] = 0
     if speed > 0:
@@ -407,7 +406,7 @@ def _set_speed(row: Row, speed: int) -> None:
 
 @exactly_compiled
 def _steer(row: Row, points: Floats) -> None:
-    """Pass to the next move where the commanded point has reached the end of this one, and aim again."""
+    """Go to the next move if the commanded point has reached the end of this one, and aim again."""
     x, y = _find_carrot(row, points)
     while row.carrot_is_end and max(abs(x), abs(y)) <= 1 and not _on_last_move(row):
         row.move += row.heading
@@ -422,7 +421,7 @@ def _steer(row: Row, points: Floats) -> None:
 
 @exactly_compiled
 def _ticks_to_arrival(row: Row, points: Floats) -> int:
-    """Ticks until the commanded point reaches the end of the move along its longer component."""
+    """Return the ticks until the commanded point reaches the end of the move along its longer component."""
     axis = 0 if row.aim[0] >= row.aim[1] else 1
     if not row.carrot_is_end or row.rate[axis] == 0:
         return timers.NEVER
@@ -433,13 +432,13 @@ def _ticks_to_arrival(row: Row, points: Floats) -> int:
 
 @exactly_compiled
 def _on_last_move(row: Row) -> bool:
-    """Whether no move follows in the present heading."""
+    """Return whether no move follows in the present direction."""
     return bool(row.move == (row.last_move if row.heading > 0 else 0))
 
 
 @exactly_compiled
 def _find_carrot(row: Row, points: Floats) -> tuple[int, int]:
-    """Vector in quarter um from the commanded point, counters and phases together, to the carrot."""
+    """Return the vector in quarter um from the commanded point (counters and phases) to the carrot."""
     end, origin = row.move + (row.heading > 0), row.move + (row.heading < 0)
     run_x = QUARTER * int(points[end, 0] - points[origin, 0])
     run_y = QUARTER * int(points[end, 1] - points[origin, 1])
@@ -455,13 +454,13 @@ def _find_carrot(row: Row, points: Floats) -> tuple[int, int]:
 
 @exactly_compiled
 def _quarters(row: Row, axis: int) -> int:
-    """Lead of the commanded position over an axis' counter in quarter um, rounded."""
+    """Return the lead of the commanded position over an axis' counter in quarter um, rounded."""
     return int((row.timer[axis] * QUARTER * int(row.step_um) + timers.STEP_PHASE // 2) // timers.STEP_PHASE)
 
 
 @exactly_compiled
 def _root(n: int) -> int:
-    """Whole root of a number below 2^53, rounded down."""
+    """Return the square root of a number below 2^53, rounded down."""
     root = int(math.sqrt(n))
     while root * root > n:
         root -= 1
@@ -470,12 +469,12 @@ def _root(n: int) -> int:
     return root
 
 
-# Every kind of planner behind one compiled call.
+# One compiled call for all kinds of planners.
 
 
 @exactly_compiled
 def begin(row: Row, points: Floats) -> None:
-    """Aim along the path from its start."""
+    """Aim along the path at its start."""
     if row.kind in (POSCAL, SINE_TABLE):
         row.heading = 1
         _steer(row, points)
@@ -489,8 +488,8 @@ def advance(
 ) -> int:
     """Run a planner for a window; writes time in ns, axis and direction of each step to `out` (room, 3).
 
-    Returns the number of steps, also where there was no room for all; `LIMIT` if one would leave the counters' range.
-    More rows of `points` and `along` than the path has do no harm.
+    Returns the number of steps, even if `out` is too short for all; `LIMIT` if a counter would overflow. `points` and
+    `along` may have more rows than the path.
     """
     if row.kind == EXACT:
         return run_exact(row, points, along, start_ns, end_ns, speed, out)
@@ -506,12 +505,12 @@ def advance(
 
 @exactly_compiled
 def done(row: Row, points: Floats, along: Floats, lengths: Ints) -> bool:
-    """Whether the path's end is reached."""
+    """Return whether the end of the path is reached."""
     if row.kind == EXACT:
         return bool(row.along >= path_end(row, along))
     if row.move != row.last_move:
         return False
-    if row.kind == LITERAL:  # each axis is at its target, or lost by REDUC
+    if row.kind == LITERAL:  # each axis is at its target, or its component is 0 after REDUC
         return not (_to_go(row, points, 0, 1) or _to_go(row, points, 1, 1))
     if row.kind == DDA:
         return bool(row.along == lengths[row.last_move])
@@ -520,7 +519,7 @@ def done(row: Row, points: Floats, along: Floats, lengths: Ints) -> bool:
 
 @exactly_compiled
 def path_um(row: Row, points: Floats, along: Floats) -> float:
-    """Length travelled along the path, for counters that stray from it at the foot of their position."""
+    """Return the length travelled along the path; counters off the path are projected onto it."""
     if row.kind == EXACT:
         return float(row.along / FINE_PER_UM)
     if row.kind == DDA:
@@ -533,7 +532,7 @@ def path_um(row: Row, points: Floats, along: Floats) -> float:
 
 
 class Addresses(NamedTuple):
-    """Where the machine code of planners is, in this process only."""
+    """Addresses of the planners' machine code in this process."""
 
     advance: int
     path_um: int
@@ -554,6 +553,6 @@ def addresses() -> Addresses:
 
 advance_at: Callable[..., int] = call_returning(int64)
 """In compiled code, call `advance` by its address with a tuple of its arguments. Planners are thousands of lines of
-LLVM's, which are then not compiled again for each function that calls them."""
+LLVM IR, which are then not compiled again for each function that calls them."""
 path_um_at: Callable[..., float] = call_returning(float64)
 done_at: Callable[..., bool] = call_returning(boolean)

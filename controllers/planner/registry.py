@@ -19,20 +19,20 @@ from edmsim.snapshots import Snapshots
 
 
 class Course(NamedTuple):
-    """A planner ready to run, as compiled code takes it."""
+    """A planner's data for compiled code, ready to run."""
 
     row: NDArray[np.void]
     points_um: Floats  # (n, 2): corners of the path, each different from the one before
-    along_um: Floats  # (n,): length of path up to each
-    lengths: Ints  # (n - 1,): of every move in 65 536ths of a motor step, rounded down; 0 but for `DDA`
+    along_um: Floats  # (n,): path length at each corner
+    lengths: Ints  # (n - 1,): length of every move in 1/65,536 of a motor step, rounded down; 0 except for `DDA`
 
     @classmethod
     def of(
         cls, kind: int, points_um: ArrayLike, speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um",
         step_um: float = STEP_UM, start: int = 0,
     ) -> "Course":
-        """Begin a path (n, 2) for a kind of `record` at a point of it; refuses what the planner cannot count."""
-        # lengths count from that point, so those of the points before it are negative: only a retract comes there
+        """Begin a path (n, 2) for a kind of planner at one of its points; refuses coordinates that it cannot count."""
+        # lengths are relative to that point, so those of the points before it, for retracts, are negative
         array = np.asarray(points_um, np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
             raise InputError(f"a path needs points in an array of shape (n, 2), not {array.shape}")
@@ -43,7 +43,7 @@ class Course(NamedTuple):
             lay = _exact
         else:
             grid_um = 1 / NM if kind == DDA and step_um != round(step_um) else size_um
-            # counters of um that are off the grid of steps may pass a corner by half a step
+            # counters in um that are off the grid of steps may pass a corner by half a step
             _check_counts(array, grid_um, size_um, 0.0 if step_um <= STEP_UM or unit == "step" else step_um)
             clock = timer_clock_hz(speed_unit_nm_s, step_um)
             row["hertz"], row["per"] = clock.numerator, clock.denominator
@@ -62,7 +62,7 @@ class Course(NamedTuple):
 
 
 def _check_counts(points: Floats, grid_um: float, size_um: int, margin_um: float) -> None:
-    """Refuse points that counters of such units cannot hold, or that lie between those of a grid."""
+    """Refuse points outside the range of counters in such units, or between the points of a grid."""
     low, high = margin_um, WORD * size_um - margin_um
     for i, (x, y) in enumerate(points.tolist()):
         if not (low <= x <= high and low <= y <= high):
@@ -76,7 +76,7 @@ def _check_counts(points: Floats, grid_um: float, size_um: int, margin_um: float
 
 
 def _counted(points: Floats) -> tuple[Floats, Floats]:
-    """Corners without repetitions, and the length of path up to each."""
+    """Return the corners without repetitions, and the path length at each."""
     distinct = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0.0, axis=1)])]
     along = [0.0]
     for a, b in pairwise(distinct.tolist()):
@@ -85,7 +85,7 @@ def _counted(points: Floats) -> tuple[Floats, Floats]:
 
 
 def _exact(points: Floats) -> tuple[Floats, Floats]:
-    """The same of corners that are not whole numbers: those nearer than 0.1 um to the one before are left out."""
+    """Return the same for fractional corners; those within 0.1 um of the one before are left out."""
     if not np.isfinite(points).all():
         raise InputError("a path needs points of finite numbers")
     line = Polyline(points * 1e-3, closed=False)
@@ -93,7 +93,7 @@ def _exact(points: Floats) -> tuple[Floats, Floats]:
 
 
 def _lengths(points: Floats, step_um: float) -> Ints:
-    """Lengths of the moves in 65 536ths of a step, rounded down."""
+    """Return the lengths of the moves in 1/65,536 of a step, rounded down."""
     nm = [(round(x * NM), round(y * NM)) for x, y in points.tolist()]
     return np.array(
         [
@@ -108,11 +108,11 @@ __all__ = ["PLANNERS", "Kind", "Planner", "kind_of", "make_planner", "position_u
 
 # Interfaces of planners, and of controllers that make a planner's steps themselves.
 
-PlannerState = dict[str, Any]  # a planner's snapshot, fit for JSON
+PlannerState = dict[str, Any]  # a planner's snapshot as JSON
 
 
 class Planner(Protocol):
-    """Follows a path and says when each axis steps; windows may be cut anywhere, and the steps stay the same."""
+    """Follows a path and computes the time of each step; how time is divided into windows has no effect."""
 
     @property
     def speed_unit_nm_s(self) -> float:
@@ -124,11 +124,11 @@ class Planner(Protocol):
 
     @property
     def position_um(self) -> tuple[float, float]:
-        """Position counters in um (row T-70): whole steps away from the start point; ints where steps are whole."""
+        """Position counters in um (row T-70), whole steps from the start point; ints if steps are whole um."""
 
     @property
     def path_um(self) -> float:
-        """Length travelled along the path in um, 0 where the planner began."""
+        """Length travelled along the path in um, 0 at the planner's start."""
 
     @property
     def done(self) -> bool:
@@ -138,25 +138,25 @@ class Planner(Protocol):
         """Return the steps at ``start_ns <= time_ns < end_ns``, in order; a negative speed runs backwards."""
 
     def snapshot(self) -> PlannerState:
-        """Everything that changes while running."""
+        """Save the state."""
 
     def restore(self, state: PlannerState) -> None:
-        """Continue exactly where `snapshot` was taken; the planner must have been made for the same path."""
+        """Load a snapshot of a planner of the same path."""
 
 
 @runtime_checkable
 class RunsPath(Protocol):
-    """A controller that is the machine's own computer: with some planners no planner runs, as it makes the steps."""
+    """A controller that contains the machine's computer, which makes the steps in place of some planners."""
 
     def path_run(self, planner: str) -> Planner | None:
-        """Return the leg's replacement of the planner of that name, or None; called after every reset."""
+        """Return what replaces the planner of this name for the leg, or None; called after every reset."""
 
 
-_ROOM = 64  # steps of a window for which there is room at first
+_ROOM = 64  # initial room for steps of a window
 
 
 class RowPlanner:
-    """Runs a course by compiled code; see `Planner` and `make_planner`."""
+    """Runs a course in compiled code; see `Planner` and `make_planner`."""
 
     def __init__(self, course: Course, kind: "Kind") -> None:
         self.speed_unit_nm_s, self.max_feed_um_s = kind.speed_unit_nm_s, kind.max_feed_um_s
@@ -171,7 +171,7 @@ class RowPlanner:
 
     @property
     def position_um(self) -> tuple[float, float]:
-        """Position counters in um, whole where start and steps are."""
+        """Position counters in um, ints if start and steps are whole um."""
         x, y = (kinds.position_um(self._row, axis) for axis in (0, 1))
         return (int(x) if x == int(x) else x, int(y) if y == int(y) else y)
 
@@ -203,16 +203,16 @@ class RowPlanner:
         return [Step(*step) for step in self._room[:made].tolist()]
 
     def snapshot(self) -> PlannerState:
-        """Everything that changes while running."""
+        """Save the state."""
         return {name: self._row[name].tolist() for name in kinds.CHANGES}
 
     def restore(self, state: PlannerState) -> None:
-        """Continue where `snapshot` was taken."""
+        """Load a snapshot."""
         for name in kinds.CHANGES:
             self._row[name] = state[name]
 
 
-MOST_STEP_UM = 16  # longest motor step of the planners that steer (ours: half the distance at which they look ahead)
+MOST_STEP_UM = 16  # longest motor step of the planners that aim ahead (ours: half their distance)
 
 
 class Kind(NamedTuple):
@@ -220,7 +220,7 @@ class Kind(NamedTuple):
 
     number: int  # its kind in compiled code (see `record`)
     speed_unit_nm_s: float = SPEED_UNIT_NM_S  # unit of its path speed
-    max_speed: int | None = MAX_SPEED  # greatest path speed in units; None if it has no limit of its own
+    max_speed: int | None = MAX_SPEED  # greatest path speed in units; None if it has no limit
 
     @property
     def max_feed_um_s(self) -> float:
@@ -229,7 +229,7 @@ class Kind(NamedTuple):
 
     @property
     def counts(self) -> bool:
-        """Whether it has position counters of 16 bits, and so paths in whole units of them."""
+        """Whether it has 16-bit position counters, which need paths in whole units."""
         return self.number != EXACT
 
 
@@ -256,7 +256,7 @@ def counting() -> list[str]:
 
 
 def position_unit(name: str, travel_um: float, step_um: float = STEP_UM) -> Unit:
-    """Return what a planner counts on a table: um, or motor steps where 16 bits hold no more."""
+    """Return the unit that a planner counts on a table: um, or motor steps if 16 bits are not enough for um."""
     kind = kind_of(name)
     if not kind.counts:
         return "um"
@@ -268,13 +268,13 @@ def make_planner(
     name: str, points_um: ArrayLike, speed_unit_nm_s: float | None = None, unit: Unit = "um",
     step_um: float = STEP_UM, start: int = 0,
 ) -> Planner:
-    """Make a planner of `PLANNERS` for one path: corners (n, 2), whole um within 0..65535, but any for ``exact``.
+    """Make a planner of `PLANNERS` for a path: corners (n, 2) in whole um within 0..65535, any values for ``exact``.
 
-    It begins at the corner of the number `start`, from which it can run back to the first one.
+    It begins at corner number `start`, and can run back from there to the first one.
 
-    Its speed unit is 262.5 nm/s if not given, or 252.6 as the thesis prints it (row T-A1), and 1 nm/s for ``exact``.
-    The unit ``step`` takes points at whole steps, 0..65535 of them (row T-61); `step_um` is whole, up to 16, a whole
-    number of nm for ``dda``, any for ``exact``.
+    The speed unit is 262.5 nm/s by default, 252.6 as printed in the thesis (row T-A1), 1 nm/s for ``exact``. With the
+    unit ``step``, points are at whole steps, 0..65535 (row T-61). `step_um` is an integer up to 16, a whole number of
+    nm for ``dda``, any number for ``exact``.
     """
     kind = kind_of(name)
     _check_step(name, kind, step_um)
@@ -301,9 +301,9 @@ def _check_step(name: str, kind: Kind, step_um: float) -> None:
 
 
 
-# Offset of the guides from the programmed path, by extra steps to the motors in every window.
+# Offset of the guides from the programmed path, by extra motor steps in every window.
 #
-# A bent wire cuts off the path of its guides. A controller that estimates this error can offset the guides to the
+# A bent wire does not cut where its guides are. A controller that estimates this error can offset the guides to the
 # other side. In a trim pass, guides nearer to the wall remove more metal.
 
 @exactly_compiled
@@ -311,10 +311,10 @@ def next_steps(
     points_um: Floats, along_um: Floats, last: int, path_um: float, offset_um: float, step_um: float,
     made: NDArray[np.int64],
 ) -> tuple[int, int]:
-    """Return by how many steps, -1, 0 or 1, the motors of x and y go nearer to an offset to the left of the path.
+    """Return the step of x and y, -1, 0 or 1, towards an offset to the left of the path.
 
-    One step per axis and window, 80 um/s at the thesis' setting, is slow enough for a motor that turns, and fast
-    enough for what bends a wire. `made` (2,) are the steps by which the motors are beside the path already.
+    One step per axis and window, 80 um/s at the thesis' setting, is slow enough for the motors, and fast enough for
+    changes of the wire's deflection. `made` (2,) is the present offset in steps.
     """
     k = segment_at(along_um, last, path_um, 0)
     dx, dy = points_um[k + 1, 0] - points_um[k, 0], points_um[k + 1, 1] - points_um[k, 1]
@@ -324,7 +324,7 @@ def next_steps(
 
 
 class PathOffset(Snapshots):
-    """The offset of a cut, leg by leg; `lateral_um` is the motors' offset from the program's place."""
+    """The offset of a cut, leg by leg; `lateral_um` is the motors' offset from the program's position."""
 
     STATE = ("_made",)
 
@@ -336,16 +336,16 @@ class PathOffset(Snapshots):
 
     @property
     def lateral_um(self) -> tuple[float, float]:
-        """Extra steps in um."""
+        """Present offset in um."""
         x, y = (self._made * self._step_um).tolist()
         return x, y
 
     def clear(self) -> None:
-        """Stand at a place of the program that was reached without steps."""
+        """Set the position on the program after a motion without steps."""
         self._made[:] = 0
 
     def begin_leg(self, points_um: NDArray[Any], along_um: Floats | None = None) -> None:
-        """Go along the next leg, whose lengths of path may be other than those of its points; the motors stay."""
+        """Begin the next leg, whose path lengths may differ from those of its points; the motors do not move."""
         if along_um is None:
             course = Course.of(EXACT, points_um)
             self._points, self._along = course.points_um, course.along_um
@@ -354,7 +354,7 @@ class PathOffset(Snapshots):
         self._points, self._along = np.asarray(points_um[moves], np.float64), along_um[moves]
 
     def steps(self, time_ns: int, path_um: float, offset_um: float) -> list[Step]:
-        """Return the steps of the window that begins, at a length of the leg."""
+        """Return the extra steps of the next window, at a length of the leg."""
         more = next_steps(
             self._points, self._along, len(self._points) - 2, path_um, offset_um, self._step_um, self._made
         )
