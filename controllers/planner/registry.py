@@ -31,7 +31,7 @@ class Course(NamedTuple):
         cls, kind: int, points_um: ArrayLike, speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um",
         step_um: float = STEP_UM, start: int = 0,
     ) -> "Course":
-        """Begin a path (n, 2) for a kind of planner at one of its points; refuses coordinates that it cannot count."""
+        """Begin a path (n, 2) for a kind of planner at one of its points; refuses points that it cannot count."""
         # lengths are relative to that point, so those of the points before it, for retracts, are negative
         array = np.asarray(points_um, np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
