@@ -1,9 +1,8 @@
 """The board: all chips at their addresses, and the lines through optocouplers to machine and generator.
 
 The optocouplers invert and low-pass (4.2, 4.2.1; row T-84). An AND gate buffers a line of the 8255 and drives the
-coupler's LED. Its light makes a FET conduct, which pulls the machine's input to earth, logic 0; if the LED is
-dark, a pull-up resistor makes it 1. So a lit LED is a 0. The slow couplers filter out the short impulses of the
-sparks.
+coupler's LED. Its light makes a FET conduct, which pulls the machine's input to earth, logic 0; if the LED is off, a
+pull-up resistor makes it 1. So a lit LED means 0. The slow couplers filter out the short impulses of the sparks.
 """
 
 import random
@@ -26,15 +25,15 @@ from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
 # Injection of the two faults that the 1982 machine still had (rows T-29, T-30).
-# Their probabilities are ours. Draws are numbered, so the same seed and history repeat the same faults.
+# Their probabilities are ours. Draws are numbered, so faults are reproducible with the same seed and history.
 
 NOISE_FROM_A = 1.5  # mean current above which sparks disturb the serial lines (row T-29)
 DROPS_BELOW_V, RUNS_FROM_V = 6.5, 7.0
-"""V(t(p)) below which the generator drops out, and from which it surely runs (row T-A5)."""
+"""V(t(p)) below which the generator drops out, and from which it always runs (row T-A5)."""
 
 
 class _Drawn(Snapshots):
-    """A fault with a chance, whose state is how often it was drawn."""
+    """A fault with a probability; its state is the number of draws."""
 
     def __init__(self, seed: int, chance: float) -> None:
         self._random = random.Random(seed)
@@ -46,7 +45,7 @@ class _Drawn(Snapshots):
         return self._random.random() < self.chance
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue where `snapshot` was taken."""
+        """Load a snapshot."""
         super().restore(state)
         self._random, drawn, self.drawn = random.Random(self._seed), self.drawn, 0
         for _ in range(drawn):
@@ -54,7 +53,7 @@ class _Drawn(Snapshots):
 
 
 class SerialNoise(_Drawn):
-    """Turns a bit of a character over, with a chance (ours), while the mean current is above 1.5 A."""
+    """Inverts a bit of a character with a probability (ours) while the mean current is above 1.5 A."""
 
     STATE = ("drawn", "disturbed")
 
@@ -63,7 +62,7 @@ class SerialNoise(_Drawn):
         self.disturbed = self._bit = 0
 
     def draw(self) -> bool:
-        """Draw the bit as well."""
+        """Draw also the bit."""
         hit = super().draw()
         self._bit = self._random.randrange(8)
         return hit
@@ -77,7 +76,7 @@ class SerialNoise(_Drawn):
 
 
 class DropOut(_Drawn):
-    """The generator stops below 6.5 V of V(t(p)), up to 7 V with a chance (ours), until 7 V or a new start."""
+    """Stops the generator below 6.5 V of V(t(p)), up to 7 V with a probability (ours), until 7 V or a new start."""
 
     STATE = ("drawn", "out")
 
@@ -86,7 +85,7 @@ class DropOut(_Drawn):
         self.out = False
 
     def set(self, volts: float, starts: bool = False) -> bool:
-        """Take a new voltage, or start the generator at one; return whether it is out."""
+        """Set a new voltage, or start the generator at one; return whether it has dropped out."""
         if starts or volts >= RUNS_FROM_V:
             self.out = False
         if volts < DROPS_BELOW_V:
@@ -104,7 +103,7 @@ NAMES = (X_END, Y_END, WIRE_BREAK, STOP_BUTTON)
 
 
 class SafetySwitches(Snapshots):
-    """Switches ORed into one interrupt; they cut supply and generator themselves; `stuck` ones never open."""
+    """Switches ORed into one interrupt; they also switch off supply and generator. `stuck` ones never open."""
 
     STATE = ("_open",)
 
@@ -115,7 +114,7 @@ class SafetySwitches(Snapshots):
 
     @property
     def open(self) -> tuple[str, ...]:
-        """Names of the switches that have opened and not been released."""
+        """Names of the open switches, until they are released."""
         return tuple(name for name in NAMES if name in self._open)
 
     @property
@@ -140,21 +139,21 @@ class SafetySwitches(Snapshots):
             self._on_rise()
 
     def release(self) -> None:
-        """Someone has put everything right: table off its ends, a wire threaded, the button pulled."""
+        """Release all switches: table off its ends, a wire threaded, the button pulled."""
         self._open.clear()
 
 
 SPARK_IMPULSE_NS = 1_000
-"""Length of the impulse that a spark couples into the lines (ours: the time in which its current rises and rings)."""
+"""Duration of the impulse that a spark couples into the lines (ours: while its current rises and rings)."""
 STEP_PULSE_NS = 42_000
-"""How long STEP stays high (ours: POSITI between both writes to the port, 130 T-states of 3.072 MHz)."""
+"""Duration of a pulse on STEP (ours: POSITI between both writes to the port, 130 T-states of 3.072 MHz)."""
 
 
 class Optocouplers(NamedTuple):
     """The couplers of the control lines and switches."""
 
-    led_lit_at: int = 0  # level of the gate at which the LED is lit; the figure that shows it is lost (row T-A17)
-    # changes that do not last as long do not pass (data sheet of the H11F: 15 us on and off)
+    led_lit_at: int = 0  # level of the gate that lights the LED; the figure is lost (row T-A17)
+    # shorter changes do not pass (data sheet of the H11F: 15 us on and off)
     response_ns: int = 15_000
 
     def lines(self, port: int) -> int:
@@ -163,7 +162,7 @@ class Optocouplers(NamedTuple):
         return ~lit & 0xFF
 
     def passes(self, duration_ns: int) -> bool:
-        """Whether a level that lasts so long gets through."""
+        """Return whether a level of this duration passes."""
         return duration_ns >= self.response_ns
 
 
@@ -181,7 +180,7 @@ class LineOrder(NamedTuple):
 
 
 class Faults(NamedTuple):
-    """Faults to be injected; None where there is none, and the names of the safety switches that never open."""
+    """Injected faults, None for no fault, and the names of safety switches that never open."""
 
     noise: SerialNoise | None = None
     drop_out: DropOut | None = None
@@ -204,11 +203,11 @@ class _WiredCounters(PulseAnalyser):
 
 
 def _unseen(step: Step) -> None:
-    """Let a step pass that nobody looks at."""
+    """Ignore a step."""
 
 
 class Board(Snapshots):
-    """Chips, wires and the machine's side of them; `on_step` is called with each edge that a stepper obeyed."""
+    """Chips, wires, and the machine's side of them; `on_step` is called at each edge that moves a stepper."""
 
     STATE = (
         "now_ns", "codes", "_levels", "steps", "open_V", "mean_current_A", "bus", "faults", "counters", "timers",
@@ -229,10 +228,10 @@ class Board(Snapshots):
         self.now_ns = 0
         self.steps = []
         self.on_step: Callable[[Step], None] = _unseen
-        self.codes = [0, 0]  # of the DACs of t(i) and t(p), with `COARSE` where that range is chosen
+        self.codes = [0, 0]  # codes of the DACs of t(i) and t(p), with `COARSE` for that range
         self.open_V = 0.0
         self.mean_current_A = 0.0
-        # what the serial channel has transmitted; no part of the state
+        # bytes that the serial channel has sent; not part of the state
         self.sent, self.sent_to_host = bytearray(), bytearray()
         self._levels = 1 << self.lines.oev
         self.bus = Bus()
@@ -254,38 +253,38 @@ class Board(Snapshots):
 
     @property
     def generator_on(self) -> bool:
-        """Whether pulses come: OEV lets them, the wire is whole, and the supply has not dropped out."""
+        """Whether the generator fires: OEV allows it, the wire is not broken, and the supply has not dropped out."""
         dropped = self.faults.drop_out is not None and self.faults.drop_out.out
         return self.generator_line.running and self.switches.generator_allowed and not dropped
 
     @property
     def times_us(self) -> tuple[float, float]:
-        """T(i) and t(p) that the codes mean."""
+        """T(i) and t(p) of the codes."""
         return self.settings.times_us(*self.codes)
 
     @property
     def low_tension(self) -> bool:
-        """Whether the spare line that lowers the wire's tension is up."""
+        """Whether the spare line that lowers the wire's tension is active."""
         return bool(self._levels >> self.lines.low_tension & 1)
 
     def spark(self) -> None:
-        """Let the impulses of sparks come in over the switches' line: couplers that are fast enough interrupt."""
+        """Apply the impulses of sparks to the line of the switches: couplers that are fast enough interrupt."""
         if self.couplers.passes(SPARK_IMPULSE_NS):
             self.interrupts.request(EMERGENCY)
 
     def receive(self, byte: int, from_host: bool = False) -> None:
-        """Let a character come in over a serial line, disturbed where that fault is injected."""
+        """Receive a character over a serial line, disturbed if that fault is injected."""
         if self.faults.noise is not None:
             byte = self.faults.noise(byte, self.mean_current_A)
         (self.host if from_host else self.terminal).arrive(byte)
 
     def scan_keys(self, closed: frozenset[int], shift: bool = False, ctrl: bool = False) -> None:
-        """Let the 8279 look at its keys once."""
+        """Let the 8279 scan its keys once."""
         if self.display.scan(closed, shift, ctrl):
             self.interrupts.request(KEYBOARD)
 
     def _drive(self, port: int, byte: int) -> None:
-        """Outputs of the 8255 that drives DACs, generator and steppers."""
+        """Process outputs of the 8255 that drives DACs, generator and steppers."""
         if port != ppi.C:
             self.codes[port] = byte | self.codes[port] & COARSE
             if port == ppi.B:
@@ -310,11 +309,11 @@ class Board(Snapshots):
                 self.on_step(step)
 
     def _drop_out(self, starts: bool) -> None:
-        """Let the generator drop out at its present V(t(p)), where that fault is injected."""
+        """Let the generator drop out at its present V(t(p)), if that fault is injected."""
         if self.faults.drop_out is not None:
             self.faults.drop_out.set(self.settings.t_p.volts(self.codes[ppi.B] & BYTE), starts)
 
     def _reset_counters(self, port: int, byte: int) -> None:
-        """Line C7 of the 8255 that reads the counters."""
+        """Process line C7 of the 8255 that reads the counters."""
         if port == ppi.C and byte >> ppi.RESET_BIT & 1:
             self.counters.clear()

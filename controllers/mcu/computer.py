@@ -1,4 +1,4 @@
-"""The 8085 with its program: the document's routines that drive the hardware, and their variables in RAM."""
+"""The 8085 with its program: the document's routines for the hardware, and their variables in RAM."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,7 +22,7 @@ from edmsim.snapshots import Snapshots
 
 # The stepper routines: one interrupt routine with two entries, POSITI, and the counts for the timers.
 #
-# Two kinds of moves share them. For the program's own moves, POSCAL computes the direction once, as in 1982: the
+# There are two kinds of moves. For the program's own moves, POSCAL computes the direction once, as in 1982: the
 # timers count down from values for XVELOC and YVELOC, and each routine takes its T-states. A planner's steps use the
 # same timers, interrupts and lines, at the planner's times.
 
@@ -35,37 +35,37 @@ class Steppers(Snapshots):
 
     def __init__(self, board: Board, serve: Callable[[], bool], unit: Unit, wrap: bool) -> None:
         self.board, self._bus = board, board.bus
-        self.own = False  # whether the timers make the steps, of a move of the program's own
-        self.t_states = 0  # what the routines have cost
-        self.free_ns = 0  # when the main program has done what it computes; interrupts put that off
+        self.own = False  # whether the timers make the steps, in a move of the program itself
+        self.t_states = 0  # T-states of the routines so far
+        self.free_ns = 0  # when the main program ends its computation; interrupts delay it
         self.unit: Unit = unit
         self._serve = serve
         self._half_step = STEP_UM // poscal.unit_um(unit) // 2
         self._wrap = wrap
         self._aim = None
         self._clock = timers.TickClock()
-        self._tick = -1  # that of time 0 is to come
+        self._tick = -1  # before the tick of time 0
         self._last_tick = [0, 0]
         lines = board.lines
         self._bits = ((lines.x_direction, lines.x_pulse), (lines.y_direction, lines.y_pulse))
 
     @property
     def aimed(self) -> bool:
-        """Whether POSCAL has found a way that still counts."""
+        """Whether there is a valid result of POSCAL."""
         return self._aim is not None
 
     @property
     def at_target(self) -> bool:
-        """Whether the move was begun where it leads to, so that POSCAL has found no way to run either way."""
+        """Whether the move began at its target, so POSCAL has found no direction."""
         return self._aim is not None and not self._aim.length
 
     @property
     def moving(self) -> bool:
-        """Whether an axis is under way in a move of the program's own: XVELOC or YVELOC is not 0."""
+        """Whether an axis runs in a move of the program itself: XVELOC or YVELOC is not 0."""
         return self.own and any(self._bus.word(area + at.VELOCITY) for area in at.AREAS)
 
     def stop(self) -> None:
-        """Unload both timers, and forget the move; the counters and the targets stay."""
+        """Unload both timers, and end the move; counters and targets do not change."""
         self.own, self._aim = False, None
         for axis, area in enumerate(at.AREAS):
             self._bus.write(TIMERS + pit.CONTROL, pit.control_word(axis, pit.TERMINAL_COUNT))
@@ -73,7 +73,7 @@ class Steppers(Snapshots):
             self._bus.store(area + at.ROUNDS, 0)
 
     def aim(self, x: int, y: int, heading: int = 1) -> int:
-        """Note the target and resolve the way there (POSCAL, row T-69); returns T-states with VELOCM."""
+        """Set the target and compute the direction (POSCAL, row T-69); return the T-states, with VELOCM."""
         self.lead_to(x, y)
         dx, x_direction = subsgn(x, self._bus.word(at.XPOS))
         dy, y_direction = subsgn(y, self._bus.word(at.YPOS))
@@ -83,17 +83,17 @@ class Steppers(Snapshots):
         return cost
 
     def lead_to(self, x: int, y: int) -> None:
-        """Note the target alone: the way stays the one resolved before."""
+        """Set only the target; the direction does not change."""
         self._bus.store(at.NEWX, x)
         self._bus.store(at.NEWY, y)
 
     def look_to(self, x: int, y: int) -> None:
-        """Note where a planner leads the wire: XVELOC and YVELOC point there, and it makes the steps."""
+        """Set the target of a planner's move: XVELOC and YVELOC point there, but the planner makes the steps."""
         self.aim(x, y)
         self.set_speed(self._bus.signed(at.CUTVEL))
 
     def set_speed(self, units: int) -> None:
-        """VELOCM with the way resolved before; XVELOC and YVELOC are read by the next interrupts."""
+        """Run VELOCM with the present direction; the next interrupts read XVELOC and YVELOC."""
         self._bus.store(at.CUTVEL, units)
         if self._aim is None:
             return
@@ -107,7 +107,7 @@ class Steppers(Snapshots):
             self._bus.store(area + at.VELOCITY, velocity)
 
     def begin(self, x: int, y: int, heading: int = 1) -> int:
-        """Begin a move of the program's own with POSCAL, from a stand; `set_speed` starts the timers."""
+        """Begin a move of the program itself with POSCAL, from rest; `set_speed` starts the timers."""
         for area in at.AREAS:
             self._bus.store(area + at.VELOCITY, 0)
         self.own = True
@@ -115,11 +115,11 @@ class Steppers(Snapshots):
         return self.aim(x, y, heading)
 
     def busy(self, t_states: int) -> None:
-        """Let the main program compute for so long."""
+        """Let the main program compute for a number of T-states."""
         self.free_ns = self.board.now_ns + timers.nanoseconds(t_states)
 
     def run_until(self, end_ns: int, to_the_end: bool = True) -> None:
-        """Let the timers run up to a time, or the move's end, and serve interrupts; a routine begun is finished."""
+        """Run timers and interrupts up to a time, or to the end of the move; a routine that has begun is finished."""
         board, clock = self.board, self._clock
         x, y, _ = board.timers.counters
         was = not to_the_end and self.moving
@@ -135,7 +135,7 @@ class Steppers(Snapshots):
                 self._pass(end_ns, last)
 
     def drive(self, steps: Iterable[Step]) -> None:
-        """Make a planner's steps: it says into which counter what time is loaded, and which way."""
+        """Make a planner's steps: the planner determines counter, loaded time and direction."""
         board = self.board
         self.own = False
         for time_ns, axis, direction in steps:
@@ -146,7 +146,7 @@ class Steppers(Snapshots):
             tick = self._clock.before(time_ns + 1)
             waited = max(tick - self._last_tick[axis], 1)
             self._last_tick[axis] = tick
-            # whole rounds of the counter are waited before the rest is loaded
+            # wait whole rounds of the counter, then load the rest
             self._bus.store(area + at.ROUNDS, (waited - 1) // timers.TIMER_COUNT)
             self._load(axis, waited)
             if board.timers.counters[axis].run(waited & WORD or timers.TIMER_COUNT):
@@ -157,8 +157,8 @@ class Steppers(Snapshots):
     def interrupt(self, axis: int) -> None:
         """The stepper interrupt routine of an axis (row T-71): the next count, one step, POSITI.
 
-        The count comes first, so that the time between two steps is the count's however long the routine takes. In a
-        move of the program's own an axis at its target gets the speed 0, and its next interrupt does nothing.
+        The count is loaded first, so the time between two steps does not depend on the duration of the routine. In a
+        move of the program itself an axis at its target gets the speed 0, and its next interrupt does nothing.
         """
         area = at.AREAS[axis]
         self._spend(timers.ENTRY_T)
@@ -178,17 +178,17 @@ class Steppers(Snapshots):
             self._bus.store(area + at.VELOCITY, 0)
 
     def _spend(self, t_states: int) -> None:
-        """Let a routine take its time: the timers run on, and the main program waits."""
+        """Advance the time by a routine's duration: the timers run, and the main program waits."""
         self.t_states += t_states
         if not self.own:
-            return  # a planner's times are those of the edges
+            return  # a planner's times are already those of the edges
         before_ns, spent_ns = self.board.now_ns, timers.nanoseconds(t_states)
         if self.free_ns > before_ns:
             self.free_ns += spent_ns
         self._pass(before_ns + spent_ns, self._clock.before(before_ns + spent_ns + 1))
 
     def _pass(self, time_ns: int, tick: int) -> None:
-        """Let time pass, and the timers count up to a tick."""
+        """Advance the time, and the timers up to a tick."""
         board = self.board
         for axis in (pit.X, pit.Y):
             if board.timers.counters[axis].run(tick - self._tick):
@@ -196,7 +196,7 @@ class Steppers(Snapshots):
         board.now_ns, self._tick = time_ns, tick
 
     def _to_go(self, area: int, velocity: int) -> bool:
-        """Whether an axis is more than half a step from its target."""
+        """Return whether an axis is more than half a step from its target."""
         left = self._bus.word(area + at.TARGET) - self._bus.word(area)
         return (left if velocity > 0 else -left) > self._half_step
 
@@ -206,13 +206,13 @@ class Steppers(Snapshots):
 
 
 # The program's control of generator and wire: codes of the converters, less energy before a corner, wire tension.
-# The document leaves path-dependent generator control for later. Sparks bend the wire back, so it cuts off corners;
-# sparks of less energy bend it less. So the routine shortens t(i) before a corner and leaves t(p): the mean current
+# The document mentions path-dependent generator control as future work. Sparks bend the wire back, so it cuts off
+# corners; less energy bends it less. So the routine shortens t(i) before a corner and keeps t(p): the mean current
 # falls, and the generator accepts the pair of codes.
 
 
 def write_codes(board: Board, t_i: int, t_p: int) -> None:
-    """Write both codes, the one that lowers the current first: no pair on the way draws more (row T-34)."""
+    """Write both codes, first the one that lowers the current, so that no pair in between draws more (row T-34)."""
     bus, lines = board.bus, board.lines
     if (t_i ^ board.codes[0] | t_p ^ board.codes[1]) & COARSE:
         bus.write(PORT2A, 0)
@@ -224,12 +224,12 @@ def write_codes(board: Board, t_i: int, t_p: int) -> None:
 
 
 def set_tension(board: Board, low: bool) -> None:
-    """Lower the wire's tension by a spare line, or give it back in full (row T-85)."""
+    """Lower the wire's tension by a spare line, or restore it (row T-85)."""
     board.bus.write(CPORT2, board.lines.low_tension << 1 | low)
 
 
 def before_corner(t_i: int, to_corner_um: int, reach_um: int, share: int) -> int:
-    """Code of t(i) before a corner: within `reach_um`, what `share` / 256 leaves of it, at least 1 where it was."""
+    """Return the code of t(i) before a corner: within `reach_um`, `share` / 256 of it, at least 1 if it is not 0."""
     if to_corner_um >= reach_um:
         return t_i
     byte = t_i & BYTE
@@ -240,7 +240,7 @@ def before_corner(t_i: int, to_corner_um: int, reach_um: int, share: int) -> int
 
 
 class Streams:
-    """Input and output, each redirectable to any routine with an address; the addresses are in `memory`."""
+    """Input and output, each redirected to any routine by its address in `memory`."""
 
     def __init__(self, memory: Bus) -> None:
         self.memory = memory
@@ -254,14 +254,14 @@ class Streams:
         }
 
     def ci(self) -> int | None:
-        """Character from the stream that CIADR names; None while none has come."""
+        """Return a character from the stream of CIADR; None if there is none."""
         address = self.memory.word(at.CIADR)
         if address not in self.inputs:
             raise InputError(f"CIADR holds {address:04X}H: there is no input routine")
         return self.inputs[address]()
 
     def co(self, character: int) -> None:
-        """Send a character down the stream that COADR names; see `ci`."""
+        """Send a character to the stream of COADR; see `ci`."""
         address = self.memory.word(at.COADR)
         if address not in self.outputs:
             raise InputError(f"COADR holds {address:04X}H: there is no output routine")
@@ -274,8 +274,8 @@ class Streams:
 # Set-up by INIT and the monitor: start values copied from their table, safe outputs, serial channels (5.1.1).
 
 JUMP = 0xC3  # JMP of the 8085
-BIT_RATE = 9600  # of both serial channels in bit/s (ours)
-BIT_RATE_COUNT = CPU_HZ // (16 * BIT_RATE)  # count of counter 2: sixteen clocks a bit
+BIT_RATE = 9600  # rate of both serial channels in bit/s (ours)
+BIT_RATE_COUNT = CPU_HZ // (16 * BIT_RATE)  # count of counter 2: sixteen clocks per bit
 _ROUTINES = {
     pic.EMERGENCY: at.EMERGENCY_ROUTINE, pic.X_STEPPER: at.X_ENTRY, pic.Y_STEPPER: at.Y_ENTRY,
     pic.KEYBOARD: at.KBD_ROUTINE,
@@ -283,7 +283,7 @@ _ROUTINES = {
 
 
 def load_start_values(memory: Bus) -> None:
-    """Put the table of start values into RAM, as the control program brings it: jumps, and zeros before them."""
+    """Write the control program's table of start values to RAM: zeros, then jumps."""
     jumps = b"".join(
         bytes((JUMP, routine & BYTE, routine >> 8, 0))
         for routine in (_ROUTINES.get(level, at.NO_ROUTINE) for level in range(8))
@@ -294,7 +294,7 @@ def load_start_values(memory: Bus) -> None:
 
 
 def copy_start_values(memory: Bus) -> None:
-    """Copy the table in RAM into the data areas and the jump table (rows T-80, T-82)."""
+    """Copy the table in RAM to the data areas and the jump table (rows T-80, T-82)."""
     source = at.START_VALUES
     for first, size in at.START_AREAS:
         for offset in range(size):
@@ -303,7 +303,7 @@ def copy_start_values(memory: Bus) -> None:
 
 
 def make_outputs_safe(memory: Bus, oev: int) -> None:
-    """Directions of the ports and safe values: both voltages 0, handshake off, generator off by its bit `oev`."""
+    """Set the directions of the ports and safe values: voltages 0, handshake off, generator off by its bit `oev`."""
     memory.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
     memory.write(bus.PORT2C, 1 << oev)
     memory.write(bus.PORT2A, 0)
@@ -311,12 +311,12 @@ def make_outputs_safe(memory: Bus, oev: int) -> None:
     memory.write(bus.CPORT3, ppi.STROBED_INPUTS)
     for bit in (ppi.INTE_A_BIT, ppi.INTE_B_BIT):
         memory.write(bus.CPORT3, bit << 1)
-    memory.write(bus.CPORT3, ppi.RESET_BIT << 1 | 1)  # a pulse resets the counters
+    memory.write(bus.CPORT3, ppi.RESET_BIT << 1 | 1)  # this pulse resets the counters
     memory.write(bus.CPORT3, ppi.RESET_BIT << 1)
 
 
 def set_up_monitor(memory: Bus) -> None:
-    """What the monitor sets up before it listens: bit rate, serial channels, streams (row T-81)."""
+    """Do the monitor's set-up: bit rate, serial channels, streams (row T-81)."""
     memory.write(bus.TIMERS + pit.CONTROL, pit.control_word(pit.BIT_RATE, pit.SQUARE_WAVE))
     memory.write(bus.TIMERS + pit.BIT_RATE, BIT_RATE_COUNT & BYTE)
     memory.write(bus.TIMERS + pit.BIT_RATE, BIT_RATE_COUNT >> 8)
@@ -329,13 +329,13 @@ def set_up_monitor(memory: Bus) -> None:
 
 
 CALL_T, CHARACTER_T = 18, CPU_HZ * uart.BITS_PER_CHARACTER // BIT_RATE
-"""T-states of a call of a routine of ours, and of a character sent or fetched."""
+"""T-states of a call of one of our routines, and of a character sent or received."""
 LONGEST_T = 30 * CPU_HZ // 1000
-"""An interrupt routine that has not returned by then is lost (ours: half of the shortest time between two steps)."""
+"""Longest duration of an interrupt routine (ours: half of the shortest time between two steps)."""
 
 
 class MachineCode:
-    """The 8085 and what it finds at addresses: instructions in RAM, routines of ours in EPROM."""
+    """The 8085 with instructions in RAM and our routines in EPROM."""
 
     def __init__(self, board: Board, streams: Streams, routines: Mapping[int, Callable[[], None]]) -> None:
         self.running = False
@@ -362,13 +362,13 @@ class MachineCode:
             cpu.halted = False
 
     def begin(self, address: int) -> None:
-        """Start a program; `run_until` runs it, and it ends where it returns, jumps to 0000H or halts."""
+        """Start a program; `run_until` runs it until it returns, jumps to 0000H or halts."""
         cpu = self.cpu
         cpu.pc, cpu.sp, cpu.halted, self.running = address, at.STACK, False, True
         cpu.push(at.MONITOR)
 
     def run_until(self, end_ns: int) -> None:
-        """Let the program run up to a time, at the clock of the 8085; an error ends it."""
+        """Run the program up to a time, at the clock of the 8085; an error ends it."""
         board, cpu, begin_ns, spent = self._board, self.cpu, self._board.now_ns, 0
         while self.running and board.now_ns < end_ns:
             if cpu.pc == at.MONITOR or cpu.halted:
@@ -383,7 +383,7 @@ class MachineCode:
             board.now_ns = begin_ns + nanoseconds(spent) if cost else end_ns
 
     def _routine(self, address: int) -> int:
-        """Run a routine in EPROM; 0 T-states if it lacks a character."""
+        """Run a routine in EPROM; return 0 T-states if it waits for a character."""
         if address in self._routines:
             self._routines[address]()
         elif address in self._streams.outputs:
@@ -400,18 +400,18 @@ class MachineCode:
 
 
 OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"
-"""States of the machine: not initialised yet; safe; timers and interrupts on; stopped until INIT."""
+"""States of the machine: not initialised; safe; timers and interrupts on; stopped until INIT."""
 
 
 def _nothing() -> None:
-    """Run where the program has no routine."""
+    """Do nothing: the program has no routine here."""
 
 
 class Computer(Snapshots):
-    """The controller's processor, program and board, whose time (`Board.now_ns`) `run_until` and `drive` move on.
+    """The controller's processor, program and board, whose time (`Board.now_ns`) `run_until` and `drive` advance.
 
-    With `wrap` what leaves sixteen bits wraps, as in 1982: the position counters, for which it is a soft limit else
-    (row T-A11), and the sum of squares in POSCAL, which is halved once more else (row T-G6).
+    With `wrap` sixteen bits wrap, as in 1982: the position counters, which otherwise have soft limits (row T-A11),
+    and the sum of squares in POSCAL, which otherwise is halved once more (row T-G6).
 
     >>> computer = Computer()
     >>> computer.init()
@@ -427,7 +427,7 @@ class Computer(Snapshots):
 
     def __init__(self, board: Board | None = None, *, unit: Unit = "um", wrap: bool = False) -> None:
         self.board = board or Board()
-        self.bus = self.board.bus  # memory and ports; the program's own checks are not asked
+        self.bus = self.board.bus  # memory and ports, without the program's checks
         self.state = OFF
         self.cause: tuple[str, ...] = ()
         self.keys: list[int] = []
@@ -449,23 +449,23 @@ class Computer(Snapshots):
 
     @property
     def t_states(self) -> int:
-        """What the routines have cost since the computer was made, in T-states."""
+        """T-states of the routines since the computer was made."""
         return self._t_states + self.steppers.t_states
 
     def reset(self) -> None:
-        """What the reset button does: the machine is made safe, and the monitor sets up what it needs (row T-81)."""
+        """Press the reset button: make the machine safe, and run the monitor's set-up (row T-81)."""
         self.init()
         set_up_monitor(self.bus)
         self.code.running, self.state = False, OFF
 
     def init(self) -> None:
-        """INIT: make the machine safe and ready, the only way on after an emergency (rows T-50, T-51)."""
+        """INIT: make the machine safe and ready; required after an emergency (rows T-50, T-51)."""
         self._initialise()
         self.state, self.cause = STAND_BY, ()
         self._t_states += timers.INIT_T
 
     def emergency(self) -> None:
-        """INIT in an emergency: data are copied first, outputs changed afterwards (5.1.1, 5.3.2, row T-49)."""
+        """INIT in an emergency: first copy data, then change outputs (5.1.1, 5.3.2, row T-49)."""
         for k, address in enumerate(at.SAVED_WORDS):
             self.bus.store(at.SAVED + 2 * k, self.bus.word(address))
         self._initialise()
@@ -474,7 +474,7 @@ class Computer(Snapshots):
         self._t_states += timers.EMERGENCY_T
 
     def _initialise(self) -> None:
-        """Both uses of INIT: start values by a copy, STOP, safe outputs, the 8259 (rows T-50, T-80, T-A14)."""
+        """Common part of INIT: copy start values, STOP, safe outputs, the 8259 (rows T-50, T-80, T-A14)."""
         self._enabled = False
         copy_start_values(self.bus)
         self.keys.clear()
@@ -489,7 +489,7 @@ class Computer(Snapshots):
         return self.bus.word(at.XPOS), self.bus.word(at.YPOS)
 
     def set_position(self, x: int, y: int) -> None:
-        """Set the position counters; raises `InputError` while the table moves, or for what is not a word."""
+        """Set the position counters; raises `InputError` while the table moves, or for a value that is not a word."""
         if self.moving:
             raise InputError("the table is moving: the position can be set when it stands")
         check_place(x, y)
@@ -498,11 +498,11 @@ class Computer(Snapshots):
 
     @property
     def pulse_codes(self) -> tuple[int, int]:
-        """Codes of V(t(i)) and V(t(p)) in force, with `COARSE` where that range is."""
+        """Present codes of V(t(i)) and V(t(p)), with `COARSE` for that range."""
         return self.board.codes[0], self.board.codes[1]
 
     def set_pulse_codes(self, t_i: int, t_p: int) -> None:
-        """Set both voltages; a pair that draws more than 2 A is refused and the old pair stays (row T-34)."""
+        """Set both voltages; a pair that draws more than 2 A is refused, and the old pair is kept (row T-34)."""
         if self.state in (OFF, EMERGENCY):
             raise InputError("the machine is stopped: INIT first")
         self.board.settings.check(t_i, t_p)
@@ -514,7 +514,7 @@ class Computer(Snapshots):
         return self.bus.word(at.MAXVEL)
 
     def set_speed(self, units: int) -> None:
-        """Set the greatest cutting speed, 0..127 units (row T-A1); a move under way takes it, too."""
+        """Set the greatest cutting speed, 0..127 units (row T-A1), also of the present move."""
         if not (isinstance(units, int) and 0 <= units <= MAX_SPEED):
             raise InputError(f"the cutting speed is 0..{MAX_SPEED} units of 262.5 nm/s, not {units!r}")
         self.bus.store(at.MAXVEL, units)
@@ -522,7 +522,7 @@ class Computer(Snapshots):
             self.steppers.set_speed(units)
 
     def start(self, generator: bool = True) -> None:
-        """Start the machine: interrupts on, and the generator if wanted; refused with a switch open."""
+        """Start the machine: interrupts, and optionally the generator; refused if a switch is open."""
         if self.state in (OFF, EMERGENCY):
             raise InputError("the machine is stopped: INIT first")
         if self.board.switches.open:
@@ -532,7 +532,7 @@ class Computer(Snapshots):
         self._enabled, self.state = True, RUNNING
 
     def stop(self) -> None:
-        """Stop table and generator; codes, speed and position stay, and `start` goes on."""
+        """Stop table and generator; codes, speed and position do not change, and `start` continues."""
         self.bus.write(bus.CPORT2, self.board.lines.oev << 1 | 1)
         self.steppers.stop()
         self.bus.store(at.CUTVEL, 0)
@@ -542,11 +542,11 @@ class Computer(Snapshots):
 
     @property
     def moving(self) -> bool:
-        """Whether a move of the program's own is under way."""
+        """Whether a move of the program itself is running."""
         return self.steppers.moving
 
     def move_to(self, x: int, y: int) -> None:
-        """Move straight to a position at the speed set, aimed once by POSCAL as in 1982."""
+        """Move straight to a position at the set speed, aimed once by POSCAL as in 1982."""
         if self.moving:
             raise InputError("the table is moving: a new move can begin when it stands")
         if self.state != RUNNING:
@@ -558,27 +558,27 @@ class Computer(Snapshots):
         self.steppers.set_speed(self.speed)
 
     def run_until(self, end_ns: int, to_the_end: bool = True) -> list[Step]:
-        """Run timers and interrupts up to a time, or the move's end; returns the steps the motors made."""
+        """Run timers and interrupts up to a time, or the end of the move; return the steps that the motors made."""
         self.steppers.run_until(end_ns, to_the_end)
         return self.take_steps(end_ns)
 
     def drive(self, steps: Iterable[Step]) -> list[Step]:
-        """Make a planner's steps through timers, interrupts and port; returns those the motors made."""
+        """Make a planner's steps through timers, interrupts and port; return the steps that the motors made."""
         if self.serve():
             self.steppers.drive(steps)
         return self.take_steps(self.board.now_ns + 1)
 
     def take_steps(self, end_ns: int) -> list[Step]:
-        """Take the steps before a time; a routine that was under way then has made its step later."""
+        """Take the steps before a time; a routine that was running at that time has made its step later."""
         steps = self.board.steps
         self.board.steps = [step for step in steps if step.time_ns >= end_ns]
         return steps[: len(steps) - len(self.board.steps)]
 
     def serve(self) -> bool:
-        """Serve the interrupts that wait, by their priority; return whether interrupts are enabled."""
+        """Serve pending interrupts by priority; return whether interrupts are enabled."""
         interrupts = self.board.interrupts
         while self._enabled and interrupts.interrupting:
-            self._enabled = False  # the 8085 does so when it acknowledges
+            self._enabled = False  # as the 8085 does at an acknowledge
             entry = interrupts.acknowledge()
             try:
                 self.code.call(entry)
@@ -590,25 +590,25 @@ class Computer(Snapshots):
         return self._enabled
 
     def _keyboard(self) -> None:
-        """The routine of the keyboard interrupt: all keys that wait."""
+        """Run the routine of the keyboard interrupt: read all keys."""
         while self.bus.read(bus.DISPLAY + 1) & 0x0F:
             self.keys.append(self.bus.read(bus.DISPLAY))
             self._t_states += timers.KEYBOARD_T
 
     def take_keys(self) -> list[int]:
-        """Return the keys pressed since the last call; while interrupts are off, MAIN looks for them itself."""
+        """Return the keys pressed since the last call; while interrupts are off, MAIN polls them."""
         if not self._enabled:
             self._keyboard()
         keys, self.keys = self.keys, []
         return keys
 
     def result_waits(self) -> bool:
-        """Whether the counts of 255 pulses wait in the latches (IBF A and IBF B)."""
+        """Whether counts of 255 pulses are in the latches (IBF A and IBF B)."""
         full = ppi.IBF_A | ppi.IBF_B
         return self.bus.read(bus.PORT3C) & full == full
 
     def optimise(self, clock: int, path: int) -> tuple[int, int]:
-        """Read the counts that wait and run the optimising routine in RAM; returns speed in units and T-states."""
+        """Read the latched counts and run the optimising routine in RAM; return speed in units and T-states."""
         short, open = self.read_counts()
         memory = self.bus
         variables = at.variables(memory)
@@ -623,7 +623,7 @@ class Computer(Snapshots):
         return units, t_states
 
     def read_counts(self) -> tuple[int, int]:
-        """Read the latches of short and open pulses, and keep the counts."""
+        """Read the latches of short and open pulses, and store the counts."""
         short, open = self.bus.read(bus.PORT3A), self.bus.read(bus.PORT3B)
         for address, count in ((at.SHORTS, short), (at.OPENS, open), (at.COUNTED, WINDOW_PULSES)):
             self.bus.store(address, count)
@@ -631,26 +631,27 @@ class Computer(Snapshots):
 
 
 def check_place(x: int, y: int) -> None:
-    """Refuse what is not a pair of words."""
+    """Refuse values that are not a pair of words."""
     for value in (x, y):
         if not (isinstance(value, int) and 0 <= value <= WORD):
             raise InputError(f"a position is 0..{WORD}, not {value!r}")
 
 
 # A path followed by the computer's own timers and routines: `poscal-literal` on the machine of 1982.
-# Here no planner computes the times of steps. The main program calls POSCAL once for each move and loads the timers.
-# Then the counts run down in simulated time, and interrupts make the steps.
+# Here no planner computes the times of steps. The main program calls POSCAL once for each move and loads the timers,
+# which count down in simulated time; their interrupts make the steps.
 
 Place = tuple[int, int]
 
 
 class PathRun(Snapshots):
-    """The main program's part in a cut: it begins the moves of a path one after the other, and hands speeds on.
+    """The main program's part in a cut: it begins the moves of a path one after the other, and passes speeds on.
 
-    It looks like a planner (`edmsim.controllers.planner.registry.Planner`), but its steps are those that the motors'
-    lines have seen. A new speed waits until the optimising routine is done, a new move until POSCAL is; interrupts
-    put both off. A negative speed runs the present move's vector the other way, to where the move began, and then the
-    moves before it, each planned again. After a stop the present move is planned again from the table's position.
+    It has the interface of a planner (`edmsim.controllers.planner.registry.Planner`), but its steps are the edges on
+    the motors' lines. A new speed has effect when the optimising routine is done, a new move begins when POSCAL is
+    done; interrupts delay both. A negative speed runs the present move's vector in reverse to the beginning of the
+    move, and then the moves before it, each planned again. After a stop the present move is planned again from the
+    table's position.
 
     >>> computer = Computer()
     >>> computer.init()
@@ -685,7 +686,7 @@ class PathRun(Snapshots):
 
     @property
     def done(self) -> bool:
-        """Whether the last move is over, each axis at its target or lost by REDUC, and all steps are made."""
+        """Whether the last move is over (each axis is at its target, or its component is 0 after REDUC)."""
         return self._over and not self._computer.board.steps
 
     @property
@@ -696,7 +697,7 @@ class PathRun(Snapshots):
 
     @property
     def path_um(self) -> float:
-        """Length travelled along the path: the foot of the position counters on the present move."""
+        """Length travelled along the path: the position counters projected onto the present move."""
         (x0, y0), (x1, y1) = self._points[self._move : self._move + 2]
         x, y = self._computer.position
         along_um, end_um = self._along_um[self._move : self._move + 2]
@@ -704,7 +705,7 @@ class PathRun(Snapshots):
         return along_um + min(max(run_um, 0.0), end_um - along_um)
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
-        """Let the machine run for a window; a routine under way at its end is finished, its step comes next."""
+        """Run the machine for a window; a routine that runs at its end is finished, its step comes in the next."""
         check_window(start_ns, end_ns, speed_units, MAX_SPEED)
         computer, steppers, board = self._computer, self._steppers, self._computer.board
         self._requested = speed_units
@@ -717,7 +718,7 @@ class PathRun(Snapshots):
         return steps + computer.run_until(end_ns)
 
     def _main(self) -> bool:
-        """Do what comes next once nothing is being computed; return whether there was anything."""
+        """Do the next task if no computation is running; return whether there was one."""
         heading = 1 if self._requested > 0 else -1
         if self._computing:
             self._computing = False
@@ -733,7 +734,7 @@ class PathRun(Snapshots):
         return True
 
     def _give(self, heading: int) -> None:
-        """Hand the speed on: VELOCM, and other ends of the move where it is run the other way."""
+        """Pass the speed on by VELOCM; exchange the ends of the move if its direction changes."""
         if self._requested and heading != self._heading:
             self._heading, self._over = heading, False
             if self._steppers.at_target:
@@ -744,7 +745,7 @@ class PathRun(Snapshots):
         self._in_force = self._requested
 
     def _begin_next(self, heading: int) -> bool:
-        """Begin the next move of the path; False at its ends."""
+        """Begin the next move of the path; return False at its ends."""
         if not 0 <= self._move + heading <= len(self._points) - 2:
             self._over = heading > 0
             return False
@@ -753,6 +754,6 @@ class PathRun(Snapshots):
         return True
 
     def _begin(self, heading: int) -> None:
-        """Let POSCAL aim the present move; when it is done, the timers are started."""
+        """Run POSCAL for the present move; when it is done, the timers are started."""
         self._heading, self._computing = heading, True
         self._steppers.busy(self._steppers.begin(*self._points[self._move + (heading > 0)], heading))

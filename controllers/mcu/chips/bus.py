@@ -1,7 +1,7 @@
 """The address space of the 8085: EPROM, RAM, and chips at their own addresses.
 
-Writing to a port or reading from it is a memory access (5.1.1). The document defines the addresses of the two 8255
-(row T-23) and the jump table (row T-48); those of EPROM, RAM and the other chips are ours.
+Ports are memory-mapped (5.1.1). The document defines the addresses of the two 8255 (row T-23) and the jump table (row
+T-48); those of EPROM, RAM and the other chips are ours.
 """
 
 from typing import Protocol
@@ -16,21 +16,21 @@ PORT2A, PORT2B, PORT2C, CPORT2 = 0x4020, 0x4021, 0x4022, 0x4023
 PORT3A, PORT3B, PORT3C, CPORT3 = 0x4030, 0x4031, 0x4032, 0x4033
 TIMERS, INTERRUPTS, DISPLAY, TERMINAL, HOST = 0x4000, 0x4008, 0x4010, 0x4018, 0x401C
 """First addresses of the 8253, the 8259, the 8279 and both 8251 (ours)."""
-FLOATING = 0xFF  # what is read where nothing answers, and in EPROM, whose bytes of 1982 are lost
+FLOATING = 0xFF  # read at addresses without a chip, and in EPROM, whose bytes of 1982 are lost
 
 
 class Chip(Protocol):
-    """What answers at some addresses."""
+    """A chip at some addresses."""
 
     def read(self, offset: int) -> int:
-        """Byte at an address, counted from the chip's first."""
+        """Read the byte at an address relative to the chip's first."""
 
     def write(self, offset: int, byte: int) -> None:
-        """Take a byte at an address."""
+        """Write a byte at such an address."""
 
 
 class Bus(Snapshots):
-    """Address decoder and memory; a write to EPROM or where no chip is changes nothing, as on the board."""
+    """Address decoder and memory; writing to EPROM or to an address without a chip has no effect, as on the board."""
 
     STATE = ("ram",)
 
@@ -39,12 +39,12 @@ class Bus(Snapshots):
         self._chips: dict[int, tuple[Chip, int]] = {}
 
     def attach(self, first: int, size: int, chip: Chip) -> None:
-        """Let a chip answer at `size` addresses from `first` on."""
+        """Attach a chip at `size` addresses from `first` on."""
         for offset in range(size):
             self._chips[first + offset] = (chip, offset)
 
     def read(self, address: int) -> int:
-        """Byte at an address, 0..FFFFH; raises `InputError` if there can be no such address."""
+        """Read the byte at an address, 0..FFFFH; raises `InputError` for another address."""
         found = self._chips.get(address)
         if found is not None:
             return found[0].read(found[1])
@@ -52,7 +52,7 @@ class Bus(Snapshots):
         return self.ram[address - RAM.start] if address in RAM else FLOATING
 
     def write(self, address: int, byte: int) -> None:
-        """Put a byte at an address."""
+        """Write a byte at an address."""
         found = self._chips.get(address)
         if found is not None and 0 <= byte <= BYTE:
             found[0].write(found[1], byte)
@@ -63,24 +63,24 @@ class Bus(Snapshots):
             self.ram[address - RAM.start] = byte
 
     def check_writable(self, address: int) -> None:
-        """Refuse an address at which a write changes nothing: EPROM, and where nothing answers."""
+        """Refuse an address at which writing has no effect: EPROM, or no chip."""
         if address in EPROM:
             raise InputError(f"{address:04X}H is EPROM, which cannot be written")
         if address not in RAM and address not in self._chips:
             raise InputError(f"nothing answers at {address:04X}H")
 
     def word(self, address: int) -> int:
-        """Word in RAM: low byte first (LHLD)."""
+        """Read a word in RAM, low byte first (LHLD)."""
         at = address - RAM.start
         return self.ram[at] | self.ram[at + 1] << 8
 
     def signed(self, address: int) -> int:
-        """Word in RAM as a signed number."""
+        """Read a word in RAM as a signed number."""
         word = self.word(address)
         return word - 0x10000 if word & 0x8000 else word
 
     def store(self, address: int, word: int) -> None:
-        """Put a word into RAM, low byte first, what is above sixteen bits lost (SHLD)."""
+        """Write a word to RAM, low byte first, without bits above the sixteenth (SHLD)."""
         at = address - RAM.start
         self.ram[at], self.ram[at + 1] = word & BYTE, word >> 8 & BYTE
 

@@ -19,7 +19,7 @@ _CONDITIONS = ((ZERO, 0), (ZERO, 1), (CARRY, 0), (CARRY, 1), (PARITY, 0), (PARIT
 
 
 class NoCodeError(InputError):
-    """The 8085 is led to where no instruction stands."""
+    """The 8085 reached an address without an instruction."""
 
 
 class Cpu8085:
@@ -33,7 +33,7 @@ class Cpu8085:
         self.enabled = self.halted = False
 
     def step(self) -> int:
-        """Run the next instruction; returns its T-states; `NoCodeError` for a byte that is not a documented one."""
+        """Run the next instruction; return its T-states. Raises `NoCodeError` for an undocumented byte."""
         if self.pc in EPROM:
             cost = self._routine(self.pc)
             if cost:
@@ -54,7 +54,7 @@ class Cpu8085:
         return self._high(op, at)
 
     def push(self, word: int) -> None:
-        """Put a word on the stack."""
+        """Push a word onto the stack."""
         self.sp = self.sp - 2 & WORD
         self._memory.write(self.sp + 1 & WORD, word >> 8)
         self._memory.write(self.sp, word & BYTE)
@@ -274,7 +274,7 @@ class Cpu8085:
         if op in (0xF3, 0xFB):  # DI, EI
             self.enabled = op == 0xFB
             return 4
-        if op in (0xD3, 0xDB):  # OUT, IN: the chips answer at addresses of memory, and nothing at these ports
+        if op in (0xD3, 0xDB):  # OUT, IN: chips are memory-mapped, and these ports are empty
             self._fetch()
             if op == 0xDB:
                 self.registers[A] = BYTE

@@ -10,19 +10,19 @@ from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
 DIGITS, BANK = 32, 16
-SHIFT, CTRL = 0x40, 0x80  # bits that the two keys add to a key's code, for up to four codes a key
+SHIFT, CTRL = 0x40, 0x80  # bits that the two shift keys add to a key's code, for up to four codes per key
 KEYS = 64
-SCAN_NS = 5_100_000  # time of a scan of all keys at the chip's internal 100 kHz (data sheet of the 8279)
+SCAN_NS = 5_100_000  # duration of a scan of all keys at the chip's internal 100 kHz (data sheet of the 8279)
 FIFO = 8
 READ_KEYS, READ_DIGITS, WRITE_DIGITS, CLEAR = 0x40, 0x60, 0x80, 0xC0
-"""Commands; to the second and third the number of the word is added, and 10H to go on to the next by itself."""
+"""Commands; the number of the word is added to the second and third, and 10H for automatic increment."""
 _NEXT = 0x10
 _COMMANDS = 0xE0
-BLANK = 0xF  # digit that lights no segment: the 4511 decodes nothing above 9
+BLANK = 0xF  # blank digit: the 4511 decodes nothing above 9
 
 
 class Kdc8279(Snapshots):
-    """One 8279 with its digits and keys, which must be closed for `debounce_scans` ("several"; ours: 3)."""
+    """An 8279 with its digits and keys; a key must be closed for `debounce_scans` ("several"; ours: 3)."""
 
     STATE = ("_command", "lost", "_words", "_keys", "_scans")
 
@@ -36,16 +36,16 @@ class Kdc8279(Snapshots):
 
     @property
     def digits(self) -> list[int]:
-        """What the 32 digits show: 0..9, or more for blank; bank A is 0..15."""
+        """The 32 digits: 0..9, or more for blank; bank A is 0..15."""
         return [word >> 4 for word in self._words] + [word & 0xF for word in self._words]
 
     @property
     def waiting(self) -> int:
-        """Keys not read yet; the interrupt line is up while there are any."""
+        """Unread keys; the interrupt line is high while there are any."""
         return len(self._keys)
 
     def scan(self, closed: frozenset[int], shift: bool = False, ctrl: bool = False) -> bool:
-        """Scan the keys (0..63: eight times the column, and the row); returns whether one was accepted."""
+        """Scan the keys (0..63: 8 times the column, plus the row); return whether one was accepted."""
         for key in closed:
             if not 0 <= key < KEYS:
                 raise InputError(f"a key is 0..{KEYS - 1}, not {key!r}")
@@ -59,7 +59,7 @@ class Kdc8279(Snapshots):
         return bool(new)
 
     def read(self, offset: int) -> int:
-        """Data: a key or a word of digits by the last command; status, at the odd address: keys waiting."""
+        """Read data, a key or a word of digits by the last command, or at the odd address the status: unread keys."""
         if offset:
             return len(self._keys) & 7 | (len(self._keys) == FIFO) << 3 | bool(self.lost) << 5
         if self._command & _COMMANDS == READ_KEYS:
@@ -67,7 +67,7 @@ class Kdc8279(Snapshots):
         return self._words[self._place()]
 
     def write(self, offset: int, byte: int) -> None:
-        """A command at the odd address; else a word of both digits."""
+        """Write a command at the odd address; otherwise a word of both digits."""
         if offset == 0:
             if self._command & _COMMANDS == WRITE_DIGITS:
                 self._words[self._place()] = byte
@@ -79,11 +79,11 @@ class Kdc8279(Snapshots):
             self.lost = 0
         elif byte & _COMMANDS in (READ_KEYS, READ_DIGITS, WRITE_DIGITS):
             self._command = byte
-        elif byte & _COMMANDS:  # 000 sets the mode, which is wired here
+        elif byte & _COMMANDS:  # 000 sets the mode, which is fixed here
             raise InputError(f"command {byte:02X}H: this 8279 reads keys, reads and writes digits, and clears")
 
     def _place(self) -> int:
-        """Word the command points at, which then goes on at the place the command names."""
+        """Return the index of the addressed word, and increment it if the command says so."""
         place = self._command & 0xF
         if self._command & _NEXT:
             self._command = self._command & 0xF0 | place + 1 & 0xF
@@ -91,7 +91,7 @@ class Kdc8279(Snapshots):
 
 
 def write_digit(chip: Kdc8279, digit: int, value: int) -> None:
-    """Write digit 0..31 (0..15 are bank A) and keep its neighbour in the other bank (row T-28): 0..9 or `BLANK`."""
+    """Write digit 0..31 (0..15 are bank A), 0..9 or `BLANK`, without changing the other bank (row T-28)."""
     if not (0 <= digit < DIGITS and 0 <= value <= BLANK):
         raise InputError(f"there are digits 0..{DIGITS - 1} and values 0..{BLANK}, not {digit!r} and {value!r}")
     place = digit % BANK

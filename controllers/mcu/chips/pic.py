@@ -8,17 +8,17 @@ from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
 EMERGENCY, X_STEPPER, Y_STEPPER, KEYBOARD = range(4)  # levels: the order is the document's, the numbers are ours
-SPURIOUS = 7  # level answered where a request has gone before it was acknowledged
+SPURIOUS = 7  # level of a request that ended before it was acknowledged
 ENTRY_BYTES = 4
 JUMP_TABLE = 0x3FE0
 ICW1 = 0x16 | JUMP_TABLE & 0xE0
-"""First word of initialisation: edges, entries of four bytes, one chip, low byte of the table."""
+"""First word of initialisation: edge-triggered, entries of four bytes, one chip, low byte of the table."""
 ICW2 = JUMP_TABLE >> 8
 END_OF_INTERRUPT = 0x20
 
 
 class Pic8259(Snapshots):
-    """One 8259 on its own."""
+    """A single 8259."""
 
     STATE = ("_table", "_half", "_mask", "_requested", "_in_service")
 
@@ -30,11 +30,11 @@ class Pic8259(Snapshots):
         self._in_service = 0
 
     def read(self, offset: int) -> int:
-        """Requests, or at the odd address the mask."""
+        """Read requests, or at the odd address the mask."""
         return self._mask if offset else self._requested
 
     def write(self, offset: int, byte: int) -> None:
-        """Words of initialisation, ends of interrupts, masks."""
+        """Write a word of initialisation, an end of interrupt, or a mask."""
         if offset:
             if self._half >= 0:
                 self._table, self._half = byte << 8 | self._half, -1
@@ -50,16 +50,16 @@ class Pic8259(Snapshots):
             raise InputError(f"command {byte:02X}H: this 8259 knows the end of interrupt, {END_OF_INTERRUPT:02X}H")
 
     def request(self, level: int) -> None:
-        """Take the rising edge of a request line."""
+        """Process the rising edge of a request line."""
         self._requested |= 1 << level
 
     @property
     def interrupting(self) -> bool:
-        """INT: a request that is not masked and is above all that is in service."""
+        """INT: there is an unmasked request of higher priority than all in service."""
         return self._next() >= 0
 
     def acknowledge(self) -> int:
-        """Answer the processor: the address of the table's entry, which is then in service."""
+        """Acknowledge: return the address of the table's entry, whose level is then in service."""
         if self._table < 0:
             raise InputError("the 8259 has no jump table: write ICW1 and ICW2 first")
         level = self._next()
@@ -70,7 +70,7 @@ class Pic8259(Snapshots):
         return self._table + ENTRY_BYTES * level
 
     def _next(self) -> int:
-        """Level to be served next, or -1."""
+        """Return the level to be served next, or -1."""
         waiting = self._requested & ~self._mask
         if not waiting:
             return -1

@@ -16,7 +16,7 @@ TERMINAL_COUNT, RATE, SQUARE_WAVE = 0, 2, 3  # modes
 
 
 def control_word(counter: int, mode: int) -> int:
-    """Return the word that sets a counter's mode, its count then written low byte first."""
+    """Return the control word of a counter's mode; its count is then written low byte first."""
     return counter << 6 | 0x30 | mode << 1
 
 
@@ -26,9 +26,9 @@ class Counter:
 
     mode: int = TERMINAL_COUNT
     reload: int = 0  # count loaded, 0 for 65 536
-    left: int = 0  # ticks until the output rises; 0 when it has risen in mode 0, or nothing is loaded
-    low: int = -1  # low byte of a count being written; -1 for none
-    latched: int = -1  # count held for reading; -1 for none
+    left: int = 0  # ticks until the output rises; 0 if it has risen in mode 0, or nothing is loaded
+    low: int = -1  # low byte of a count that is being written; -1 for none
+    latched: int = -1  # latched count for reading; -1 for none
     low_was_read: bool = False
 
     def load(self, count: int) -> None:
@@ -37,16 +37,16 @@ class Counter:
         self.left = count or TIMER_COUNT
 
     def latch(self) -> None:
-        """Hold the present count until both of its bytes are read."""
+        """Latch the present count until both of its bytes are read."""
         self.latched, self.low_was_read = self.left & 0xFFFF, False
 
     @property
     def ticks_to_rise(self) -> int:
-        """Ticks until the output rises; `NEVER` where nothing runs."""
+        """Return the ticks until the output rises; `NEVER` if the counter does not run."""
         return self.left or NEVER
 
     def run(self, ticks: int) -> int:
-        """Let some ticks of the clock pass; return how often the output rose."""
+        """Advance by ticks of the clock; return the number of rising edges of the output."""
         if not self.left or ticks < self.left:
             self.left -= ticks if self.left else 0
             return 0
@@ -68,7 +68,7 @@ class Pit8253(Snapshots):
         self.counters = (Counter(), Counter(), Counter())
 
     def read(self, offset: int) -> int:
-        """Low byte and then high byte of a count, latched by a control word before, or by the first."""
+        """Read the low and then the high byte of a count, which a control word or the first read latches."""
         if offset == CONTROL:
             return 0xFF
         counter = self.counters[offset]
@@ -82,7 +82,7 @@ class Pit8253(Snapshots):
         return value & 0xFF
 
     def write(self, offset: int, byte: int) -> None:
-        """A control word, or the low and then the high byte of a count."""
+        """Write a control word, or the low and then the high byte of a count."""
         if offset == CONTROL:
             self._control(byte)
             return

@@ -14,7 +14,7 @@ MODE_SET = 0x80
 BASIC_OUTPUTS = 0x80  # control word of the 8255 that drives machine and DACs: all ports out, mode 0
 STROBED_INPUTS = 0xB6  # control word of the 8255 that reads the counters: A and B inputs in mode 1, C7 and C6 out
 INTE_A_BIT, INTE_B_BIT, RESET_BIT = 4, 2, 7
-"""Bits of port C behind which the flags INTE A and INTE B lie (data sheet of the 8255), and our counter reset."""
+"""Bits of port C that set the flags INTE A and INTE B (data sheet of the 8255), and our counter reset."""
 INTR_B, IBF_B, INTE_B, INTR_A, INTE_A, IBF_A = 0x01, 0x02, 0x04, 0x08, 0x10, 0x20  # bits of port C read in mode 1
 
 
@@ -32,7 +32,7 @@ class _Input:
 
 
 class Ppi8255(Snapshots):
-    """One 8255; `on_output` takes port and byte when an output changes its lines or is written."""
+    """An 8255; `on_output` is called with port and byte when an output changes or is written."""
 
     STATE = ("_mode", "_out", "inputs", "_strobed")
 
@@ -49,12 +49,12 @@ class Ppi8255(Snapshots):
         return self._strobed[A].full, self._strobed[B].full
 
     def strobe(self, port: int, byte: int) -> None:
-        """STB A or STB B goes low and up again: the latch takes the byte over, IBF rises."""
+        """Pulse STB A or STB B: the latch takes the byte, and IBF rises."""
         latch = self._strobed[port]
         latch.latch, latch.full = byte, True
 
     def read(self, offset: int) -> int:
-        """Port A, B or C; reading a strobed input clears its IBF. The control register cannot be read."""
+        """Read port A, B or C; reading a strobed input clears its IBF. The control register cannot be read."""
         if offset == CONTROL:
             return 0xFF
         if offset == C:
@@ -65,7 +65,7 @@ class Ppi8255(Snapshots):
         return self.inputs[offset] if self._is_input(offset) else self._out[offset]
 
     def write(self, offset: int, byte: int) -> None:
-        """Port A, B or C, or the control register: a mode, or one bit of port C."""
+        """Write port A, B or C, or the control register: a mode, or one bit of port C."""
         if offset == CONTROL:
             if byte & MODE_SET:
                 self._set_mode(byte)
@@ -81,7 +81,7 @@ class Ppi8255(Snapshots):
         return bool(self._mode & (0x10, 0x02, 0x01)[port])
 
     def _set_mode(self, word: int) -> None:
-        """Take over a mode; it clears all outputs and flags, as the chip does."""
+        """Set a mode, which clears all outputs and flags."""
         if word & 0x40 or (word & 0x30) == 0x20 or (word & 0x06) == 0x04:
             raise InputError(f"control word {word:02X}H: this 8255 has mode 0 and, for input only, mode 1")
         self._mode = word
@@ -90,7 +90,7 @@ class Ppi8255(Snapshots):
             self._output(port, 0)
 
     def _set_bit(self, bit: int, on: bool) -> None:
-        """Set or reset one line of port C, or the INTE flag that lies behind it in mode 1."""
+        """Set or reset one line of port C, or in mode 1 its INTE flag."""
         if bit == INTE_A_BIT and self._is_strobed(A):
             self._strobed[A].enabled = on
         elif bit == INTE_B_BIT and self._is_strobed(B):

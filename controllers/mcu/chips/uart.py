@@ -9,7 +9,7 @@ from collections.abc import Callable
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-MODE_8_BITS = 0x4E  # asynchronous, 16 clocks a bit, 8 bits, no parity, 1 stop bit
+MODE_8_BITS = 0x4E  # asynchronous, 16 clocks per bit, 8 bits, no parity, 1 stop bit
 COMMAND_RUN, COMMAND_RESET_ERRORS, COMMAND_RESET = 0x05, 0x10, 0x40
 """Transmitter and receiver on; errors cleared; back to waiting for a mode word."""
 TX_READY, RX_READY, TX_EMPTY, OVERRUN = 0x01, 0x02, 0x04, 0x10  # bits of the status
@@ -17,7 +17,7 @@ BITS_PER_CHARACTER = 10  # with start and stop bit
 
 
 class Usart8251(Snapshots):
-    """One serial channel; `transmit` takes every byte sent."""
+    """A serial channel; `transmit` is called with every byte sent."""
 
     STATE = ("_mode", "_command", "_received", "_ready", "_overrun")
 
@@ -30,20 +30,20 @@ class Usart8251(Snapshots):
         self._overrun = False
 
     def arrive(self, byte: int) -> None:
-        """A character has come in over the line; lost where the receiver is off, overrun where one waits."""
+        """Receive a character from the line; it is lost if the receiver is off, and overruns an unread one."""
         if self._command & 0x04:
             self._overrun |= self._ready
             self._received, self._ready = byte, True
 
     def read(self, offset: int) -> int:
-        """The character received, or at the odd address the status."""
+        """Read the received character, or at the odd address the status."""
         if offset:
             return TX_READY | TX_EMPTY | self._ready * RX_READY | self._overrun * OVERRUN
         self._ready = False
         return self._received
 
     def write(self, offset: int, byte: int) -> None:
-        """A character to send; at the odd address the mode word after a reset, then command words."""
+        """Write a character to send; at the odd address the mode word after a reset, then command words."""
         if not offset:
             if self._command & 0x01:
                 self._transmit(byte)

@@ -1,9 +1,9 @@
 """Arcs for the 1982 controller: a walk around the circle in whole um, by additions and comparisons.
 
-The thesis foresees a path whose tangent changes at every step (5.2). A sine table of 8 bits is too coarse for a large
-circle: half a unit of 255 is 64 um at 32 mm. The walk suits any radius: of two neighbouring points it takes the one
-whose ``x^2 + y^2`` is nearer to that of the start. The planners get chords between the best points of the walk, at
-most a quarter um from the arc.
+The thesis mentions a path whose tangent changes at every step (5.2). A sine table of 8 bits is too coarse for a large
+circle: half a unit of 255 is 64 um at 32 mm. The walk works for any radius: of two neighbouring points it takes the
+one whose ``x^2 + y^2`` is nearer to that of the start. The planners receive chords between the best points of the
+walk, at most a quarter um from the arc.
 """
 
 from collections.abc import Iterator
@@ -22,11 +22,11 @@ RADIUS_TOLERANCE_UM = STEP_UM  # largest difference of start and end radius in u
 
 
 def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool) -> NDArray[np.int64]:
-    """Corner points (n, 2) of an arc as chords in whole um, within 1 um of the circle, from start to end as given.
+    """Return the corners (n, 2) of an arc's chords in whole um, within 1 um of the circle, from start to end.
 
-    A start and end in the same direction from the centre mean a full circle. With a planner that keeps the line
-    (all but ``poscal-literal``) the steps stay within 2 um, one step, of the circle. On a table that counts steps,
-    give the points in steps and double what comes back.
+    If start and end have the same direction from the centre, the arc is a full circle. With a planner that stays on
+    the line (all but ``poscal-literal``) the steps are within 2 um, one step, of the circle. On a table that counts
+    steps, pass points in steps and double the result.
     """
     for name, point in (("start", start_um), ("centre", centre_um), ("end", end_um)):
         if not all(0 <= word <= WORD for word in point):
@@ -48,13 +48,13 @@ def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool
 
 
 def chord_walk(x: int, y: int) -> int:
-    """Points of the walk to one chord: SQRT of the radius r, so that it bulges by ``2 r / 8 r``, a quarter um."""
+    """Return the points of the walk per chord: SQRT of the radius r, for a sagitta of ``2 r / 8 r``, a quarter um."""
     vector = resolve(subsgn(x, 0)[0], subsgn(y, 0)[0], 1, 1)
     return max(sqrt(min(vector.length << vector.halvings, WORD - 1)), 1)
 
 
 def _corners(first: Point, last: Point) -> Iterator[Point]:
-    """Corners between the ends: of every run of the walk, the point nearest to the circle in its second half."""
+    """Return the corners between the ends: the point nearest to the circle in the last half of every chord."""
     length = chord_walk(*first)
     since, best, best_since, least = 0, first, 0, MOST_EXCESS
     for x, y, excess in _walk_to(first, last):
@@ -67,10 +67,10 @@ def _corners(first: Point, last: Point) -> Iterator[Point]:
 
 
 def _walk_to(first: Point, last: Point) -> Iterator[tuple[int, int, int]]:
-    """Points of the walk between two directions, neither of them included, and their excess."""
+    """Return the points of the walk between two directions, without these, and their excess."""
     ahead = _across(first, last) > 0
     for x, y, excess in _walk(*first):
-        # the end is ahead while it lies within the half turn to come, and reached when it no longer does
+        # the end is reached when it is no longer within the next half turn
         left = _across((x, y), last)
         if ahead and left <= 0:
             return
@@ -79,15 +79,15 @@ def _walk_to(first: Point, last: Point) -> Iterator[tuple[int, int, int]]:
 
 
 def _across(a: Point, b: Point) -> int:
-    """Cross product: above 0 if b lies less than half a turn counter-clockwise of a."""
+    """Return the cross product: positive if b is less than half a turn counter-clockwise from a."""
     return a[0] * b[1] - a[1] * b[0]
 
 
 def _walk(x: int, y: int) -> Iterator[tuple[int, int, int]]:
-    """Walk counter-clockwise around zero for ever, a point for every um along the faster axis.
+    """Yield points counter-clockwise around zero without end, one for every um along the faster axis.
 
-    The third number, the excess, is what ``x^2 + y^2`` has over its value at the start. It stays within the radius
-    (twice that below 4 um), so it needs a sign and 17 bits: three bytes.
+    The third number, the excess, is ``x^2 + y^2`` minus its value at the start. It is at most the radius (twice that
+    below 4 um), so it needs a sign and 17 bits: three bytes.
     """
     excess = 0
     while True:

@@ -1,9 +1,9 @@
 """The optimising routine: from the counts of short and open pulses to the cutting speed, in 16-bit words.
 
-The thesis states the aim, small percentages of both per 255 pulses by changes of the cutting speed (row T-15), and
-leaves the routine for later. This one is ours, in the machine's arithmetic: 16-bit words, products in two words,
-quotients by shift and subtract. A proportional-integral law of speed holds the share of open pulses, less a weighted
-share of shorts, at a small target. If a short persists, the wire retracts along the path.
+The thesis states the aim, small percentages of both per 255 pulses by changes of the cutting speed (row T-15), but
+has no routine. This one is ours, in the machine's arithmetic: 16-bit words, products in two words, quotients by shift
+and subtract. A proportional-integral law for the speed holds the share of open pulses, minus a weighted share of
+shorts, at a small target. If a short persists, the wire retracts along the path.
 
 Scales: speeds are in units of 262.5 nm/s; times in ticks of 0.1 ms of a clock that wraps; places along the path in
 um, which also wrap, so only differences count; shares in 1/256 pulse of 255 (`SHARE`), errors in 1/32 (`ERROR`).
@@ -17,33 +17,33 @@ from edmsim.controllers.mcu.firmware.timers import ADD_T, FRACTION_T, MULTIPLY_T
 
 TICK_NS = 100_000  # system tick: 0.1 ms (ours), so that a word holds 6.5 s, more than twice the longest window
 SHARE = 255 << 8  # a share of 1: all 255 pulses
-ERROR = 255 << 5  # an error of 1 in share; the word reaches eight times as far
+ERROR = 255 << 5  # an error of 1 in share; a word has eight times this range
 DOUBLE = 0xFFFF_FFFF  # largest number of two words
-HALF = 0x8000  # half of a word: rounds what is cut off, and tells ahead from behind where places wrap
+HALF = 0x8000  # half of a word: for rounding, and for signs of differences that wrap
 CUT, RETRACT, DWELL, ALARM = range(4)  # phases
 BASE_T = READ_OUT_T + POSCAL_BOUND_T + 12 * ADD_T
-"""Cost of every path: reading the counts, phases and comparisons, and POSCAL with the new speed."""
+"""Cost common to all paths: reading the counts, phases and comparisons, and POSCAL with the new speed."""
 
 
 class Settings(NamedTuple):
-    """What the routine is set to, all words."""
+    """The routine's constants, all words."""
 
-    target: int  # open pulses held, in 1/32 pulse
-    weight: int  # open pulses that a short one outweighs, in 1/256
+    target: int  # target of open pulses, in 1/32 pulse
+    weight: int  # weight of a short pulse in open pulses, in 1/256
     proportional: int  # speed per error, in 2^-16 units per 1/32 pulse
     integral: int  # growth of the speed per error and tick, in 2^-32 units per 1/32 pulse
     filter_ticks: int  # time constant of the filter, 0..32767
-    start: int  # speeds in units: at the beginning
-    limit: int  # at most
-    retract: int  # backwards
-    slow: int  # until the place of a short is reached again
-    air: int  # open pulses from which on there is no metal near, in 1/256 pulse
-    shorted: int  # short pulses of 255 from which on a window counts as shorted
-    clear: int  # short pulses below which a short has cleared
+    start: int  # speeds in units: initial
+    limit: int  # greatest
+    retract: int  # of a retract
+    slow: int  # of the return to the place of a short
+    air: int  # open pulses from which no metal is near, in 1/256 pulse
+    shorted: int  # short pulses of 255 from which a window counts as shorted
+    clear: int  # short pulses below which a short counts as cleared
     patience_ticks: int  # shorted time before a retract
-    retract_ticks: int  # its longest duration
-    dwell_ticks: int  # the wait behind it
-    progress_um: int  # a short further on than this is a new one
+    retract_ticks: int  # longest duration of a retract
+    dwell_ticks: int  # wait after it
+    progress_um: int  # distance along the path from which a short is a new one
     tries: int  # retracts and waits for one short before the alarm
 
 
@@ -53,29 +53,29 @@ class State:
 
     clock: int = 0  # tick at which the routine last ran
     phase: int = CUT  # `CUT`, `RETRACT`, `DWELL` or `ALARM`
-    phase_ticks: int = 0  # for how long
+    phase_ticks: int = 0  # time in this phase
     short: int = 0  # filtered counts in 1/256 pulse, as `open`
     open: int = 0
-    shorted_ticks: int = 0  # for how long there have been shorted windows only
+    shorted_ticks: int = 0  # time since which all windows were shorted
     speed: int = 0  # integral of the speed in units
-    fraction: int = 0  # and in 2^-16 units
-    place: int = 0  # where along the path the last short began, in um
-    tries: int = 0  # retracts and waits for it; 0 where no short is remembered
+    fraction: int = 0  # its fraction in 2^-16 units
+    place: int = 0  # place along the path where the last short began, in um
+    tries: int = 0  # retracts and waits for it; 0 without a short
 
 
 def fraction(part: int, whole: int) -> int:
-    """Quotient of two words, the first the smaller one, in 2^-16: sixteen rounds of shift and subtract."""
+    """Return the quotient of two words, the first the smaller one, in 2^-16: sixteen rounds of shift and subtract."""
     return (part << 16) // whole
 
 
 def optimise(settings: Settings, state: State, short: int, open: int, clock: int, path: int) -> tuple[int, int]:
-    """Take in a window's counts at a tick and a place in um (words that wrap); returns speed and T-states."""
+    """Process a window's counts at a tick and a place in um (words that wrap); return speed and T-states."""
     ticks = (clock - state.clock) & WORD
     state.clock = clock
     cost = BASE_T + _look(settings, state, short, open, ticks)
     beyond = (path - state.place) & WORD
     if settings.progress_um < beyond < HALF:
-        state.tries = 0  # further on: that short is forgotten
+        state.tries = 0  # a new place: the last short is over
     phase = state.phase
     if phase == CUT:
         if state.shorted_ticks and state.shorted_ticks >= settings.patience_ticks:
@@ -100,10 +100,10 @@ def optimise(settings: Settings, state: State, short: int, open: int, clock: int
 
 
 def _look(settings: Settings, state: State, short: int, open: int, ticks: int) -> int:
-    """Low-pass both counts and add up the times; return the cost."""
+    """Filter both counts and add up the times; return the cost."""
     state.phase_ticks = min(state.phase_ticks + ticks, WORD)
     state.shorted_ticks = min(state.shorted_ticks + ticks, WORD) if short >= settings.shorted else 0
-    divisor = settings.filter_ticks + (ticks >> 1)  # of the second order: near the exponential
+    divisor = settings.filter_ticks + (ticks >> 1)  # of second order, near the exponential
     if ticks >= divisor:
         state.short, state.open = short << 8, open << 8
         return 0
@@ -114,7 +114,7 @@ def _look(settings: Settings, state: State, short: int, open: int, ticks: int) -
 
 
 def _approach(old: int, new: int, share: int) -> int:
-    """Part of the way from one word to another, rounded."""
+    """Interpolate between two words, rounded."""
     if new >= old:
         return ((new - old) * share + HALF) >> 16
     return -(((old - new) * share + HALF) >> 16)
@@ -131,7 +131,7 @@ def _count_try(settings: Settings, state: State) -> None:
 
 
 def _resume(settings: Settings, state: State, short: int, open: int) -> None:
-    """Cut again from where the short cleared, with the filter forgetting the short."""
+    """Cut again from the place where the short cleared, with a reset filter."""
     _enter(state, CUT)
     state.short, state.open = short << 8, open << 8
     if state.speed >= settings.start:
@@ -139,7 +139,7 @@ def _resume(settings: Settings, state: State, short: int, open: int) -> None:
 
 
 def _retract(settings: Settings, state: State, ticks: int, cost: int) -> tuple[int, int]:
-    """Speed backwards; slower in the last window, to stop at the allowed distance."""
+    """Return the speed of the retract, slower in the last window, to stop at the allowed distance."""
     left = max(settings.retract_ticks - state.phase_ticks, 0)
     if left >= ticks:
         return -settings.retract, cost
@@ -147,7 +147,7 @@ def _retract(settings: Settings, state: State, ticks: int, cost: int) -> tuple[i
 
 
 def _cut(settings: Settings, state: State, limit: int, ticks: int, cost: int) -> tuple[int, int]:
-    """Proportional and integral speed, up to a limit; the limit itself in air."""
+    """Return the proportional-integral speed up to a limit; in air the limit itself."""
     if state.open >= settings.air:
         return limit, cost
     sought = settings.target + min((state.short >> 3) * settings.weight >> 8, WORD)
