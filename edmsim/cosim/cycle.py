@@ -1,8 +1,8 @@
 """One control cycle: motor steps, a window of 255 pulses, an observation, a decision.
 
-It serves every cut that Python runs window by window: of a program (`edmsim.cosim.simulation`) and straight ones
-(`edmsim.cosim.straight`). Environments run many sub-environments in compiled calls, and the terminal's rig decides by
-interrupts; they share what is around it: `WindowObservation.of`, `edmsim.cosim.stops`, the rules of legs.
+All cuts that Python runs window by window use it: programs (`edmsim.cosim.simulation`) and straight cuts
+(`edmsim.cosim.straight`). Environments run many sub-environments in compiled calls, and the terminal of 1982 decides
+by interrupts; they share `WindowObservation.of`, `edmsim.cosim.stops` and the rules of legs.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,12 +16,12 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.plant import Plant
 from edmsim.snapshots import Snapshots
 
-# What moves the wire along its path: motor steps for a window, from a planner or evenly spaced along an axis.
-# A window is planned as long as it can be, and then kept up to where it has ended.
+# Motion of the wire along its path: motor steps for a window, from a planner or evenly spaced along an axis.
+# The steps are planned for the longest possible window; those after the window's actual end are dropped.
 
 
 class PlannerMotion(Snapshots):
-    """Motion along a leg that a planner turns into steps; a command's feed counts when its latency is over."""
+    """Motion along a leg by the steps of a planner; a command's feed has effect after its latency."""
 
     STATE = ("planner", "rest_until_ns", "command", "_units")
     command: FeedCommand
@@ -37,24 +37,24 @@ class PlannerMotion(Snapshots):
         self._drives = drives
         self._limit_um_s = max_feed_um_s
         self._units = 0
-        self._speeds = 0, 0, 0  # units, a time in ns, and the units from then on
+        self._speeds = 0, 0, 0  # speed in units, a time in ns, and the speed after it
         self._before: Any = None
-        self._planned: tuple[int, float] | None = None  # steps of the longest window, and the path that they lead to
+        self._planned: tuple[int, float] | None = None  # steps of the longest window, and the path length after them
         self._offset = offset
         self._compensation = compensation
 
     @property
     def feed_um_s(self) -> float:
-        """Feed in force, in whole speed units of the planner."""
+        """Present feed, in whole speed units of the planner."""
         return self._units * self.planner.speed_unit_nm_s * 1e-3
 
     @property
     def path_um(self) -> float:
-        """Length of path behind the wire, over all legs."""
+        """Path length that the wire has travelled, over all legs."""
         return self.start_um + self.planner.path_um
 
     def plan(self, start_ns: int, end_ns: int, certain: bool) -> list[Step]:
-        """Return the planner's steps; if not `certain` the window may end before, and nothing has been driven yet."""
+        """Return the planner's steps; if not `certain`, the window may end earlier, and no step was made yet."""
         self._speeds = self._speeds_from(start_ns)
         lateral = self._offset.steps(start_ns, self.planner.path_um, self.command.offset_um)
         if certain:
@@ -65,7 +65,7 @@ class PlannerMotion(Snapshots):
         return lateral + self._to_motors(steps)
 
     def keep(self, start_ns: int, end_ns: int) -> None:
-        """Take note of the window's end; a planner that went further goes back there."""
+        """Process the window's end; a planner that went further is set back to it."""
         if self._before is not None:
             planner, compensation = self._before
             self.planner.restore(planner)
@@ -78,7 +78,7 @@ class PlannerMotion(Snapshots):
         self._units = then if change_ns < end_ns else first
 
     def _speeds_from(self, start_ns: int) -> tuple[int, int, int]:
-        """Return the speeds of the window that begins: the last one until the controller is done, then its new."""
+        """Return the speeds of the next window: the old one until the controller is done, then the new one."""
         if start_ns < self.rest_until_ns:
             return 0, start_ns, 0
         feed_um_s = max(-self._limit_um_s, min(self._limit_um_s, self.command.feed_um_s))
@@ -94,7 +94,7 @@ class PlannerMotion(Snapshots):
         return steps + self.planner.advance(change_ns, end_ns, then) if change_ns < end_ns else steps
 
     def _drive(self, steps: list[Step]) -> list[Step]:
-        """Return the steps the motors are to make: a controller that has lines to x and y makes these itself."""
+        """Return the steps of the motors; a controller with lines to x and y makes these itself."""
         if not (self._drives and steps):
             return steps
         made = self._drives.drive([step for step in steps if step.axis < 2])
@@ -104,7 +104,7 @@ class PlannerMotion(Snapshots):
     def _to_motors(self, steps: list[Step]) -> list[Step]:
         if self._compensation is None:
             return steps
-        # of a window that was cut short, every step has the length of path with which it was planned
+        # in a window that ends early, every step keeps the path length for which it was planned
         of, path_um = self._planned or (len(steps), self.path_um)
         return self._compensation.motor_steps(steps, path_um, of)
 
@@ -117,24 +117,24 @@ class EvenSteps:
         self.feed_um_s = feed_um_s
         self.path_um = 0.0
         self._step_um = step_um
-        self._step_share = 0.0  # share of the next step that is already due
+        self._step_share = 0.0  # fraction of the next step that has passed
 
     def plan(self, start_ns: int, end_ns: int, certain: bool = False) -> list[tuple[int, int, int]]:
-        """Return the steps of the longest window there can be."""
+        """Return the steps of the longest possible window."""
         per_ns = abs(self.feed_um_s) / self._step_um * 1e-9
         count = int(self._step_share + per_ns * (end_ns - start_ns))
         direction = 1 if self.feed_um_s > 0 else -1
         return [(start_ns + int((k + 1 - self._step_share) / per_ns), self.axis, direction) for k in range(count)]
 
     def keep(self, start_ns: int, end_ns: int) -> None:
-        """Take note of the window's end."""
+        """Process the window's end."""
         travel_um = self.feed_um_s * (end_ns - start_ns) * 1e-9
         self._step_share = (self._step_share + abs(travel_um) / self._step_um) % 1.0
         self.path_um += travel_um
 
 
 class Cycle:
-    """Plant, motion and controller in step: observers see every window; what `decide` says counts from the next."""
+    """Runs plant, motion and controller together. Observers see every window; a decision applies to the next one."""
 
     def __init__(
         self, plant: Plant, motion: PlannerMotion | EvenSteps, decide: Callable[[WindowObservation], None],

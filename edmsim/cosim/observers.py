@@ -13,37 +13,37 @@ if TYPE_CHECKING:
     from edmsim.plant.plant import Plant
 
 PlantView: TypeAlias = "Plant"
-"""The plant as observers have it: they read what it says of the window just over, and change nothing."""
+"""Interface of the plant for observers, which read the last window and change nothing."""
 
 
 class Turn(NamedTuple):
-    """One turn of the cycle: a window, and how the wire was moved in it."""
+    """One turn of the cycle: a window, and the motion of the wire in it."""
 
-    window: PulseWindow  # what happened in the gap
+    window: PulseWindow  # results of the window
     time_ns: int  # machine time at the window's end
-    feed_um_s: float  # feed in force at the window's end
-    path_um: float  # length of path behind the wire by the position counters, over all legs
-    opposite: OppositePulses | None = None  # equalising pulses of the window, if the generator gives any
+    feed_um_s: float  # feed at the window's end
+    path_um: float  # path length travelled by the position counters, over all legs
+    opposite: OppositePulses | None = None  # equalising pulses of the window, if the generator has them
 
 
 class Observer(Protocol):
-    """Looks on at a cut and changes nothing."""
+    """Observes a cut and changes nothing."""
 
-    name: ClassVar[str]  # under this name its snapshot is part of the checkpoint; no two observers of a cut share one
+    name: ClassVar[str]  # key of its snapshot in the checkpoint, unique among the observers of a cut
 
     def begin(self, plant: PlantView) -> None:
-        """See the plant before the first window."""
+        """Observe the plant before the first window."""
         return
 
     def leg(self, points_um: NDArray[np.int64], start_um: float) -> None:
-        """See the points (n, 2) of the leg that begins where `Turn.path_um` is `start_um`."""
+        """Observe the points (n, 2) of the leg that begins at `Turn.path_um` == `start_um`."""
         return
 
     def window(self, turn: Turn, plant: PlantView) -> None:
-        """See a window that is just over."""
+        """Observe a window after it ended."""
 
     def snapshot(self) -> Mapping[str, NDArray[Any]]:
-        """Everything that changes, as arrays; a copy."""
+        """Return a copy of the state as arrays."""
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Continue where `snapshot` was taken."""
+        """Load a snapshot."""

@@ -1,4 +1,4 @@
-"""Passes of a cut: their settings, what each removed and left, and pieces that come loose."""
+"""Passes of a cut: their settings and results, and pieces that come loose."""
 
 import math
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ from edmsim.program.passes import CutPass, Piece
 from edmsim.program.path import CutPath, WireContour
 from edmsim.snapshots import Snapshots
 
-# A contour cut at its dwells: the stretches a planner is made for.
+# A contour divided at its dwells into legs; a planner is made for each leg.
 
 
 @dataclass
 class ProgramPlace:
-    """How far a program is: the leg, where and after what length of path it began, whether its dwell has begun."""
+    """Progress in a program: the leg, its first point and path length, and whether its dwell has begun."""
 
     leg: int = 0
     from_um: tuple[float, float] = (0.0, 0.0)
@@ -35,24 +35,24 @@ class ProgramPlace:
 
 
 class Leg(NamedTuple):
-    """A stretch of path between two stops of the program: threading, a dwell, the end."""
+    """The path between two stops of the program: threading, a dwell, the end."""
 
     points_um: NDArray[np.int64]
-    threads: bool  # a fresh wire is threaded at the first point
-    # rest_s, dwell_s: how long the wire waits at the first point before it moves, and at the last one (G4)
+    threads: bool  # whether a new wire is threaded at the first point
+    # rest_s, dwell_s: waiting times at the first point and at the last one (G4)
     rest_s: float
     dwell_s: float
-    along_um: NDArray[np.float64]  # (n,): length of path up to every point
-    # (n, 2): where the upper guide is, relative to the lower one; None: above it, all along
+    along_um: NDArray[np.float64]  # (n,): path length at every point
+    # (n, 2): lead of the upper guide over the lower one; None for a vertical wire
     lead_um: NDArray[np.int64] | None = None
-    cut_pass: CutPass | None = None  # the pass it belongs to; None where the contour is cut in one
-    leads_in: bool = False  # whether it is the way from the start hole to where the pass begins
-    part_side: Literal["left", "right"] | None = None  # looking along the leg; None: the wire follows a line as drawn
+    cut_pass: CutPass | None = None  # its pass; None if the contour is cut in one pass
+    leads_in: bool = False  # whether it leads from the start hole to the beginning of the pass
+    part_side: Literal["left", "right"] | None = None  # None if the wire follows a line as drawn
 
     def started_at(
         self, point_um: tuple[float, float], lead_um: tuple[float, float]
     ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any] | None]:
-        """Return points, lengths of path and leads of the leg from a place on that need not be its first point."""
+        """Return points, path lengths and leads of the leg from a place on, which need not be its first point."""
         points, leads, along = self.points_um, self.lead_um, self.along_um - self.along_um[0]
         way = math.dist(points[0], point_um)
         if leads is not None:
@@ -64,14 +64,14 @@ class Leg(NamedTuple):
 
 
 def _part_side(contour: WireContour, one: CutPass | None) -> Literal["left", "right"] | None:
-    """Return the side of the part looking along a pass; None where the wire follows a line as drawn."""
+    """Return the side of the part looking along a pass; None if the wire follows a line as drawn."""
     if one is None or not one.reversed:
         return contour.part_side if contour.compensated else None
     return "left" if contour.part_side == "right" else "right"
 
 
 def legs_of(contour: WireContour) -> list[Leg]:
-    """Cut a contour's path at its dwells; of one in passes return them one after the other, lead-in first."""
+    """Divide a contour's path at its dwells into legs; passes follow one after the other, the lead-in first."""
     legs: list[Leg] = []
     parts: Sequence[CutPass | WireContour] = contour.passes or (contour,)
     for number, (part, threads) in enumerate(zip(parts, contour.threads, strict=True)):
@@ -94,7 +94,7 @@ def legs_of(contour: WireContour) -> list[Leg]:
 
 
 def programmed_um(legs: Sequence[Leg], path_um: Floats) -> Floats:
-    """Return the places (n, 2) of the program at lengths of path over all legs."""
+    """Return the places (n, 2) of the program at path lengths over all legs."""
     along, end_um = [], 0.0
     for leg in legs:
         along.append(end_um + leg.along_um - leg.along_um[0])
@@ -103,13 +103,13 @@ def programmed_um(legs: Sequence[Leg], path_um: Floats) -> Floats:
 
 
 def way_behind(legs: Sequence[Leg], number: int) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any]]:
-    """Return what the wire of a trim has cut before a leg, since it was threaded: points, lengths of path, leads.
+    """Return the path that the wire of a trim has cut before a leg, since threading: points, path lengths, leads.
 
-    A retract runs back onto it over the leg's first point, from which lengths count, below 0.
+    A retract may run back onto it beyond the leg's first point, at which lengths are 0.
     """
-    # A rough pass ends with a bent wire. At rest for the trim it is straight, and so pressed to the metal ahead of
-    # the rough pass. Open machines run back along what they have cut, whatever the program's lines are: LinuxCNC's
-    # adaptive feed, Spark's buffer of places.
+    # A rough pass ends with a bent wire. At rest for the trim it is straight, which presses it against the metal in
+    # front of the rough pass. Open machines also retract along the path that was cut, across the program's lines:
+    # LinuxCNC's adaptive feed, Spark's buffer of places.
     leg, first = legs[number], number
     if leg.cut_pass is not None and leg.cut_pass.number > 1:
         leans = leg.lead_um is not None
@@ -125,12 +125,12 @@ def way_behind(legs: Sequence[Leg], number: int) -> tuple[NDArray[Any], NDArray[
     return np.concatenate(points), np.concatenate(along), np.concatenate(leads)
 
 
-FACE_EVERY = 5  # places of a profile error per place of a pass' face: 0.1 mm (ours: pictures show no more)
-LEAST_PIECE_MM2 = 0.02  # smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)
+FACE_EVERY = 5  # places of a profile error per place of a pass' face: 0.1 mm (ours: enough for pictures)
+LEAST_PIECE_MM2 = 0.02  # smaller pieces of metal are ignored: less than half of a wire's cross-section (ours)
 
 
 class PassSetup(NamedTuple):
-    """Setting of a pass: a machine that differs from the first one only in what an operator sets, and who feeds."""
+    """Setting of a pass: its controller, and a machine that differs from the first only in operator's settings."""
 
     machine: Machine
     controller: FeedController
@@ -138,9 +138,9 @@ class PassSetup(NamedTuple):
 
 @dataclass
 class Sums:
-    """Pulses of each class, energy and voltage over time of a cut; all pulses count, those before a break as well."""
+    """Sums over a cut: pulses of each class, energy, voltage over time; also of the pulses before a break."""
 
-    # the voltage is that of the gap with its sign, equalising pulses included; their supply's energy is by itself
+    # voltage of the gap with its sign, equalising pulses included; the energy of their supply is separate
 
     short: int = 0
     open: int = 0
@@ -175,32 +175,32 @@ class Sums:
 
 @dataclass
 class PassRecord:
-    """What became of a pass."""
+    """Results of a pass."""
 
     contour: int  # number of the contour, from 1
-    number: int  # of the pass, from 1
+    number: int  # number of the pass, from 1
     piece: Piece  # {"profile", "tab"}
     reversed: bool
     offset_um: float
-    begin_s: float  # begin_s, end_s: machine time, from when it begins to cut: a lead-in comes before
+    begin_s: float  # begin_s, end_s: machine time, without the lead-in
     end_s: float
-    begin_um: float  # begin_um, end_um: length of wire path, over all passes
+    begin_um: float  # begin_um, end_um: path length, over all passes
     end_um: float
-    sums: Sums = field(default_factory=Sums)  # pulses, energy and craters of the pass
-    wall: kerf.WallError | None = None  # the wall that it left; None while it is not finished
-    # profile error behind it, slice by slice from the lowest one, at every `FACE_EVERY`-th place of
-    # `profile_error` of the whole contour; none while it is not finished
+    sums: Sums = field(default_factory=Sums)  # sums over the pass
+    wall: kerf.WallError | None = None  # wall after the pass; None until it is finished
+    # profile error after the pass, slice by slice from the lowest one, at every `FACE_EVERY`-th place of
+    # `profile_error` of the whole contour; None until it is finished
     face_um: tuple[tuple[float, ...], ...] = ()
 
     @property
     def feed_mm_min(self) -> float:
-        """Mean feed; 0 where the pass took no time."""
+        """Mean feed; 0 if the pass took no time."""
         seconds = self.end_s - self.begin_s
         return (self.end_um - self.begin_um) / seconds * 0.06 if seconds > 0 else 0.0
 
 
 class PassLog(Snapshots):
-    """Keeps what every pass of a cut did, a record each, and looks after loose pieces, of which `notices` tell."""
+    """Records the results of every pass of a cut, and removes loose pieces, which `notices` report."""
 
     STATE = ("records", "notices", "_before", "_open")
     records: list[PassRecord]
@@ -212,7 +212,7 @@ class PassLog(Snapshots):
         self.plan(path, legs)
 
     def plan(self, path: CutPath, legs: Sequence[Leg]) -> None:
-        """Take another plan of the same cut: the passes to come may have other offsets."""
+        """Use another plan of the same cut: later passes may have other offsets."""
         numbers = {id(one): number for number, contour in enumerate(path.contours, 1) for one in contour.passes}
         cutting = [(id(leg.cut_pass), k) for k, leg in enumerate(legs) if leg.cut_pass and not leg.leads_in]
         last, first = dict(cutting), dict(reversed(cutting))
@@ -223,7 +223,7 @@ class PassLog(Snapshots):
         )
 
     def begin_leg(self, number: int, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
-        """Begin a record with the first leg of a pass, behind its lead-in."""
+        """Begin a record with the first leg of a pass, after its lead-in."""
         one = leg.cut_pass
         self._open = one is not None and not leg.leads_in
         if one is None or not self._is_first[number]:
@@ -235,14 +235,14 @@ class PassLog(Snapshots):
         )
 
     def follow(self, time_s: float, path_um: float, sums: Sums) -> None:
-        """Take in how far the cut is."""
+        """Process the present state of the cut."""
         if self._open:
             last = self.records[-1]
             last.end_s, last.end_um = time_s, path_um
             last.sums = Sums(**{name: value - getattr(self._before, name) for name, value in asdict(sums).items()})
 
     def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
-        """Measure the wall at the end of a pass, and see what has come loose."""
+        """Measure the wall at the end of a pass, and find loose pieces."""
         one = leg.cut_pass
         if one is None or not self._is_last[number]:
             return
@@ -254,7 +254,7 @@ class PassLog(Snapshots):
         if one.frees:
             within = shapely.Polygon(contour.at_mid_height().nominal_mm * 1e3).buffer(one.offset_um)
             for piece in edges.loose_pieces(plant.field, LEAST_PIECE_MM2):
-                if piece.within(within):  # others came loose from contours before
+                if piece.within(within):  # the others came loose from earlier contours
                     self._loosen(piece, one, contour, plant)
 
     def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:

@@ -1,7 +1,7 @@
-"""A cut of a program: its legs in turn, threading between contours, dwells, and its end.
+"""A cut of a program: its legs in order, threading between contours, dwells, and its end.
 
-The controller observes only what a real machine measures; the plant gets only motor steps and the generator's setting
-(see `edmsim.cosim.cycle`).
+The controller observes only what a real machine measures; the plant receives only motor steps and the generator's
+setting (see `edmsim.cosim.cycle`).
 """
 
 import math
@@ -38,13 +38,13 @@ from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath
 from edmsim.snapshots import Snapshots, like, state_of, take_state, with_prefix
 
-# The axes of a cut under drives: steps of the machine's length, faults at their time, waits at the ends of legs.
+# The axes of a cut with servo drives: step length, faults at their times, waits at the ends of legs.
 
-_STEP_SHARE = 1e-6  # share by which a drive's step may differ from the machine's: what rounding leaves
+_STEP_SHARE = 1e-6  # relative tolerance between a drive's step and the machine's, for rounding
 
 
 class CutAxes(Snapshots):
-    """What a cut asks of its axes, and what befalls them; refuses drives whose steps differ from the machine's."""
+    """The servo axes of a cut and their faults; refuses drives whose steps differ from the machine's."""
 
     STATE = ("_since_ns", "_before_um", "_placed_ns")
 
@@ -70,13 +70,13 @@ class CutAxes(Snapshots):
         self.fail_due()
 
     def fail_due(self) -> None:
-        """Let the faults happen whose time has come."""
+        """Apply the faults that are due."""
         for fault in self._faults:
             if self._plant.time_ns >= fault.at_s * 1e9:
                 self._plant.break_axis(fault.axis, fault.fault)
 
     def settled(self) -> bool:
-        """Say whether all axes are in place at a leg's end, and do not merely swing through it."""
+        """Return whether all axes are settled at a leg's end, not only passing through it."""
         plant = self._plant
         if not plant.in_place:
             self._placed_ns = None
@@ -89,7 +89,7 @@ class CutAxes(Snapshots):
         return True
 
     def late(self) -> str | None:
-        """Return why axes that are not settled need not be waited for any longer; None if they may still come."""
+        """Return why axes will not settle any more; None if they still may."""
         plant = self._plant
         if self._since_ns is not None:
             waited_s = (plant.time_ns - self._since_ns) * 1e-9
@@ -103,13 +103,13 @@ class CutAxes(Snapshots):
         return None
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue where `snapshot` was taken, with the plant restored before; a supply once off stays off."""
+        """Load a snapshot after that of the plant; a supply that was off stays off."""
         super().restore(state)
         self.fail_due()
 
 
 class Progress(NamedTuple):
-    """Progress of a cut for a display; `wall_time_s` is the computer's time so far."""
+    """Progress of a cut for display; `wall_time_s` is the computer's time so far."""
 
     path_um: float
     total_um: float
@@ -132,23 +132,23 @@ class Simulation:
         self,
         machine: Machine,
         path: CutPath,
-        controller: FeedController,  # fresh; it is reset at the start of every leg
+        controller: FeedController,  # new; it is reset at the beginning of every leg
         *,
-        planner: str = "poscal",  # a controller that makes its own steps (`RunsPath`) takes its place
+        planner: str = "poscal",  # replaced by a controller that makes its own steps (`RunsPath`)
         seed: int = 0,
         resolution: str = "default",
-        max_time_s: float | None = None,  # of the machine, after which the cut is stopped
-        steps: tuple[LowerRegion, ...] = (),  # where the workpiece is less high than the machine's set-up
+        max_time_s: float | None = None,  # machine time after which the cut is stopped
+        steps: tuple[LowerRegion, ...] = (),  # where the workpiece is lower than the height of the set-up
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
         drives: Mapping[str, AxisDrive] | None = None,
-        compensation: Elcam | None = None,  # tables of the table's errors, and cams
-        stuck_wire_sensor: bool = False,  # it then goes on without a wire (`Plant.go_bare`)
+        compensation: Elcam | None = None,  # compensation tables of the machine's table, and cams
+        stuck_wire_sensor: bool = False,  # then the machine continues without a wire (`Plant.go_bare`)
         axis_faults: Sequence[AxisFault] = (),
-        setups: Sequence[PassSetup] = (),  # of the passes from rough to last; of fewer, the last holds on
-        approach: PassSetup | None = None,  # of the lead-ins of a path in passes; the first pass's by default
-        metal: KerfField | None = None,  # what an earlier cut left of the workpiece: it is copied
-        waits: bool = False,  # before every pass but the first, until `begin_pass` says how that is cut
+        setups: Sequence[PassSetup] = (),  # from rough to last; the last one applies to all later passes
+        approach: PassSetup | None = None,  # of the lead-ins of a path in passes; by default that of the first pass
+        metal: KerfField | None = None,  # workpiece after an earlier cut, which is copied
+        waits: bool = False,  # before every pass except the first, until `begin_pass` is called
     ) -> None:
         self.machine = machine
         self.path = path
@@ -206,7 +206,7 @@ class Simulation:
 
     @property
     def beyond_training(self) -> list[str]:
-        """What was different in the training of the controllers of all passes, each text once."""
+        """Differences from the training of all passes' controllers, each text once."""
         trained = [one.controller for one in self._setups if isinstance(one.controller, protocols.WasTrained)]
         return list(dict.fromkeys(chain.from_iterable(each.beyond_training for each in trained)))
 
@@ -215,7 +215,7 @@ class Simulation:
         return self._setups[min(number, len(self._setups)) - 1].machine
 
     def _check_later_passes(self) -> None:
-        """Let the controllers of later passes refuse, before anything is cut, a feed that the machine cannot run."""
+        """Check that the machine can run the feeds of later passes' controllers, before anything is cut."""
         for machine, controller in self._setups:
             if controller is not self._setup.controller:
                 protocols.tell(controller, machine, self.legs[-1].points_um, 0.0)
@@ -228,7 +228,7 @@ class Simulation:
         return [(one.machine.model_dump_json(), repr(one.controller)) for one in setups]
 
     def _take_setup(self, leg: Leg) -> Machine:
-        """Let the setting of a leg's pass be in force; the plant changes where it is another one."""
+        """Apply the setting of a leg's pass, and change the plant's set-up if it differs."""
         number = 1 if leg.cut_pass is None else leg.cut_pass.number
         own = self._setups[min(number, len(self._setups)) - 1]
         setup = self._approach if leg.leads_in and self._approach is not None else own
@@ -238,7 +238,7 @@ class Simulation:
         return self._setup.machine
 
     def _begin_leg(self) -> PlannerMotion:
-        """Plan a leg from where the wire stands: it may have stopped half a step before the last leg's end."""
+        """Plan a leg from the wire's position, which may be half a step before the end of the last leg."""
         at, leg = self._at, self.legs[self._at.leg]
         machine = self._take_setup(leg)
         points, along, leads = leg.started_at(at.from_um, at.lead_um)
@@ -266,7 +266,7 @@ class Simulation:
         )
 
     def _reset_controller(self, machine: Machine, points_um: NDArray[Any]) -> FeedCommand:
-        """Let the controller begin along some points, with the generator as set up; return its first command."""
+        """Reset the controller for a leg's points, with the generator at its set-up; return its first command."""
         protocols.tell(self.controller, machine, points_um, self._at.start_um, self.legs[self._at.leg].part_side)
         command = protocols.check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
         self._set_generator(machine.t_on_us, machine.t_period_us)
@@ -274,7 +274,7 @@ class Simulation:
         return command
 
     def _check_lean(self) -> None:
-        """Refuse what cannot move the upper guide as the legs want it."""
+        """Refuse a machine or planner that cannot move the upper guide as the legs require."""
         for leg in self.legs:
             if leg.lead_um is not None:
                 check_lead(self._planner_name, leg.points_um, leg.lead_um)
@@ -282,12 +282,12 @@ class Simulation:
             raise InputError("the program's taper moves the upper guide, and so does a cam: leave one of them out")
 
     def _lead_of(self, leg: int) -> tuple[float, float]:
-        """Return where u and v are at the first point of a leg."""
+        """Return u and v at the first point of a leg."""
         lead_um = self.legs[leg].lead_um
         return (0.0, 0.0) if lead_um is None else (float(lead_um[0, 0]), float(lead_um[0, 1]))
 
     def _motors_um(self, x_um: float, y_um: float, path_um: float, lead_um: tuple[float, float]) -> tuple[float, ...]:
-        """Return where the motors are, those of u and v as well, at a place that is reached without steps."""
+        """Return the position of the motors, with those of u and v, at a place that is reached without steps."""
         self._offset.clear()
         if self._compensation is None:
             return (x_um, y_um, *lead_um) if self.path.leans else (x_um, y_um)
@@ -297,7 +297,7 @@ class Simulation:
 
     @property
     def commanded_um(self) -> tuple[float, float]:
-        """Position in the program: that of the motors without compensation and the path's offset."""
+        """Position in the program: that of the motors, without compensation and offset."""
         x, y = self.plant.commanded_um
         off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
         lateral_x, lateral_y = self._offset.lateral_um
@@ -305,7 +305,7 @@ class Simulation:
 
     @property
     def _lead_um(self) -> tuple[float, float]:
-        """Where the program has led u and v: what their motors stand at, less their compensation."""
+        """Positions of u and v in the program: those of the motors, without compensation."""
         u, v = self.plant.lead_um
         off_u, off_v = (0.0, 0.0) if self._compensation is None else self._compensation.upper_um
         return u - off_u, v - off_v
@@ -337,19 +337,19 @@ class Simulation:
 
     @property
     def missed_windows(self) -> int:
-        """Windows of all legs that were not read in time."""
+        """Number of windows in all legs that were not read in time."""
         of_leg = self.controller.missed_windows if isinstance(self.controller, protocols.MissesWindows) else 0
         return self._at.missed_before + of_leg
 
     def step(self) -> Progress:
-        """Run one window; afterwards `outcome` tells whether the cut is over, `waiting` whether a pass is."""
+        """Run one window; afterwards `outcome` is set if the cut is over, `waiting` if a pass is."""
         self._axes.fail_due()
         try:
             turn = self._cycle.turn()
         except PlantError:
             if not self.plant.drive_faults:
                 raise
-            self.cause = StopCause.DRIVE_TRIP  # an axis that ran away took the wire along
+            self.cause = StopCause.DRIVE_TRIP  # an axis that ran away has moved the wire
             self._say(self.plant.fault_reason)
             return Progress(self.path_um, self.total_um, self.plant.time_ns * 1e-9, 0.0, 0, 0)
         self.sums.add(turn)
@@ -371,7 +371,7 @@ class Simulation:
         self._stopped_by_controller([STOP_BUTTON])
 
     def _switches(self, window: PulseWindow) -> list[str]:
-        """Return the switches that are open; the end switches feel the carriage, not the position counter."""
+        """Return the open switches; end switches depend on the carriage, not on the position counter."""
         table = self.machine.base.table
         travel_um, slack_um = table.travel_mm.value * 1e3, table.step_um.value
         ends = zip((X_END, Y_END), self.plant.place_um, strict=True)
@@ -379,7 +379,7 @@ class Simulation:
         return [*opened, WIRE_BREAK] if window.broken and self._sees_breaks else opened
 
     def _stopped_by_controller(self, opened: Sequence[str]) -> bool:
-        """Lead open switches to the controller's inputs, if it has some; tell whether it has stopped the machine."""
+        """Apply open switches to the controller's inputs, if it has any; return whether it stopped the machine."""
         if not isinstance(self.controller, protocols.HasSwitches):
             return False
         for name in opened:
@@ -396,7 +396,7 @@ class Simulation:
         self._set_generator(command.t_on_us, command.t_period_us)
 
     def _set_generator(self, t_on_us: float | None, t_period_us: float | None) -> None:
-        """Give the generator the setting wanted; one it refuses changes nothing; `refused` says why."""
+        """Set the generator; a setting that it refuses has no effect, and `refused` has the reason."""
         now = self.plant.machine.t_on_us, self.plant.machine.t_period_us
         setting = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
         if setting == now:
@@ -407,7 +407,7 @@ class Simulation:
             self.refused = error.reason
 
     def _judge(self, window: PulseWindow, opened: Sequence[str]) -> StopCause:
-        """Tell whether the leg or the cut ends here, and why."""
+        """Return whether and why the leg or the cut ends here."""
         switch = X_END in opened or Y_END in opened
         alarm, late = self._motion.command.alarm, self.plant.time_ns >= self._max_time_ns
         tripped, done = self.plant.drive_faults, self._motion.planner.done
@@ -429,7 +429,7 @@ class Simulation:
         return cause
 
     def _break_of(self, window: PulseWindow) -> str:
-        """Say where the wire broke and how hot it was; of pulses denser than hold, which period would have held."""
+        """Return where the wire broke, its temperature, and if the pulses were too dense, a safe period."""
         leg, where = self.legs[self.leg], f"{self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
         if (one := leg.cut_pass) is not None:
             of = " of the tab" if one.piece == "tab" else ""
@@ -445,11 +445,11 @@ class Simulation:
         return f"{text}: a period of {period_us:.3g} us is too short for it; {held}"
 
     def _say(self, reason: str) -> None:
-        """Add to the reason for which the cut ends."""
+        """Add to the reason why the cut ends."""
         self.reason = reason if self.reason is None else f"{self.reason}; {reason}"
 
     def _end_of_leg(self) -> StopCause:
-        """Wait for the axes and the dwell, then go on with the next leg; `StopCause.FINISHED` if there is none."""
+        """Wait for the axes and the dwell, then begin the next leg; `StopCause.FINISHED` if there is none."""
         at, leg, now_ns = self._at, self.legs[self._at.leg], self.plant.time_ns
         if not self._axes.settled():
             if late := self._axes.late():
@@ -472,7 +472,7 @@ class Simulation:
         return self._next_leg()
 
     def begin_pass(self, path: CutPath, setups: Sequence[PassSetup]) -> StopCause:
-        """Begin the pass that the simulation waits for; later passes may have other offsets and settings."""
+        """Begin the next pass; it and later passes may have other offsets and settings."""
         if not self.waiting:
             raise InputError("a pass is under way: the next one begins when it is over")
         legs = [leg for contour in path.contours for leg in legs_of(contour)]
@@ -501,7 +501,7 @@ class Simulation:
         self.cause, self.reason = StopCause.RUNNING, None
 
     def _next_leg(self) -> StopCause:
-        """Go to the next leg, threading a wire where it begins a contour."""
+        """Go to the next leg, and thread a wire if it begins a contour."""
         at = self._at
         if self.legs[at.leg + 1].threads:
             late_s = self._thread_at(self.legs[at.leg + 1].points_um[0], self._lead_of(at.leg + 1))
@@ -517,7 +517,7 @@ class Simulation:
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:
-        """Move to a contour and thread; return how long axes would take that are not waited for."""
+        """Move to a contour and thread; return the time that axes would need that are too slow to wait for."""
         table = self.machine.base.table
         x, y = self.commanded_um
         way = math.hypot(point_um[0] - x, point_um[1] - y)
@@ -534,7 +534,7 @@ class Simulation:
         return self.outcome
 
     def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return everything that changes: arrays, and plain values fit for JSON."""
+        """Return the state: arrays, and JSON values."""
         arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
         for observer in self.observers:
             arrays.update({f"{observer.name}.{k}": v for k, v in observer.snapshot().items()})

@@ -1,7 +1,6 @@
-"""Why a cut, an episode or a dialogue stops: one list of causes, one judge, one limit switch.
+"""Why a cut, an episode or a dialogue stops: the causes, a function that finds them, and limit switches.
 
-Both functions are compiled, so that environments call them for every sub-environment; Python calls them as any other
-function.
+The functions are compiled, because environments call them for every sub-environment.
 """
 
 from enum import IntEnum
@@ -29,12 +28,12 @@ class StopCause(IntEnum):
 
 
 class Words(NamedTuple):
-    """What a cause is called."""
+    """Names of a cause."""
 
     report: str  # in ``report.json``
     info: str  # in an environment's ``info["cause"]``
     episode: str  # in an evaluation
-    level: str  # how grave it is, as rerun says it: INFO, WARN, ERROR, CRITICAL
+    level: str  # severity in rerun's terms: INFO, WARN, ERROR, CRITICAL
 
 
 WORDS = {
@@ -56,8 +55,8 @@ WORDS = {
 
 @compiled
 def switches_open(place_um: float, travel_um: float, slack_um: float) -> int:
-    """Tell which end switch of an axis is open: -1 the lower, 0 none, 1 the upper; `slack_um` beyond the travel."""
-    # a motor step of slack, so that the ends themselves can be reached
+    """Return which end switch of an axis is open: -1 the lower, 0 none, 1 the upper; `slack_um` beyond the travel."""
+    # the slack of a motor step allows reaching the ends themselves
     if -slack_um <= place_um <= travel_um + slack_um:
         return 0
     return 1 if place_um > 0.0 else -1
@@ -67,7 +66,7 @@ def switches_open(place_um: float, travel_um: float, slack_um: float) -> int:
 def judge(
     broken: bool, out_of_range: bool, switch: bool, tripped: bool, shorted: bool, late: bool, leg_done: bool
 ) -> int:
-    """Tell why the machine stops after a window, as a `StopCause`; of several causes, the first of this list."""
+    """Return why the machine stops after a window, as a `StopCause`; of several causes the first one."""
     if broken:
         return _WIRE_BREAK
     if out_of_range:

@@ -1,7 +1,7 @@
-"""Straight cuts in steady state, with which validation and calibration measure the pulse loop.
+"""Straight cuts in steady state, for measurements of the pulse loop in validation and calibration.
 
-A cut begins at the end of a slot that is already there, so that the wire has walls around it from the first
-pulse on, and is measured once it has settled.
+A cut begins at the end of a slot, so the wire has walls around it from the first pulse on, and is measured after it
+has settled.
 """
 
 import math
@@ -24,18 +24,18 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 
-FASTEST_UM_S = 400.0  # feed a controller may command here (ours: above the cutting rate of every set-up measured)
+FASTEST_UM_S = 400.0  # greatest feed of controllers here (ours: above the cutting rate of all measured set-ups)
 _STEP_UM = 2.0  # spacing of the places at which the kerf is measured
-_MARGIN_UM = 200.0  # how far beyond the wire's surface its kerf is looked for
+_MARGIN_UM = 200.0  # distance from the wire's surface in which the kerf is searched
 
 
 @dataclass(frozen=True)
 class Cut:
-    """A straight cut along +x, with what was seen once it had settled; if the wire broke, the last window says so."""
+    """A straight cut along +x, measured after it had settled; if the wire broke, the last window has `broken`."""
 
-    plant: Plant  # as the cut left it
-    windows: list[PulseWindow]  # the measured ones; if the wire broke, the last of them says so
-    from_um: float  # from_um, travel_um: commanded place at the first measured window, and travel from there
+    plant: Plant  # after the cut
+    windows: list[PulseWindow]  # measured windows; if the wire broke, the last one has `broken`
+    from_um: float  # from_um, travel_um: commanded position at the first measured window, and travel from there
     travel_um: float
 
     @property
@@ -60,7 +60,7 @@ class Cut:
 
     @property
     def gap_um(self) -> float:
-        """Mean gap at the places of ignition; NaN if there are none."""
+        """Mean gap at the places of ignition; NaN without ignitions."""
         return self._per_ignition(lambda w: w.gap_um)
 
     @property
@@ -70,7 +70,7 @@ class Cut:
 
     @property
     def vibration_um(self) -> float:
-        """Root mean square of the wire's motion within windows about its mean there, both axes."""
+        """Rms motion of the wire about its mean in each window, both axes."""
         return math.sqrt(float(np.mean([w.vibration2_um2 for w in self.windows])))
 
     @property
@@ -90,7 +90,7 @@ class Cut:
 
     @property
     def charge(self) -> float:
-        """Charge of sparks and arcs in C; that of short-circuit pulses is not in it."""
+        """Charge of sparks and arcs in C, without short-circuit pulses."""
         return self.energy / self.plant.machine.material.burning_voltage_V.value
 
     @property
@@ -105,7 +105,7 @@ class Cut:
 
     @cached_property
     def kerf_um(self) -> NDArray[np.float64]:
-        """Width of the kerf, one per slice from the bottom: cut area over length, up to where the wire has passed."""
+        """Width of the kerf in each slice from the bottom: cut area over length, as far as the wire has passed."""
         radius = self.plant.machine.wire_diameter_um / 2
         x = np.arange(self.from_um, self.from_um + self.travel_um - radius - SLOT_GAP_UM, 2 * _STEP_UM)
         if not len(x):
@@ -127,7 +127,7 @@ class Cut:
 
 
 class Traverse(EvenSteps):
-    """A cut along an axis at a fixed feed or a controller's, window by window; its alarm is only noted."""
+    """A cut along an axis at a fixed feed or with a controller, window by window; an alarm is only recorded."""
 
     def __init__(self, plant: Plant, feed: float | FeedController) -> None:
         feed_um_s = real(feed)
@@ -156,7 +156,7 @@ class Traverse(EvenSteps):
 def begin(
     machine: Machine, seed: int, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM
 ) -> Plant:
-    """Return a plant whose wire stands at the end of a slot, `gap_um` off the metal in front and on both sides."""
+    """Return a plant with its wire at the end of a slot, with a gap of `gap_um` in front and on both sides."""
     centre_um = machine.base.table.centre_um
     stock = started_slot(machine, centre_um, gap_um=gap_um)
     return Plant(machine, seed, stock=stock, position_um=centre_um, resolution=resolution)
@@ -166,7 +166,7 @@ def cut_straight(
     machine: Machine, feed: float | FeedController, seed: int, *, settle_s: float, seconds: float,
     resolution: str | Resolution = "fast",
 ) -> Cut:
-    """Cut along +x from a begun slot; if the wire broke before it settled, the result is of the time until then."""
+    """Cut along +x from the end of a slot; if the wire breaks before the cut settles, the result covers this time."""
     for name, time_s in (("settle_s", settle_s), ("seconds", seconds)):
         if not finite(name, time_s) > 0:
             raise InputError(f"{name} is {time_s!r}: give a time above 0 s")
@@ -180,12 +180,12 @@ def cut_straight(
     return Cut(plant, windows, start_um, plant.commanded_um[0] - start_um)
 
 
-# Single pulses of a straight cut, for the figures that windows of 255 pulses are too coarse for.
+# Single pulses of a straight cut, for figures that need a finer resolution than windows of 255 pulses.
 
 KINDS = ("short", "open", "spark", "arc")  # classes of pulses; `PulseSample.kind` counts them from 0
-SETTLE_S = 3.0  # machine time before the first pulse is looked at (ours: several times what a gap takes to settle)
+SETTLE_S = 3.0  # machine time before the first sampled pulse (ours: several times the settling time of a gap)
 PULSES = 4096
-"""Pulses looked at (ours: the spectrum's lines are some 20 Hz apart at 100 us, and a share is known to 1 %)."""
+"""Sampled pulses (ours: the spectrum has a resolution of some 20 Hz at 100 us, and shares an error of 1 %)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Machine: every constant of one set-up, read from `models/` and checked.
 
-Each constant in the TOML files is a table ``{ value, source, range }``: the source is a publication or the
-word "ours"; the range, where one is known, is what `value` may be drawn from.
+Each constant in the TOML files is a table ``{ value, source, range }``: the source is a publication or the word
+"ours"; values can be drawn from the range, if one is known.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-# Files a set-up is read from: those under `models/` by name, and users' own by path.
+# Files of a set-up: those under `models/` by name, users' own files by path.
 
 _MOST_BYTES = 1_000_000
 _Part = TypeVar("_Part", bound=Part)
@@ -39,7 +39,7 @@ _Part = TypeVar("_Part", bound=Part)
 def read(part: type[_Part], kind: Kind, name: str) -> _Part:
     """Read a part of a set-up by its name under `models/`, or from a user's TOML file.
 
-    A file with ``like = "agiecut-dem15"`` takes the constants that it lacks from that file of the package.
+    A file with ``like = "agiecut-dem15"`` takes its missing constants from this file of the package.
     """
     if name.endswith(".toml"):
         file, text = name, _own_file(name)
@@ -50,7 +50,7 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
     except ValidationError as error:
         key, reason = refused_entry(error)
         raise InputError(f"key '{key}': {reason}" if key else reason, file) from None
-    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
+    except (ValueError, RecursionError) as error:  # also for very long numbers and deeply nested brackets
         raise InputError(f"not valid TOML: {error}", file) from None
 
 
@@ -60,7 +60,7 @@ def _our_file(kind: Kind, name: str, referring_file: str | None = None) -> str:
 
 
 def _on_its_like(data: dict[str, Any], kind: Kind, file: str) -> dict[str, Any]:
-    """Return what a file says on top of the one of ours that it is like, which may be like another in its turn."""
+    """Return a file's entries merged into those of the package's file that it is ``like``, and so on."""
     like = data.pop("like", None)
     if like is None:
         return data
@@ -69,7 +69,7 @@ def _on_its_like(data: dict[str, Any], kind: Kind, file: str) -> dict[str, Any]:
 
 
 def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Return what a file says on top of the one it is like: constants, whole, and what no section holds."""
+    """Return one file's entries merged over another's: whole constants, and entries outside sections."""
     sections = {
         key: {**below[key], **value}
         for key, value in above.items()
@@ -79,7 +79,7 @@ def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 
 def own_mjcf(name: str, file: str) -> str:
-    """Return the MJCF that a user's machine file names: the path of a file in its folder, or our file's name."""
+    """Return the MJCF that a user's machine file names: the path of a file in its folder, or a package's name."""
     sibling = Path(file).absolute().parent / name
     if sibling.is_file():
         return str(sibling)
@@ -89,12 +89,12 @@ def own_mjcf(name: str, file: str) -> str:
 
 
 def own_mjcf_text(model_file: str) -> str:
-    """Return the text of a user's MJCF; empty for one of the package, which belongs to the version of edmsim."""
+    """Return the text of a user's MJCF; empty for one of the package, which the version of edmsim identifies."""
     return Path(model_file).read_text(encoding="utf-8") if Path(model_file).is_absolute() else ""
 
 
 def constants_digest(machine: Machine) -> str:
-    """Return what identifies every constant and setting of a set-up, with a user's MJCF."""
+    """Return a digest of all constants and settings of a set-up, with a user's MJCF."""
     said = machine.model_dump_json() + own_mjcf_text(machine.base.model)
     return hashlib.sha256(said.encode()).hexdigest()[:16]
 
@@ -105,7 +105,7 @@ def mjcf_version(model_file: str) -> int:
 
 
 def _own_file(name: str) -> str:
-    with suppress(OSError, ValueError):  # reading it says why
+    with suppress(OSError, ValueError):  # reading it raises the error
         if Path(name).stat().st_size > _MOST_BYTES:
             raise InputError(f"this is not a file of constants: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
     return read_text(name)
@@ -115,7 +115,7 @@ _Options = ParamSpec("_Options")
 
 
 class _Load(Protocol[_Options]):
-    """What type checkers know of `Machine.load`: its keywords are those of the class that declares the options."""
+    """Type of `Machine.load` for type checkers: its keywords are those of the class that declares the options."""
 
     def __call__(self, name: str | Path = ..., *no: _Options.args, **options: _Options.kwargs) -> Machine: ...
 
@@ -257,7 +257,7 @@ class Machine(SetUp):
         return sample(self, rng, only)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, object]]:
-        """Say the arguments of `load` that are in force, in place of every constant: a machine has hundreds."""
+        """Return the present arguments of `load` in place of all constants, of which a machine has hundreds."""
         yield None, self.name
         yield "material", self.material_name
         yield "wire", self.wire_name
@@ -272,7 +272,7 @@ class Machine(SetUp):
 
 
 def _checked(name: str, value: float | str | None) -> float | str | None:
-    """Return an operator's choice as a set-up keeps it; only those that stand in for a constant may be None."""
+    """Return an operator's choice as a set-up stores it; only those that override a constant may be None."""
     unset = value is None and name in Choices.model_fields
     return value if unset or name == "pulse_shape" else finite(name, value)
 

@@ -1,7 +1,7 @@
 """The options of a set-up, each declared once for signatures, docstrings, commands and checks.
 
-An option is an attribute of a class below: name (it ends in the unit), type, default, meaning in the docstring under
-it, and in ``Annotated`` its limits, the names it may have, and how the command line spells it.
+An option is an attribute of a class below, with name (which ends in the unit), type, default, its meaning in the
+docstring after it, and in ``Annotated`` its limits, valid names, and its spelling on the command line.
 """
 
 import inspect
@@ -23,17 +23,17 @@ from edmsim.numeric import Number
 Kind = Literal["machines", "wires", "materials", "generators", "technologies"]
 _Fact = TypeVar("_Fact")
 UNITS = {"mm": "mm", "us": "us", "V": "V", "A": "A", "ohm": "ohm", "m_s": "m/s", "Pa": "Pa", "s": "s"}
-"""Units that names end in, and how they are written; where nothing else is meant, the ending may be left out."""
+"""Unit suffixes of names, and the units as written; a suffix may be omitted if the name stays unique."""
 
 
 def available(kind: Kind) -> list[str]:
-    """Names of the files of a kind under `models/`."""
+    """Return the names of the files of a kind under `models/`."""
     folder = resources.files("edmsim.models") / kind
     return sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml"))
 
 
 def registered(place: str) -> Callable[[], list[str]]:
-    """Return what lists the names of a registry, ``module:mapping`` or ``module:Literal``, and loads it only then."""
+    """Return a function that imports a registry, ``module:mapping`` or ``module:Literal``, and lists its names."""
 
     def listed() -> list[str]:
         found = resolve_name(place)
@@ -44,7 +44,7 @@ def registered(place: str) -> Callable[[], list[str]]:
 
 @dataclass(frozen=True)
 class Limits:
-    """Least and greatest value, and what messages call it if not by its name."""
+    """Least and greatest value, and the option's name in messages if it differs."""
 
     low: float
     high: float
@@ -58,15 +58,15 @@ class Limits:
 
 @dataclass(frozen=True)
 class Names:
-    """Names that an option may have, from the registry that knows them."""
+    """Valid names of an option, from a registry."""
 
     listed: Callable[[], Iterable[str]]
-    or_else: str = ""  # what else it may be, for the help; if that is empty, other names are refused
+    or_else: str = ""  # other valid values, for the help; if empty, other names are refused
 
 
 @dataclass(frozen=True)
 class Flag:
-    """How the command line spells an option, where its name and type do not say it."""
+    """Spelling of an option on the command line, if it does not follow from name and type."""
 
     name: str = ""
     metavar: str | None = None
@@ -74,7 +74,7 @@ class Flag:
 
 
 class Options(BaseModel):
-    """Options that are checked together and never changed."""
+    """Options that are checked together and immutable."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", arbitrary_types_allowed=True, use_attribute_docstrings=True
@@ -90,15 +90,15 @@ class Options(BaseModel):
 
 
 def as_text(file: Any) -> Any:
-    """Return a path as the text of it; anything else as it is."""
+    """Return a path as text; anything else unchanged."""
     return os.fspath(file) if isinstance(file, os.PathLike) else file
 
 
-TextOrPath = Annotated[str, BeforeValidator(as_text)]  # a text, a file's name perhaps, which may be given as a path
+TextOrPath = Annotated[str, BeforeValidator(as_text)]  # a text, for which a path is also accepted
 
 
 class PartOptions(Options):
-    """Which files a set-up is read from, and what every set-up has a value for."""
+    """The files of a set-up, and options that every set-up has."""
 
     material: Annotated[TextOrPath, Names(lambda: available("materials"), "your own TOML file")] = "tool-steel"
     """Material of the workpiece."""
@@ -111,7 +111,7 @@ class PartOptions(Options):
     """Workpiece height in mm."""
     tension: Number | None = None
     """Wire tension in N; by default the wire's usual stress."""
-    # row T-1; a range in the generator's file holds in place of this one and of those below
+    # row T-1; a range in the generator's file replaces these limits and those below
     t_on_us: Annotated[Number | None, Limits(1.0, 1000.0, "t_on")] = None
     """On-time in us; by default the generator's own."""
     # 500 kHz (row T-36) to 10 ms (row T-2)
@@ -120,12 +120,12 @@ class PartOptions(Options):
 
 
 class Choices(Options):
-    """What an operator may set in place of a constant of the files; None leaves the constant in force."""
+    """Options that override a constant of the files; None keeps the constant."""
 
-    # nothing but `edmsim.machine.setting` reads these: its functions return what is in force. The limits reach from
-    # trim cuts to the largest roughing generators, from a wire that creeps to the 10 m/s of machines that reuse it,
-    # from a nozzle that is off to pumps of 30 bar, from a nozzle on the workpiece to one that is out of the way
-    # (ours). A range in the generator's file holds in their place
+    # Only `edmsim.machine.setting` reads these; its functions return the values that apply. The limits range from
+    # trim cuts to the largest roughing generators, from a creeping wire to the 10 m/s of machines that reuse it, from
+    # a nozzle that is off to pumps of 30 bar, from a nozzle on the workpiece to one far away (ours). A range in the
+    # generator's file replaces them.
     open_voltage_V: Annotated[Number | None, Limits(10.0, 500.0)] = None
     """Voltage until ignition in V; by default the generator's own. It also drives the discharge if the generator
     has no separate supply for it."""
@@ -151,21 +151,21 @@ class Choices(Options):
 
 
 class SetUpOptions(Choices, PartOptions):
-    """What `edmsim.Machine.load` takes beside the machine's name."""
+    """Options of `edmsim.Machine.load` without the machine's name."""
 
 
 USUAL_MACHINE = "agiecut-dem15"
 
 
 class MachineOption(Options):
-    """The machine by name, where it is one option of several."""
+    """The machine by name, as one option among others."""
 
     machine: Annotated[TextOrPath, Names(lambda: available("machines"), "your own TOML file")] = USUAL_MACHINE
     """Machine by name."""
 
 
 def fact(field: FieldInfo, kind: type[_Fact]) -> _Fact | None:
-    """Return what an option declares of a kind, `Limits`, `Names` or `Flag`."""
+    """Return an option's `Limits`, `Names` or `Flag`, if declared."""
     return next((found for found in field.metadata if isinstance(found, kind)), None)
 
 
@@ -175,7 +175,7 @@ def bare_name(name: str) -> str:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that an option's name ends in, as it is written."""
+    """Return the unit in which an option's name ends, as written."""
     return next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
 
 
@@ -186,7 +186,7 @@ def limits_of(options: type[BaseModel]) -> dict[str, Limits]:
 
 
 def meaning(name: str, field: FieldInfo) -> str:
-    """Return what help and docstrings say of an option: meaning, names and limits."""
+    """Return the text of an option for help and docstrings: meaning, names and limits."""
     text, names = " ".join((field.description or "").split()), fact(field, Names)
     if names is not None:
         text += f" One of: {', '.join(names.listed())}{f', or {names.or_else}' if names.or_else else ''}."
@@ -195,13 +195,13 @@ def meaning(name: str, field: FieldInfo) -> str:
 
 
 def limits_text(name: str, field: FieldInfo) -> str:
-    """Return an option's limits in words, nothing if it has none."""
+    """Return an option's limits as text; empty without limits."""
     limits = fact(field, Limits)
     return "" if limits is None else f"{limits.low:g} to {limits.high:,.10g} {unit_of(name)}"
 
 
 def checked_name(options: type[BaseModel], name: str, value: Any) -> Any:
-    """Return an option's value; raises `InputError` for a name that its registry does not have."""
+    """Return an option's value; raises `InputError` for a name that is not in its registry."""
     names = fact(options.model_fields[name], Names)
     if names is not None and not names.or_else and (known := [*names.listed()]):
         refuse_unknown(name.replace("_", " "), value, known)
@@ -209,22 +209,23 @@ def checked_name(options: type[BaseModel], name: str, value: Any) -> Any:
 
 
 def refusal(error: ValidationError, options: type[BaseModel], of: str) -> InputError:
-    """Return one line that says what is wrong with the first option that cannot be used."""
+    """Return the error of the first invalid option in one line."""
     first, (name, reason) = error.errors()[0], refused_entry(error)
     if first["type"] == "extra_forbidden":
         return InputError(f"{of} has no option '{name}'; there are: {one_of(name, options.model_fields)}")
     if not name:
         return InputError(f"these are no options of {of}: {reason}")
-    if len(first["loc"]) > 1 and isinstance(first["loc"][1], str):  # of several types that it may have
+    if len(first["loc"]) > 1 and isinstance(first["loc"][1], str):  # error for one of several types
         name = str(first["loc"][0])
         reason = f"give {kind_of(options.model_fields[name].annotation)}"
     return InputError(f"option {name} cannot be {first['input']!r}: {reason}")
 
 
 def show(function: Callable[..., Any], options: type[BaseModel]) -> Any:
-    """Return a function with ``**options`` that shows them: in its signature and, with their meanings, in its help.
+    """Return a function with ``**options`` that shows them in its signature, and with their meanings in its
+    docstring.
 
-    The docstring's line ``{options}`` is where the meanings go.
+    The meanings replace the docstring's line ``{options}``.
     """
     fields = options.model_fields
     shown = [
@@ -237,7 +238,7 @@ def show(function: Callable[..., Any], options: type[BaseModel]) -> Any:
     own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
     function.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
     indent = re.search(r"^( *)\{options\}", function.__doc__ or "", re.MULTILINE)
-    if function.__doc__ and indent:  # there are none with python -OO
+    if function.__doc__ and indent:  # python -OO removes docstrings
         entries = []
         for name, field in fields.items():
             default = "optional" if field.default in (None, ()) else f"default {field.default!r}"
@@ -247,7 +248,7 @@ def show(function: Callable[..., Any], options: type[BaseModel]) -> Any:
 
 
 def kind_of(annotation: Any) -> str:
-    """Return a type as signatures show it."""
+    """Return a type as text for signatures."""
     if get_origin(annotation) is Annotated:
         return kind_of(get_args(annotation)[0])
     if get_origin(annotation) in (UnionType, Union):

@@ -13,11 +13,11 @@ from edmsim.machine.ranges import with_constants
 from edmsim.numeric import finite
 
 OPTIONS = {"wire.stress_MPa": "tension", "wire.default_diameter_um": "wire, as brass-200"}
-"""Constants that only say what an option is by default, and that option."""
+"""Constants that are only defaults of an option, with that option."""
 
 
 def _fields() -> dict[str, FieldInfo]:
-    """Return every constant of machine, wire and material, also those that a file need not give, as declared."""
+    """Return the declarations of all constants of machine, wire and material, also of optional ones."""
     tables = {name: field.annotation for name, field in Base.model_fields.items()}
     parts = {**tables, "wire": Wire, "material": Material}
     return {
@@ -28,7 +28,7 @@ def _fields() -> dict[str, FieldInfo]:
 
 
 def _kind(annotation: Any) -> type[Constant] | None:
-    """Return the kind of constant in an annotation, where one may be left out, and has bounds; None for others."""
+    """Return the type of constant in an annotation, which may be optional or have bounds; None for others."""
     if isinstance(annotation, type) and issubclass(annotation, Constant):
         return annotation
     return next((kind for part in get_args(annotation) if (kind := _kind(part)) is not None), None)
@@ -56,7 +56,7 @@ def checked_constants(constants: Mapping[str, float] | Iterable[tuple[str, float
 
 
 def parse_constant(text: str) -> tuple[str, float]:
-    """Take ``gap.critical_um=5`` apart."""
+    """Parse ``gap.critical_um=5``."""
     name, _, value = text.partition("=")
     try:
         return name.strip(), float(value)
@@ -75,7 +75,7 @@ def check_names(names: Iterable[str]) -> None:
 
 
 def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> Machine:
-    """Return the set-up with other values of constants, checked as a file's, which are not drawn and may be any."""
+    """Return the set-up with other values of constants, checked like those of a file; they have no range."""
     changed: dict[str, Constant] = {}
     for name, value in constants:
         check_names([name])
@@ -92,7 +92,7 @@ def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> 
 
 
 def _checked(name: str, value: float) -> Constant:
-    """Return a constant with a value, which is within the bounds that a file's has."""
+    """Return a constant with a value within its bounds."""
     field = _FIELDS[name]
     kind: Any = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
     try:

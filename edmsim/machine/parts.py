@@ -1,7 +1,7 @@
 """The parts of a set-up as the files under `models/` declare them: every constant with its source.
 
-A constant has bounds here, most of them an order or more beyond what the field knows, so that a slip of the pen is
-refused before a cut begins and not met in the pulse loop.
+Constants have bounds, most of them an order of magnitude beyond known values, so typing errors are refused before a
+cut begins.
 """
 
 import math
@@ -17,15 +17,15 @@ BOILING_K = 373.15  # water at ambient pressure
 
 
 class Part(BaseModel):
-    """A group of constants or choices that is read as a whole, and never changed."""
+    """An immutable group of constants or choices."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def changed(self, values: Mapping[str, object]) -> Self:
-        """Return it with other values, unchecked; draws make dozens, and pydantic's copy takes four times as long."""
+        """Return a copy with other values, unchecked; draws make dozens, and pydantic's copy is four times slower."""
         made, put = object.__new__(type(self)), object.__setattr__
         put(made, "__dict__", {**self.__dict__, **values})
-        # what a model has besides its values, and nothing changes
+        # attributes of a pydantic model besides its values, which do not change
         put(made, "__pydantic_fields_set__", self.__pydantic_fields_set__)
         put(made, "__pydantic_extra__", self.__pydantic_extra__)
         put(made, "__pydantic_private__", self.__pydantic_private__)
@@ -60,7 +60,7 @@ class Positive(Constant):
 
 
 def _within(low: float, high: float) -> AfterValidator:
-    """Refuse a constant that lies, or may be drawn, far beyond what any machine has (ours)."""
+    """Refuse a constant or range far beyond that of any machine (ours)."""
 
     def check(constant: Constant) -> Constant:
         for number in (constant.value, *(constant.range or ())):
@@ -90,16 +90,16 @@ class Table(Part):
 
 
 class Optional(Part):
-    """Constants of which some may be left out, as 0."""
+    """Constants of which some may be omitted, as 0."""
 
     def value(self, name: str) -> float:
-        """Return a constant's value, 0 where it is not given."""
+        """Return a constant's value; 0 if it is omitted."""
         constant: Constant | None = getattr(self, name)
         return 0.0 if constant is None else constant.value
 
 
 class Geometry(Optional):
-    """Errors of the table's screws and ways, none where nothing is given: see `edmsim.plant.axes.ways`."""
+    """Errors of the table's screws and ways; omitted ones are 0. See `edmsim.plant.axes.ways`."""
 
     # cumulative error of the screw
     x_pitch_um_m: Annotated[Constant, _within(-10000, 10000)] | None = None
@@ -107,19 +107,19 @@ class Geometry(Optional):
     # amplitude of the error within a turn of the screw
     x_periodic_um: Annotated[Constant, _within(-1000, 1000)] | None = None
     y_periodic_um: Annotated[Constant, _within(-1000, 1000)] | None = None
-    # of both screws: travel of a turn
+    # lead of both screws: travel per turn
     lead_mm: Annotated[Positive, _within(0.1, 100)] | None = None
     # error of y per travel of x
     squareness_um_m: Annotated[Constant, _within(-50000, 50000)] | None = None
-    # how far the way of x bends towards y at its ends
+    # bend of the way of x towards y at its ends
     x_straightness_um: Annotated[Constant, _within(-1000, 1000)] | None = None
     y_straightness_um: Annotated[Constant, _within(-1000, 1000)] | None = None
-    # share by which squareness and straightness change per mm of u
+    # relative change of squareness and straightness per mm of u
     change_per_mm: Annotated[Constant, _within(-1, 1)] | None = None
 
     @property
     def has_errors(self) -> bool:
-        """Whether there is any."""
+        """Whether any error is not 0."""
         return any(self.value(name) for name in type(self).model_fields if name not in ("lead_mm", "change_per_mm"))
 
     @model_validator(mode="after")
@@ -135,11 +135,11 @@ class Guides(Optional):
     clearance_mm: Annotated[Positive, _within(0.1, 200)]
     damping_ratio: Annotated[Positive, _within(0.0001, 0.9)]
     wire_speed_m_s: Annotated[Positive, _within(0.001, 15)]
-    # edge over which a leaning wire bends; without it that is sharp
+    # radius of the edge over which a tilted wire bends; by default 0
     edge_radius_mm: Annotated[Constant, _within(0, 50)] | None = None
-    # how far the upper guide goes, either way; without it there is no taper
+    # travel of the upper guide in each direction; without it taper is impossible
     upper_travel_mm: Annotated[Positive, _within(0.1, 300)] | None = None
-    # how much higher the guides are than the control knows
+    # height of the guides over that known to the control
     lower_error_mm: Annotated[Constant, _within(-5, 5)] | None = None
     upper_error_mm: Annotated[Constant, _within(-5, 5)] | None = None
 
@@ -158,8 +158,8 @@ class Dielectric(Part):
     wake_mm: Annotated[Positive, _within(0.01, 100)]
     jet_drag: Annotated[Constant, _within(0, 10)]
     flushing_pressure_Pa: Annotated[Positive, _within(100, 3e6)]
-    nozzle_mm: Annotated[Positive, _within(0.1, 100)]  # its bore
-    nozzle_flow_l_min: Annotated[Positive, _within(0.1, 500)]  # the most that the pump gives each nozzle
+    nozzle_mm: Annotated[Positive, _within(0.1, 100)]  # bore of the nozzle
+    nozzle_flow_l_min: Annotated[Positive, _within(0.1, 500)]  # greatest flow of the pump per nozzle
     side_gap_um: Annotated[Positive, _within(1, 100)]
 
 
@@ -197,7 +197,7 @@ class Gap(Part):
 
 
 class Discharge(Part):
-    """What a discharge does to workpiece and wire."""
+    """Effects of a discharge on workpiece and wire."""
 
     crater_cv: Annotated[Constant, _within(0, 2)]
     crater_flatness: Annotated[Positive, _within(0.001, 1)]
@@ -267,7 +267,7 @@ class Wire(Part):
     half_strength_K: Annotated[Positive, _within(400, 5000)]
     melting_K: Annotated[Positive, _within(400, 5000)]
     stress_MPa: Annotated[Positive, _within(0.1, 20000)]
-    # Young's modulus; without it the wire is taken to be limp
+    # Young's modulus; without it the wire has no bending stiffness
     elasticity_GPa: Annotated[Positive, _within(0.1, 1500)] | None = None
 
     @model_validator(mode="after")
@@ -278,7 +278,7 @@ class Wire(Part):
 
 
 class Surface(Part):
-    """What makes the layers of a cut face: see `edmsim.metrology.roughness`."""
+    """Constants of the layers of a cut face: see `edmsim.metrology.roughness`."""
 
     diffusivity_mm2_s: Annotated[Positive, _within(0.01, 1000)]
     melting_K: Annotated[Positive, _within(300, 6000)]
@@ -293,7 +293,7 @@ class Surface(Part):
 
 
 class Material(Part):
-    """A workpiece material; without `surface` nothing is said of the layers of its cut face."""
+    """A workpiece material; without `surface` the report has no layers of its cut face."""
 
     title: str
     removal_mm3_J: Annotated[Positive, _within(1e-15, 1)]
@@ -303,11 +303,11 @@ class Material(Part):
 
 
 MOST_EQUALISING_A = 0.4
-"""No arc holds below it (ours: between clean metals it takes a few tenths of an ampere, Atalla 1953)."""
+"""Least current of an arc (ours: between clean metals a few tenths of an ampere, Atalla 1953)."""
 
 
 class Equalising(Part):
-    """Supply of the pulses of the other polarity, and its series resistor: see `edmsim.plant.gap.generator`."""
+    """Supply of the equalising pulses, and its series resistor: see `edmsim.plant.gap.generator`."""
 
     voltage_V: Annotated[Positive, _within(1, 1000)]
     resistance_ohm: Annotated[Positive, _within(0.001, 100000)]
@@ -323,7 +323,7 @@ class Equalising(Part):
 
 
 class Generator(Part):
-    """A pulse generator; what `t_on_us` means depends on the mode (see `edmsim.plant.gap.generator`)."""
+    """A pulse generator; the meaning of `t_on_us` depends on the mode (see `edmsim.plant.gap.generator`)."""
 
     title: str
     mode: Literal["iso-pulse", "iso-energetic", "ignition-pulse"]
@@ -347,7 +347,7 @@ class Generator(Part):
 
 
 class SetUp(Choices):
-    """Everything a set-up consists of, unchecked; see `edmsim.Machine` for its attributes."""
+    """All parts of a set-up, unchecked; see `edmsim.Machine` for its attributes."""
 
     name: str
     wire_name: str
@@ -376,10 +376,10 @@ class SetUp(Choices):
 
     @property
     def auto_offset_mm(self) -> float:
-        """Distance from wire centre to part edge that is expected: wire radius and side gap."""
+        """Expected distance from wire centre to part edge: wire radius and side gap."""
         return (self.wire_diameter_um / 2 + self.base.dielectric.side_gap_um.value) * 1e-3
 
     @property
     def breaking_force(self) -> float:
-        """Tension in newton at which the cold wire breaks."""
+        """Tension in N at which the cold wire breaks."""
         return self.wire.strength_MPa.value * math.pi / 4 * (self.wire_diameter_um * 1e-3) ** 2

@@ -1,7 +1,7 @@
 """Machines drawn within the ranges of their constants: `Machine.sample` and `Machine.uncertain`.
 
-A range in a machine, wire or material file bounds what is known of a constant. The ranges of a generator file
-are what its operator may set, and are left alone.
+A range in a machine, wire or material file is the uncertainty of a constant. Ranges in a generator file are limits of
+the operator's settings, and are not drawn from.
 """
 
 import math
@@ -15,8 +15,8 @@ from edmsim.machine.parts import Constant, Part, SetUp
 from edmsim.machine.setting import check
 
 _SetUp = TypeVar("_SetUp", bound=SetUp)
-LOG_FROM_RATIO = 3.0  # a positive range with ends this far apart says an order, and is drawn log-uniformly (ours)
-MOST_DRAWS = 100  # set-ups drawn before giving up (ours: where 5 % can run, 99 of 100 calls succeed)
+LOG_FROM_RATIO = 3.0  # ratio of the ends from which a positive range is drawn log-uniformly (ours)
+MOST_DRAWS = 100  # greatest number of draws (ours: if 5 % of set-ups can run, 99 of 100 calls succeed)
 
 
 def uncertain(machine: SetUp) -> dict[str, Constant]:
@@ -54,23 +54,23 @@ def sample(machine: _SetUp, rng: np.random.Generator, only: Iterable[str] | None
 
 
 def value_at(bounds: tuple[float, float], share: float) -> float:
-    """Return the value below which `share` (0..1) of the draws from a range lie."""
-    # uniform from end to end; log-uniform where the range is positive and spans a factor of `LOG_FROM_RATIO`
+    """Return the quantile `share` (0..1) of the draws from a range."""
+    # uniform; log-uniform if the range is positive and spans a factor of `LOG_FROM_RATIO`
     low, high = bounds
     is_order = low > 0 and high / low >= LOG_FROM_RATIO
     value = low * (high / low) ** share if is_order else low + (high - low) * share
-    return min(max(value, low), high)  # rounding may lead beyond the ends
+    return min(max(value, low), high)  # rounding may exceed the ends
 
 
 def share_of(bounds: tuple[float, float], value: float) -> float:
-    """Return the share (0..1) of the draws from a range that lie below `value`: the inverse of `value_at`."""
+    """Return the share (0..1) of the draws from a range below `value`: the inverse of `value_at`."""
     low, high = bounds
     is_order = low > 0 and high / low >= LOG_FROM_RATIO
     return math.log(value / low) / math.log(high / low) if is_order else (value - low) / (high - low)
 
 
 def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
-    """Return the constants with a range that sections and names mean, in the order of the files."""
+    """Return the constants with a range that are selected by sections and names, in the order of the files."""
     known = uncertain(machine)
     names = _chosen(known, only)
     return {name: constant for name, constant in known.items() if name in names}
@@ -83,7 +83,7 @@ def _sections(machine: SetUp) -> dict[str, Part]:
 
 
 def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
-    """Names of the constants that `only` means, by section or one by one."""
+    """Return the names of the constants that `only` selects, by section or one by one."""
     only = set(only)
     if only <= known.keys():
         return only
@@ -100,7 +100,7 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
 
 
 def values_of(machine: SetUp, names: Iterable[str]) -> dict[str, float]:
-    """Return the values of some constants, named by section and key."""
+    """Return the values of constants, named by section and key."""
     return {name: constant.value for name, constant in _named(machine, names).items()}
 
 
@@ -111,13 +111,13 @@ def _named(machine: SetUp, names: Iterable[str]) -> dict[str, Constant]:
 
 
 def with_values(machine: _SetUp, values: Mapping[str, float]) -> _SetUp:
-    """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
+    """Return the machine with other values of constants, unchecked; sources and ranges stay."""
     known = _named(machine, values)
     return with_constants(machine, {name: known[name].changed({"value": value}) for name, value in values.items()})
 
 
 def with_constants(machine: _SetUp, constants: Mapping[str, Constant]) -> _SetUp:
-    """Return the machine with some constants replaced, unchecked."""
+    """Return the machine with constants replaced, unchecked."""
     changed: dict[str, dict[str, Constant]] = {}
     for name, constant in constants.items():
         section, _, key = name.partition(".")

@@ -1,4 +1,4 @@
-"""The setting of a set-up: the operator's options or else the files' constants, and their checks."""
+"""The setting of a set-up, from the operator's options or the files' constants, and its checks."""
 
 import math
 from typing import NamedTuple
@@ -8,17 +8,17 @@ from edmsim.machine.options import Choices, SetUpOptions, bare_name, limits_of, 
 from edmsim.machine.parts import Constant, SetUp
 
 WINDOW_PULSES = 255  # pulses of a window: the cycle of the analyser that counts them (row T-40)
-AIR_SHARE = 0.9  # where more pulses are open than this, no metal is near the wire (ours)
-MOST_TIME_S = 1e9  # longest machine time, which is counted in ns: thirty years (ours: int64 holds ten times as much)
+AIR_SHARE = 0.9  # share of open pulses above which no metal is near the wire (ours)
+MOST_TIME_S = 1e9  # longest machine time, in ns: 30 years (ours: a tenth of int64)
 WIRE_DIAMETER_UM = (20.0, 400.0)  # wire diameters of the field (thesis 1982, section 2.7.1)
-TENSION_N = (0.01, 300.0)  # ours: from 20 um copper to what breaks 400 um molybdenum
+TENSION_N = (0.01, 300.0)  # ours: from 20 um copper up to the breaking force of 400 um molybdenum
 LIMITS = limits_of(SetUpOptions)  # limits of the options of a set-up, by name
-HELD_WIRE_UM = 250.0  # diameter of the wire that the settings of the package's generators hold
-LEAST_FLUSHING_PA = 100.0  # 1 cm of water (ours): a lower pressure that is not 0 was meant in another unit
+HELD_WIRE_UM = 250.0  # diameter of the wire for which the settings of the package's generators are safe
+LEAST_FLUSHING_PA = 100.0  # 1 cm of water (ours): a lower pressure above 0 was probably meant in another unit
 
 
 class PulseForm(NamedTuple):
-    """Form of a discharge's current: its mean over its peak, and its mean square over the square of its mean."""
+    """Form of a discharge's current: mean over peak, and mean square over squared mean."""
 
     mean: float
     square: float
@@ -33,74 +33,74 @@ def _in_force(chosen: float | None, constant: Constant) -> float:
 
 
 def pulse_shape(machine: SetUp) -> str:
-    """Name of the shape of a discharge's current."""
+    """Return the name of the shape of a discharge's current."""
     return machine.generator.pulse_shape if machine.pulse_shape is None else machine.pulse_shape
 
 
 def pulse_form(machine: SetUp) -> PulseForm:
-    """Form of a discharge's current."""
+    """Return the form of a discharge's current."""
     return PULSE_FORMS[pulse_shape(machine)]
 
 
 def open_V(machine: SetUp) -> float:
-    """Voltage on the gap until it ignites."""
+    """Return the voltage on the gap until it ignites."""
     return _in_force(machine.open_voltage_V, machine.generator.open_voltage_V)
 
 
 def supply_V(machine: SetUp) -> float:
-    """Voltage of the supply that drives the discharge; the open voltage where the generator has no second one."""
+    """Return the voltage of the discharge's supply: the open voltage unless the generator has a second supply."""
     second = machine.generator.supply_voltage_V
     return open_V(machine) if second is None else second.value
 
 
 def _driving_V(machine: SetUp) -> float:
-    """Voltage on the resistance in series with a burning gap."""
+    """Return the voltage on the series resistance while the gap burns."""
     return supply_V(machine) - machine.material.burning_voltage_V.value
 
 
 def most_current_A(machine: SetUp) -> float:
-    """Greatest peak current: what the supply drives through the generator's own resistor (row T-4)."""
+    """Return the greatest peak current: that through the generator's own resistor (row T-4)."""
     return _driving_V(machine) / machine.generator.resistance_ohm.value
 
 
 def resistance_ohm(machine: SetUp) -> float:
-    """Resistance in series with the gap; the peak current is chosen by switching more of it in."""
+    """Return the resistance in series with the gap; a lower peak current needs more of it."""
     if machine.peak_current_A is not None:
         return _driving_V(machine) / machine.peak_current_A
     return _in_force(machine.resistance_ohm, machine.generator.resistance_ohm)
 
 
 def discharge_current_A(machine: SetUp) -> float:
-    """Mean current of a discharge: (u(i) - u(e)) / R (row T-4) at its peak, times the share of the pulse's shape."""
+    """Return the mean current of a discharge: the peak (u(i) - u(e)) / R (row T-4) times the mean of the shape."""
     return _driving_V(machine) / resistance_ohm(machine) * pulse_form(machine).mean
 
 
 def short_current_A(machine: SetUp) -> float:
-    """Mean current of a short circuit over the on-time: no burning voltage is left, but the generator may cut it."""
+    """Return the mean current of a short over the on-time, without burning voltage; the generator may limit it."""
     share = machine.generator.short_current_share
     full = supply_V(machine) / resistance_ohm(machine) * pulse_form(machine).mean
     return full if share is None else share.value * full
 
 
 def arc_share(machine: SetUp) -> float:
-    """Duration of a discharge that ignites at once, over that of any other."""
+    """Return the duration of an arc over that of a spark."""
     share = machine.generator.arc_share
     return 1.0 if share is None else share.value
 
 
 def mean_current_A(machine: SetUp) -> float:
-    """Modelled mean current of a setting, all pulses igniting at once: I t(i) / t(p) (row T-35)."""
+    """Return the modelled mean current of a setting if all pulses ignite at once: I t(i) / t(p) (row T-35)."""
     return discharge_current_A(machine) * machine.t_on_us / machine.t_period_us
 
 
 def least_period_us(machine: SetUp, t_on_us: float) -> float:
-    """Shortest period at which the supply gives an on-time without exceeding its mean current (rows T-34, T-35)."""
+    """Return the shortest period for an on-time within the supply's mean current (rows T-34, T-35)."""
     return discharge_current_A(machine) * t_on_us / machine.generator.mean_current_limit_A.value
 
 
 def held_period_us(machine: SetUp) -> float:
-    """Shortest period at which a wire carries no higher mean current density than at the generator's own setting."""
-    # that setting is one that holds a brass wire of `HELD_WIRE_UM`: from the start hole on, at usual heights
+    """Return the shortest period with at most the mean current density of the generator's own setting."""
+    # a brass wire of `HELD_WIRE_UM` survives this setting from the start hole on, at usual heights
     own = machine.generator
     usual = machine.model_copy(update={
         "t_on_us": own.t_on_us.value, "t_period_us": own.t_period_us.value, **dict.fromkeys(Choices.model_fields),
@@ -110,52 +110,52 @@ def held_period_us(machine: SetUp) -> float:
 
 
 def ignition_wait_us(machine: SetUp) -> float:
-    """Longest time to ignition: the on-time where the switch ends the pulse."""
+    """Return the longest time to ignition; for a pulse of fixed duration, the on-time."""
     own = machine.generator.ignition_wait_us
     return machine.t_on_us if own is None else _in_force(machine.ignition_wait_us, own)
 
 
 def busy_us(machine: SetUp) -> float:
-    """Time of a pulse that a period must leave room for, at the least."""
+    """Return the least time of a pulse that must fit into a period."""
     waits = machine.generator.mode == "ignition-pulse"
     return machine.t_on_us + (ignition_wait_us(machine) if waits else 0.0)
 
 
 def period_range_us(machine: SetUp) -> tuple[float, float]:
-    """Shortest and longest period of the generator."""
+    """Return the shortest and longest period of the generator."""
     return machine.generator.t_period_us.range or LIMITS["t_period_us"].range
 
 
 def wire_speed_m_s(machine: SetUp) -> float:
-    """Speed of the running wire."""
+    """Return the speed of the running wire."""
     return _in_force(machine.wire_speed_m_s, machine.base.guides.wire_speed_m_s)
 
 
 def flushing_Pa(machine: SetUp) -> tuple[float, float]:
-    """Pressures set for the lower and the upper nozzle over the surroundings; the machine's own is that of both."""
-    # what is left of them at the workpiece is `edmsim.plant.constants.faces_Pa`
+    """Return the set pressures of the lower and the upper nozzle over the surroundings; by default the machine's."""
+    # the pressures at the workpiece are `edmsim.plant.constants.faces_Pa`
     own = machine.base.dielectric.flushing_pressure_Pa
     return _in_force(machine.flushing_lower_Pa, own), _in_force(machine.flushing_upper_Pa, own)
 
 
 def standoffs_mm(machine: SetUp) -> tuple[float, float]:
-    """Distances of the lower and the upper nozzle from the workpiece; they lie on it unless the operator says so."""
+    """Return the distances of the lower and the upper nozzle from the workpiece; by default 0."""
     return machine.standoff_lower_mm or 0.0, machine.standoff_upper_mm or 0.0
 
 
 class GuideBends(NamedTuple):
-    """Where a leaning wire bends."""
+    """Places where a tilted wire bends."""
 
-    stiff_mm: float  # how far inside the guides, because the wire is stiff
-    # of the guides' edges: they take the bend further in by that radius times the tangent of half the angle
+    stiff_mm: float  # distance inside the guides, by the wire's stiffness
+    # radius of the guides' edges, which moves the bend further inside by radius times tan(angle / 2)
     radius_mm: float
-    # how much higher the guides are than the control knows
+    # height of the guides over that known to the control
     lower_error_mm: float
     upper_error_mm: float
 
 
 def guide_bends(machine: SetUp) -> GuideBends:
-    """Where a leaning wire bends: a clamped wire comes to its line within ``sqrt(E I / T)``."""
+    """Return where a tilted wire bends: a clamped wire approaches its line within ``sqrt(E I / T)``."""
     modulus, guides = machine.wire.elasticity_GPa, machine.base.guides
     second_moment_mm4 = math.pi / 64 * (machine.wire_diameter_um * 1e-3) ** 4
     bending_N_mm2 = 0.0 if modulus is None else modulus.value * 1e3 * second_moment_mm4
@@ -190,12 +190,12 @@ def check_pulses(machine: SetUp) -> None:
 
 
 def check_height(height_mm: float, where: str = "") -> None:
-    """Raise `InputError` for a workpiece height no machine takes; `where` ends the message's subject."""
+    """Raise `InputError` for an impossible workpiece height; `where` ends the message's subject."""
     _check_limit("height_mm", height_mm, where=where)
 
 
 def _check_limit(name: str, value: float, own: Constant | None = None, where: str = "") -> None:
-    """Refuse a value out of an option's limits; a range of the generator's own constant holds in their place."""
+    """Refuse a value outside an option's limits; a range of the generator's constant replaces these."""
     limits, unit = LIMITS[name], unit_of(name)
     low, high = limits.range if own is None or own.range is None else own.range
     if not low <= value <= high:
@@ -204,7 +204,7 @@ def _check_limit(name: str, value: float, own: Constant | None = None, where: st
 
 
 def _check_choices(machine: SetUp) -> None:
-    """Refuse choices out of their limits, and those that exclude each other or do not belong to the generator."""
+    """Refuse choices outside their limits, that exclude each other, or that the generator does not have."""
     mode = machine.generator.mode
     for name in Choices.model_fields:
         if name in LIMITS and (value := getattr(machine, name)) is not None:
@@ -224,7 +224,7 @@ def _check_choices(machine: SetUp) -> None:
 
 
 def _check_times(machine: SetUp) -> None:
-    """Refuse on-times and periods out of the generator's limits, and those without a pause (rows T-1, T-2, T-36)."""
+    """Refuse on-times and periods outside the generator's limits, or without a pause (rows T-1, T-2, T-36)."""
     for name in ("t_on_us", "t_period_us"):
         _check_limit(name, getattr(machine, name), getattr(machine.generator, name))
     busy = busy_us(machine)
@@ -233,7 +233,7 @@ def _check_times(machine: SetUp) -> None:
 
 
 def _check_currents(machine: SetUp) -> None:
-    """Refuse voltages that drive no discharge, and currents the supply does not give (rows T-34, T-35)."""
+    """Refuse voltages too low for a discharge, and currents above the supply's limit (rows T-34, T-35)."""
     burning = machine.material.burning_voltage_V.value
     for name, voltage in (("open", open_V(machine)), ("supply", supply_V(machine))):
         if voltage <= burning:

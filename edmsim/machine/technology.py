@@ -1,7 +1,7 @@
 """Technologies: offsets and settings of every pass by workpiece height, files of `models/technologies`.
 
-A technology is found by simulation (``edmsim tune technology``). Its passes form a chain: a pass has the same setting
-however many follow, and offsets are counted from the last pass, the one that meets the drawing.
+A technology is found by simulation (``edmsim tune technology``). Its passes form a chain: the setting of a pass does
+not depend on the number of passes after it, and offsets are relative to the last pass, which produces the drawn size.
 """
 
 import math
@@ -17,14 +17,14 @@ from edmsim.machine.options import USUAL_MACHINE, SetUpOptions, available
 from edmsim.machine.parts import Part
 from edmsim.numeric import Number
 
-_BEYOND = 1.6  # how many times lower or higher than any of its heights a technology is used (ours)
+_BEYOND = 1.6  # greatest ratio of a height to the nearest height of a technology (ours)
 _Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 _Any = Annotated[Number, Field(allow_inf_nan=False)]
 _Part = TypeVar("_Part", bound=Part)
 
 
 class FoundPass(Part):
-    """What a pass did when the technology was found: feed, stock taken, roughness and bow of a straight cut."""
+    """Results of a pass when the technology was found: feed, removed stock, roughness and bow of a straight cut."""
 
     feed_mm_min: _Any
     stock_um: _Any
@@ -47,14 +47,14 @@ class PassSetting(Part):
     wire_speed_m_s: _Above | None = None
     flushing_lower_Pa: _Any | None = None
     flushing_upper_Pa: _Any | None = None
-    # whether the feed follows the gap, or is constant and slowed by shorts: adaptive, constant
+    # "adaptive" follows the gap; "constant" is constant and slowed by shorts
     feed: Literal["adaptive", "constant"]
     open_target_share: Annotated[Number, Field(ge=0, le=1)] = 0.06  # target share of open pulses of an adaptive feed
     stop_share: Annotated[Number, Field(gt=0, le=1)] = 0.5  # share of shorts at which a constant feed stops
-    # path before an outer corner of the wire's path on which the period of a constant feed is longer, and by how much
+    # path before an outer corner on which the period of a constant feed is longer, and the factor on it
     corner_before_um: _Any = 0.0
     corner_factor: Annotated[Number, Field(ge=1)] = 3.0
-    feed_mm_min: _Above  # the constant feed; an adaptive one begins at half
+    feed_mm_min: _Above  # the constant feed; an adaptive one begins at half of it
     last_offset_um: _Above  # offset that produces the drawn size if this is the last pass
     step_um: _Any = 0.0  # decrease of the offset to the next pass
     found: FoundPass
@@ -82,7 +82,7 @@ OF_PASS = {
     "wire_speed_m_s": "wire_speed_m_s", "flushing_lower_Pa": "flushing_lower_Pa",
     "flushing_upper_Pa": "flushing_upper_Pa",
 }  # fmt: skip
-"""Options of a set-up that a pass has of its own, and what a `PassSetting` calls them."""
+"""Options of a set-up that each pass has, and their names in a `PassSetting`."""
 
 
 def machine_of(one: PassSetting, machine: str, material: str, wire: str, height_mm: float) -> Machine:
@@ -92,10 +92,10 @@ def machine_of(one: PassSetting, machine: str, material: str, wire: str, height_
 
 
 class AtHeight(Part):
-    """The passes of a technology at one height, from rough to last, and how much slower a lead-in is cut."""
+    """The passes of a technology at one height, from rough to last, and the factor on the feed of a lead-in."""
 
     height_mm: _Above
-    resolution: str | None = None  # of the cuts that its offsets were measured in, if known
+    resolution: str | None = None  # resolution of the cuts in which the offsets were measured, if known
     approach_share: Annotated[Number, Field(gt=0, le=1)] = 0.25
     passes: Annotated[tuple[PassSetting, ...], Field(alias="pass", min_length=1)]
 
@@ -107,7 +107,7 @@ class AtHeight(Part):
 
 
 class PassTable(NamedTuple):
-    """What a technology says of a cut: offsets and settings of its passes, from rough to last."""
+    """A technology's offsets and settings for the passes of a cut, from rough to last."""
 
     offsets_mm: tuple[float, ...]
     settings: tuple[PassSetting, ...]
@@ -182,9 +182,9 @@ class Technology(Part):
 
 
 def _alone(at: AtHeight, height_mm: float) -> AtHeight:
-    """Return the settings of the only known height for another one, with its power per mm of height."""
-    # A trim then removes its metal at its feed. The rough pass of a taller part keeps its power, and is slower: the
-    # wire is longer in the gap. That of a lower part must not: at the power for 25.4 mm wires break on 16 mm.
+    """Return the settings for another height than the only known one, with the same power per mm of height."""
+    # With this power a trim removes its metal at its feed. The rough pass of a taller part keeps the total power and
+    # is slower. That of a lower part must not: at the power for 25.4 mm, wires break on 16 mm.
     share = at.height_mm / height_mm
     rough, *trims = at.passes
     slower = min(share, 1.0)
@@ -200,10 +200,10 @@ def _alone(at: AtHeight, height_mm: float) -> AtHeight:
 
 
 def _between(low: AtHeight, high: AtHeight, share: float, height_mm: float) -> AtHeight:
-    """Return the settings at a share of the way, in the logarithm of the height, from one to the other."""
+    """Interpolate between two settings at a share of the logarithm of the height."""
     passes = []
     for a, b in zip(low.passes, high.passes, strict=False):
-        mixed = _mixed(a, b, share)  # beyond the heights, what was found may come out faster than the feed
+        mixed = _mixed(a, b, share)  # outside the heights, the extrapolated result could be faster than the feed
         most = {"feed_mm_min": min(mixed.found.feed_mm_min, mixed.feed_mm_min)}
         passes.append(mixed.model_copy(update={"found": mixed.found.model_copy(update=most)}))
     resolution = low.resolution if low.resolution == high.resolution else None
@@ -239,7 +239,7 @@ def read_technology(file: str | Path) -> Technology:
 
 
 def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
-    """Return the technology of a material, or of that with the nearest removal, for a machine and a wire if named."""
+    """Return the technology of a material, or of that with the nearest removal; optionally for machine and wire."""
     known = [read_technology(name) for name in available("technologies")]
     fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
     if not fitting:
