@@ -15,11 +15,11 @@ MODULES = (
     "ignition", "craters", "wire", "gas", "water", "corners", "taper", "pulse_ratios", "cuts", "debris", "lag",
     "breakage", "stable_rate", "quality", "passes", "spread",
 )
-"""Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
+"""Modules of this package with ``CHECKS``; topics are in the order of their first use."""
 SEEDS = tuple(range(1, 9))
-"""Seeds of every check (ours: shorts come in bursts, and with half as many seeds intervals hide many effects)."""
+"""Seeds of every check (ours: shorts come in bursts, and half as many seeds would hide many effects)."""
 CHECK_TEXTS = "id", "check"
-"""Texts that every row of a table of finished checks has."""
+"""Text columns of a table of finished checks."""
 
 Watch = Callable[[int, int], None]
 
@@ -33,7 +33,7 @@ def _topics(modules: Sequence[str]) -> Checks:
 
 
 def checks(modules: Sequence[str] = MODULES, topics: Sequence[str] | None = None) -> list[Check]:
-    """Return the checks of some of `MODULES`, by default of all; if `topics` are given, only those with such rows."""
+    """Return the checks of some of `MODULES`, by default of all; with `topics`, only those with such rows."""
     found = _topics(modules)
     known = list(dict.fromkeys(topic for of_check in found.values() for topic in of_check))
     for name in topics or ():
@@ -50,7 +50,7 @@ def _name(check: Check) -> str:
 
 
 def _ids(found: Sequence[Check]) -> list[str]:
-    """Return what identifies the rows of checks: their names, the seeds, and all code and data of the package."""
+    """Return a digest of checks: their names, the seeds, and all code and data of the package."""
     folders = [Path(package.__path__[0]) for package in (edmsim, controllers, models)]
     files = [file for folder in folders for file in sorted(folder.rglob("*.*")) if file.suffix != ".pyc"]
     made_with = {"files": [digest(str(file)) for file in files], "seeds": SEEDS}

@@ -1,7 +1,7 @@
-"""Rows on wire rupture: operating points that held or broke, and the mean current at which the wire breaks.
+"""Rows on wire rupture: operating points at which the wire broke or not, and the mean current at which it breaks.
 
-The limit is measured as Sato et al. did: the pause is shortened step by step until the wire breaks, while the
-feed follows the pulses, and the largest mean current it had held is noted, short-circuit pulses left out.
+The limit is measured as by Sato et al.: the pause is shortened step by step until the wire breaks, while the feed
+follows the pulses. The limit is the largest mean current before the break, without short-circuit pulses.
 """
 
 import math
@@ -24,12 +24,12 @@ PEAK_A, PULSE_US = 700.0, 1.4  # triangular pulse of Sato's stable cutting, an u
 LEAST_PEAK_A, MOST_PEAK_A = 600.0, 940.0  # peak currents of Sato's 67 conditions
 STABLE_HZ = 60e3  # discharges per second in Sato's stable cutting of 80 mm
 PAUSE_US, BREAKING_PAUSE_US = 8.0, 6.0
-"""Pause of that stable cutting, and the pause at which the wire broke in all four trials (his table 2)."""
-LONGEST_PERIOD_US = 60.0  # pulse and pause the search begins with: a third of any limit found (ours)
+"""Pause of this stable cutting, and the pause at which the wire broke in all four trials (his table 2)."""
+LONGEST_PERIOD_US = 60.0  # initial pulse and pause of the search: a third of all limits found (ours)
 HOLD_S = 0.3  # time at each step, several times the wire's thermal time constant of some 20 ms (ours)
-APPROACH_S = 2.0  # time the feed is given to find its level first (ours)
+APPROACH_S = 2.0  # time in which the feed settles first (ours)
 HELD_SHARE = 0.1
-"""Share of open pulses that the feed of the search holds (ours: with more, the gap takes less than the 60 000
+"""Share of open pulses that the servo of the search holds (ours: a larger share gives fewer than the 60 000
 discharges per second of Sato's stable cutting)."""
 
 
@@ -37,8 +37,8 @@ def sato_rig(
     height_mm: float, changes: Mapping[str, float] | None = None, *, tension: float = 22.0, peak_A: float = PEAK_A
 ) -> Machine:
     """Return the set-up of Sato et al.: 0.3 mm brass, 22 N, 13 m/min, short triangles of high current on steel."""
-    # the rest is the production machine's and its generator's, which were made after this source: 80 V of open
-    # voltage, the nominal one of the ignition law, and 2 bar at both nozzles
+    # The rest is that of the production machine and its generator, whose files follow this source: 80 V open voltage,
+    # the nominal one of the ignition law, and 2 bar at both nozzles.
     rated = Machine.load("production", generator="production", wire="brass-300", height_mm=height_mm)
     supply = rated.generator.supply_voltage_V
     assert supply is not None
@@ -48,21 +48,21 @@ def sato_rig(
 
 
 ROUGH_PERIOD_US, ROUGH_TENSION_N = 10.0, 10.0
-"""Least period and tension of the rough cut in which the wire's place is looked at (ours: usual of such cuts)."""
+"""Least period and tension of the rough cut for rows on the wire's position (ours: usual values)."""
 
 
 def rough_rig(
     height_mm: float, changes: Mapping[str, float] | None = None, *, tension: float = ROUGH_TENSION_N
 ) -> Machine:
-    """Return a rough cut: Sato's pulses (10.8 mJ each) every 10 us and their waits, a wire of 0.25 mm that holds."""
+    """Return a rough cut: Sato's pulses (10.8 mJ) at least every 10 us, with an unbreakable wire of 0.25 mm."""
     machine = sato_rig(height_mm, {**UNBREAKABLE, **(changes or {})})
     return machine.with_(t_period_us=ROUGH_PERIOD_US, tension=tension, wire_diameter_um=250.0)
 
 
 def mori_rig() -> Machine:
     """Return the set-up of Mori et al.: 0.2 mm brass, 11 A for 1 us, pauses of 4 us, 75 V, a piece 1 mm wide."""
-    # tension and ignition wait were not published: the default stress, and 50 us. The water stood at the spot.
-    # The piece was SiC; steel here
+    # Tension and ignition wait were not published: here the default stress and 50 us. The water was still. The piece
+    # was SiC; here it is steel.
     return Machine.load(
         generator="production", wire="brass-200", height_mm=1.0, open_voltage_V=75.0, peak_current_A=11.0,
         pulse_shape="rectangle", t_on_us=1.0, t_period_us=5.0, ignition_wait_us=50.0, flushing_lower_Pa=0.0,
@@ -77,13 +77,13 @@ def held_periods(machine: Machine, seed: int, open_share: float = HELD_SHARE) ->
 
 
 def break_limit_A(machine: Machine, seed: int) -> float:
-    """Largest mean current, without short-circuit pulses, that the wire held for `HOLD_S`."""
-    # where the shortest pause does not break it, the largest current there was: then a lower bound of the limit
+    """Return the largest mean current, without short-circuit pulses, that the wire survived for `HOLD_S`."""
+    # a lower bound of the limit if the wire does not break at the shortest pause
     return max((step.current_A for step in held_periods(machine, seed)), default=0.0)
 
 
 def limits_A(machine: Machine, seeds: Seeds) -> list[float]:
-    """Search the limit, a search per seed."""
+    """Search the limit with every seed."""
     return [break_limit_A(machine, seed) for seed in seeds]
 
 
@@ -94,12 +94,12 @@ HANGS_ON: Mapping[str, Mapping[str, float]] = {
     "0.15 of the heat into the wire": {"base.cooling.wire_heat_share": 0.15},
     "a wire that cannot break: all that the gap takes": UNBREAKABLE,
 }
-"""Influences on the limit: two constants at the ends of their ranges at which the wire bears most, a third moved off
-its favourable end, which the machine has, and a wire that cannot break."""
+"""Influences on the limit: two constants at the end of their range with the highest limit, a third moved away from
+its best value, which the machine has, and an unbreakable wire."""
 
 
 def stable_point(seeds: Seeds) -> list[Row]:
-    """The limit on 80 mm against Sato's stable cutting, whose wire broke when the pause fell from 8 to 6 us."""
+    """Compare the limit on 80 mm with Sato's stable cutting, where the wire broke at a pause of 6 us instead of 8."""
     charge = PEAK_A / 2 * PULSE_US * 1e-6
     stable_A = charge * STABLE_HZ
     broke_A = charge / (1 / STABLE_HZ - (PAUSE_US - BREAKING_PAUSE_US) * 1e-6)
@@ -116,7 +116,7 @@ def stable_point(seeds: Seeds) -> list[Row]:
 
 
 def concentration(seeds: Seeds) -> list[Row]:
-    """Mori's rig: in how many runs the wire breaks."""
+    """Count the runs of Mori's rig in which the wire breaks."""
     runs = [mori_cut(mori_rig(), seed).broken for seed in seeds]
     return [Row.band("rupture", "share of runs that break, 1 mm wide piece, pause 4 us", MORI, low=1.0, high=1.0,
                      published="15 of 15", simulated=sum(runs) / len(runs), note=NOTE)]
@@ -129,15 +129,15 @@ def mori_cut(machine: Machine, seed: int) -> Cut:
 
 
 THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0  # heights of Sato's trials
-PAIRED = 32  # seeds of a difference as small as a step of the search
-# ours. A search shortens the period by 5 %: 0.65 A on 20 mm, 1.2 A on 60 mm. The differences of eight seeds had
-# standard deviations of 0.82 and 0.95 A, mostly from the size of the steps, as both searches see the same pulses
-# until a wire breaks; about half of a step is the interval, 2.04 x 0.82 / sqrt(32) = 0.30 A
-OFF_MM = 2.0  # distance by which Sato took one nozzle off the piece
+PAIRED = 32  # seeds for differences as small as a step of the search
+# Ours: a search shortens the period by 5 %, which is 0.65 A on 20 mm and 1.2 A on 60 mm. The differences of eight
+# seeds had standard deviations of 0.82 and 0.95 A, mostly from the size of the steps, because both searches see the
+# same pulses until a wire breaks. The interval is about half of a step: 2.04 x 0.82 / sqrt(32) = 0.30 A.
+OFF_MM = 2.0  # stand-off of one nozzle in Sato's trials
 
 
 def limits(seeds: Seeds) -> list[Row]:
-    """What the limit does with height, flushing, cooling and tension."""
+    """Effects of height, flushing, cooling and tension on the limit."""
     cooling = "base.cooling.convection_W_m2K"
     paired = extended(seeds, PAIRED)
     every_thin, every = (limits_A(sato_rig(height_mm), paired) for height_mm in (THIN_MM, MIDDLE_MM))

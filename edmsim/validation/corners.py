@@ -15,15 +15,15 @@ COLUMNS = {
     "undercut_area_over_delta2": "undercut area",
     "max_normal_deviation_over_delta": "largest distance from the path",
 }
-REACH = 20.0  # length of the corner's sides in lags: the wire has long come back to the path
+REACH = 20.0  # length of the corner's sides in lags: long enough for the wire to return to the path
 
 
 def corner(turn_deg: float) -> tuple[float, float, float]:
-    """Nearest approach to the corner, area left uncut inside it, and largest distance from the path, at lag 1."""
+    """Return nearest approach to the corner, uncut area inside it, and largest distance from the path, at lag 1."""
     turn = math.radians(turn_deg)
     end = (REACH * math.cos(turn), REACH * math.sin(turn))
     guides = LineString([(-REACH, 0.0), (0.0, 0.0), end])
-    wire = pursuit(guides.coords, 1.0)[1:]  # without its way to the first point
+    wire = pursuit(guides.coords, 1.0)[1:]  # without the motion to the first point
     undercut = Polygon([*wire, end, (0.0, 0.0)]).area
     path = LineString(wire).segmentize(1e-3)
     off = max(Point(point).distance(guides) for point in path.coords[1:] if np.hypot(*point) < REACH / 2)
@@ -31,7 +31,7 @@ def corner(turn_deg: float) -> tuple[float, float, float]:
 
 
 def check_corners(seeds: Seeds) -> list[Row]:
-    """All 8 rows of the table; of every turn the quantity that differs most is shown."""
+    """Compare all 8 rows of the table; for every turn the quantity that differs most is shown."""
     rows = []
     for row in models.published("analytic_corner_pursuit_model"):
         turn = float(row["path_turn_deg"])

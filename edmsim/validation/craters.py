@@ -21,12 +21,12 @@ SHAPE = "docs/theory/workpiece.md#shape-of-a-crater"
 VOLUME = "docs/theory/workpiece.md#volume-against-current"
 
 MISPRINTED_MODE = "I17"  # the row whose depth is misprinted: see `published`
-FITTED_MODE = "I9"  # the row whose volume fixes the pulse duration, which was not published: the middle one, 110 A
+FITTED_MODE = "I9"  # the middle row, 110 A, whose volume gives the unpublished pulse duration
 NO_DURATION = "the source gives no duration of the pulses, on which volume and removal per joule depend"
 SLOPES = ((30.0, 425.0, 1.10), (30.0, 215.0, 0.69), (215.0, 425.0, 2.79))
-"""Ranges of current and the exponents fitted to the published volumes over them."""
+"""Ranges of current, and the exponents fitted to the published volumes in them."""
 GAP_UM = 10.0
-DISCHARGES = 150  # discharges per current and seed: the mean of 600 is known to 2 %
+DISCHARGES = 150  # discharges per current and seed: the mean of 600 has an error of 2 %
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class Measured:
 
     @property
     def diameter(self) -> float:
-        """Diameter of a round crater of that area."""
+        """Diameter of a round crater of this area."""
         return math.sqrt(4 * self.area / math.pi)
 
 
 def published() -> list[Measured]:
     """Nine current levels of the single-discharge study; depths are those of its areas and volumes, 3/2 V / A."""
-    # the study's own relation: so eight printed depths are these to 1e-7 um, and the ninth is 2.0000 um less. The
-    # eight lie within 5e-5 um of a straight line over the area, on which the ninth area has these 2.0000 um more
+    # The relation is that of the study: eight printed depths agree to 1e-7 um, and the ninth is 2.0000 um smaller.
+    # The eight are within 5e-5 um of a straight line over the area, on which the ninth has these 2.0000 um more.
     found = []
     for row in models.published("crater_single_discharge_eth"):
         area, volume = float(row["area_mean_um2"]), float(row["volume_mean_um3"])
@@ -59,7 +59,7 @@ def published() -> list[Measured]:
 
 
 def check_shape(seeds: Seeds) -> list[Row]:
-    """Diameter and depth that the loop gives a crater of the measured volume; nothing is drawn."""
+    """Compare diameter and depth of the loop's crater of the measured volume; no random draws."""
     machine = Machine.load()
     numbers, flatness = constants(machine, resolution("default")), machine.base.discharge.crater_flatness.value
     rows = []
@@ -78,7 +78,7 @@ def check_shape(seeds: Seeds) -> list[Row]:
 
 
 def craters_um3(current_A: float, duration_us: float, seeds: Seeds) -> list[NDArray[np.float64]]:
-    """Craters of single discharges of a rectangular pulse, per seed; draws of their own at every current."""
+    """Return craters of single rectangular discharges for every seed, with other draws at every current."""
     machine = Machine.load(generator="iso-energetic", t_on_us=1.0)
     voltage = machine.generator.open_voltage_V.value - machine.material.burning_voltage_V.value
     still = {key: value for key, value in STILL.items() if key != "material.removal_mm3_J"}
@@ -91,7 +91,7 @@ def craters_um3(current_A: float, duration_us: float, seeds: Seeds) -> list[NDAr
 
 
 def fitted_duration_us() -> float:
-    """Duration at which the model removes the published volume at the fitted row's current."""
+    """Return the duration at which the model removes the published volume at the fitted row's current."""
     machine = Machine.load()
     row = next(crater for crater in published() if crater.mode == FITTED_MODE)
     spark = machine.base.discharge
@@ -102,7 +102,7 @@ def fitted_duration_us() -> float:
 
 
 def check_volume(seeds: Seeds) -> list[Row]:
-    """Mean volume at every current with one duration, the slope of volume over current, and the scatter."""
+    """Compare mean volumes at every current for one duration, the slope of volume over current, and the scatter."""
     table, duration = published(), fitted_duration_us()
     runs = [craters_um3(crater.current_A, duration, seeds) for crater in table]
     rows = []

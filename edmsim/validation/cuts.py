@@ -1,4 +1,4 @@
-"""Rows on the result of a cut: kerf, gaps, removal per charge and energy, cutting rate, thickness estimate."""
+"""Rows on results of a cut: kerf, gaps, removal per charge and energy, cutting rate, thickness estimate."""
 
 from itertools import pairwise
 
@@ -26,12 +26,12 @@ PAGE = "docs/theory/emergence.md"
 
 
 def _by_counts(machine: Machine, seed: int) -> Cut:
-    """Cut whose feed follows the pulses, as a machine's does."""
+    """Cut with a feed that follows the pulses, as on a machine."""
     return cut_straight(machine, make("counts"), seed, settle_s=10.0, seconds=15.0)
 
 
 def removal(seeds: Seeds) -> list[Row]:
-    """Energy per removed volume and cutting rate of the default set-up, energy and charge in production cutting."""
+    """Compare energy per volume and cutting rate of the default set-up, energy and charge in production cutting."""
     machine = Machine.load()
     cuts = [_by_counts(machine, seed) for seed in seeds]
     dense = [servo_cut(production(), seed) for seed in seeds]
@@ -52,16 +52,16 @@ def removal(seeds: Seeds) -> list[Row]:
 
 
 def production() -> Machine:
-    """Return Sato's stable cutting of 80 mm, from which the mass balance is."""
+    """Return Sato's stable cutting of 80 mm, the source of the mass balance."""
     rig = sato_rig(80.0, UNBREAKABLE)
     return rig.with_(t_period_us=rig.t_on_us + PAUSE_US)
 
 
-PAUSE_PERIODS_US = (100.0, 150.0, 250.0)  # of the same pulse, with up to three times the default pause (ours)
+PAUSE_PERIODS_US = (100.0, 150.0, 250.0)  # periods of the same pulse, with up to three times the default pause (ours)
 
 
 def pauses(seeds: Seeds) -> list[Row]:
-    """Charge per volume over the pause, the feed in proportion to the pulse frequency."""
+    """Compare the charge per volume over the pause, with a feed proportional to the pulse frequency."""
     longest_over_shortest = []
     for seed in seeds:
         per_volume = []
@@ -77,7 +77,7 @@ def pauses(seeds: Seeds) -> list[Row]:
 
 
 def thickness(seeds: Seeds) -> list[Row]:
-    """Thickness of 10 and 40 mm from working current, kerf and feed, calibrated at 20 mm."""
+    """Estimate thicknesses of 10 and 40 mm from working current, kerf and feed, calibrated at 20 mm."""
     known_mm = 20.0
     cuts = {h: [_by_counts(Machine.load(height_mm=h), seed) for seed in seeds] for h in (10.0, known_mm, 40.0)}
     index = {
@@ -96,14 +96,14 @@ DIAMETERS_UM = (100.0, 150.0, 200.0, 250.0, 300.0)
 
 
 def diameters(seeds: Seeds) -> list[Row]:
-    """Kerf against wire diameter, under the count law and the wire's default stress."""
+    """Compare the kerf over the wire diameter, with the count law and the wire's default stress."""
     kerf = np.array(
         [
             [float(_by_counts(Machine.load(wire=f"brass-{d:g}"), seed).kerf_um.mean()) for d in DIAMETERS_UM]
             for seed in seeds
         ]
     )
-    # a side gap free within 30..60 um at either end allows this much
+    # for side gaps anywhere within 30..60 um at both ends
     free = 2 * (60.0 - 30.0) / (DIAMETERS_UM[-1] - DIAMETERS_UM[0])
     return [
         Row.value("kerf", "kerf over wire diameter, slope", KERF, published=1.0, within=free,
@@ -116,11 +116,11 @@ def diameters(seeds: Seeds) -> list[Row]:
     ]
 
 
-FEEDS_UM_S = (7.0, 14.0, 28.0)  # fixed feeds, each twice the one before, if they are within the capacity (ours)
+FEEDS_UM_S = (7.0, 14.0, 28.0)  # fixed feeds, each twice the one before, if within the capacity (ours)
 
 
 def overcut(seeds: Seeds) -> list[Row]:
-    """Kerf against fixed feed: the walls of a slow cut face the wire for longer."""
+    """Compare the kerf over a fixed feed: the walls of a slow cut face the wire longer."""
     machine = Machine.load()
     feeds = [feed_within(feed, machine) for feed in FEEDS_UM_S]
     kerfs_um = [

@@ -1,4 +1,4 @@
-"""Rows on debris in the gap: gap width by pulse energy, delays in debris, sizes of debris."""
+"""Rows on debris in the gap: gap width over pulse energy, delays in debris, particle sizes."""
 
 import math
 from itertools import pairwise
@@ -25,18 +25,18 @@ REMAINS = f"{ignition.THESIS}: the flow carries the remains of discharges off, a
 GAPS = "docs/theory/emergence.md#kerf-and-gaps"
 PARTICLES = "docs/theory/breakdown.md#particles"
 
-OPEN_SHARE = 0.2  # share of open pulses that the servo of these cuts holds (ours: a rough cut off its jam)
+OPEN_SHARE = 0.2  # share of open pulses that the servo of these cuts holds (ours: far from a jam of the rough cut)
 
 
 # --- the gap over the energy of the pulses ---
 
 ROUGH_MM = 30.0
 BRIEF_US, LONG_US = 0.4, 1.4
-"""On-times of one current and one pause: the longer pulse has three and a half times the energy (ours)."""
+"""On-times at one current and pause: the longer pulse has 3.5 times the energy (ours)."""
 
 
 def gap_over_energy(seeds: Seeds) -> list[Row]:
-    """Gap where discharges strike, with brief pulses and with long ones of the same peak."""
+    """Compare the gap at discharges of short and long pulses with the same peak."""
     brief, long = (
         [servo_cut(rough_pulses(on), seed, open_share=OPEN_SHARE) for seed in seeds] for on in (BRIEF_US, LONG_US)
     )
@@ -45,7 +45,7 @@ def gap_over_energy(seeds: Seeds) -> list[Row]:
 
 
 def rough_pulses(t_on_us: float) -> Machine:
-    """Return the rough cut with another on-time, its peak and its pause as they are."""
+    """Return the rough cut with another on-time, the same peak and the same pause."""
     rough = rough_rig(ROUGH_MM)
     return rough.with_(t_on_us=t_on_us, t_period_us=t_on_us + rough.t_period_us - rough.t_on_us)
 
@@ -53,17 +53,17 @@ def rough_pulses(t_on_us: float) -> Machine:
 FINE_MJ, FINE_ON_US = 0.05, 0.2
 COARSE_MJ, COARSE_ON_US = 10.0, 1.4  # a pulse of fine cuts and one of rough cuts, triangles both (ours: usual orders)
 SIDE_MM, SIDE_V, SIDE_PA = 5.0, 80.0, 0.2e5
-"""Of both: height (ours: fine pulses cut slowly), open voltage, the nominal one of the ignition law, and pressure of
-the nozzles (ours: that of trims, as sheet is flushed)."""
+"""For both: height (ours: fine pulses cut slowly), open voltage, the nominal one of the ignition law, and pressure of
+the nozzles (ours: that of trims and sheet)."""
 START_GAP_UM = 10.0
-"""Gap of the slot that is there (ours: no wider than what fine pulses leave, or the slot would be measured)."""
+"""Gap of the initial slot (ours: narrower than that of fine pulses, so the slot is not measured)."""
 SETTLED_UM, KERF_UM, LONGEST_S = 40.0, 20.0, 600.0
-"""Travel until the kerf is that of the pulses, length of kerf that is measured, and machine time for both (ours)."""
-FEW = 3  # seeds of these slots (ours: the fine pulses of a slot are five million)
+"""Travel until the kerf is determined by the pulses, measured length of kerf, and greatest machine time (ours)."""
+FEW = 3  # seeds of these slots (ours: a slot takes five million fine pulses)
 
 
 def side_gap_over_energy(seeds: Seeds) -> list[Row]:
-    """Side gap of a slot cut with fine pulses and with those of a rough cut."""
+    """Compare the side gap of slots cut with fine pulses and with those of a rough cut."""
     fine, coarse = (
         [side_gap_um(slot_rig(energy, on), seed) for seed in seeds[:FEW]]
         for energy, on in ((FINE_MJ, FINE_ON_US), (COARSE_MJ, COARSE_ON_US))
@@ -73,7 +73,7 @@ def side_gap_over_energy(seeds: Seeds) -> list[Row]:
 
 
 def slot_rig(energy_mJ: float, t_on_us: float) -> Machine:
-    """Return a production machine with triangles of an energy and a length, the pause as in rough cuts."""
+    """Return a production machine with triangles of an energy and a duration, and the pause of rough cuts."""
     burning_V = Machine.load().material.burning_voltage_V.value
     machine = Machine.load(
         "production", generator="production", height_mm=SIDE_MM, open_voltage_V=SIDE_V, t_on_us=t_on_us,
@@ -84,7 +84,7 @@ def slot_rig(energy_mJ: float, t_on_us: float) -> Machine:
 
 
 def side_gap_um(machine: Machine, seed: int) -> float:
-    """Cut a slot: half of what its kerf is wider than the wire; NaN if it jams or takes longer than `LONGEST_S`."""
+    """Cut a slot; return half of the kerf minus the wire, NaN if it jams or takes longer than `LONGEST_S`."""
     plant = begin(machine, seed, gap_um=START_GAP_UM)
     traverse = Traverse(plant, from_text(quick_counts(OPEN_SHARE)))
 
@@ -110,16 +110,16 @@ def side_gap_um(machine: Machine, seed: int) -> float:
 
 SPEEDS_M_S = (0.0, 1.0, 2.0)  # mean flow speeds of figure 2-9
 HOLE_UM, HOLE_V = 25.0, 80.0
-"""Gap and open voltage, the nominal one of the ignition law (ours: at the figure's 300 V equal fields put every gap
-of the figure under the critical one, with debris or without)."""
-SPARK_A = 1.2  # of discharges (ours, the source names none: so small craters that the hole keeps its gap to 1 um)
+"""Gap and open voltage, the nominal one of the ignition law (ours: at the figure's 300 V all its gaps would be below
+the critical one by equal fields, with or without debris)."""
+SPARK_A = 1.2  # energy of discharges (ours, not published: craters so small that the hole keeps its gap to 1 um)
 HOLES, BEFORE, MEASURED = 6, 1, 1
-"""Holes per seed, windows of 25 ms until the debris is steady where water flows, and windows measured."""
+"""Holes per seed, windows of 25 ms until the debris in flowing water is steady, and measured windows."""
 
 
 def delay_in_debris(seeds: Seeds) -> list[Row]:
-    """Mean delay among the debris that discharges leave, over the speed of the water that carries it off."""
-    # craters remove metal here, as nothing else makes debris; whatever else moves or clears the water stays off
+    """Compare the mean delay in the debris of discharges, over the speed of the water that removes it."""
+    # craters remove metal here, because only they make debris; all other motion of the water is off
     delay = {
         speed: [
             ignition.mean_delay_us([w for hole in range(HOLES) for w in in_debris(speed, HOLES * seed + hole)])
@@ -135,7 +135,7 @@ def delay_in_debris(seeds: Seeds) -> list[Row]:
 
 
 def in_debris(speed_m_s: float, seed: int) -> list[PulseWindow]:
-    """Pulses as long as those of figure 2-9 in a hole that their own debris fills and the flow empties."""
+    """Fire pulses as long as those of figure 2-9 in a hole with their own debris and a flow."""
     usual = Machine.load()
     still, metal = ignition.thesis_machine(speed_m_s, HOLE_V, usual.height_mm), usual.material
     ohm = (still.generator.open_voltage_V.value - metal.burning_voltage_V.value) / SPARK_A
@@ -151,16 +151,15 @@ SIZES = (
     "where they leave the critical gap (derived)"
 )
 NEAR_UM, NEAR_SHARE = 13.0, 1e-6
-"""Gap next to the critical one, where particles of some mean sizes ignite, and a debris share at which half of the
-pulses find none (ours)."""
+"""Gap near the critical one, where particles of some mean sizes ignite, and a debris share at which half of the
+pulses meet none (ours)."""
 FAR_UM, FAR_SHARE = (28.0, 30.0, 32.0), 0.01
-"""Gaps of rough cuts, where only the largest particles ignite, and a share at which some pulses find one and some do
-not (ours)."""
+"""Gaps of rough cuts, where only the largest particles ignite, and a share at which some pulses meet one (ours)."""
 LOADED_WINDOWS = 16  # windows per seed and gap: 4080 pulses
 
 
 def particles(seeds: Seeds) -> list[Row]:
-    """Particles that ignite in a hole whose water holds debris: their number, and how it falls with the gap."""
+    """Compare the number of particles that ignite in a hole with debris, and its decrease with the gap."""
     critical_um, size_um = Machine.load().base.gap.critical_um.value, mean_size_um(_at_80_V())
     sizes = (np.array(FAR_UM) - critical_um) / size_um
     over = [[math.log(counted(gap, FAR_SHARE, seed)) for gap in FAR_UM] for seed in seeds]
@@ -175,15 +174,15 @@ def particles(seeds: Seeds) -> list[Row]:
 
 
 def counted(gap_um: float, share: float, seed: int) -> float:
-    """Particles that ignite in a hole, by the share of pulses that find none, over the law's number of them."""
-    # the law is summed over the gaps that the rays see, with the wire's whole girth as its area
+    """Return the number of particles that ignite, from the share of pulses that meet none, over the law's number."""
+    # the law is summed over the gaps of the rays, with the wire's whole surface as area
     machine, gap = loaded_machine(), Machine.load().base.gap
     plant = in_a_hole(machine, ignition.hole_gap_um(machine, gap_um, seed), seed)
     state = plant.snapshot()
     state["debris"][: plant.resolution.slices] = share
     plant.restore(state)
     windows = [plant.advance() for _ in range(LOADED_WINDOWS)]
-    none = max(sum(w.open for w in windows), 1)  # where every pulse finds one, there is at least that number
+    none = max(sum(w.open for w in windows), 1)  # a lower bound if every pulse meets one
     found = -math.log(none / sum(w.pulses for w in windows))
     gaps_um, size_um = ignition.ray_gaps_um(plant), mean_size_um(_at_80_V())
     area_um2 = math.pi * machine.wire_diameter_um * machine.height_mm * 1e3
@@ -192,12 +191,12 @@ def counted(gap_um: float, share: float, seed: int) -> float:
 
 
 def mean_size_um(machine: Machine) -> float:
-    """Mean size of a setting's debris."""
+    """Return the mean particle size of a setting's debris."""
     return float(machine.base.gap.particle_share.value * crater_um3(machine) ** (1 / 3))
 
 
 def loaded_machine() -> Machine:
-    """Return the default machine at the law's nominal voltage: its debris has its size, nothing makes or moves it."""
+    """Return the default machine at the law's nominal voltage, with constant debris of its particle size."""
     usual = _at_80_V()
     still = altered(usual, {**STILL, **ignition.STILL_WATER, **NO_IGNITION})
     return altered(still, {"base.gap.particle_share": mean_size_um(usual) / crater_um3(still) ** (1 / 3)})

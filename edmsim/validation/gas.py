@@ -1,4 +1,4 @@
-"""Closed forms of gas, film, added mass and magnetic force: the compiled loop against its laws."""
+"""Compare gas, film, added mass and magnetic force of the compiled loop with closed forms."""
 
 import math
 from dataclasses import replace
@@ -37,11 +37,11 @@ SKIP = f"the film of a slice is followed where its front gap is under {FAST.film
 # --- gas ---
 
 PERIOD_US, LIFE_US, COVERED = 5.0, 400.0, (0.005, 0.0125, 0.05)
-"""Discharges this often, gas that lives so long, and shares of the slice that one covers: x from 0.4 to 4 (ours)."""
+"""Period of discharges, lifetime of gas, and shares of the slice covered by one discharge: x from 0.4 to 4 (ours)."""
 
 
 def steady_coverage(covers: float) -> float:
-    """Mean share of one slice that gas covers, if every discharge covers a share of it for a while."""
+    """Return the mean share of a slice covered by gas, if every discharge covers a share of it for a lifetime."""
     res = replace(FAST, slices=1)
     a = allocate(Arrays, sizes_of(1, res.rays, res.modes))
     a.metal.fill(1.0)
@@ -57,7 +57,7 @@ def steady_coverage(covers: float) -> float:
 
 
 def check_gas_share(seeds: Seeds) -> list[Row]:
-    """Coverage of one slice at a steady rate of discharges."""
+    """Compare the coverage of one slice at a steady rate of discharges."""
     rows = []
     for covers in COVERED:
         x = covers * LIFE_US / PERIOD_US
@@ -70,27 +70,27 @@ def check_gas_share(seeds: Seeds) -> list[Row]:
 
 
 def _half_kerf(front_um: float, side_um: float) -> tuple[Floats, Floats]:
-    """Angles and gaps of rays on the front half of a wire that leads its kerf's axis."""
+    """Return angles and gaps of rays on the front half of a wire that leads its kerf's axis."""
     angle = math.pi * ((np.arange(128) + 0.5) / 128 - 0.5)
     return angle, side_um - (side_um - front_um) * np.cos(angle)
 
 
 def _whole_kerf(front_um: float, side_um: float) -> tuple[Floats, Floats]:
-    """Angles and gaps as in `_half_kerf`, and of as many rays that meet the straight walls behind."""
+    """Return angles and gaps of `_half_kerf`, and of as many rays to the straight walls behind."""
     angle, gaps = _half_kerf(front_um, side_um)
     behind = angle + math.pi
     return np.append(angle, behind), np.append(gaps, (125.0 + side_um) / np.abs(np.sin(behind)) - 125.0)
 
 
 def film_N_s_m2(angle: Floats, gaps: Floats) -> float:
-    """Resistance of the film before the default wire in water of 20 C, by the sum over rays that the loop takes."""
+    """Return the resistance of the film of the default wire in water of 20 C, by the loop's sum over rays."""
     zero, one = np.float32(0.0), np.float32(1.0)
     across = film_sum(rays_with(gaps, angle), 0, zero, zero, one, zero)
     return float(12 * 1e-3 * 125.0**3 * abs(angle[1] - angle[0]) * across)
 
 
 def check_film(seeds: Seeds) -> list[Row]:
-    """Drag of the film in uniform gaps and in a kerf, and the limit of suction."""
+    """Compare the drag of the film in uniform gaps and in a kerf, and the limit of suction."""
     rows = [
         Row.value("film", f"resistance of the film, uniform gap of {gap:g} um", REYNOLDS,
                   published=6 * math.pi * 1e-3 * (125.0 / gap) ** 3,
@@ -111,7 +111,7 @@ def check_film(seeds: Seeds) -> list[Row]:
 
 
 def _quiet_slot(gap_um: float, t_period_us: float, ahead_um: float = 0.0) -> tuple[Plant, float]:
-    """Return a wire ahead of a slot's axis, the generator off, and its film by the gaps that its rays see."""
+    """Return a wire ahead of a slot's axis with the generator off, and its film from the gaps of its rays."""
     machine = altered(Machine.load(t_on_us=t_period_us / 4, t_period_us=t_period_us), STILL)
     x, y = machine.base.table.centre_um
     stock = started_slot(machine, (x, y), gap_um=gap_um)
@@ -125,7 +125,7 @@ def _quiet_slot(gap_um: float, t_period_us: float, ahead_um: float = 0.0) -> tup
 
 
 def _let_go(plant: Plant, mode_um: float, pulses: int) -> tuple[Floats, Floats]:
-    """Deflect a wire by its first mode and let it go: coordinate and speed of that mode before every pulse."""
+    """Release a wire deflected in its first mode; return coordinate and speed of this mode before every pulse."""
     state = plant.snapshot()
     state["wire_q"][:], state["wire_v"][:] = 0.0, 0.0
     state["wire_q"][0, 0] = mode_um
@@ -143,7 +143,7 @@ SHORT_US, LONG_US = 8.0, 100.0  # periods of a rough cut's and of the default pu
 
 
 def check_film_motion(seeds: Seeds) -> list[Row]:
-    """A wire that is let go: it creeps back in a thin film, and swings in the film of a usual gap."""
+    """Compare the motion of a released wire: creep in a thin film, oscillation in the film of a usual gap."""
     res = FAST
     modes = modal_model(altered(Machine.load(), STILL), res)
     omega, slice_m = float(modes.wire_omega[0]), 20e-3 / res.slices
@@ -176,7 +176,7 @@ def check_film_motion(seeds: Seeds) -> list[Row]:
 
 
 def slot_frequency_Hz(machine: Machine) -> float:
-    """First frequency of a string between guides whose middle, in the slot, moves water with it."""
+    """Return the first frequency of a string between guides with added mass on its middle part, in the slot."""
     wire = wire_setup(machine)
     aside, half = (wire.guide_distance_m - wire.slot_m) / 2, wire.slot_m / 2
     dry_kg_m = wire.line_density
@@ -190,7 +190,7 @@ def slot_frequency_Hz(machine: Machine) -> float:
 
 
 def check_added_mass(seeds: Seeds) -> list[Row]:
-    """Added mass of the water in the slot, and the first frequency with it."""
+    """Compare the added mass of the water in the slot, and the first frequency with it."""
     machine = Machine.load()
     wire = wire_setup(machine)
     ratio = 1 + 20.0 / 125.0
@@ -208,13 +208,13 @@ def check_added_mass(seeds: Seeds) -> list[Row]:
 
 
 def check_forces(seeds: Seeds) -> list[Row]:
-    """Where the pull draws the wire in, and the attraction of a current by the slot it lies in."""
+    """Compare the pull-in voltage of the wire, and the force on a current in a slot of magnetic metal."""
     angle = np.linspace(-0.05, 0.05, 16)
     rays, row = rays_with(np.full(16, 30.0), angle), np.zeros((1, 4))
     law = gap_law(Machine.load(), FAST, 100.0)._replace(wire_curvature=0.0)
 
     def needed(place_um: float) -> float:
-        """Minus the square of the voltage that holds a string at a place, up to a constant."""
+        """Return minus the squared voltage that holds a string at a place, up to a constant."""
         breakdown.slice_sums(rays, 0, place_um, 0.0, law, row)
         return -place_um / float(row[0, 2])
 
@@ -234,14 +234,14 @@ def check_forces(seeds: Seeds) -> list[Row]:
     ]
 
 
-# --- what the film's skip costs ---
+# --- error of neglecting the film of single slices in wide gaps ---
 
 SKIP_FEED_UM_S, ALL_FROM_UM = 24.0, 40.0
-"""A feed at which the wire comes near the metal, and a front gap under which all of the film is followed (ours)."""
+"""A feed at which the wire is near the metal, and a front gap below which every slice's film is applied (ours)."""
 
 
 def check_skip(seeds: Seeds) -> list[Row]:
-    """Lag and shorts with the film followed everywhere, less those with it followed in narrow gaps."""
+    """Compare lag and shorts with the films of single slices applied everywhere and only in narrow gaps."""
 
     def cuts(res: Resolution) -> list[Cut]:
         machine = Machine.load()

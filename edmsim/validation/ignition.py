@@ -1,7 +1,7 @@
-"""Ignition of the isolated gap: the published delay law, its two regimes, and the influence of the flow.
+"""Ignition of an isolated gap: the published delay law, its two regimes, and the influence of the flow.
 
-The wire hangs in the middle of a round hole. A hole faces the whole girth of the wire where the published law
-holds for the half that faces a front, so half the reference height makes the reference area.
+The wire is in the middle of a round hole. There the whole circumference of the wire faces metal, but the published
+law is for half of it, in front of a cut. So half the reference height gives the reference area.
 """
 
 import math
@@ -27,54 +27,54 @@ THESIS = "thesis TH Eindhoven 1982, figure 2-9"
 TWO_REGIMES = "docs/theory/breakdown.md#two-regimes"
 FLOW = "docs/theory/breakdown.md#flow"
 
-LAW_GAPS_UM = (8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)  # within the range the table can be trusted for
+LAW_GAPS_UM = (8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)  # within the table's range of validity
 REGIME_GAPS_UM = (7.0, 8.0, 9.0, 10.0, 11.0, 13.0)
 MIXTURE_GAPS_UM = (7.0, 9.0, 11.0, 13.0, 20.0, 30.0)
-DRAWS = 2000  # delays per gap and seed (ours: four seeds know a median to 3 %)
-SHORT_BRANCH_US = 10.0  # what is left then is the long branch: five times the short one's scale (prior 1..3 us)
+DRAWS = 2000  # delays per gap and seed (ours: the median of four seeds has an error of 3 %)
+SHORT_BRANCH_US = 10.0  # later delays are of the long branch: five times the short scale
 STILL_WATER = {"base.dielectric.flushing_pressure_Pa": 1e-6}
 
 
 def isolated_gap(machine: Machine, gap_um: float, seed: int) -> Plant:
-    """Return a plant in a hole whose rays see `gap_um` on average."""
+    """Return a plant in a hole whose rays have a mean gap of `gap_um`."""
     return in_a_hole(machine, hole_gap_um(machine, gap_um, seed), seed)
 
 
 def hole_gap_um(machine: Machine, gap_um: float, seed: int) -> float:
-    """Return the gap of a hole whose rays see `gap_um` on average, with a machine that removes nothing."""
-    # cells of 4 um let single rays see up to a um more or less, and their mean is not the hole's gap: it is
-    # measured, and the hole made narrower by what it is too much
+    """Return the gap of a hole whose rays have a mean gap of `gap_um`, with a machine that removes nothing."""
+    # with cells of 4 um single rays differ by up to 1 um, and their mean differs from the hole's gap; it is measured,
+    # and the hole is made smaller by the difference
     first = in_a_hole(machine, gap_um, seed)
     first.advance()
     return 2 * gap_um - float(ray_gaps_um(first).mean())
 
 
 def ray_gaps_um(plant: Plant) -> Floats:
-    """Gaps the rays of a plant see, of all slices."""
+    """Return the gaps of a plant's rays, of all slices."""
     return np.asarray(plant.snapshot()["edge_um"], float).ravel()
 
 
 def _quiet(machine: Machine, voltage_V: float) -> Machine:
-    """Half the reference height, pulses that only break down, and still water."""
+    """Return a machine of half the reference height, with pulses that only break down, and still water."""
     reference_mm = machine.base.gap.reference_height_mm.value
     constants = {**STILL, **STILL_WATER, "generator.open_voltage_V": voltage_V}
     return altered(machine.with_(height_mm=reference_mm / 2), constants)
 
 
 def delays_us(gap_um: float, seeds: Seeds, draws: int = DRAWS) -> tuple[Floats, Floats]:
-    """Draw delays in us at a gap, `draws` per seed, at the reference voltage and area; and the gaps the rays see."""
+    """Draw delays in us at a gap, `draws` per seed, at reference voltage and area; return them and the rays' gaps."""
     machine = Machine.load(generator="iso-energetic", t_on_us=1.0)
     machine = _quiet(machine, machine.base.gap.reference_voltage_V.value)
     patient = altered(machine, {"generator.ignition_wait_us": 10_000.0, **FRAIL})
     drawn: list[float] = []
     for seed in seeds:
-        plant = isolated_gap(patient, gap_um, 1000 * seed + round(gap_um))  # draws of their own at every gap
+        plant = isolated_gap(patient, gap_um, 1000 * seed + round(gap_um))  # other draws at every gap
         drawn += [window.mean_delay_us for window in single_discharges(plant, draws)]
     return np.array(drawn), ray_gaps_um(plant)
 
 
 def median_and_interval(values: Floats) -> tuple[float, float]:
-    """Median of draws and half the width of its 95 % interval, from order statistics."""
+    """Return the median of draws and half the width of its 95 % interval, from order statistics."""
     ordered, n = np.sort(values), len(values)
     aside = 1.96 * math.sqrt(n) / 2
     low, high = ordered[math.floor(n / 2 - aside)], ordered[math.ceil(n / 2 + aside)]
@@ -82,10 +82,10 @@ def median_and_interval(values: Floats) -> tuple[float, float]:
 
 
 def mixture(delay_us: Floats, gaps_um: Floats, gap: Gap) -> Floats:
-    """Distribution function the model claims for patches of equal area at `gaps_um`, on the reference area."""
-    # written from the theory page, not from the loop's code: any site primed with probability 1 - exp(-W), then
-    # a Weibull delay; an exponential delay with the mean of the patches' rates otherwise; and a normal
-    # formative lag after either
+    """Return the model's distribution function for patches of equal area at `gaps_um`, on the reference area."""
+    # written from the theory page, not from the loop's code: with the probability 1 - exp(-W) a site is primed and
+    # the delay is a Weibull one; otherwise it is exponential with the mean of the patches' rates; then a normal
+    # formative lag
     g = np.maximum(gaps_um, -gap.median_b_us_um.value / (2 * gap.median_a_us_um2.value))
     median = gap.median_a_us_um2.value * g**2 + gap.median_b_us_um.value * g + gap.median_c_us.value
     rate = np.mean(math.log(2) / median)
@@ -101,7 +101,7 @@ def mixture(delay_us: Floats, gaps_um: Floats, gap: Gap) -> Floats:
 
 
 def check_isolated_gap(seeds: Seeds) -> list[Row]:
-    """Medians against the published table, share of short delays against gap, and the claimed mixture."""
+    """Compare medians with the published table, the share of short delays over the gap, and the model's mixture."""
     gaps = sorted({*LAW_GAPS_UM, *REGIME_GAPS_UM, *MIXTURE_GAPS_UM})
     drawn = {gap: delays_us(gap, seeds) for gap in gaps}
     table = {float(row["gap_um"]): float(row["t50_us"]) for row in models.published("ignition_median_vs_gap_eth")}
@@ -121,7 +121,7 @@ def _median_row(gap_um: float, published_us: float, delays: Floats) -> Row:
 
 
 def short_share(gap_um: float, delays: Floats) -> tuple[float, float]:
-    """Share of delays beyond those of the long branch alone, and its 95 % half width."""
+    """Return the share of delays of the short branch, and half the width of its 95 % interval."""
     long = 1 - 2 ** (-SHORT_BRANCH_US / (0.48 * gap_um**2 - 3.69 * gap_um + 14.05))
     early = float(np.mean(delays < SHORT_BRANCH_US))
     half = 1.96 * math.sqrt(early * (1 - early) / len(delays))
@@ -147,7 +147,7 @@ def _regime_rows(delays: dict[float, Floats]) -> list[Row]:
 
 
 def _mixture_row(gap_um: float, delays: Floats, gaps_um: Floats) -> Row:
-    claimed = mixture(delays, gaps_um, Machine.load().base.gap)  # uniform, if the delays are what is claimed
+    claimed = mixture(delays, gaps_um, Machine.load().base.gap)  # uniform if the delays have the model's distribution
     return Row.band(
         "ignition", f"Kolmogorov-Smirnov p of {len(delays)} delays at {gap_um:g} um", "the model's own claim",
         low=0.01, simulated=float(kstest(claimed, "uniform").pvalue), published="Weibull and exponential mixed",
@@ -161,8 +161,8 @@ THESIS_ON_US, THESIS_V = 50.0, 300.0  # on-time and open voltage of figure 2-9
 
 
 def pressure_Pa(machine: Machine, speed_m_s: float) -> float:
-    """Flushing pressure at which the water passes the workpiece at `speed_m_s` on average over its height."""
-    # the speed falls linearly from the nozzle to nothing at mid-height
+    """Return the flushing pressure for a mean water speed over the height of `speed_m_s`."""
+    # the speed falls linearly from the nozzle to 0 at mid-height
     water = machine.base.dielectric
     viscosity = water.viscosity_Pa_s.value  # the water of these checks has 20 C
     per_Pa = flow_speed_m_s(1.0, viscosity, water.side_gap_um.value, machine.height_mm / 2)
@@ -170,32 +170,32 @@ def pressure_Pa(machine: Machine, speed_m_s: float) -> float:
 
 
 def thesis_point(gap_um: float, speed_m_s: float, seed: int) -> list[PulseWindow]:
-    """Pulses of figure 2-9 (300 V, on 50 us, period 100 us; row T-10) at a gap and a flow speed."""
+    """Fire pulses of figure 2-9 (300 V, on 50 us, period 100 us; row T-10) at a gap and a flow speed."""
     plant = isolated_gap(thesis_machine(speed_m_s), gap_um, seed)
     return [plant.advance() for _ in range(FLOW_PULSES_WINDOWS)]
 
 
 def thesis_machine(speed_m_s: float, voltage_V: float = THESIS_V, height_mm: float | None = None) -> Machine:
     """Return the set-up of figure 2-9 at a flow speed, with pulses that only break down."""
-    # its voltage and height, half of the law's reference height, may be others
+    # voltage and height (half of the law's reference height) can be changed
     machine = _quiet(Machine.load(t_on_us=THESIS_ON_US, t_period_us=250.0), voltage_V)
     if height_mm is not None:
         machine = machine.with_(height_mm=height_mm)
-    machine = machine.model_copy(update={"t_period_us": 100.0})  # beyond the small generator's 2 A
+    machine = machine.model_copy(update={"t_period_us": 100.0})  # above the 2 A of the small generator
     if speed_m_s > 0:
         machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": pressure_Pa(machine, speed_m_s)})
     return machine
 
 
 def mean_delay_us(windows: Sequence[PulseWindow]) -> float:
-    """Mean delay of the pulses that were no shorts, an open one counted with the whole on-time; NaN if all were."""
+    """Return the mean delay of all pulses but shorts, with the on-time for open ones; NaN if all were shorts."""
     lit = sum(w.mean_delay_us * (w.spark + w.arc) for w in windows if w.spark + w.arc)
     opened, pulses = sum(w.open for w in windows), sum(w.pulses - w.short for w in windows)
     return (lit + THESIS_ON_US * opened) / pulses if pulses else math.nan
 
 
 def check_figure_2_9(seeds: Seeds) -> list[Row]:
-    """The delay rises with gap and with flow speed; a fast flow leaves next to no ignition (row T-10)."""
+    """Check that the delay rises with gap and flow speed, and that a fast flow prevents ignition (row T-10)."""
     points = {(gap, speed) for gap, speed, *_ in _STEPS} | {(gap, speed) for *_, gap, speed in _STEPS}
     cuts = {point: [thesis_point(*point, seed) for seed in seeds] for point in sorted({*points, (20.0, 4.0)})}
     rows = []

@@ -1,4 +1,4 @@
-"""Rows on the wire's position: lag of rough cuts, experiments that would determine it, trim pulses along a wall."""
+"""Rows on the wire's position: lag of rough cuts, experiments that would determine its causes, trims along a wall."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -32,18 +32,18 @@ EXPERIMENT = "an experiment that would settle it, not made as far as is known"
 
 IMPULSE, MAGNETIC = "base.discharge.impulse_10mJ_Ns", "material.magnetic_share"
 NON_MAGNETIC = {MAGNETIC: -0.02}
-"""Austenitic steel (ours, derived: eddy currents of some 0.4 MHz in a metal of 1.4e6 S/m push a little)."""
+"""Austenitic steel (ours, derived: eddy currents at some 0.4 MHz in a metal of 1.4e6 S/m repel slightly)."""
 ROUGH_MM, TALL_MM = 30.0, 60.0  # heights of the rough cuts (ours)
 TAUTER = 1.4  # factor on the tension (ours: 10 to 14 N)
 ON_TIMES_US = (0.4, 1.6)
-"""On-times of one current, one four times the other (ours: as far as the generator's mean current allows)."""
+"""On-times at one current with a ratio of four (ours: as far as the generator's mean current allows)."""
 ROUGH_OPEN_SHARE = 0.2
-"""Share of open pulses that the servo of the rough cuts holds (ours: at a tenth a cut in austenite is at its jam)."""
-DEFAULT_S = 12.0  # machine time in which the default set-up settles, and is measured
+"""Share of open pulses that the servo of the rough cuts holds (ours: at 0.1 a cut in austenite nearly jams)."""
+DEFAULT_S = 12.0  # machine times in which the default set-up settles and is measured
 
 
 def rough_cuts(seeds: Seeds, machine: Machine) -> list[Cut]:
-    """Cut with a servo, a cut per seed."""
+    """Cut with a servo and every seed."""
     return [servo_cut(machine, seed, open_share=ROUGH_OPEN_SHARE) for seed in seeds]
 
 
@@ -63,10 +63,10 @@ def impulse_ends(machine: Machine) -> tuple[float, float]:
 
 
 def rough_lag(seeds: Seeds) -> list[Row]:
-    """Lag and vibration of rough cuts, the lag's range, and what magnet, tension, height and jets do to it."""
+    """Compare lag and vibration of rough cuts, the lag's range, and effects of magnetism, tension, height, jets."""
     base = rough_cuts(seeds, rough_rig(ROUGH_MM))
     without_um = [cut.lag_um for cut in rough_cuts(seeds, rough_rig(ROUGH_MM, {MAGNETIC: 0.0}))]
-    # in tool steel push, pull and magnetic force nearly cancel: what a string does shows where they do not
+    # in tool steel push, pull and magnetic force nearly cancel, so the string law is checked in austenitic steel
     pushed = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
     taut = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC, tension=TAUTER * ROUGH_TENSION_N))
     tall = rough_cuts(seeds, rough_rig(TALL_MM, NON_MAGNETIC))
@@ -95,11 +95,11 @@ def _usual(name: str, cuts: Sequence[Cut]) -> Row:
     return Row.band("lag", name, LAG, low=10.0, high=100.0, simulated=[*map(_lag_um, cuts)], unit="um", note=LAG_PAGE)
 
 
-WEAK_PA = 0.2e5  # pressure of both nozzles where their jets hardly act: a tenth of the rough cut's
+WEAK_PA = 0.2e5  # pressure of both nozzles at which jets hardly act: a tenth of that of the rough cut
 
 
 def jets(flushed: Sequence[Cut], seeds: Seeds) -> Row:
-    """Lag of a rough cut in austenitic steel over the pressure, against the same cut in a weak flow."""
+    """Compare the lag of a rough cut in austenitic steel with that in a weak flow."""
     machine = rough_rig(ROUGH_MM, NON_MAGNETIC)
     weak = rough_cuts(seeds, machine.with_(flushing_lower_Pa=WEAK_PA, flushing_upper_Pa=WEAK_PA))
     usual_Pa = machine.base.dielectric.flushing_pressure_Pa.value
@@ -110,7 +110,7 @@ def jets(flushed: Sequence[Cut], seeds: Seeds) -> Row:
 
 
 def default_lag(seeds: Seeds) -> list[Row]:
-    """Lag of the default cut under the servo, whatever its sign, over the range of the impulse."""
+    """Report the lag of the default cut with the servo, over the range of the impulse."""
 
     def found(changes: Mapping[str, float]) -> list[float]:
         machine = altered(Machine.load(), changes)
@@ -126,7 +126,7 @@ def default_lag(seeds: Seeds) -> list[Row]:
 
 
 def experiments(seeds: Seeds) -> list[Row]:
-    """The model's predictions for the two experiments that would separate the causes of the lag."""
+    """Report the model's predictions for the two experiments that would separate the causes of the lag."""
     steel = rough_cuts(seeds, rough_rig(ROUGH_MM))
     other = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
     rig = rough_rig(ROUGH_MM, NON_MAGNETIC)
@@ -146,15 +146,15 @@ def experiments(seeds: Seeds) -> list[Row]:
 
 # --- lag over the height ---
 
-HEIGHTS_MM, RISES_TO_MM = (10.0, 20.0, 40.0, 80.0, 120.0), 80.0  # where the wire must lag, and up to which ever more
+HEIGHTS_MM, RISES_TO_MM = (10.0, 20.0, 40.0, 80.0, 120.0), 80.0  # where the wire must lag; the lag rises up to
 DRUM_MM = 40.0
 DEFAULT_HEIGHTS_MM = (10.0, 40.0, 80.0)
 PRODUCTION_S = 20.0  # in which production cuts settle, and are measured (ours: both travel by more than the wire)
-FEW = 4  # seeds of these cuts (ours: the signs of whole micrometres are asked for)
+FEW = 4  # seeds of these cuts (ours: the sign of whole um is compared)
 
 
 def lag_over_height(seeds: Seeds) -> list[Row]:
-    """Lag of the production machine as it is loaded, its wire unbreakable, over the height; the wall's hollow."""
+    """Compare the lag of the production machine over the height, with an unbreakable wire; and the wall's hollow."""
     cuts = {}
     for height in HEIGHTS_MM:
         machine = altered(Machine.load("production", generator="production", height_mm=height), UNBREAKABLE)
@@ -174,7 +174,7 @@ def lag_over_height(seeds: Seeds) -> list[Row]:
 
 
 def default_over_height(seeds: Seeds) -> list[Row]:
-    """Lag of the default set-up at other heights than its own."""
+    """Compare the lag of the default set-up at other heights."""
     rows = []
     for height in DEFAULT_HEIGHTS_MM:
         machine = Machine.load(height_mm=height)
@@ -192,14 +192,14 @@ def _trails(name: str, cuts: Sequence[Cut]) -> Row:
 
 TRIM_HEIGHT_MM, TRIM_ON_US, TRIM_PERIOD_US, TRIM_FEED_UM_S = 20.0, 0.5, 20.0, 40.0
 """Trim cut: workpiece, on-time and least period, feed along the wall (ours: usual orders)."""
-TRIM_UM = 20.0  # from the wire's surface to the wall it comes to: near enough to trim it, too far for shorts (ours)
+TRIM_UM = 20.0  # distance of the wire's surface from the wall: near enough for trimming, too far for shorts (ours)
 TRIM_MJ = (0.03, 0.1, 0.3, 1.0, 3.0)  # energies of trim and finishing pulses, and beyond (ours)
 LOWER_V, TRIM_V = 60.0, 80.0
-AHEAD_UM = 30.0  # from the wire to the wall's begin, and beyond the wire's own half before the measuring
+AHEAD_UM = 30.0  # distance from the wire to the beginning of the wall, and travel before the measurement
 
 
 def trim_machine(energy_mJ: float, open_V: float = TRIM_V) -> Machine:
-    """Return a production machine set for trim pulses of an energy; its triangles keep their length."""
+    """Return a production machine with trim pulses of an energy, at the same duration of the triangles."""
     burning_V = Machine.load().material.burning_voltage_V.value
     return Machine.load(
         "production", generator="production", height_mm=TRIM_HEIGHT_MM, open_voltage_V=open_V, t_on_us=TRIM_ON_US,
@@ -208,7 +208,7 @@ def trim_machine(energy_mJ: float, open_V: float = TRIM_V) -> Machine:
 
 
 def trim(machine: Machine, seed: int) -> tuple[float, float]:
-    """Cut along a wall that stands to the left of the feed: mean deflection towards it in um, and share of shorts."""
+    """Cut along a wall to the left of the feed; return mean deflection towards it in um, and share of shorts."""
     centre_um = x, y = machine.base.table.centre_um
     radius, travel = machine.wire_diameter_um / 2, machine.base.table.travel_mm.value * 1e3
     stock = Stock((x + radius + AHEAD_UM, y + radius + TRIM_UM, travel, travel))
@@ -221,7 +221,7 @@ def trim(machine: Machine, seed: int) -> tuple[float, float]:
 
 
 def trims(seeds: Seeds) -> list[Row]:
-    """Deflection towards the wall over energy and voltage, and the energy at which it turns."""
+    """Compare the deflection towards the wall over energy and voltage, and the energy at which its sign changes."""
     runs = {energy: [trim(trim_machine(energy), seed) for seed in seeds] for energy in TRIM_MJ}
     towards = {energy: [run[0] for run in of] for energy, of in runs.items()}
     lower = [trim(trim_machine(TRIM_MJ[0], LOWER_V), seed) for seed in seeds]
@@ -244,7 +244,7 @@ def trims(seeds: Seeds) -> list[Row]:
 
 
 def crossing_mJ(towards_um: Sequence[float]) -> float:
-    """Energy at which the deflection over `TRIM_MJ` falls through nothing; infinite where none of them does it."""
+    """Return the energy within `TRIM_MJ` at which the deflection falls below 0; infinite if it does not."""
     for k in range(len(TRIM_MJ) - 1):
         before, after = towards_um[k], towards_um[k + 1]
         if before > 0.0 >= after:

@@ -1,4 +1,4 @@
-"""Rows on passes: offsets, feeds and roughness of one to seven against a shop's table, corners, accuracy, bow."""
+"""Rows on passes: offsets, feeds and roughness of up to seven, against a shop's table; corners, accuracy, bow."""
 
 import math
 from collections.abc import Callable
@@ -35,30 +35,30 @@ OFFSETS_MM = (
 FEEDS_MM_MIN = (3.05, 4.57, 4.06, 3.81, 4.57, 4.06, 3.56)
 RA_UM = (1.52, 1.17, 1.07, 0.97, 0.30, 0.23, 0.18)
 HEIGHT_MM, TALL_MM = 25.4, 76.2
-LENGTH_MM = 1.4  # of the straight cut through all passes (ours: 12 places are measured)
+LENGTH_MM = 1.4  # length of the straight cut through all passes (ours: 12 places are measured)
 BOW_STEP_MM = 0.055
-"""How much nearer to the wall than the rough pass the trim runs whose bow is measured (ours: it takes some 40 um)."""
+"""Difference of the offsets of the rough pass and the trim whose bow is measured (ours: it removes some 40 um)."""
 CORNER_MM, END_MM = 2.0, 0.4
-"""Length of either side of the corner's edge, and of its far end, left out where the cut begins or ends (ours:
-two cut-offs of roughness remain)."""
-CUTOFF_MM = 0.8  # wavelengths below this are roughness and no error of size or form: ISO 21920-3, Ra of 0.1 to 2 um
-CORNERS = 4  # seeds of these cuts (ours: they differ by some tenths of a um)
+"""Length of both sides of the corner's edge, and of their far ends, which are left out because the cut begins or ends
+there (ours: two cut-offs of roughness remain)."""
+CUTOFF_MM = 0.8  # shorter wavelengths are roughness, not errors of size or form: ISO 21920-3, Ra of 0.1 to 2 um
+CORNERS = 4  # seeds of these cuts (ours: their results differ by some 0.1 um)
 ACCURACY_UM = {1: (15.0, 25.0), 2: (8.0, 12.0), 3: (3.0, 5.0), 4: (2.0, 3.0)}
 
 
 class Chain(NamedTuple):
-    """A straight cut through all passes: their records, and Ra after each."""
+    """Results of a straight cut through all passes: their records, and Ra after each."""
 
     records: list[PassRecord]
     ra_um: list[float]
 
     def last_offset_um(self, number: int) -> float:
-        """Offset with which a pass would have met the drawing."""
+        """Return the offset with which a pass would have produced the drawn size."""
         wall = self.records[number - 1].wall
         return math.nan if wall is None else self.records[number - 1].offset_um - wall.mean_um
 
     def feed_mm_min(self, number: int) -> float:
-        """Mean feed of a pass."""
+        """Return the mean feed of a pass."""
         return self.records[number - 1].feed_mm_min
 
 
@@ -76,7 +76,7 @@ def chain(height_mm: float, passes: int, seed: int, resolution: str = "fast") ->
 
 
 def by_passes(seeds: Seeds) -> list[Row]:
-    """Compare one to seven passes on 25.4 mm with the shop's table; one seed, as the fine passes take minutes."""
+    """Compare one to seven passes on 25.4 mm with the shop's table; one seed, because fine passes take minutes."""
     found = chain(HEIGHT_MM, 7, seeds[0])
     ends = [found.last_offset_um(number) for number in range(1, 8)]
     rows = []
@@ -119,7 +119,7 @@ class Corner(NamedTuple):
     """Errors of an outer 90 degree corner and of its sides against the drawing, in um."""
 
     corner_um: float
-    p95_um: float  # of the sides without their roughness
+    p95_um: float  # errors of the sides without roughness
 
 
 @cache
@@ -132,7 +132,7 @@ def cut_corner(
     technology: Technology, passes: int, seed: int, side_mm: float,
     watch: Callable[[Simulation], None] = lambda _: None,
 ) -> Corner:
-    """Cut an outer corner with sides of a length and a technology of your own; see `cut_in_passes`."""
+    """Cut an outer corner with a length of its sides and another technology; see `cut_in_passes`."""
     edge = np.array([[0.0, 0.0], [side_mm, 0.0], [side_mm, -side_mm]])
     simulation = cut_in_passes(
         technology, HEIGHT_MM, passes, side_mm, seed=seed, resolution="default", edge_mm=edge, watch=watch
@@ -147,14 +147,14 @@ def cut_corner(
 
 
 def without_roughness(error_um: Floats) -> Floats:
-    """Return profiles (slices, n) `PROFILE_STEP_MM` apart, as a shop measures a size: without their roughness."""
-    # the Gaussian filter of ISO 16610-21: half of a wave of the cut-off's length passes
+    """Return profiles (slices, n) with spacing `PROFILE_STEP_MM` without roughness, as a shop measures sizes."""
+    # Gaussian filter of ISO 16610-21: it halves the amplitude at the cut-off's wavelength
     deviation = CUTOFF_MM * math.sqrt(math.log(2) / 2) / math.pi
     return np.asarray(gaussian_filter1d(error_um, deviation / PROFILE_STEP_MM, axis=1, mode="reflect"))
 
 
 def accuracy(seeds: Seeds) -> list[Row]:
-    """Accuracy by number of passes, and what trims leave of a corner's error."""
+    """Compare the accuracy by number of passes, and a corner's error after trims."""
     cuts = {passes: [corner(passes, seed) for seed in seeds[:CORNERS]] for passes in ACCURACY_UM}
     rough, trimmed = (float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3))
     return [
@@ -170,7 +170,7 @@ def accuracy(seeds: Seeds) -> list[Row]:
 
 
 def bow(seeds: Seeds) -> list[Row]:
-    """The bow that a trim leaves, over tension and energy of its pulses, on 25.4 mm."""
+    """Compare the bow after a trim over tension and energy of its pulses, on 25.4 mm."""
     at = technology_for("tool-steel").heights[0]
     job, offset_mm = Job("tool-steel", height_mm=at.height_mm, resolution="fast"), 0.3
     rough, trim = at.passes[0], at.passes[2]

@@ -1,4 +1,4 @@
-"""Rows on classes of pulses in a cut: effects of settings on them, delay and debris; shorts and what they cost."""
+"""Rows on classes of pulses in a cut: effects of settings on them, delay and debris; causes and costs of shorts."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,22 +23,22 @@ SPARC_BALANCE = "debris balance of SPARC (ETH, MIT licence)"
 PAGE = "docs/theory/emergence.md"
 CLASSES = f"{PAGE}#classes-of-pulses"
 
-FEED_UM_S = 24.0  # feed at which open, normal and short pulses all occur, if it is within the capacity (ours)
-CHANGE = 0.2  # settings are changed by this share (ours: about the spacing of levels in such studies)
+FEED_UM_S = 24.0  # feed at which open, normal and short pulses all occur, if within the capacity (ours)
+CHANGE = 0.2  # relative change of settings (ours: about the spacing of levels in such studies)
 
 TRAINS = 32  # seeds of these cuts
-# ours. A ratio that depends on a setting changes by a tenth as much, at the least: a setting changed by a fifth then
-# moves the short ratio, 0.042, by 0.0009, and its half is the interval. The differences of eight seeds had a standard
-# deviation of 0.0013: 2.04 x 0.0013 / sqrt(32) = 0.0005
+# Ours: a ratio that depends on a setting changes at least a tenth as much. A change of a setting by a fifth then
+# changes the short ratio, 0.042, by 0.0009, and half of this is the interval. The differences of eight seeds had a
+# standard deviation of 0.0013: 2.04 x 0.0013 / sqrt(32) = 0.0005.
 
 
 def sparks_ratio(cut: Cut, kind: str) -> float:
-    """Share of a class among all discharges, opens left out: the ratio as Liao and Woo define it."""
+    """Return the share of a class among all pulses that are not open: the ratio of Liao and Woo."""
     return cut.share(kind) / (cut.share("spark") + cut.share("arc") + cut.share("short"))
 
 
 def pulse_trains(seeds: Seeds) -> list[Row]:
-    """Signs of Liao and Woo at fixed feed: on-time, off-time and feed against both ratios and the delay."""
+    """Compare signs of Liao and Woo at fixed feed: effects of on-time, off-time and feed on ratios and delay."""
     machine = Machine.load()
     on, off = machine.t_on_us, machine.t_period_us - machine.t_on_us
     shorter, longer = (1 - CHANGE) * on, (1 + CHANGE) * off
@@ -77,14 +77,14 @@ def _three_signs(name: str, base: Sequence[Cut], cuts: Sequence[Cut]) -> list[Ro
     ]
 
 
-DEBRIS_HEIGHT_MM = 40.0  # workpiece in which debris matters: its middle is far from both jets (ours)
-DEBRIS_FEED_UM_S = 12.0  # feed, if within capacity, at which debris bridges the middle in weak flushing (ours)
+DEBRIS_HEIGHT_MM = 40.0  # height at which debris matters: the middle is far from both jets (ours)
+DEBRIS_FEED_UM_S = 12.0  # feed, if within the capacity, at which debris bridges the middle in weak flushing (ours)
 LOADINGS = (0.06, 0.14)  # shares of debris in the water of the flushing study
-LOADING_RATIO = 2.3  # ratio of these; in a cut the loading goes with the feed
+LOADING_RATIO = 2.3  # their ratio; in a cut the debris is proportional to the feed
 
 
 def debris(seeds: Seeds) -> list[Row]:
-    """Debris and flushing: debris, bridging and drum of a cut, and the share that is flushed out without one."""
+    """Compare debris, bridging and drum of a cut over its flushing, and the share flushed out without a cut."""
     machine = Machine.load(height_mm=DEBRIS_HEIGHT_MM)
     usual_Pa = machine.base.dielectric.flushing_pressure_Pa.value
     weak_machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": usual_Pa / 3})
@@ -124,15 +124,15 @@ def _sign(name: str, source: str, rises: bool, found: Sequence[float], unit: str
 
 
 HALF = math.log(2)
-"""Time of flushing over the residence time of clean water: half of a thin loading is out by then (ours: the abstract
-of the study names none)."""
-FLUSHED_GAP_UM = 30.0  # of the hole, which has no part in the flow: that of the flushing is the machine's side gap
+"""Time of flushing over the residence time of clean water: then half of little debris is flushed out (ours: not in
+the abstract of the study)."""
+FLUSHED_GAP_UM = 30.0  # gap of the hole, which does not affect the flow: flushing uses the machine's side gap
 FLUSHED_ON_US, FLUSHED_PERIOD_US = 2.0, 10.0
-"""Setting of the generator that is off: its windows are short against the residence time."""
+"""Setting of the generator, which is off: windows are short compared with the residence time."""
 
 
 def flushed_share(loading: float) -> float:
-    """Share of a gap's debris that the jets flush out in the time of `HALF`; without pulses nothing else moves it."""
+    """Return the share of a gap's debris that the jets flush out in the time of `HALF`, without pulses."""
     set_up = Machine.load(height_mm=DEBRIS_HEIGHT_MM)
     plant = in_a_hole(set_up.with_(t_on_us=FLUSHED_ON_US, t_period_us=FLUSHED_PERIOD_US), FLUSHED_GAP_UM, 1)
     plant.switch_generator(False)
@@ -147,12 +147,12 @@ def flushed_share(loading: float) -> float:
 
 
 def drum_um(cut: Cut) -> float:
-    """Kerf of the middle slice less the mean of the lowest and the highest one."""
+    """Return the kerf of the middle slice minus the mean of the lowest and the highest one."""
     kerf = cut.kerf_um
     return float(kerf[len(kerf) // 2] - (kerf[0] + kerf[-1]) / 2)
 
 
-# Rows on shorts: their causes, their effect on the rate, and how a cut ends in them.
+# Rows on shorts: their causes, their effect on the rate, and cuts that end in shorts.
 
 JAM = "a wire that only touches cuts nothing (derived)"
 COST = "shorts melt little and heat the wire as discharges do (derived)"
@@ -164,18 +164,18 @@ FEW_SHORTS = f"{PRACTICE}: below 10 % in stable cutting"
 MEMORY = "from memory, no table was retrieved: below 10 % in stable cutting"
 PARTS = "no source separates the causes of shorts"
 
-FEEDS_UM_S = (10.0, 20.0, 28.0)  # from three quarters of the pulses open to the first crowd of shorts (ours)
+FEEDS_UM_S = (10.0, 20.0, 28.0)  # from 75 % open pulses to the first frequent shorts (ours)
 NO_FILM: Mapping[str, float] = {
     "base.dielectric.viscosity_Pa_s": 1e-9,
     "base.dielectric.flushing_pressure_Pa": 0.03,
     "base.dielectric.edge_loss": 0.0,
 }
-"""Water a million times as thin, and flushing a million times as weak: the same flow without a film."""
+"""Viscosity and flushing divided by a million: the same flow without a film."""
 NO_PULL: Mapping[str, float] = {"base.dielectric.permittivity": 1e-6}
 
 
 def _short_shares(machine: Machine, feed_um_s: float, seeds: Seeds) -> list[float]:
-    """Share of shorts at a fixed feed, a cut per seed; 1 if the wire was driven into the metal."""
+    """Return the share of shorts at a fixed feed for every seed; 1 if the wire was driven into the metal."""
     shares = []
     for seed in seeds:
         try:
@@ -186,7 +186,7 @@ def _short_shares(machine: Machine, feed_um_s: float, seeds: Seeds) -> list[floa
 
 
 def causes(seeds: Seeds) -> list[Row]:
-    """Shorts over the feed, and what of them is the pull's, with the film of water and without it."""
+    """Report shorts over the feed, and the part that the pull causes, with and without the film of water."""
     machine = Machine.load()
     feeds = [feed_within(feed, machine) for feed in FEEDS_UM_S]
     by_feed = [_short_shares(machine, feed, seeds) for feed in feeds]
@@ -205,11 +205,11 @@ def causes(seeds: Seeds) -> list[Row]:
 
 
 OPEN_SHARES = (0.02, 0.05, 0.1, 0.2, 0.35)
-"""Shares of open pulses that the servo is set to hold (ours: from next to the metal to far from it)."""
+"""Shares of open pulses that the servo holds (ours: from near the metal to far from it)."""
 
 
 def rate_over_shorts(seeds: Seeds) -> list[Row]:
-    """Cutting rate of a servo over the shorts it lets happen."""
+    """Compare the cutting rate of a servo over the shorts that it allows."""
     runs = {share: [servo_cut(rough_rig(30.0), seed, open_share=share) for seed in seeds] for share in OPEN_SHARES}
     rates = [float(np.mean([cut.feed_um_s for cut in runs[share]])) for share in OPEN_SHARES]
     best = OPEN_SHARES[int(np.argmax(rates))]
@@ -230,18 +230,18 @@ def rate_over_shorts(seeds: Seeds) -> list[Row]:
 
 
 ON_SHORTS, ON_SPARKS = OPEN_SHARES[0], HELD_SHARE
-"""Shares of open pulses held by a servo that runs on shorts, and by one that stays off the metal."""
+"""Shares of open pulses held by a servo that allows shorts, and by one that avoids the metal."""
 ARC_PERIOD_US = 10.0
-"""Period at which arcs are counted: its pause of some 9 us is some three times the deionisation's 3 us; of the 60 us
-that the search begins with nothing is left of a channel."""
+"""Period at which arcs are counted: its pause of some 9 us is three times the deionisation time of 3 us; after the 60
+us with which the search begins, no channel remains."""
 
 
 def price(seeds: Seeds) -> list[Row]:
-    """What a servo that runs on shorts pays: heat, arcs, and the power at which the wire breaks."""
+    """Compare the costs of a servo that allows shorts: heat, arcs, and the power at which the wire breaks."""
     slow = sato_rig(MIDDLE_MM, UNBREAKABLE)
     off, on = _off_and_on_shorts(slow, seeds)
     dense_off, dense_on = _off_and_on_shorts(slow.with_(t_period_us=ARC_PERIOD_US), seeds)
-    # highest rate of a servo whose pauses are shortened until the wire breaks or the cut jams
+    # highest rate of a servo, with pauses shortened until the wire breaks or the cut jams
     sparing, shorting = (
         [
             max((step.rate_mm2_min for step in held_periods(sato_rig(MIDDLE_MM), seed, share)), default=0.0)
@@ -261,25 +261,25 @@ def price(seeds: Seeds) -> list[Row]:
 
 
 def _off_and_on_shorts(machine: Machine, seeds: Seeds) -> tuple[list[Cut], list[Cut]]:
-    """Cut with a servo that stays off the metal, and with one that runs on shorts."""
+    """Cut with a servo that avoids the metal, and with one that allows shorts."""
     off, on = ([servo_cut(machine, seed, open_share=share) for seed in seeds] for share in (ON_SPARKS, ON_SHORTS))
     return off, on
 
 
 def _hottest_K(cut: Cut) -> float:
-    """Mean over the windows of the hottest slice's temperature above the water's."""
+    """Return the mean over the windows of the hottest slice's temperature above the water's."""
     hottest = float(np.mean([window.wire_temperature_K for window in cut.windows]))
     return hottest - cut.plant.machine.base.dielectric.temperature_K.value
 
 
-ABOVE = 1.3  # a fixed feed this much above the capacity: the wire must meet the metal (ours)
+ABOVE = 1.3  # factor of a fixed feed over the capacity: the wire must meet the metal (ours)
 JAM_S = 3.0
 PUSHES = (0.0, 0.3, 1.0)
-"""Shares of a bubble's push that metal melting in a short gives: the range's ends and the machine's own."""
+"""Pushes of melting metal in a short, as shares of a bubble's push: ends of the range, and the machine's value."""
 
 
 def jams(seeds: Seeds) -> list[Row]:
-    """Shorts of a feed above capacity, by the push that a short gives."""
+    """Report shorts at a feed above the capacity, over the push of a short."""
     feed_um_s = ABOVE * capacity_um_s(rough_rig(30.0))
     rows = []
     for push in PUSHES:
@@ -291,7 +291,7 @@ def jams(seeds: Seeds) -> list[Row]:
 
 
 def _jammed_share(machine: Machine, feed_um_s: float, seed: int) -> float:
-    """Share of shorts in the last third of a cut that is driven too fast; 1 if the wire ends in the metal."""
+    """Return the share of shorts in the last third of a cut that is fed too fast; 1 if the wire ends in the metal."""
     traverse = Traverse(begin(machine, seed), feed_um_s)
     try:
         traverse.run(2 * JAM_S / 3)

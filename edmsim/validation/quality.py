@@ -23,11 +23,11 @@ FEED = f"{PRACTICE}: outside corners are undercut the more the faster the feed, 
 CORNERS = "corner error from lag: doi:10.1177/0954405412456660 varies it by tension"
 PAGE = "docs/theory/emergence.md"
 
-ON_TIMES_US = (10.0, 30.0, 74.0)  # of discharges of 1, 4 and 10 mJ in the mean (ours)
+ON_TIMES_US = (10.0, 30.0, 74.0)  # on-times of discharges of 1, 4 and 10 mJ on average (ours)
 
 
 def roughness(seeds: Seeds) -> list[Row]:
-    """Ra from the craters of a cut, over the energy of its discharges."""
+    """Compare Ra from the craters of a cut, over the energy of its discharges."""
     by_on_time = {on: [_ra_and_energy(on, seed) for seed in seeds] for on in ON_TIMES_US}
     logarithms = [np.log(cuts).T for cuts in zip(*by_on_time.values(), strict=True)]
     return [
@@ -39,7 +39,7 @@ def roughness(seeds: Seeds) -> list[Row]:
 
 
 class Roughness(NamedTuple):
-    """Roughness of a cut and mean energy of its discharges in J."""
+    """Return the roughness of a cut and the mean energy of its discharges in J."""
 
     ra_um: float
     energy: float
@@ -53,11 +53,11 @@ def _ra_and_energy(t_on_us: float, seed: int) -> Roughness:
     return Roughness(roughness_um(volume_um3, flatness), cut.energy / cut.ignitions)
 
 
-FEED_UM_S = 20.0  # feed of the cuts whose wire is watched: half of the pulses open (ours)
+FEED_UM_S = 20.0  # feed of the cuts for vibration: half of the pulses are open (ours)
 
 
 def vibration(seeds: Seeds) -> list[Row]:
-    """Signs of Habib's linear terms on the wire's vibration; a higher servo voltage is a lower feed here."""
+    """Compare signs of Habib's linear terms for the wire's vibration; a higher servo voltage is a lower feed here."""
     machine = Machine.load()
     water, guides = machine.base.dielectric, machine.base.guides
     stronger = {"base.dielectric.flushing_pressure_Pa": 3 * water.flushing_pressure_Pa.value}
@@ -82,30 +82,30 @@ def vibration(seeds: Seeds) -> list[Row]:
     ]
 
 
-CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0  # piece and feed of the corner (ours: a lag of some 20 um)
-SLOW_UM_S = CORNER_FEED_UM_S / 2  # feed of the corner that should be undercut less (ours)
+CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0  # height and feed of the corner (ours: a lag of some 20 um)
+SLOW_UM_S = CORNER_FEED_UM_S / 2  # lower feed, at which the corner should be undercut less (ours)
 TURNS = 12  # seeds of the corners at two feeds
-# ours. Half a um, half of the path's grid, is the least effect looked for, and its half is the interval. The
-# differences of four seeds in tool steel had a standard deviation of 0.35 um: 2.20 x 0.35 / sqrt(12) = 0.22 um
-BEFORE_UM, AFTER_UM = 320.0, 320.0  # travel before and after the corner: eight lags each or more
-LONGEST_S = 600.0  # machine time in which both must be cut (ours: half a um per second would do)
-SMOOTHED_UM = 1.5  # travel over which the wire's path is averaged: its vibration is not its path
+# Ours: the least effect to detect is 0.5 um, half of the path's grid, and half of it is the interval. The differences
+# of four seeds in tool steel had a standard deviation of 0.35 um: 2.20 x 0.35 / sqrt(12) = 0.22 um.
+BEFORE_UM, AFTER_UM = 320.0, 320.0  # travel before and after the corner: at least eight lags
+LONGEST_S = 600.0  # greatest machine time of both (ours: enough for 0.5 um/s)
+SMOOTHED_UM = 1.5  # travel over which the wire's path is averaged, to remove vibration
 
 
 class CornerPass(NamedTuple):
-    """A wire's way round a corner of 90 degrees."""
+    """The path of a wire round a corner of 90 degrees."""
 
     lag_um: float  # lag on the straight before it
-    nearest_um: float  # distance from the corner at which the wire's path passes it
-    # largest distance of the wire's path from the guides': inside the corner if the wire lags, beyond it if the
-    # wire leads
+    nearest_um: float  # least distance of the wire's path from the corner
+    # largest distance of the wire's path from that of the guides: inside the corner if the wire lags, outside it if
+    # the wire leads
     farthest_um: float
-    # how far inside the corner, along its bisector, the wire passes where it is nearest; below 0 beyond it
+    # nearest distance inside the corner along its bisector; negative outside
     inside_um: float
 
 
 def corner(seeds: Seeds) -> list[Row]:
-    """Corner error of a lagging wire against the pursuit of constant lag, and against tension."""
+    """Compare the corner error of a lagging wire with the pursuit of constant lag, and over tension."""
     slack = [cut_corner(corner_rig(5.0), seed) for seed in seeds]
     taut = [cut_corner(corner_rig(10.0), seed) for seed in seeds]
     return [
@@ -119,7 +119,7 @@ def corner(seeds: Seeds) -> list[Row]:
 
 
 def corner_rig(tension: float) -> Machine:
-    """Return the rough cut in a metal that is not magnetic, where the lag is largest, with the pull as it is."""
+    """Return the rough cut in a non-magnetic metal, where the lag is largest, with an unchanged pull."""
     return rough_rig(CORNER_HEIGHT_MM, NON_MAGNETIC, tension=tension)
 
 
@@ -127,7 +127,7 @@ def cut_corner(
     machine: Machine, seed: int, watch: Callable[[tuple[float, float], bool], None] | None = None, *,
     feed: float | FeedController = CORNER_FEED_UM_S,
 ) -> CornerPass:
-    """Cut along +x, then along +y; NaN if the wire broke on the way, or did not come round within `LONGEST_S`."""
+    """Cut along +x, then along +y; NaN if the wire broke, or did not pass the corner within `LONGEST_S`."""
     plant, centre_um = begin(machine, seed), machine.base.table.centre_um
     traverse = Traverse(plant, feed)
     places, lags = [], []
@@ -145,7 +145,7 @@ def cut_corner(
             if watch is not None:
                 watch(deflection, axis == 1)
     corner_um = (plant.commanded_um[0], centre_um[1])
-    beyond_um = (corner_um[0], plant.commanded_um[1] + AFTER_UM)  # a wire that leads is ahead of the guides' end
+    beyond_um = (corner_um[0], plant.commanded_um[1] + AFTER_UM)  # a leading wire is ahead of the guides at the end
     guides = LineString([centre_um, corner_um, beyond_um])
     count = max(1, round(len(places) * SMOOTHED_UM / (BEFORE_UM + AFTER_UM)))
     path = np.lib.stride_tricks.sliding_window_view(np.array(places), count, axis=0).mean(axis=-1)
@@ -156,7 +156,7 @@ def cut_corner(
 
 
 def corner_over_feed(seeds: Seeds) -> list[Row]:
-    """How far inside an outside corner the wire of a rough cut passes, over the feed: austenitic and tool steel."""
+    """Compare the undercut of an outer corner in a rough cut over the feed: austenitic and tool steel."""
     rows = []
     for metal, machine in (
         ("austenitic steel", corner_rig(ROUGH_TENSION_N)), ("tool steel", rough_rig(CORNER_HEIGHT_MM)),

@@ -46,7 +46,7 @@ REASONS = {
         "A workpiece of 120 mm gathers too little gas to stop the cut earlier than one of 40 mm. A thin wire "
         "survives more power than in shops, which do not run at the limit.",
 }  # fmt: skip
-"""One sentence or two by topic and by the heading of the page that a row's `note` leads to."""
+"""One or two sentences by topic, and by the heading to which a row's `note` links."""
 
 
 def reason(row: Row) -> str:
@@ -55,7 +55,7 @@ def reason(row: Row) -> str:
 
 
 def simulated(row: Row) -> str:
-    """Simulated value with its uncertainty and unit: "38.1 ± 1.7 us"."""
+    """Return the simulated value with uncertainty and unit: "38.1 ± 1.7 us"."""
     if row.uncertainty == 0:
         return f"{row.simulated:.4g} {row.unit}".strip()
     decimals = 0

@@ -12,9 +12,9 @@ from scipy.stats import t as student
 from edmsim.evaluation.compare import CONFIDENCE
 
 Simulated = float | Sequence[float] | NDArray[np.float64]
-"""What a row is built from: a number, or the values of independent seeds, whose mean and interval it shows."""
+"""A number, or values of independent seeds, of which a row shows mean and interval."""
 Kind = Literal["judged", "calibration", "context"]
-"""Whether a row counts: only a judged one does. See `Row.calibration` and `Row.context`."""
+"""Kinds of rows; only judged ones count. See `Row.calibration` and `Row.context`."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Row:
         return self.kind == "judged" and not self.passed and not self.note
 
     def calibration(self, constant: str) -> Self:
-        """Return the row as one that does not count, as a constant was chosen to match its fact."""
+        """Return the row as one that does not count, because a constant was chosen to match its fact."""
         return replace(self, kind="calibration", reason=constant)
 
     def context(self, reason: str) -> Self:
@@ -66,7 +66,7 @@ class Row:
         cls, topic: str, name: str, source: str, *, published: float, simulated: Simulated, within: float,
         uncertainty: float = 0.0, unit: str = "", note: str = "",
     ) -> Self:
-        """Compare with a published value, not 0; passes within a share of it, the interval being no wider."""
+        """Compare with a published value, not 0; passes within a share of it, if the interval is not wider."""
         mean, half = _central(simulated, uncertainty)
         tolerance = within * abs(published)
         passed = abs(mean - published) <= tolerance and half <= tolerance
@@ -80,7 +80,7 @@ class Row:
         cls, topic: str, name: str, source: str, *, simulated: Simulated, low: float = -math.inf,
         high: float = math.inf, published: str = "", uncertainty: float = 0.0, unit: str = "", note: str = "",
     ) -> Self:
-        """Compare with a published band; passes if the central value is in it. `published` is another text for it."""
+        """Compare with a published band; passes if the central value is in it. `published` replaces its text."""
         if math.isinf(low):
             words, allowed = f"at most {_text(high, unit)}", f"<= {_text(high, unit)}"
         elif math.isinf(high):
@@ -98,7 +98,7 @@ class Row:
         cls, topic: str, name: str, source: str, *, rises: bool, simulated: Simulated,
         uncertainty: float = 0.0, published: str = "", unit: str = "", note: str = "",
     ) -> Self:
-        """Compare with the published sign of a difference, changed minus base; passes with its whole interval."""
+        """Compare with the published sign of a difference, changed minus base; the whole interval must have it."""
         mean, half = _central(simulated, uncertainty)
         passed = mean - half > 0 if rises else mean + half < 0
         return cls(
@@ -109,13 +109,13 @@ class Row:
 
 Seeds = Sequence[int]
 Check = Callable[[Seeds], list[Row]]
-"""Simulates with some seeds and returns rows; the same seeds give the same rows."""
+"""Simulates with seeds and returns rows; the same seeds give the same rows."""
 Checks = Mapping[Check, tuple[str, ...]]
 """Checks, each with the topics of its rows."""
 
 
 def mean_and_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
-    """Mean of independent values and the half width of its 95 % interval (Student's t), infinite for a single one."""
+    """Return the mean of values and half the width of its 95 % interval (Student's t), infinite for one value."""
     data = np.asarray(values, float)
     n = data.size
     if n < 2:
@@ -132,24 +132,24 @@ def _central(simulated: Simulated, uncertainty: float = 0.0) -> tuple[float, flo
 def differences(
     before: Iterable[Any], after: Iterable[Any], of: Callable[[Any], float] = lambda value: value
 ) -> list[float]:
-    """Return a figure's change, after less before, seed by seed."""
+    """Return the change of a figure, after minus before, for every seed."""
     return [of(b) - of(a) for a, b in zip(before, after, strict=True)]
 
 
 def ratios(
     before: Iterable[Any], after: Iterable[Any], of: Callable[[Any], float] = lambda value: value
 ) -> list[float]:
-    """Return a figure after over the one before, seed by seed."""
+    """Return the ratio of a figure, after over before, for every seed."""
     return [of(b) / of(a) for a, b in zip(before, after, strict=True)]
 
 
 def extended(seeds: Seeds, count: int) -> Seeds:
-    """Return `count` seeds from the first one on, for a row whose scatter needs more; none of none."""
+    """Return `count` seeds from the first one on, for a row that needs more seeds; none if there are none."""
     return range(seeds[0], seeds[0] + count) if seeds else ()
 
 
 def worst(compared: Iterable[tuple[float, float, str]]) -> tuple[float, float, str]:
-    """Of (published, simulated, name), pick the one whose values differ most, in proportion."""
+    """Return the (published, simulated, name) with the greatest relative difference."""
     return max(compared, key=lambda item: abs(item[1] / item[0] - 1))
 
 

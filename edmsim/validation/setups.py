@@ -1,4 +1,4 @@
-"""Set-ups that several checks use: changed constants, a straight cut at fixed feed, a hole of known gap."""
+"""Set-ups of several checks: changed constants, a straight cut at fixed feed, a hole of known gap."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,14 +27,14 @@ STILL: Mapping[str, float] = {
     "base.dielectric.jet_drag": 0.0,
     "base.dielectric.film_stirring": 1.0,
 }
-"""Constants with which pulses break down and do (nearly) nothing else: nothing is removed, moved or heated, no gas
-stays, jets push nothing, and the water has 20 C and flows without eddies."""
+"""Constants with which pulses break down and have (nearly) no other effect: no removal, motion or heat, no gas, no
+force of jets, and water of 20 C without eddies."""
 UNBREAKABLE: Mapping[str, float] = {"wire.half_strength_K": 1e6}
-"""A wire whose strength heat does not take: for rows about its place."""
+"""A wire that heat does not weaken, for rows on its position."""
 
 
 def altered(machine: Machine, values: Mapping[str, float]) -> Machine:
-    """Return a machine with some constants replaced, whatever their range: ``{"base.gap.critical_um": 9.0}``."""
+    """Return a machine with constants replaced, also outside their range: ``{"base.gap.critical_um": 9.0}``."""
     for path, value in values.items():
         machine = _replaced(machine, path.split("."), value, path)
     return machine
@@ -52,7 +52,7 @@ def _replaced(part: Any, keys: list[str], value: float, path: str) -> Any:
 
 
 def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "fast") -> Plant:
-    """Return a plant whose wire hangs in the middle of a round hole, at the same gap all around."""
+    """Return a plant with its wire in the middle of a round hole, with the same gap all around."""
     centre_um = x, y = machine.base.table.centre_um
     radius = machine.wire_diameter_um / 2 + gap_um
     stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, radius),))
@@ -60,15 +60,15 @@ def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "
 
 
 NO_IGNITION: Mapping[str, float] = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
-"""A gap whose long delays last beyond any pulse: nothing ignites but what is primed."""
+"""A gap with long delays beyond all pulses, so only primed sites ignite."""
 
 
 FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}  # breaks at its first discharge: see `single_discharges`
 
 
 def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
-    """Fire until the first discharge, each time with a new wire: every window has one discharge."""
-    # windows without any discharge, all pulses open, are among them
+    """Fire until the first discharge, each time with a new wire, so every window has at most one discharge."""
+    # windows without a discharge, in which all pulses are open, are included
     windows = []
     for _ in range(count):
         plant.rethread(plant.commanded_um, 0)
@@ -77,26 +77,26 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
 
 
 PRACTICE = "usual of wire EDM practice (no published table)"
-"""Source of facts that every shop knows, but for which no published table was found; the fact follows it."""
+"""Source of facts that are known in shops, but without a published table; the fact follows this text."""
 
 
 def servo_cut(machine: Machine, seed: int, *, open_share: float = OPEN_SHARE, seconds: float = 3.0) -> Cut:
-    """Cut straight with a servo that holds a share of the pulses open: a count law quick enough for dense pulses."""
-    # by default a tenth, as the search for the highest stable rate does: a rough cut is run for its rate
+    """Cut straight with a servo that holds a share of open pulses: a count law, fast enough for dense pulses."""
+    # by default 0.1, as in the search for the highest stable rate
     return cut_straight(machine, from_text(quick_counts(open_share)), seed, settle_s=seconds, seconds=seconds)
 
 
 CAPACITY_SHARE = 0.85
-"""Fixed feeds are at most this share of what the set-up's servo reaches (ours): above it a wire that lags jams for
-good, as without sparks nothing pushes it back and its tension holds it on the metal."""
+"""Greatest fixed feed as a share of the feed that a servo reaches (ours): above it a lagging wire jams permanently,
+because without sparks nothing pushes it back and its tension presses it against the metal."""
 
 
 def capacity_um_s(machine: Machine) -> float:
-    """Return the feed that a servo reaches in a set-up with a tenth of the pulses open; one cut, seed 1."""
+    """Return the feed that a servo reaches in a set-up with a tenth of open pulses; one cut, seed 1."""
     return servo_cut(machine, 1, seconds=6.0).feed_um_s
 
 
 def feed_within(feed_um_s: float, *machines: Machine) -> float:
-    """Return a fixed feed, or `CAPACITY_SHARE` of the least capacity of the set-ups it is for if that is less."""
+    """Return a fixed feed, but at most `CAPACITY_SHARE` of the least capacity of its set-ups."""
     return min(feed_um_s, *(CAPACITY_SHARE * capacity_um_s(machine) for machine in machines))
 

@@ -1,4 +1,4 @@
-"""Rows on what else figures depend on: the constants' ranges, by drawn machines, and the resolution."""
+"""Rows on the dependence of figures on the constants' ranges (drawn machines) and on the resolution."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -14,12 +14,12 @@ from edmsim.validation.lag import LAG
 from edmsim.validation.rows import Checks, Row, Seeds, differences, mean_and_interval
 from edmsim.validation.setups import feed_within
 
-MACHINES_PER_SEED = 3  # machines drawn (ours: with eight seeds two dozen, of which the outermost bound the interval)
+MACHINES_PER_SEED = 3  # machines drawn per seed (ours: two dozen in all, whose extremes are the interval)
 PAGE = "docs/theory/emergence.md#ranges"
 
 
 def drawn_cuts(seeds: Seeds) -> list[Cut]:
-    """Cut straight under the count law on machines drawn within the ranges of all constants; the wire may break."""
+    """Cut straight with the count law on machines drawn within the ranges of all constants; the wire may break."""
     cuts = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -30,9 +30,8 @@ def drawn_cuts(seeds: Seeds) -> list[Cut]:
 
 
 def ranges(seeds: Seeds) -> list[Row]:
-    """Rate, gaps and lag of drawn machines: the median, and half of what 95 % of them span."""
-    # a machine that the law does not feed by a wire's diameter has a rate, but no kerf; it is left out of gaps
-    # and lag
+    """Report rate, gaps and lag of drawn machines: the median, and half of the range of 95 % of them."""
+    # a machine that travels less than a wire's diameter has a rate but no kerf, and is left out of gaps and lag
     cuts = [cut for cut in drawn_cuts(seeds) if not cut.broken]
     fed = [cut for cut in cuts if cut.travel_um > cut.plant.machine.wire_diameter_um]
     sides = [(float(c.kerf_um.mean()) - c.plant.machine.wire_diameter_um) / 2 for c in fed]
@@ -58,13 +57,13 @@ def _row(
 
 SAME = "the model's own claim: a resolution changes the price of a cut and not the cut"
 NOTE = "docs/convergence.md#convergence"
-FEED_UM_S = 28.0  # fixed feed, if within capacity: three quarters of what the gap takes, where shorts begin (ours)
-SETTLE_S, CUT_S = 6.0, 8.0  # machine time in which the cut settles, and is measured (ours: 200 um)
-SHARE = 0.1  # share of `fine`'s figure by which another resolution may differ from it
+FEED_UM_S = 28.0  # fixed feed, if within the capacity: 75 % of it, where shorts begin (ours)
+SETTLE_S, CUT_S = 6.0, 8.0  # machine times in which the cut settles and is measured (ours: 200 um)
+SHARE = 0.1  # relative tolerance of a figure at another resolution than `fine`
 
 
 class Figure(NamedTuple):
-    """A figure of a cut, its unit, and the difference that is small whatever the figure is (ours)."""
+    """A figure of a cut, its unit, and an absolute tolerance (ours)."""
 
     name: str
     unit: str
@@ -80,7 +79,7 @@ FIGURES = (
 
 
 def resolutions(seeds: Seeds) -> list[Row]:
-    """Shorts, lag and vibration of the default cut at a fixed feed, coarse over fine."""
+    """Compare shorts, lag and vibration of the default cut at a fixed feed between resolutions."""
     machine = Machine.load()
     feed_um_s = feed_within(FEED_UM_S, machine)
     fast, default, fine = (

@@ -1,7 +1,7 @@
 """Rows on the highest stable rate: effects of pressure, wire speed, a nozzle, the height and a thin wire.
 
-The rate is searched as `edmsim.evaluation.stable_rate` does it, by shortening the pauses until the wire breaks, the
-cut jams or the generator gives no more, on the production machine as it is loaded.
+The rate is searched by `edmsim.evaluation.stable_rate`, which shortens the pauses until the wire breaks, the cut jams
+or the generator has no shorter period, on the default production machine.
 """
 
 import math
@@ -15,22 +15,23 @@ from edmsim.validation.setups import PRACTICE
 
 NOTE = "docs/theory/emergence.md#greatest-stable-rate"
 HOLD_S, APPROACH_S = 0.4, 6.0
-"""Time at each step (ours: twenty time constants of the wire), and time in which the feed finds its level first."""
-# ours: jets of 16 bar bend the wire by 30 um before it fires, so the servo comes to the metal too fast and needs 4 s;
-# a search that began earlier judged that approach, and called it a jam
+"""Time at each step (ours: twenty time constants of the wire), and initial time in which the feed settles."""
+# ours: jets of 16 bar bend the wire by 30 um before it fires, so the servo approaches too fast and needs 4 s to
+# settle; a search that began earlier would report a jam
 
-PAIRED = 20  # seeds of a difference as small as a step of the search
-# ours. A search shortens the period by 5 %, so 5 % is the least effect looked for, 7 mm2/min on 40 mm, and half of it
-# is the interval. The differences of eight seeds had a standard deviation of 7.4 mm2/min: 2.09 x 7.4 / sqrt(20) = 3.5
+PAIRED = 20  # seeds for differences as small as a step of the search
+# Ours: a search shortens the period by 5 %, so the least effect to detect is 5 %, 7 mm2/min on 40 mm, and half of it
+# is the interval. The differences of eight seeds had a standard deviation of 7.4 mm2/min: 2.09 x 7.4 / sqrt(20) =
+# 3.5.
 
 
 def preset(height_mm: float) -> Machine:
-    """Return the production machine and its generator as they are loaded: 0.25 mm brass, 10 N, 2 bar, 13 m/min."""
+    """Return the default production machine and generator: 0.25 mm brass, 10 N, 2 bar, 13 m/min."""
     return Machine.load("production", generator="production", height_mm=height_mm)
 
 
 def rates_mm2_min(machine: Machine, seeds: Seeds) -> list[float]:
-    """Greatest stable rate, a search per seed."""
+    """Search the greatest stable rate with every seed."""
     return [
         highest_stable_rate(machine, seeds=(seed,), hold_s=HOLD_S, approach_s=APPROACH_S).rate_mm2_min
         for seed in seeds
@@ -42,14 +43,14 @@ def _sign(name: str, source: str, rises: bool, before: Sequence[float], after: S
                     unit="mm2/min", note=NOTE)
 
 
-FLUSHED_MM, TALL_MM = 40.0, 60.0  # heights at which flushing and wire speed are changed, and a nozzle is taken off
+FLUSHED_MM, TALL_MM = 40.0, 60.0  # heights at which flushing and wire speed are changed, and at which a nozzle is off
 WEAK_PA, STRONG_PA, STRONGEST_PA = 0.5e5, 4e5, 16e5
-LEVEL = 0.25  # share by which the rate may change from strong flushing to four times as strong, to be called level
+LEVEL = 0.25  # greatest relative change of the rate from strong flushing to four times as strong, for "level"
 QUICKER = 3.0
 
 
 def water_and_wire(seeds: Seeds) -> list[Row]:
-    """What pressure, a nozzle and the wire's speed do to the rate."""
+    """Compare the effects of pressure, a nozzle and the wire's speed on the rate."""
     base = preset(FLUSHED_MM)
     weak, strong, strongest = (
         rates_mm2_min(base.with_(flushing_lower_Pa=pressure, flushing_upper_Pa=pressure), seeds)
@@ -74,11 +75,11 @@ def water_and_wire(seeds: Seeds) -> list[Row]:
 
 
 LOW_MM, BEST_MM, HIGH_MM = 15.0, 40.0, 120.0
-"""Heights below, within and above the range in which the rate in area per time is greatest."""
+"""Heights below, within and above the range with the greatest rate in area per time."""
 
 
 def heights(seeds: Seeds) -> list[Row]:
-    """Rate over the workpiece's height."""
+    """Compare the rate over the workpiece's height."""
     low, best, high = (rates_mm2_min(preset(height), seeds) for height in (LOW_MM, BEST_MM, HIGH_MM))
     most = "greatest between some 30 and 60 mm, then a slow fall"
     return [
@@ -90,11 +91,11 @@ def heights(seeds: Seeds) -> list[Row]:
 THIN_MM = (10.0, 20.0)
 THIN_N, THIN_ON_US = 4.0, 0.7
 """Tension and on-time of a brass wire of 0.1 mm (ours: usual orders; half of the strength, half of a rough pulse)."""
-THIN_PEAKS_A = (75.0, 150.0, 300.0)  # peaks tried, 0.6 to 2.3 mJ per discharge (ours: a shop looks for the best)
+THIN_PEAKS_A = (75.0, 150.0, 300.0)  # peak currents, 0.6 to 2.3 mJ per discharge (ours: a shop searches the best one)
 
 
 def thin_wire(seeds: Seeds) -> list[Row]:
-    """Rate of a wire of 0.1 mm, with the peak current that gives most."""
+    """Compare the rate of a wire of 0.1 mm, at the best peak current."""
     rows = []
     for height in THIN_MM:
         runs = [rates_mm2_min(thin_rig(height, peak), seeds) for peak in THIN_PEAKS_A]
@@ -105,7 +106,7 @@ def thin_wire(seeds: Seeds) -> list[Row]:
 
 
 def thin_rig(height_mm: float, peak_A: float) -> Machine:
-    """Return the production machine with a brass wire of 0.1 mm and pulses that it may stand."""
+    """Return the production machine with a brass wire of 0.1 mm and pulses for it."""
     return Machine.load(
         "production", generator="production", wire="brass-100", height_mm=height_mm, tension=THIN_N,
         t_on_us=THIN_ON_US, peak_current_A=peak_A,

@@ -1,8 +1,7 @@
 """Rows on tapered walls: the ellipse of a tilted wire in a horizontal plane, and errors in the guides' heights.
 
-A straight wall of 1.5 mm is cut, and measured in the lowest and the highest slice. The table of a machine and what it
-does to a path, whole um and motor steps of 2 um, is in it; what an upright wall leaves at the same offset is not its
-error.
+A straight wall of 1.5 mm is cut, and measured in the lowest and the highest slice. The results include the rounding
+of the path to whole um and motor steps of 2 um; the error of a vertical wall at the same offset is subtracted.
 """
 
 import math
@@ -25,11 +24,11 @@ PLAIN = "geometry: the offset r + gap leaves (r + gap) (1 / cos a - 1) too littl
 GUIDE = "geometry: a lower guide e too high moves the wall by e tan a at its own height, by 0 at the upper guide"
 HEIGHT_MM, LENGTH_MM = 10.0, 1.5
 GUIDE_ERROR_MM = 0.1
-SHORTEST_MM = 0.4  # so near to the ends of the wall nothing is measured
+SHORTEST_MM = 0.4  # distance from the ends of the wall within which nothing is measured
 
 
 def _wall(angle_deg: float) -> Program:
-    """A wall along x that leans towards the part by an angle, cut from a hole before it."""
+    """A wall along x that is tilted towards the part, cut from a hole before it."""
     points = np.array([[0.0, 0.0], [LENGTH_MM, 0.0]])
     start_y_mm = -0.17 - max(0.0, -HEIGHT_MM * math.tan(math.radians(angle_deg)))
     outline = Outline(
@@ -56,7 +55,7 @@ def wall_errors_um(
 
 
 def check_faces(seeds: Seeds) -> list[Row]:
-    """Contours below and above of walls that lean, with the offset by the ellipse."""
+    """Compare the lower and upper contours of tilted walls, with the offset by the ellipse."""
     rows = []
     for angle_deg in (3.0, 15.0):
         errors = np.array([wall_errors_um(angle_deg, seed) for seed in seeds])
@@ -69,7 +68,7 @@ def check_faces(seeds: Seeds) -> list[Row]:
 
 
 def check_plain_offset(seeds: Seeds) -> list[Row]:
-    """What a wall that leans by 15 degrees loses if its offset is that of an upright one."""
+    """Compare the error of a wall tilted by 15 degrees if its offset is that of a vertical one."""
     full_mm, cosine = Machine.load(height_mm=HEIGHT_MM).auto_offset_mm, math.cos(math.radians(15.0))
 
     ellipse, plain = (
@@ -82,7 +81,7 @@ def check_plain_offset(seeds: Seeds) -> list[Row]:
 
 
 def check_guide(seeds: Seeds) -> list[Row]:
-    """What a lower guide that is 0.1 mm too high does to a wall that leans by 15 degrees, in its lowest slice."""
+    """Compare the error in the lowest slice of a wall tilted by 15 degrees if the lower guide is 0.1 mm too high."""
     machine = Machine.load(height_mm=HEIGHT_MM)
     guides, tangent = guides_of(machine, (0.0, 0.0)), math.tan(math.radians(15.0))
     assert guides is not None

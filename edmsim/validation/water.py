@@ -15,7 +15,7 @@ LEAK = "leakage sigma V A / g; 10 uS/cm, 30 mm, 20 um, 80 V"
 
 
 def critical_share(gap_um: float) -> float:
-    """Debris share at which half of the pulses find a bridge, by bisection of the loop's probability."""
+    """Return the debris share at which half of the pulses are bridged, by bisection of the loop's probability."""
     gap = Machine.load().base.gap
     low, high = 0.0, 1.0
     for _ in range(40):
@@ -29,7 +29,7 @@ def critical_share(gap_um: float) -> float:
 
 
 def bridged_share(gap_um: float, debris: float, seed: int) -> float:
-    """Share of pulses that debris shorts in a still gap."""
+    """Return the share of pulses that debris shorts in a gap at rest."""
     stagnant = {**STILL, **NO_IGNITION, "base.dielectric.flushing_pressure_Pa": 1e-6}
     plant = in_a_hole(altered(Machine.load(height_mm=5.0), stagnant), gap_um, seed)
     plant.advance()
@@ -41,7 +41,7 @@ def bridged_share(gap_um: float, debris: float, seed: int) -> float:
 
 
 def check_bridging(seeds: Seeds) -> list[Row]:
-    """The critical share of debris at three gaps, and the signs of bridging in the pulse loop."""
+    """Compare the critical share of debris at three gaps, and the signs of bridging in the pulse loop."""
     rows = [
         Row.value(
             "dielectric", f"debris share that bridges half of the pulses at {gap:g} um", SPARC, published=published,
@@ -60,7 +60,7 @@ def check_bridging(seeds: Seeds) -> list[Row]:
 
 
 def residence_ms(pressure_Pa: float, height_mm: float, gap_um: float) -> float:
-    """Time in which flushing carries off all but 1/e of the debris of a gap filled evenly."""
+    """Return the time in which flushing removes all but 1/e of uniformly distributed debris."""
     slices = resolution("fine").slices
     both = jets(pressure_Pa, pressure_Pa, 1e-3, gap_um, height_mm)
     changes_us = both.lower_m_s / (height_mm * 1e-3 / slices) * 1e-6
@@ -73,8 +73,8 @@ def residence_ms(pressure_Pa: float, height_mm: float, gap_um: float) -> float:
 
 
 def check_flushing(seeds: Seeds) -> list[Row]:
-    """Residence time at 2 bar, 30 mm, 40 um: its size, and its dependence on height, pressure and gap."""
-    # the closed form is 34 ms for a flow through the whole height; two jets need to reach mid-height only
+    """Compare the residence time at 2 bar, 30 mm, 40 um, and its dependence on height, pressure and gap."""
+    # the closed form is 34 ms for a flow through the whole height; two jets meet at mid-height
     base = residence_ms(2e5, 30.0, 40.0)
     rows = [Row.value(
         "dielectric", "residence time of debris, 2 bar, 15 mm from either side, 40 um", SLOT,
@@ -93,8 +93,8 @@ def check_flushing(seeds: Seeds) -> list[Row]:
 
 
 def check_leakage(seeds: Seeds) -> list[Row]:
-    """Current through the water and what it takes from the open voltage of a supply of 100 ohm."""
-    # measured at open pulses: half of the height, as the hole faces the whole girth and the example half of it
+    """Compare the leakage current through the water, and the drop of the open voltage of a supply of 100 ohm."""
+    # measured at open pulses at half of the height, because in the hole the whole circumference faces metal
     supply_ohm, voltage = 100.0, 80.0
     water = {key: value for key, value in STILL.items() if key != "base.dielectric.conductivity_uS_cm"}
     machine = altered(Machine.load(height_mm=15.0, t_on_us=20.0), {

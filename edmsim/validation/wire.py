@@ -1,4 +1,4 @@
-"""The wire: closed forms of a string between its guides, of the electrostatic pull, and of the heat balance."""
+"""The wire: closed forms of a string between guides, the electrostatic pull, and the heat balance."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ WAVE = "taut string, f = n / (2 L) sqrt(T / mu)"
 CYLINDER = "cylinder before a plane, closed form"
 
 FREQUENCIES_HZ = ((40.0, 1935.0), (80.0, 968.0), (150.0, 516.0))
-"""First frequency of 0.25 mm brass of 8500 kg/m3 at 10 N, over the distance of the guides in mm."""
+"""First frequency of 0.25 mm brass of 8500 kg/m3 at 10 N, by the distance of the guides in mm."""
 
 
 def _worst_rows(
@@ -40,7 +40,7 @@ def _worst_rows(
 
 
 def static_lag_um(height_mm: float, tension: float) -> float:
-    """Deflection at mid-height under 1 N/m over the workpiece, of the modes and slices of the pulse loop."""
+    """Return the deflection at mid-height under 1 N/m over the workpiece, by the pulse loop's modes and slices."""
     machine = Machine.load(height_mm=height_mm, tension=tension)
     modes = modal_model(machine, resolution("default"))
     slices = len(modes.wire_shape)
@@ -49,7 +49,7 @@ def static_lag_um(height_mm: float, tension: float) -> float:
 
 
 def check_static_lag(seeds: Seeds) -> list[Row]:
-    """All 25 rows of the table; the worst tension of every height is shown."""
+    """Compare all 25 rows of the table; the worst tension of every height is shown."""
     of_heights = _worst_rows("analytic_static_wire_lag", "h_mm", "T_N", "ymax_um_per_N_per_m", static_lag_um)
     return [
         Row.value("wire", f"static lag at 1 N/m, {height:g} mm high (worst of {count} tensions: {tension} N)", STRING,
@@ -59,7 +59,7 @@ def check_static_lag(seeds: Seeds) -> list[Row]:
 
 
 def frequencies_Hz(guide_distance_mm: float) -> list[float]:
-    """First four frequencies of the published example's wire, in air."""
+    """Return the first four frequencies of the published example's wire in air."""
     clearance_mm = Machine.load().base.guides.clearance_mm.value
     machine = Machine.load(height_mm=guide_distance_mm - 2 * clearance_mm, tension=10.0)
     in_slot = wire_setup(altered(machine, {"wire.density_kg_m3": 8500.0}))
@@ -69,7 +69,7 @@ def frequencies_Hz(guide_distance_mm: float) -> list[float]:
 
 
 def check_frequencies(seeds: Seeds) -> list[Row]:
-    """First frequency at three guide distances, and the first one's overtones."""
+    """Compare the first frequency at three guide distances, and overtones at the first."""
     rows = []
     for distance, published in FREQUENCIES_HZ:
         found = frequencies_Hz(distance)
@@ -85,11 +85,11 @@ def check_frequencies(seeds: Seeds) -> list[Row]:
 
 
 def pull_N_m(gap_um: float, voltage_V: float) -> float:
-    """Pull per metre on the default wire before a flat wall, summed over rays as the pulse loop does."""
+    """Return the pull per metre on the default wire at a flat wall, summed over rays as in the pulse loop."""
     machine, res = Machine.load(), resolution("default")
     radius = machine.wire_diameter_um / 2
     angle = 2 * math.pi * np.arange(res.rays) / res.rays
-    angle = angle[np.cos(angle) > (radius + gap_um) / (radius + RAY_RANGE_UM)]  # as far as rays look
+    angle = angle[np.cos(angle) > (radius + gap_um) / (radius + RAY_RANGE_UM)]  # range of rays
     gaps = (radius + gap_um) / np.cos(angle) - radius
     sums = np.zeros((1, 4))
     slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, voltage_V), sums)
@@ -100,7 +100,7 @@ def pull_N_m(gap_um: float, voltage_V: float) -> float:
 
 
 def check_electrostatic_pull(seeds: Seeds) -> list[Row]:
-    """All 25 rows of the table; the worst voltage at every gap is shown."""
+    """Compare all 25 rows of the table; the worst voltage at every gap is shown."""
     of_gaps = _worst_rows("analytic_electrostatic_force", "gap_um", "V", "force_N_per_m", pull_N_m)
     return [
         Row.value("wire", f"electrostatic pull at {gap:g} um (worst of {count} voltages: {voltage} V)", CYLINDER,
@@ -118,11 +118,11 @@ DIVIDED = "current from contacts at both guides, divided as the wire's resistanc
 BOILING = "boiling curve: cubic nucleate branch up to the critical heat flux (Rohsenow; closed form of the model)"
 
 STEP_US = 100.0
-SETTLE_S = 0.5  # over twenty time constants of the thickest wire
+SETTLE_S = 0.5  # more than 20 time constants of the thickest wire
 
 
 def _wire(machine: Machine, law: HeatLaw) -> state.Arrays:
-    """Return slices of a wire at the water's temperature, in water that stands."""
+    """Return slices of a wire at the water's temperature, in still water."""
     res = resolution("default")
     a = state.allocate(state.Arrays, state.sizes_of(res.slices, res.rays, res.modes))
     a.temperature_K[:] = law.water_K
@@ -139,7 +139,7 @@ def _currents(a: state.Arrays) -> Floats:
 
 
 def _settled_rise_K(machine: Machine, law: HeatLaw, spark_W: float = 0.0, current_A: float = 0.0) -> float:
-    """Mean rise over the height after a steady power of sparks, and a current that flows through the whole wire."""
+    """Return the mean rise over the height after a steady power of sparks and a current through the whole wire."""
     a = _wire(machine, law)
     per_step = spark_W / len(a.temperature_K) * STEP_US * 1e-6 * law.kelvin_per_J
     for _ in range(round(SETTLE_S / (STEP_US * 1e-6))):
@@ -147,11 +147,11 @@ def _settled_rise_K(machine: Machine, law: HeatLaw, spark_W: float = 0.0, curren
         a.current2_us[:] = 0.0
         a.current2_us[0, -1] = a.current2_us[1, 0] = current_A**2 * STEP_US
         heat_step(a, law, _currents(a), STEP_US)
-    return float(a.temperature_K[1:-1].mean()) - law.water_K  # half of that current misses the outermost slices
+    return float(a.temperature_K[1:-1].mean()) - law.water_K  # half of this current bypasses the outermost slices
 
 
 def check_joule_heat(seeds: Seeds) -> list[Row]:
-    """Rise at a steady current of half of 30 A, which comes from both ends: the loop's balance against Schacht's."""
+    """Compare the rise at a steady current of 30 A, fed half from each end, with Schacht's heat balance."""
     machine = Machine.load()
     law = heat_law(machine, resolution("default"))._replace(run_per_us=0.0, conduction_per_us=0.0)
     current = 30.0
@@ -166,7 +166,7 @@ def check_joule_heat(seeds: Seeds) -> list[Row]:
 
 
 def joule_share(height_mm: float) -> float:
-    """Mean square of the current in the wire of a workpiece over that of its discharges, which strike anywhere."""
+    """Return the mean square of the current in the wire over that of the discharges, at random heights."""
     machine, res = Machine.load(height_mm=height_mm), resolution("default")
     a = _wire(machine, heat_law(machine, res))
     a.height_share[:res.slices] = height_share(machine, res)
@@ -176,7 +176,7 @@ def joule_share(height_mm: float) -> float:
 
 
 def check_joule_shares(seeds: Seeds) -> list[Row]:
-    """Mean square of a current fed from both guides, over workpiece and discharges: from 1/6 (no clearance) on."""
+    """Compare the mean square of a current fed from both guides, over heights and discharges: 1/6 if no clearance."""
     rows = []
     for height in (20.0, 80.0):
         guides_mm = Machine.load(height_mm=height).guide_distance_mm
@@ -190,7 +190,7 @@ def check_joule_shares(seeds: Seeds) -> list[Row]:
 
 
 def check_boiling(seeds: Seeds) -> list[Row]:
-    """The boiling curve: its cubic branch, its critical flux, and where a wire settles on it."""
+    """Compare the boiling curve: its cubic branch, its critical flux, and the steady states of a wire."""
     machine = Machine.load(wire="brass-300", height_mm=80.0, tension=22.0)
     res, cooling = resolution("default"), machine.base.cooling
     law = heat_law(machine, res)._replace(run_per_us=0.0)
@@ -222,7 +222,7 @@ def check_boiling(seeds: Seeds) -> list[Row]:
 
 
 def check_cooling(seeds: Seeds) -> list[Row]:
-    """Time constant of cooling in water: ``rho c d / (4 h)``."""
+    """Compare the time constant of cooling in water: ``rho c d / (4 h)``."""
     machine = Machine.load()
     law = heat_law(machine, resolution("default"))._replace(run_per_us=0.0)
     a = _wire(machine, law)
@@ -243,7 +243,7 @@ def check_cooling(seeds: Seeds) -> list[Row]:
 
 
 def check_spark_heat(seeds: Seeds) -> list[Row]:
-    """Mean rise of the 0.3 mm wire at 590 W over 80 mm, a tenth of it into the wire: it does not boil yet."""
+    """Compare the mean rise of the 0.3 mm wire at 590 W over 80 mm, a tenth of it into the wire, without boiling."""
     machine = Machine.load(wire="brass-300", height_mm=80.0, tension=22.0)
     law = heat_law(machine, resolution("default"))
     return [Row.value(
