@@ -222,8 +222,7 @@ def refusal(error: ValidationError, options: type[BaseModel], of: str) -> InputE
 
 
 def show(function: Callable[..., Any], options: type[BaseModel]) -> Any:
-    """Return a function with ``**options`` that shows them in its signature, and with their meanings in its
-    docstring.
+    """Return a function with ``**options`` that shows them in its signature and docstring.
 
     The meanings replace the docstring's line ``{options}``.
     """
