@@ -330,8 +330,7 @@ def critical_W_m2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 
 def jet_um_kg_s2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Return the force on every slice of the jets that turn into the kerf, from each face ``c d dp exp(-z / l)`` per
-    length."""
+    """Return the force on every slice of jets that turn into the kerf: ``c d dp exp(-z / l)`` per length and face."""
     edges_mm = np.arange(res.slices + 1) / res.slices * machine.height_mm
     force = np.zeros(res.slices)
     for pressure_Pa, from_face_mm in zip(faces_Pa(machine), (edges_mm, edges_mm[::-1]), strict=True):
