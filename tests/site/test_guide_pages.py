@@ -36,6 +36,7 @@ def tables(load_script):
     return load_script(DOCS / "make" / "tables.py")
 
 
+@pytest.mark.slow
 def test_tables_are_those_of_the_code(tables):
     marked = {str(file.relative_to(DOCS).with_suffix("")): file for file in tables.pages()}
     assert set(marked) == {"command-line", "controllers", "guide/outputs", "guide/set-up", "servo-drives"}
