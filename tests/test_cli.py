@@ -157,11 +157,10 @@ def test_interrupted_cut_is_taken_up_again(small_punch, tmp_path, edmsim, monkey
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("signals")
 @pytest.mark.parametrize("late", ["checkpoint", "bar", "table"])
 def test_an_interrupt_when_all_is_written_ends_nothing(small_punch, tmp_path, edmsim, monkeypatch, late):
     """Before the cut's own handler goes, behind it, and while the results are shown."""
-    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
-
     def interrupted(where, name):
         before = getattr(where, name)
 
@@ -176,7 +175,6 @@ def test_an_interrupt_when_all_is_written_ends_nothing(small_punch, tmp_path, ed
     interrupted(*{"checkpoint": (Path, "unlink"), "bar": (ShownProgress, "__exit__"),
                   "table": (report_module, "render_table")}[late])  # fmt: skip
     outcome = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, *FAST)
-    signal.signal(signal.SIGINT, usual)
     assert outcome.status == 3  # the time limit; as without the interrupt
     assert "interrupted" not in outcome.err
     assert sorted(f.name for f in tmp_path.iterdir()) == FILES
@@ -298,12 +296,11 @@ def _leave_one():
     time.sleep(5.0)
 
 
+@pytest.mark.usefixtures("signals")
 def test_ctrl_c_that_a_destructor_swallows_comes_again(monkeypatch, capfd):
     monkeypatch.setattr(sys, "unraisablehook", raise_again)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores Ctrl-C
     with pytest.raises(KeyboardInterrupt):
         _leave_one()
-    signal.signal(signal.SIGINT, before)
     assert capfd.readouterr() == ("", "")
 
 

@@ -78,6 +78,7 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
 
 @pytest.mark.slow
 @needs_rl
+@pytest.mark.usefixtures("signals")
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
     from edmsim.learning import train as training
@@ -89,9 +90,6 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     step = training._Keeper._on_step
 
     number = signal.SIGINT if algo == "ppo" else signal.SIGTERM
-    # a process in the background ignores Ctrl-C
-    usual = signal.default_int_handler if algo == "ppo" else signal.SIG_DFL
-    before = signal.signal(number, usual)
 
     def interrupted(self):
         if self.num_timesteps >= 64:
@@ -101,7 +99,6 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     with monkeypatch.context() as patch:
         patch.setattr(training._Keeper, "_on_step", interrupted)
         status, out, err = edmsim(*command)
-    signal.signal(number, before)
     assert (status, out) == (128 + number, "")
     assert f"--algo {algo} --seed 0 --resume --out {tmp_path} --score 0\n" in err
     assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000064"]
@@ -207,13 +204,12 @@ def test_a_disk_full_in_a_training_leaves_its_last_checkpoint(
 
 @pytest.mark.slow
 @needs_rl
+@pytest.mark.usefixtures("signals")
 def test_a_training_that_learned_nothing_leaves_none(short_training, tmp_path, edmsim, monkeypatch):
     from edmsim.learning import sb3
 
     monkeypatch.setattr(sb3, "callbacks_of", lambda *_: signal.raise_signal(signal.SIGHUP))
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
     status, _, err = edmsim("train", "edmsim/GapFeed-v2", "--out", tmp_path)
-    signal.signal(signal.SIGHUP, before)
     assert (status, err) == (128 + signal.SIGHUP, "edmsim: interrupted; nothing was trained\n")
     assert not list(tmp_path.glob("checkpoint-*"))
 
