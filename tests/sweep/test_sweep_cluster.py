@@ -17,6 +17,7 @@ from edmsim.sweep.run import SweepProgress, sweep
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.table import read
 from edmsim.sweep.tune import TRAINING
+from tests.soak.lost_node import two_nodes
 
 ray = pytest.importorskip("ray")
 from edmsim.sweep.population import TABLE, train_population  # noqa: E402 - needs ray
@@ -35,18 +36,11 @@ def nodes():
     # of Ray's shared folder another user of this computer may own the files; a socket's path is short
     with TemporaryDirectory(prefix="ray") as folder, pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.setenv("RAY_TMPDIR", folder)
-        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-        patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         patch.setenv("PYTHONPATH", f"{Path(__file__).parents[2]}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
         warnings.simplefilter("ignore")  # Ray's, of files it leaves to the collector
-        from ray.cluster_utils import Cluster as Nodes
-
-        node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "include_dashboard": False}
-        cluster = Nodes(initialize_head=True, head_node_args={**node, "node_ip_address": "127.0.0.2"})
-        cluster.second = cluster.add_node(**node, node_ip_address="127.0.0.3")
-        yield cluster
-        ray.shutdown()
-        cluster.shutdown()
+        with two_nodes() as cluster:
+            yield cluster
+            ray.shutdown()
 
 
 @pytest.mark.slow
