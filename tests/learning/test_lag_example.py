@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from edmsim.controllers import from_text
 from edmsim.learning import policy_file
 
-torch = pytest.importorskip("torch")
 FILE = Path(__file__).parents[2] / "examples" / "learning" / "lag.py"
 
 

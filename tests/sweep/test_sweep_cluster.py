@@ -10,17 +10,16 @@ from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
+import ray
 
 from edmsim.controllers import from_text
 from edmsim.errors import EdmsimError, InputError
+from edmsim.sweep.population import TABLE, train_population
 from edmsim.sweep.run import SweepProgress, sweep
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.table import read
 from edmsim.sweep.tune import TRAINING
 from tests.soak.lost_node import two_nodes
-
-ray = pytest.importorskip("ray")
-from edmsim.sweep.population import TABLE, train_population  # noqa: E402 - needs ray
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 ENV = "edmsim/GapFeed-v2"
@@ -47,7 +46,6 @@ def nodes():
 @pytest.mark.skipif(" " in sys.executable, reason="Ray Tune starts no worker with a Python whose path has a space")
 @pytest.mark.timeout(400)
 def test_a_population_exploits_and_explores_on_two_nodes(nodes, short_training, tmp_path):
-    pytest.importorskip("stable_baselines3")
     observed = []
     options = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
     found = train_population(ENV, tmp_path, **options, watch=observed.append)
