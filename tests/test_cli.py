@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from edmsim import __version__
+from edmsim import __version__, models
 from edmsim.__main__ import main
 from edmsim.bench import profile
 from edmsim.calibration import read_log
@@ -20,6 +20,8 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.errors import INTERRUPTED, InputError
 from edmsim.job.cut import CHECKPOINT, CutProgress
 from edmsim.job.options import CutSettings
+from edmsim.learning import policy_file
+from edmsim.learning import score as scoring
 from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
@@ -314,10 +316,6 @@ def test_report_is_made_again_and_figures_written(small_cut, tmp_path, edmsim):
 
 
 def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
-    from edmsim import models
-    from edmsim.learning import policy_file
-    from edmsim.learning import score as scoring
-
     for kind in ("json", "npz"):
         (tmp_path / f"mine.{kind}").write_bytes(models.path(f"policies/GapFeed-ppo.{kind}").read_bytes())
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
@@ -337,8 +335,6 @@ def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
 
 
 def test_a_policy_of_a_shift_is_scored_again_where_its_training_scored_it(edmsim, monkeypatch):
-    from edmsim.learning import score as scoring
-
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
     monkeypatch.setattr(scoring, "run", lambda *_, **__: {"policy:mine": []})
     monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))

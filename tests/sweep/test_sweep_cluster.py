@@ -14,6 +14,7 @@ import ray
 
 from edmsim.controllers import from_text
 from edmsim.errors import EdmsimError, InputError
+from edmsim.runs import Cluster, LostJob
 from edmsim.sweep.population import TABLE, train_population
 from edmsim.sweep.run import SweepProgress, sweep
 from edmsim.sweep.specification import Specification
@@ -75,8 +76,6 @@ def test_a_population_exploits_and_explores_on_two_nodes(nodes, short_training, 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_a_lost_node_loses_nothing(nodes, line, short, giving_up, tmp_path):
-    from edmsim.runs import Cluster
-
     spec = Specification(program=[str(line)], seeds=5, settings={**short, "max_time_s": 3.0})
     spec = Specification.model_validate({**spec.model_dump(), "grid": {"controller": ["counts", giving_up]}})
     engine = Cluster(nodes.address)
@@ -94,8 +93,6 @@ def test_a_lost_node_loses_nothing(nodes, line, short, giving_up, tmp_path):
 
 
 def test_a_cluster_that_is_lost_ends_a_sweep_and_fails_no_run(monkeypatch):
-    from edmsim.runs import Cluster, LostJob
-
     def lost(_):
         raise error
 
@@ -120,8 +117,6 @@ def test_a_python_whose_path_has_a_space_is_refused(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_without_a_cluster_it_says_so(monkeypatch):
-    from edmsim.runs import Cluster
-
     def refuse(**_):
         raise ConnectionError("Could not find any running Ray instance. Start one")
 
