@@ -13,7 +13,7 @@ cut: $(VENV)/.installed
 	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
 
 test: $(VENV)/.installed-test
-	$(MAKE) --jobs 2 compiled lint type docs imported
+	$(MAKE) --jobs 2 compiled lint type docs $(VENV)/.imported
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 fast: $(VENV)/.installed-test  ## the usual run while developing
@@ -40,11 +40,11 @@ mutants: $(VENV)/.installed-test  ## do the tests notice sixty small wrongs? res
 compiled: $(VENV)/.installed-test  ## so that no test waits for the compiler
 	$(BIN)/edmsim warm-up
 
-# both workers of the tests import the same hundred libraries, and at first each would make their bytecode; what fails
-# here the tests report
-.PHONY: imported
-imported: $(VENV)/.installed-test
+# both workers of the tests import the same hundred libraries, and each would make their bytecode, once after they are
+# installed; what fails here the tests report
+$(VENV)/.imported: $(VENV)/.installed-test
 	@$(BIN)/python -m pytest --collect-only -qq > /dev/null || true
+	@touch $@
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

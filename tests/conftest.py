@@ -2,6 +2,7 @@
 
 import base64
 import gc
+import signal
 import sys
 from functools import partialmethod
 from importlib import resources
@@ -111,6 +112,16 @@ def command_line(monkeypatch, capsys):
         return Outcome(code if isinstance(code, int) else 0, *capsys.readouterr())
 
     return run
+
+
+@pytest.fixture
+def signals():
+    """Signals as Python has them, where the test runner, nohup or the background have changed them."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 DOT = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mNgAAAAAgAB5Sfe/AAAAABJRU5ErkJggg==")

@@ -88,16 +88,8 @@ def test_resumed_cut_equals_the_uninterrupted_one(cut_small, whole, tmp_path, op
     assert (tmp_path / "report.json").exists()
 
 
-@pytest.fixture
-def interruptible():
-    """Ctrl-C as Python has it, where the test runner has turned it off."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("interruptible")
+@pytest.mark.usefixtures("signals")
 def test_ctrl_c_within_a_window_waits_for_its_end(cut_small, whole, tmp_path):
     interrupted = 0
     while True:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from edmsim import __version__
+from edmsim import __version__, models
 from edmsim.__main__ import main
 from edmsim.bench import profile
 from edmsim.calibration import read_log
@@ -20,6 +20,8 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.errors import INTERRUPTED, InputError
 from edmsim.job.cut import CHECKPOINT, CutProgress
 from edmsim.job.options import CutSettings
+from edmsim.learning import policy_file
+from edmsim.learning import score as scoring
 from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
@@ -157,11 +159,10 @@ def test_interrupted_cut_is_taken_up_again(small_punch, tmp_path, edmsim, monkey
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("signals")
 @pytest.mark.parametrize("late", ["checkpoint", "bar", "table"])
 def test_an_interrupt_when_all_is_written_ends_nothing(small_punch, tmp_path, edmsim, monkeypatch, late):
     """Before the cut's own handler goes, behind it, and while the results are shown."""
-    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
-
     def interrupted(where, name):
         before = getattr(where, name)
 
@@ -176,7 +177,6 @@ def test_an_interrupt_when_all_is_written_ends_nothing(small_punch, tmp_path, ed
     interrupted(*{"checkpoint": (Path, "unlink"), "bar": (ShownProgress, "__exit__"),
                   "table": (report_module, "render_table")}[late])  # fmt: skip
     outcome = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, *FAST)
-    signal.signal(signal.SIGINT, usual)
     assert outcome.status == 3  # the time limit; as without the interrupt
     assert "interrupted" not in outcome.err
     assert sorted(f.name for f in tmp_path.iterdir()) == FILES
@@ -298,12 +298,11 @@ def _leave_one():
     time.sleep(5.0)
 
 
+@pytest.mark.usefixtures("signals")
 def test_ctrl_c_that_a_destructor_swallows_comes_again(monkeypatch, capfd):
     monkeypatch.setattr(sys, "unraisablehook", raise_again)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores Ctrl-C
     with pytest.raises(KeyboardInterrupt):
         _leave_one()
-    signal.signal(signal.SIGINT, before)
     assert capfd.readouterr() == ("", "")
 
 
@@ -317,10 +316,6 @@ def test_report_is_made_again_and_figures_written(small_cut, tmp_path, edmsim):
 
 
 def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
-    from edmsim import models
-    from edmsim.learning import policy_file
-    from edmsim.learning import score as scoring
-
     for kind in ("json", "npz"):
         (tmp_path / f"mine.{kind}").write_bytes(models.path(f"policies/GapFeed-ppo.{kind}").read_bytes())
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
@@ -340,8 +335,6 @@ def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
 
 
 def test_a_policy_of_a_shift_is_scored_again_where_its_training_scored_it(edmsim, monkeypatch):
-    from edmsim.learning import score as scoring
-
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
     monkeypatch.setattr(scoring, "run", lambda *_, **__: {"policy:mine": []})
     monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))

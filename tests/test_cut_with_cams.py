@@ -173,6 +173,7 @@ def test_it_goes_on_from_a_snapshot_bit_for_bit(line):
     assert one.plant.removed_mm3 == two.plant.removed_mm3
 
 
+TABLE = '[[table]]\naxis = "x"\nmaster = "x"\n'
 CAM = '[[cam]]\naxis = "u"\nmaster = "path"\npoints = [[0, 0], [1, 0.1]]\n'
 ROWS = '[[table]]\naxis = "y"\nmaster = "x"\nrow_axis = "path"\nrow_range_mm = [0, 1]\n'
 
@@ -200,7 +201,16 @@ def test_the_report_says_what_followed_and_what_compensated(line, tmp_path):
         (CAM + CAM, "cam 2: there is a cam of u already"),
         (CAM + "reversal_um = 2\n", "cam 1: reversal_um: unknown"),
         (CAM.replace("path", "x").replace("[1, 0.1]", "[99, 50]"), "the cam of u leads the upper guide 16."),
+        ("", "a compensation file has one section"), ("[[table]", "not valid TOML"),
         ("[cam]\naxis = 3", "a compensation file has one section [[cam]] or more"),
+        ('[[table]]\naxis = "x"\npoints = [[0, 0], [1, 1]]', "table 1: master: missing"),
+        (f"{TABLE}points = [[0, 0], [1]]", "table 1: points.1.1: missing"),
+        (f"{TABLE}points = [[0, nan], [1, 1]]", "points.0.1: must be a finite number"),
+        (f"{TABLE}points = [[0, 0], [1, 1e300]]", "points.1.1: must be less than or equal to 10000"),
+        (f"{TABLE}points = [[0, 0], [1, 1001]]", "changes by 1001 um from 0 to 1 mm; it must be at most 1000 um for"),
+        (f'{TABLE}reversal_um = "a"\npoints = [[0, 0], [1, 1]]', "reversal_um: must be a valid number"),
+        (f"{TABLE}reversal_um = -1e300\npoints = [[0, 0], [1, 1]]", "must be greater than or equal to -10000"),
+        (f"{TABLE}points = [[0, 0], [1, 1]]\n" * 2, "table 2: there is a table of x along x already"),
         (f"{CAM}[cams]\na = 1", "unknown section 'cams'; there are: [[table]], [[cam]]"),
         (f"{ROWS}rows = []", "table 1: rows: must have at least 1 item"),
         (f"{ROWS}rows = 3", "rows: must be a valid list"),
@@ -214,8 +224,6 @@ def test_the_report_says_what_followed_and_what_compensated(line, tmp_path):
         (ROWS.replace("path", "z") + "rows = [[[0, 1], [5, 2]]]", "row_axis: must be 'x', 'y', 'u'"),
         (ROWS.replace("[0, 1]", "[1, 1]") + "rows = [[[0, 1], [5, 2]], [[0, 1], [5, 2]]]",
          "must begin and end apart"),
-        (ROWS.replace("[0, 1]", "[1, nan]") + "rows = [[[0, 1], [5, 2]]]",
-         "row_range_mm.1: must be a finite number"),
         (f"{ROWS}interpolate_rows = 1\nrows = [[[0, 1], [5, 2]]]",
          "interpolate_rows: must be a valid boolean"),
     ],
@@ -225,6 +233,7 @@ def test_a_bad_file_gets_one_line(line, text, message, tmp_path):
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=re.escape(message)) as refused:
         edmsim.cut(line, compensation=str(file), max_time_s=1, **FAST)
+    assert refused.value.file == (None if "leads" in message else str(file))  # the table, not the file, is too small
     assert "\n" not in str(refused.value)
 
 

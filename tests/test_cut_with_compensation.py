@@ -143,42 +143,6 @@ def test_steps_are_added_where_the_error_grows_and_left_out_where_it_falls():
     assert sum(d for _, _, d in own.motor_steps([Step(k, 0, 1) for k in range(500)])) == 450
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [("", "a compensation file has one section"), ("table = 3", "a compensation file has one section"),
-     ("[[table]", "not valid TOML"),
-     ('[[table]]\naxis = "q"\nmaster = "x"\npoints = [[0, 0], [1, 1]]',
-      "table 1: axis: must be 'x', 'y', 'u' or 'v'"),
-     ('[[table]]\naxis = "x"\npoints = [[0, 0], [1, 1]]', "table 1: master: missing"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1, 1], [1, 2]]',
-      "places must rise, but 1 mm follows 1 mm"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1]]', "table 1: points.1.1: missing"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0]]', "points: must have at least 2 items, not 1"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, nan], [1, 1]]',
-      "points.0.1: must be a finite number"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1, 1e300]]',
-      "points.1.1: must be less than or equal to 10000"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\nreversal_um = -1e300\npoints = [[0, 0], [1, 1]]',
-      "reversal_um: must be greater than or equal to -10000"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1, 1001]]',
-      "points: the error changes by 1001 um from 0 to 1 mm; it must be at most 1000 um for each mm"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\nunit = 3\npoints = [[0, 0], [1, 1]]',
-      "unit: unknown"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\nreversal_um = "a"\npoints = [[0, 0], [1, 1]]',
-      "reversal_um: must be a valid number"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\ncubic = 1\npoints = [[0, 0], [1, 1]]',
-      "cubic: must be a valid boolean"),
-     ('[[table]]\naxis = "x"\nmaster = "x"\npoints = [[0, 0], [1, 1]]\n' * 2,
-      "table 2: there is a table of x along x already")],
-)  # fmt: skip
-def test_a_bad_file_gets_one_line(text, message, tmp_path):
-    file = tmp_path / "bad.toml"
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=re.escape(message)) as caught:
-        edmsim.cut(SMALL, compensation=str(file), max_time_s=1, **FAST)
-    assert str(caught.value).startswith(str(file))
-
-
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_tables(tmp_path / "none.toml")
@@ -206,11 +170,3 @@ def test_measure_table_writes_what_cut_reads(edmsim, tmp_path):
     assert once.status == 2
     assert "1 runs are not within 2..100: a spread needs two" in once.err
     assert edmsim("measure", "table", "--interval", 0.001).status == 2
-
-
-@pytest.mark.slow
-def test_the_command_line_cuts_with_tables(edmsim, file, tmp_path):
-    words = ["cut", SMALL, "--machine", "worn-table", "--compensation", file, "--resolution", "fast", "--quiet"]
-    assert edmsim(*words, "--max-time", 1, "--out", tmp_path / "cut").status == 3
-    report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))
-    assert report["settings"]["compensation"] == str(file)

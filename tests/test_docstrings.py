@@ -4,6 +4,8 @@ import ast
 import re
 from typing import NamedTuple
 
+import pytest
+
 from .test_house import ROOT, modules, place, tree
 
 PAGES = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "docs" / "api").glob("*.rst"))
@@ -39,6 +41,7 @@ def internals():
         yield from within(tree(name).body, place(file), "", False)
 
 
+@pytest.mark.slow
 def test_few_internals_have_long_docstrings():
     lines = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in modules().values())
     long = sum(doc.lines for doc in internals() if doc.lines > LONGEST)

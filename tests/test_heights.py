@@ -10,6 +10,8 @@ import shapely
 import edmsim
 from edmsim.errors import InputError
 from edmsim.job.cut import CHECKPOINT
+from edmsim.metrology.kerf import kerf_width
+from edmsim.metrology.profile import profile_error
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.program.heights import WIRE_MARGIN_MM, Heights, parse_height
 from edmsim.program.path import CutPath, WireContour
@@ -234,9 +236,6 @@ def test_rate_counts_the_area_cut(ridge):
 
 @pytest.mark.slow
 def test_kerf_and_profile_are_measured_where_there_is_metal(ridge):
-    from edmsim.metrology.kerf import kerf_width
-    from edmsim.metrology.profile import profile_error
-
     contour = ridge.result.path.contours[0]
     kerf = kerf_width(ridge.result.field, contour, 250.0)
     known = np.isfinite(kerf.width_um)

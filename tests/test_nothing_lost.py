@@ -32,16 +32,6 @@ def names(folder):
     return sorted(file.name for file in folder.iterdir())
 
 
-@pytest.fixture
-def signals():
-    """Signals as Python has them, where the test runner has changed them."""
-    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
-    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("signals")
 def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small, tmp_path):

@@ -128,6 +128,7 @@ def test_a_cut_and_a_machine_refuse_what_is_no_number(value):
             machine.with_(**{name: value})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", WHOLE, ids=kind_of)
 def test_a_task_and_a_plant_take_it_and_are_the_same(value):
     task, other = Task("GapFeed"), Task("GapFeed")

@@ -4,6 +4,8 @@ import ast
 import re
 from typing import NamedTuple
 
+import pytest
+
 from .test_house import ROOT, modules, place, tree
 
 OTHERS = ("docs", "examples", "notebooks", "models", "README.md", "pyproject.toml", "Makefile")
@@ -96,6 +98,7 @@ def bases(node):
     return [] if node is None else [ast.unparse(base).split("[")[0].split(".")[-1] for base in node.bases]
 
 
+@pytest.mark.slow
 def test_nothing_is_reached_by_tests_alone():
     used = {name for module in modules() for name in mentions(tree(module))} | of_others()
     shown = documented()

@@ -5,6 +5,8 @@ import re
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 from .test_house import ROOT, parsed
 
 CODE = ("edmsim", "controllers", "envs", "models", "docs", "examples", "tests")
@@ -68,6 +70,7 @@ def texts(file):
             yield paragraph[0], source.count("\n", 0, paragraph.start()) + 1
 
 
+@pytest.mark.slow
 def test_names_are_terms_of_the_field():
     found = []
     for file in files(".py"):
@@ -80,6 +83,7 @@ def test_names_are_terms_of_the_field():
     assert not found, "\n".join(found)
 
 
+@pytest.mark.slow
 def test_texts_have_no_private_phrases():
     phrases = [(re.compile(phrase), instead) for phrase, instead in PROSE.items()]
     found = []

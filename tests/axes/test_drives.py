@@ -170,6 +170,7 @@ def test_a_drive_whose_command_is_no_number_is_taken_out_of_service(machine, mec
     assert plant.fault_reason == "the drive of x is out of service: it commanded what is not a share of its supply"
 
 
+@pytest.mark.slow
 def test_a_drive_that_sets_its_period_to_0_is_taken_out_of_service(machine):
     plant = plant_with(machine, {"x": NoPeriod()})
     plant.advance()

@@ -142,7 +142,7 @@ def test_a_stream_from_the_sample_reaches_the_terminal():
     assert bench.received("x") == bytes([191]) * 200
 
 
-@pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
+@pytest.mark.parametrize("mechanics", ["modal", pytest.param("mujoco", marks=pytest.mark.slow)])
 def test_the_same_again_from_a_snapshot_or_copy_to_the_bit(mechanics):
     drives = {"x": axes.tuned("servo-module"), "v": axes.tuned("uhu")}
     bench = AxisBench(drives, mechanics=mechanics)

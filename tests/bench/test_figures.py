@@ -57,8 +57,8 @@ def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch):
         figures._half_cheetahs(2)
 
 
+@pytest.mark.usefixtures("signals")
 def test_ctrl_c_waits_until_the_other_environments_are_made():
-    usual = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
     made = []
 
     def make():
@@ -68,7 +68,6 @@ def test_ctrl_c_waits_until_the_other_environments_are_made():
 
     with pytest.raises(KeyboardInterrupt):
         make()
-    signal.signal(signal.SIGINT, usual)
     assert made
 
 

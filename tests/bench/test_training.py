@@ -1,21 +1,13 @@
 """``edmsim bench --training``."""
 
-import importlib.util
-
 import pytest
 
-needs_rl = pytest.mark.skipif(
-    not all(importlib.util.find_spec(name) for name in ("stable_baselines3", "torch")),
-    reason="the extra rl is not installed",
-)
+from edmsim.bench import training
 
 
-@needs_rl
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_training_is_timed_against_half_cheetah(monkeypatch):
-    from edmsim.bench import training
-
     monkeypatch.setattr(training, "ROLLOUT", 8)
     monkeypatch.setattr(training, "SPELLS", 1)
     observed = []

@@ -7,6 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from edmsim import Machine
+from edmsim.consoles.computer_1982.monitor import read_tape
+from edmsim.consoles.computer_1982.rig import Rig
+from edmsim.consoles.computer_1982.session import Session
+from edmsim.consoles.devices import Interrupts
+from edmsim.controllers.axis import make
+from edmsim.controllers.axis.elcam.module import CamPlace, Descriptor, Elcam
+from edmsim.controllers.qcl import Control, read_configuration, read_program
+
 ROOT = Path(__file__).parents[2]
 Read = Callable[[bytes, Path], object]
 TERMINAL_S = 2.0
@@ -14,8 +23,6 @@ TERMINAL_S = 2.0
 
 
 def qcl(data: bytes, _folder: Path) -> object:
-    from edmsim.controllers.qcl import Control, read_configuration, read_program
-
     text = data.decode("latin-1")
     configuration = read_configuration((ROOT / "examples/positioner/table.cnf").read_text(encoding="latin-1"))
     if "INTDEVICE" in text:
@@ -42,8 +49,6 @@ class _Any(dict[str, int]):
 
 
 def tape(data: bytes, _folder: Path) -> object:
-    from edmsim.consoles.computer_1982.monitor import read_tape
-
     return read_tape(data)
 
 
@@ -51,8 +56,6 @@ def drive(name: str) -> Read:
     made: list[Any] = []
 
     def read(data: bytes, _folder: Path) -> object:
-        from edmsim.controllers.axis import make
-
         if not made or random.Random(data).random() < 0.001:
             made[:] = [make(name)]
         return made[0].line(data[:200])  # 0.2 s of a serial line
@@ -62,10 +65,6 @@ def drive(name: str) -> Read:
 
 def terminal(data: bytes, folder: Path) -> object:
     """Let an operator type it, in the monitor if it begins so; the machine has `TERMINAL_S`."""
-    from edmsim import Machine
-    from edmsim.consoles.computer_1982.rig import Rig
-    from edmsim.consoles.computer_1982.session import Session
-    from edmsim.consoles.devices import Interrupts
 
     class LosesPatience(Interrupts):
         """Ctrl-C after some time of the machine: a cut, a jog and WAIT take as long as they are said to."""
@@ -101,8 +100,6 @@ CALL = struct.Struct("<BBhhd")
 
 def elcam(data: bytes, _folder: Path) -> object:
     """Call the object interface: every record of `CALL` is a call."""
-    from edmsim.controllers.axis.elcam.module import CamPlace, Descriptor, Elcam
-
     places = [CamPlace(), CamPlace(1.0, 1.5), CamPlace(2.0, 2.0, 2.5)]
     elcam = Elcam(places, buffer_bytes=4096)
     for which, where, index, sub, value in CALL.iter_unpack(data[: len(data) // CALL.size * CALL.size]):

@@ -1,8 +1,11 @@
 """Every reader of edmsim: what reads an input, good inputs to begin from, and words of its language."""
 
+import hashlib
 import io
 import math
+import re
 import struct
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,8 +13,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
 
-from edmsim import Machine, models
+from edmsim import Machine, controllers, models
+from edmsim.calibration.log import COLUMNS, read_log, stretches
+from edmsim.consoles.positioner import press_of
+from edmsim.controllers import axis, make
+from edmsim.controllers.axis.elcam.file import load_tables, read_tables
+from edmsim.cosim.simulation import Simulation
+from edmsim.job.cut import CHECKPOINT, load_checkpoint, save_checkpoint
+from edmsim.learning import policy_file
+from edmsim.plant.mechanics.model import _read_mjcf
+from edmsim.program.heights import parse_height
+from edmsim.program.path import plan_path
+from edmsim.recording.report import read_cut
+from edmsim.sweep.specification import read_specification, values_of
+from edmsim.sweep.table import read
 
 from . import devices
 
@@ -82,8 +101,6 @@ def _words(text: str) -> tuple[bytes, ...]:
 
 
 def _gcode(file: Path) -> object:
-    from edmsim.program.path import plan_path
-
     return plan_path(file, "auto", auto_offset_mm=0.15, table_um=65_000)
 
 
@@ -93,35 +110,22 @@ def _part(kind: str) -> Read:
 
 
 def _mjcf(data: bytes, folder: Path) -> object:
-    from edmsim.plant.mechanics.model import _read_mjcf
-
     file = folder / "own.xml"
     file.write_bytes(data)
     return _read_mjcf.__wrapped__(str(file), 0)  # not kept: every input is another
 
 
 def _log(name: str) -> Read:
-    def read(file: Path) -> object:
-        from edmsim.calibration.log import read_log, stretches
-
-        return stretches(read_log(file), 100.0)
-
-    return _file(name, read)
+    return _file(name, lambda file: stretches(read_log(file), 100.0))
 
 
 def _good_log() -> list[bytes]:
-    import pyarrow as pa
-    import pyarrow.csv
-
     out = io.BytesIO()
     pa.csv.write_csv(_log_table(), out)
     return [out.getvalue()]
 
 
 def _good_parquet() -> list[bytes]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     files = []
     for table in (_log_table(), _log_table().cast(pa.schema([(n, pa.float32()) for n in _log_table().column_names]))):
         out = io.BytesIO()
@@ -131,10 +135,6 @@ def _good_parquet() -> list[bytes]:
 
 
 def _log_table() -> Any:
-    import pyarrow as pa
-
-    from edmsim.calibration.log import COLUMNS
-
     row = {"feed_um_s": 20.0, "short": 10.0, "open": 100.0, "mean_voltage_V": 60.0, "mean_current_A": 3.0,
            "mean_delay_us": 14.0, "t_on_us": 30.0, "t_period_us": 100.0}  # fmt: skip
     return pa.table({name: np.full(12, row[name]) for name in COLUMNS})
@@ -142,11 +142,6 @@ def _log_table() -> Any:
 
 def _policy(data: bytes, folder: Path) -> object:
     """Read a policy whose card, or whose arrays, are the input; the card then has the arrays' digest."""
-    import hashlib
-    import re
-
-    from edmsim.learning import policy_file
-
     card, packed = _good_policy()
     if data[:2] == b"PK":
         packed = data
@@ -165,8 +160,6 @@ def _good_policy() -> list[bytes]:
 
 def _cut_folder(name: str) -> Read:
     def read(data: bytes, folder: Path) -> object:
-        from edmsim.recording.report import read_cut
-
         for file in (CORPUS / "cut").iterdir():
             (folder / file.name).write_bytes(file.read_bytes())
         (folder / name).write_bytes(data)
@@ -179,10 +172,6 @@ def _checkpoint() -> tuple[Read, Callable[[], list[bytes]]]:
     made: list[Any] = []
 
     def fresh() -> Any:
-        from edmsim.controllers import make
-        from edmsim.cosim.simulation import Simulation
-        from edmsim.program.path import plan_path
-
         if not made:
             path = plan_path(CORPUS / "gcode" / "line.ngc", "none", auto_offset_mm=0.0, table_um=65_000)
             machine = Machine.load(height_mm=5.0)
@@ -190,17 +179,11 @@ def _checkpoint() -> tuple[Read, Callable[[], list[bytes]]]:
         return made[0]
 
     def good() -> list[bytes]:
-        import tempfile
-
-        from edmsim.job.cut import CHECKPOINT, save_checkpoint
-
         with tempfile.TemporaryDirectory() as name:
             save_checkpoint(fresh(), Path(name) / CHECKPOINT, {}, 0.0)
             return [(Path(name) / CHECKPOINT).read_bytes()]
 
     def read(data: bytes, folder: Path) -> object:
-        from edmsim.job.cut import CHECKPOINT, load_checkpoint
-
         (folder / CHECKPOINT).write_bytes(data)
         return load_checkpoint(fresh(), folder / CHECKPOINT, {})
 
@@ -208,8 +191,6 @@ def _checkpoint() -> tuple[Read, Callable[[], list[bytes]]]:
 
 
 def _specification(file: Path) -> object:
-    from edmsim.sweep.specification import read_specification
-
     return read_specification(file).runs
 
 
@@ -219,20 +200,12 @@ def _good_specifications() -> list[bytes]:
 
 
 def _results(data: bytes, folder: Path) -> object:
-    from edmsim.sweep.table import read
-
     (folder / "journal.jsonl").write_bytes(data)
     return read(folder)
 
 
 def _options(data: bytes, _folder: Path) -> object:
     """Read a text as each option that has a language of its own; the first byte says which."""
-    from edmsim import controllers
-    from edmsim.consoles.positioner import press_of
-    from edmsim.controllers import axis
-    from edmsim.program.heights import parse_height
-    from edmsim.sweep.specification import values_of
-
     readers: tuple[Callable[[str], object], ...] = (
         controllers.from_text, axis.from_text, parse_height, press_of, lambda text: values_of(text, "height"),
     )  # fmt: skip
@@ -241,8 +214,6 @@ def _options(data: bytes, _folder: Path) -> object:
 
 
 def _compensation(file: Path) -> object:
-    from edmsim.controllers.axis.elcam.file import load_tables, read_tables
-
     return load_tables(read_tables(file), file)
 
 

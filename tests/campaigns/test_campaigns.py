@@ -6,6 +6,7 @@ import pickle
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -99,8 +100,6 @@ def raises(_data, _folder):
 
 
 def takes_long(_data, _folder):
-    import time
-
     until = time.process_time() + 1.2 * guard.MOST_CPU_S
     while time.process_time() < until:
         pass

@@ -135,6 +135,8 @@ def _standard_input(file: str) -> Iterator[None]:
 
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
+    from stable_baselines3 import PPO
+
     from edmsim import envs, measure, runs, validation
     from edmsim.bench import figures as bench
     from edmsim.bench import pairs, profile, serial
@@ -177,16 +179,13 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/sweep begins processes
     in_threads = type("InThreads", (runs.Threads,), {"__init__": lambda self, count=None: None})
     patch.setattr(runs, "Processes", in_threads)
-    if find_spec("stable_baselines3"):
-        from stable_baselines3 import PPO
+    learn, vec_env = PPO.learn, envs.make_sb3_vec_env
 
-        learn, vec_env = PPO.learn, envs.make_sb3_vec_env
+    def learned(self: PPO, total_timesteps: int, *more: Any, **options: Any) -> PPO:
+        return learn(self, min(total_timesteps, self.n_steps * self.n_envs), *more, **options)
 
-        def learned(self: PPO, total_timesteps: int, *more: Any, **options: Any) -> PPO:
-            return learn(self, min(total_timesteps, self.n_steps * self.n_envs), *more, **options)
+    def few(env_id: str, num_envs: int, **options: Any) -> Any:
+        return vec_env(env_id, min(num_envs, FEW_ENVS), **options)
 
-        def few(env_id: str, num_envs: int, **options: Any) -> Any:
-            return vec_env(env_id, min(num_envs, FEW_ENVS), **options)
-
-        patch.setattr(PPO, "learn", learned)  # one rollout
-        patch.setattr(envs, "make_sb3_vec_env", few)
+    patch.setattr(PPO, "learn", learned)  # one rollout
+    patch.setattr(envs, "make_sb3_vec_env", few)

@@ -64,14 +64,6 @@ BEFORE: dict[str, tuple[str, ...]] = {
 """What a page takes for done: the cuts that README's commands leave."""
 TEXT_FILES = {"docs/terminal.md": {"program.txt": "TI 30 TP 100\nNEW 1300 1000\nEND\n", "job.txt": "HELP\nBYE\n"}}
 """Files that the commands of a page read and a reader writes."""
-NEEDS = {
-    "README.md": ("stable_baselines3",), "docs/environments.md": ("stable_baselines3",),
-    "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
-    "docs/how-to/firmware.md": ("optuna",), "docs/how-to/fmu.md": ("fmpy", "pythonfmu3"),
-    "docs/playback.md": ("imageio_ffmpeg",),
-    "docs/training.md": ("minari", "sb3_contrib", "stable_baselines3", "tensorboard"),
-}  # fmt: skip
-"""Modules of extras that a page uses; `make test` installs them all."""
 FINISHED, BAD_INPUT, TIME_LIMIT = 0, 2, 3
 PAGES = [page for page in pages() if blocks(page)]
 
@@ -81,8 +73,6 @@ PAGES = [page for page in pages() if blocks(page)]
 @pytest.mark.parametrize("page", [page for page in PAGES if {block.kind for block in blocks(page)} - set(ELSEWHERE)])
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")  # of stable-baselines3 and torch
 def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capfd, short_training):
-    for module in NEEDS.get(page, ()):
-        pytest.importorskip(module)
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)  # as a Python that is begun in the folder has it
@@ -149,7 +139,7 @@ def test_every_command_is_run_or_left_out_for_a_reason():
 
 
 def test_the_tables_above_name_pages_and_blocks_that_are_there():
-    assert set(PAGES) >= {*BEFORE, *TEXT_FILES, *NEEDS}
+    assert set(PAGES) >= {*BEFORE, *TEXT_FILES}
     assert {block.kind for page in PAGES for block in blocks(page)} >= set(ELSEWHERE)
 
 

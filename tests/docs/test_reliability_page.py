@@ -15,11 +15,6 @@ def test_a_test_that_is_named_exists(named):
     assert f"\ndef {named}(" in TESTS
 
 
-@pytest.mark.parametrize("named", sorted(set(re.findall(r"`((?:tests|docs|edmsim)/[\w/.]+)`", read(PAGE)))))
-def test_a_place_that_is_named_exists(named):
-    assert (ROOT / named).exists()
-
-
 def test_every_fault_has_a_test_or_says_that_it_is_not_simulated():
     faults = read(PAGE).split("## Faults of the machine")[1]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in faults.splitlines() if line[:2] == "| "]

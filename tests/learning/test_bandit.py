@@ -40,6 +40,7 @@ def policy(tmp_path):
     return from_text(f"policy:{tmp_path / 'policy.json'}")
 
 
+@pytest.mark.slow
 def test_it_begins_a_leg_as_it_began_the_first():
     settings = [{"on_factor": 0.8 + 0.1 * k, "period_factor": 1.0 + k} for k in range(3)]
     check_controller(lambda: BanditController(card(law="set-point", settings=settings)))

@@ -30,7 +30,6 @@ def test_flat_rising_and_unknown_curves():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppo", "ppo_lag", "recurrent_ppo"])
 def test_an_example_makes_the_folder_of_its_curve(load_script, tmp_path, monkeypatch, name):
-    pytest.importorskip("sb3_contrib")
     table = tmp_path / "new" / "curve.csv"
     monkeypatch.setattr(sys, "argv", [name, "--steps", "1024", "--out", str(table)])
     load_script(Path(__file__).parents[2] / "examples" / "learning" / f"{name}.py").main()

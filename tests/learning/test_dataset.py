@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import minari
 import numpy as np
 import pytest
 
@@ -10,11 +11,7 @@ from edmsim.envs.families import GapFeed
 from edmsim.envs.registry import register
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import cut
-from edmsim.learning import policy_file
-
-minari = pytest.importorskip("minari")
-pytest.importorskip("h5py")
-from edmsim.learning import dataset  # noqa: E402 - reads Minari, which may be missing
+from edmsim.learning import dataset, policy_file
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 ENV = "test/Short-v0"

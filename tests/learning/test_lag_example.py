@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from edmsim.controllers import from_text
 from edmsim.learning import policy_file
 
-torch = pytest.importorskip("torch")
 FILE = Path(__file__).parents[2] / "examples" / "learning" / "lag.py"
 
 
@@ -87,6 +87,7 @@ def test_pulses_are_rare_at_the_start_and_twice_before_the_corner_and_the_gap_is
     assert targets[place_um > -15] == pytest.approx(lag.NEAR)
 
 
+@pytest.mark.slow
 def test_the_student_finds_the_lag_from_the_pulses(lag, taught):
     student, others = taught
     rows, across_um, cut_um, lag_um = others.batch(torch.arange(len(others.lengths)))
@@ -118,6 +119,7 @@ def test_it_is_saved_as_a_policy_with_its_schedule(lag, taught, tmp_path):
     assert from_text(f"policy:{tmp_path / 'policy.json'}").policy.card.algorithm == "lag"
 
 
+@pytest.mark.slow
 def test_a_recording_has_what_the_student_learns_from(lag, tmp_path):
     file = tmp_path / "20000.npz"
     assert lag.recorded(tmp_path, 20_000, 1) == [file]

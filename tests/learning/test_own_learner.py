@@ -1,21 +1,11 @@
 """A learner of one's own leaves as a policy file that does what it does, and a learner begins with a policy file."""
 
-import importlib.util
 import json
 from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
-
-from edmsim.errors import InputError
-from edmsim.job.cut import cut
-from edmsim.learning import policy_file
-from edmsim.learning.command import TrainOptions
-
-if not all(map(importlib.util.find_spec, ("sb3_contrib", "stable_baselines3", "torch", "tensorboard"))):
-    pytest.skip("the extra rl is not installed", allow_module_level=True)
-
 import torch
 from sb3_contrib import TQC, RecurrentPPO
 from stable_baselines3 import A2C, DQN, PPO, SAC, TD3
@@ -24,7 +14,12 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecMonitor, VecNormalize
 
 from edmsim.envs import make_sb3_vec_env
-from edmsim.learning import export_sb3, start_sb3
+from edmsim.errors import InputError
+from edmsim.job.cut import cut
+from edmsim.learning import export_sb3, policy_file, start_sb3
+from edmsim.learning import train as training
+from edmsim.learning.command import TrainOptions
+from edmsim.learning.train import train
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
@@ -184,8 +179,6 @@ def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
 
 @pytest.mark.slow
 def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsim, monkeypatch):
-    from edmsim.learning import train as training
-
     started = []
     monkeypatch.setattr(training, "_learn", lambda trained, *_, **__: started.append(trained))
     words = "train", "edmsim/GapFeed-v2", "--start", "policy:GapFeed-ppo", "--steps", 64, "--score", 0
@@ -214,16 +207,12 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
     ],
 )
 def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, policy, options, match, tmp_path):
-    from edmsim.learning.train import train
-
     parameters = TrainOptions(**options).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=match):
         train(env_id, algo, tmp_path, parameters=parameters, steps=64, begin_from=policy_file.load(policy))
 
 
 def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp_path):
-    from edmsim.learning.train import train
-
     vec_env = VecNormalize(make_sb3_vec_env("edmsim/Corner-v3", 1, seed=1))
     layers = {"net_arch": [24, 24], "activation_fn": torch.nn.ReLU}
     export_sb3(learner("ppo", vec_env, 0, **layers), vec_env, tmp_path / "policy.json")

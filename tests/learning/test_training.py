@@ -1,7 +1,6 @@
 """Training, in a short form, and what it leaves."""
 
 import errno
-import importlib.util
 import os
 import shutil
 import signal
@@ -10,16 +9,17 @@ from importlib import resources
 
 import numpy as np
 import pytest
+import torch
+from stable_baselines3.common.vec_env import VecNormalize
 
 from edmsim.envs.registry import arguments_with, registered_ids
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
-from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning import hyperparameters, policy_file, sb3
+from edmsim.learning import train as training
+from edmsim.learning.score import RIVALS, measure
+from edmsim.learning.train import train
 
-needs_rl = pytest.mark.skipif(
-    not all(importlib.util.find_spec(name) for name in ("stable_baselines3", "torch", "tensorboard")),
-    reason="the extra rl is not installed",
-)
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::UserWarning"),
@@ -45,10 +45,7 @@ def test_there_are_no_others():
 
 
 @pytest.mark.slow
-@needs_rl
 def test_exploring_begins_around_the_first_action(short_training, tmp_path):
-    from edmsim.learning.train import train
-
     trained = train("edmsim/ThinWire-v1", "ppo", tmp_path, steps=64, seed=3)
     middle = trained.normalise.normalize_obs(np.zeros(trained.model.observation_space.shape, np.float32))
     found = trained.model.predict(middle, deterministic=True)[0]
@@ -56,11 +53,8 @@ def test_exploring_begins_around_the_first_action(short_training, tmp_path):
 
 
 @pytest.mark.slow
-@needs_rl
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
-    from edmsim.learning.train import train
-
     messages = []
     trained = train("edmsim/Corner-v3", algo, tmp_path, steps=64, seed=3, watch=messages.append)
     file = tmp_path / "policy.json"
@@ -77,11 +71,9 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
 
 
 @pytest.mark.slow
-@needs_rl
+@pytest.mark.usefixtures("signals")
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
-    from edmsim.learning import train as training
-
     settings = tmp_path / "steps.toml"
     settings.write_text("steps = 128\n")
     again = ("train", "edmsim/GapFeed-v2", "--algo", algo, "--score", 0, "--out", tmp_path, "--resume")
@@ -89,9 +81,6 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     step = training._Keeper._on_step
 
     number = signal.SIGINT if algo == "ppo" else signal.SIGTERM
-    # a process in the background ignores Ctrl-C
-    usual = signal.default_int_handler if algo == "ppo" else signal.SIG_DFL
-    before = signal.signal(number, usual)
 
     def interrupted(self):
         if self.num_timesteps >= 64:
@@ -101,7 +90,6 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     with monkeypatch.context() as patch:
         patch.setattr(training._Keeper, "_on_step", interrupted)
         status, out, err = edmsim(*command)
-    signal.signal(number, before)
     assert (status, out) == (128 + number, "")
     assert f"--algo {algo} --seed 0 --resume --out {tmp_path} --score 0\n" in err
     assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000064"]
@@ -123,7 +111,6 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
 
 
 @pytest.mark.slow
-@needs_rl
 def test_a_damaged_checkpoint_is_refused_in_one_line(short_training, tmp_path, edmsim):
     words = ("train", "edmsim/GapFeed-v2", "--algo", "sac", "--steps", 64, "--score", 0, "--out", tmp_path)
     assert edmsim(*words).status == 0
@@ -141,10 +128,7 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(short_training, tmp_path, e
 
 
 @pytest.mark.slow
-@needs_rl
 def test_a_kill_while_the_former_checkpoint_is_removed_leaves_the_last_one(short_training, tmp_path, monkeypatch):
-    from edmsim.learning.train import train
-
     train("edmsim/GapFeed-v2", "ppo", tmp_path, steps=64)
     remove = shutil.rmtree
 
@@ -162,10 +146,7 @@ def test_a_kill_while_the_former_checkpoint_is_removed_leaves_the_last_one(short
 
 
 @pytest.mark.slow
-@needs_rl
 def test_a_training_that_diverges_keeps_its_last_checkpoint(short_training, tmp_path, monkeypatch):
-    from edmsim.learning import train as training
-
     step = training._Keeper._on_step
 
     def diverging(self):
@@ -180,13 +161,10 @@ def test_a_training_that_diverges_keeps_its_last_checkpoint(short_training, tmp_
 
 
 @pytest.mark.slow
-@needs_rl
 @pytest.mark.parametrize(("fits", "stays"), [(1, "continue its last checkpoint"), (0, "there is no checkpoint yet")])
 def test_a_disk_full_in_a_training_leaves_its_last_checkpoint(
     short_training, tmp_path, edmsim, monkeypatch, fits, stays
 ):
-    from stable_baselines3.common.vec_env import VecNormalize
-
     words = ("train", "edmsim/GapFeed-v2", "--steps", 64, "--score", 0, "--out", tmp_path)
     save, saved = VecNormalize.save, []
 
@@ -206,25 +184,16 @@ def test_a_disk_full_in_a_training_leaves_its_last_checkpoint(
 
 
 @pytest.mark.slow
-@needs_rl
+@pytest.mark.usefixtures("signals")
 def test_a_training_that_learned_nothing_leaves_none(short_training, tmp_path, edmsim, monkeypatch):
-    from edmsim.learning import sb3
-
     monkeypatch.setattr(sb3, "callbacks_of", lambda *_: signal.raise_signal(signal.SIGHUP))
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
     status, _, err = edmsim("train", "edmsim/GapFeed-v2", "--out", tmp_path)
-    signal.signal(signal.SIGHUP, before)
     assert (status, err) == (128 + signal.SIGHUP, "edmsim: interrupted; nothing was trained\n")
     assert not list(tmp_path.glob("checkpoint-*"))
 
 
 @pytest.mark.slow
-@needs_rl
 def test_same_seed_same_policy(short_training, tmp_path):
-    import torch
-
-    from edmsim.learning.train import train
-
     usual = hyperparameters.load("edmsim/GapFeed-v2", "ppo")
     wide = usual.model_copy(update={"network": usual.network.model_copy(update={"widths": [64, 64]})})
 
@@ -238,7 +207,6 @@ def test_same_seed_same_policy(short_training, tmp_path):
     assert packed("c", 2) != first
 
 
-@needs_rl
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
@@ -263,7 +231,6 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, n
 
 
 @pytest.mark.slow
-@needs_rl
 def test_the_command_leaves_a_policy_with_its_scores(short_training, short_episodes, tmp_path, edmsim, monkeypatch):
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
     status, out, err = edmsim("train", "edmsim/GapFeed-v2", "--steps", 64, "--score", 2, "--out", tmp_path)
@@ -282,8 +249,6 @@ def test_without_the_extra_it_is_one_line(tmp_path, edmsim, monkeypatch):
 
 @pytest.mark.slow
 def test_a_policy_is_scored_with_its_rivals_on_the_same_episodes(monkeypatch, short_episodes):
-    from edmsim.learning.score import RIVALS, measure
-
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
     found = [measure("edmsim/GapFeed-v2", "GapFeed-ppo", 2) for _ in range(2)]
     assert found[0] == found[1]
@@ -294,9 +259,6 @@ def test_a_policy_is_scored_with_its_rivals_on_the_same_episodes(monkeypatch, sh
         assert row.breaks + row.limits == 0
 
 
-@needs_rl
 def test_a_second_training_leaves_the_first_one_s_folder_alone(tmp_path):
-    from edmsim.learning.train import train
-
     with locked(tmp_path, "edmsim train"), pytest.raises(InputError, match="edmsim train"):
         train("edmsim/GapFeed-v2", "ppo", tmp_path, steps=64)

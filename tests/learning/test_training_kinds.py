@@ -1,25 +1,25 @@
 """Policies with memory, beside a law, under a bound on costs, and with a critic that knows more."""
 
-import importlib.util
 import json
 
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
+from stable_baselines3.common.logger import Logger
 
 from edmsim.controllers.protocols import tell
 from edmsim.envs.episode import Task
 from edmsim.envs.families import GapFeed
+from edmsim.envs.sb3 import make_sb3_vec_env
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.command import TrainOptions
 from edmsim.learning.policy_controller import PolicyController
+from edmsim.learning.sb3 import CostVecEnv, Multiplier, TaughtVecEnv, vec_env_of
+from edmsim.learning.train import train
 
 pytestmark = [
-    pytest.mark.skipif(
-        not all(map(importlib.util.find_spec, ("sb3_contrib", "stable_baselines3", "torch", "tensorboard"))),
-        reason="the extra rl is not installed",
-    ),
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::UserWarning"),
 ]
@@ -27,8 +27,6 @@ pytestmark = [
 
 def exported(tmp_path, env_id, algo, steps=64, algorithm=(), **options):
     """Train for some windows; return what was trained, and the policy as it is read from its files."""
-    from edmsim.learning.train import train
-
     usual = TrainOptions(**options).hyperparameters(env_id, algo)
     parameters = usual.model_copy(update={"algorithm": usual.algorithm | dict(algorithm)})
     trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=parameters)
@@ -84,8 +82,6 @@ def test_a_correction_beyond_an_action_of_1_adds_no_more_than_1():
 
 @pytest.mark.slow
 def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(short_training, tmp_path):
-    from edmsim.learning.sb3 import vec_env_of
-
     law = "voltage:reference_V=20"  # a gap wide enough that the law asks for less than the planner's greatest feed
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual=law)
     assert policy.card.residual.law == law
@@ -126,8 +122,6 @@ def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
 
 @pytest.mark.slow
 def test_a_recurrent_imitation_learns_from_what_it_remembered_when_it_cut(short_training, tmp_path):
-    import torch
-
     (tmp_path / "own.toml").write_text(f"{RECURRENT}[algorithm]\nlearning_rate = 1e-12\n")
     trained, _ = exported(tmp_path, "edmsim/GapFeed-v2", "imitation", steps=256, settings=tmp_path / "own.toml")
     model, buffer = trained.model, trained.model.rollout_buffer
@@ -144,8 +138,6 @@ def test_a_recurrent_imitation_learns_from_what_it_remembered_when_it_cut(short_
 
 @pytest.mark.slow
 def test_a_recurrent_imitation_resumes_with_all_rollouts(short_training, tmp_path):
-    from edmsim.learning.train import train
-
     (tmp_path / "own.toml").write_text(RECURRENT)
     trained, _ = exported(tmp_path, "edmsim/GapFeed-v2", "imitation", settings=tmp_path / "own.toml")
     rollouts = len(trained.model.starts)
@@ -154,9 +146,6 @@ def test_a_recurrent_imitation_resumes_with_all_rollouts(short_training, tmp_pat
 
 
 def test_a_teacher_says_what_it_would_do_where_the_learner_is():
-    from edmsim.envs.sb3 import make_sb3_vec_env
-    from edmsim.learning.sb3 import TaughtVecEnv
-
     taught = TaughtVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, action="speed"), "fixed:feed_um_s=9")
     observed = [taught.reset()]
     for feed in (0.01, 0.02, -0.01):
@@ -205,8 +194,6 @@ def test_the_usual_teacher_is_a_tasks_reference_unless_that_rehearses(env_id, te
 
 @pytest.mark.slow
 def test_a_policy_does_not_depend_on_what_only_its_critic_sees(short_training, tmp_path):
-    import torch
-
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", steps=128, privileged_critic=True)
     shown = trained.vec_env.edm.observation_space.shape[0]
     wide = trained.model.observation_space.shape[0]
@@ -224,11 +211,6 @@ def test_a_policy_does_not_depend_on_what_only_its_critic_sees(short_training, t
 
 
 def test_costs_beyond_the_limit_raise_their_price():
-    from stable_baselines3.common.logger import Logger
-
-    from edmsim.envs import make_sb3_vec_env
-    from edmsim.learning.sb3 import CostVecEnv, Multiplier
-
     vec_env = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
     plain = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2)
     assert (vec_env.reset() == plain.reset()).all()
@@ -246,8 +228,6 @@ def test_costs_beyond_the_limit_raise_their_price():
 
 @pytest.mark.slow
 def test_the_bound_and_the_curve_of_a_checkpoint_are_taken_up(short_training, tmp_path):
-    from edmsim.learning.train import train
-
     short = tmp_path / "short.toml"
     short.write_text("[environment]\nepisode_s = 0.4\n")
     parameters = hyperparameters.load("edmsim/GapFeed-v2", "ppo-lag", short)

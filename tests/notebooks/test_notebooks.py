@@ -21,6 +21,11 @@ from functools import partialmethod
 from edmsim.envs.episode import Task
 Task.__init__ = partialmethod(Task.__init__, episode_s=4.0)
 """
+SHORT_TRAINING = SHORT_EPISODES + """
+from edmsim.learning import hyperparameters
+load = hyperparameters.load
+hyperparameters.load = lambda *of: load(*of).model_copy(update={"num_envs": 32})  # a batch of the buffer
+"""
 THIN_STOCK = """
 from edmsim.sweep import specification as module
 from edmsim import runs
@@ -29,9 +34,9 @@ usual = module.Specification
 module.Specification = lambda settings, **more: usual(settings={**settings, "height_mm": 5.0}, **more)
 """
 SHORTER = {
-    "04-gap-controllers": SHORT_EPISODES, "05-train-a-policy": SHORT_EPISODES, "13-offline": SHORT_EPISODES,
+    "04-gap-controllers": SHORT_EPISODES, "05-train-a-policy": SHORT_TRAINING, "13-offline": SHORT_EPISODES,
     "12-sweep": THIN_STOCK,
-    "09-calibrate": "from edmsim.calibration import comparison, fit\ncomparison.NOISE_CUTS, fit.MOST_ROUNDS = 8, 2",
+    "09-calibrate": "from edmsim.calibration import comparison, fit\ncomparison.NOISE_CUTS, fit.MOST_ROUNDS = 8, 1",
 }  # fmt: skip
 """What is run before a notebook whose work its small settings cannot shorten."""
 

@@ -15,6 +15,7 @@ from edmsim import controllers
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED
 from edmsim.plant.resolution import resolution
+from edmsim.program import blocks, outline, path
 from edmsim.recording import figures
 
 ROOT = Path(__file__).parents[2]
@@ -36,6 +37,7 @@ def tables(load_script):
     return load_script(DOCS / "make" / "tables.py")
 
 
+@pytest.mark.slow
 def test_tables_are_those_of_the_code(tables):
     marked = {str(file.relative_to(DOCS).with_suffix("")): file for file in tables.pages()}
     assert set(marked) == {"command-line", "controllers", "guide/outputs", "guide/set-up", "servo-drives"}
@@ -115,8 +117,6 @@ def test_the_error_shown_is_the_one_a_user_sees(tmp_path, monkeypatch, edmsim):
 
 
 def test_the_words_of_programs():
-    from edmsim.program import blocks
-
     table = page("guide/programs").split("## Drawings")[0]
     rows = "\n".join(line for line in table.splitlines() if line.startswith("| "))
     named = set(re.findall(r"[GM]\d+(?:\.\d)?", rows))
@@ -124,8 +124,6 @@ def test_the_words_of_programs():
 
 
 def test_the_lengths_of_programs():
-    from edmsim.program import blocks, outline, path
-
     words = " ".join(page("guide/programs").split())
     travel_mm = edmsim.Machine.load().base.table.travel_mm.value
     for said in (

@@ -85,7 +85,6 @@ def test_a_cut_killed_at_any_moment_is_finished_as_if_it_were_not(tmp_path, monk
 
 @pytest.mark.slow
 def test_environments_in_other_processes_are_the_same(monkeypatch):
-    pytest.importorskip("stable_baselines3")
     monkeypatch.setattr(vectors, "COUNT", 1)  # a spawned process imports everything again
     found = vectors.compare(10, (("AsyncVectorEnv", "spawn"), ("SubprocVecEnv", "fork")))
     assert found["same_rewards"] == {"AsyncVectorEnv, spawn": True, "SubprocVecEnv, fork": True}

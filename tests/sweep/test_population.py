@@ -9,8 +9,7 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters
-
-pytest.importorskip("ray")
+from edmsim.learning.train import train
 from edmsim.sweep.population import train_population
 
 ENV = "edmsim/GapFeed-v2"
@@ -39,9 +38,6 @@ def test_the_command_refuses_in_one_line(edmsim, tmp_path):
 @pytest.mark.filterwarnings("ignore")
 def test_a_training_begins_from_another_ones_checkpoint(short_training, tmp_path):
     """Weights, statistics and count are the other's; seed and settings are its own."""
-    pytest.importorskip("stable_baselines3")
-    from edmsim.learning.train import train
-
     first = train(ENV, "ppo", tmp_path / "first", steps=64, seed=1)
     (checkpoint,) = (tmp_path / "first").glob("checkpoint-*")
     usual = hyperparameters.load(ENV, "ppo")

@@ -10,16 +10,17 @@ from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
+import ray
 
 from edmsim.controllers import from_text
 from edmsim.errors import EdmsimError, InputError
+from edmsim.runs import Cluster, LostJob
+from edmsim.sweep.population import TABLE, train_population
 from edmsim.sweep.run import SweepProgress, sweep
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.table import read
 from edmsim.sweep.tune import TRAINING
-
-ray = pytest.importorskip("ray")
-from edmsim.sweep.population import TABLE, train_population  # noqa: E402 - needs ray
+from tests.soak.lost_node import two_nodes
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 ENV = "edmsim/GapFeed-v2"
@@ -35,25 +36,17 @@ def nodes():
     # of Ray's shared folder another user of this computer may own the files; a socket's path is short
     with TemporaryDirectory(prefix="ray") as folder, pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.setenv("RAY_TMPDIR", folder)
-        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-        patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         patch.setenv("PYTHONPATH", f"{Path(__file__).parents[2]}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
         warnings.simplefilter("ignore")  # Ray's, of files it leaves to the collector
-        from ray.cluster_utils import Cluster as Nodes
-
-        node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "include_dashboard": False}
-        cluster = Nodes(initialize_head=True, head_node_args={**node, "node_ip_address": "127.0.0.2"})
-        cluster.second = cluster.add_node(**node, node_ip_address="127.0.0.3")
-        yield cluster
-        ray.shutdown()
-        cluster.shutdown()
+        with two_nodes() as cluster:
+            yield cluster
+            ray.shutdown()
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(" " in sys.executable, reason="Ray Tune starts no worker with a Python whose path has a space")
 @pytest.mark.timeout(400)
 def test_a_population_exploits_and_explores_on_two_nodes(nodes, short_training, tmp_path):
-    pytest.importorskip("stable_baselines3")
     observed = []
     options = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
     found = train_population(ENV, tmp_path, **options, watch=observed.append)
@@ -83,8 +76,6 @@ def test_a_population_exploits_and_explores_on_two_nodes(nodes, short_training, 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_a_lost_node_loses_nothing(nodes, line, short, giving_up, tmp_path):
-    from edmsim.runs import Cluster
-
     spec = Specification(program=[str(line)], seeds=5, settings={**short, "max_time_s": 3.0})
     spec = Specification.model_validate({**spec.model_dump(), "grid": {"controller": ["counts", giving_up]}})
     engine = Cluster(nodes.address)
@@ -102,8 +93,6 @@ def test_a_lost_node_loses_nothing(nodes, line, short, giving_up, tmp_path):
 
 
 def test_a_cluster_that_is_lost_ends_a_sweep_and_fails_no_run(monkeypatch):
-    from edmsim.runs import Cluster, LostJob
-
     def lost(_):
         raise error
 
@@ -128,8 +117,6 @@ def test_a_python_whose_path_has_a_space_is_refused(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_without_a_cluster_it_says_so(monkeypatch):
-    from edmsim.runs import Cluster
-
     def refuse(**_):
         raise ConnectionError("Could not find any running Ray instance. Start one")
 
