@@ -17,6 +17,8 @@ import numpy as np
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of, replacing
 from edmsim.geometry import Floats
+from edmsim.metrology.kerf import KERF_CLEARANCE_MM
+from edmsim.metrology.profile import BLANK_EDGE_MM
 from edmsim.recording.scene import Scene, read_scene
 from edmsim.recording.windows import CUT_KEY, column, durations_s, lag_along_um, read_windows
 
@@ -600,9 +602,7 @@ def summary(report: Report) -> list[tuple[str, str]]:
     simulated, computed = duration_text(report.machining_time_s), duration_text(report.wall_time_s)
     shares = (f"{kind} {report.pulse_share.text(kind)}" for kind in report.pulse_share)
     made_by = "not split: the wire is tilted, or its centre follows the contour"
-    if profile.max is None:
-        made_by = "not measured"
-    elif profile.shares is not None:
+    if profile.shares is not None:
         made_by = ", ".join(f"{name} {figure_text(of['rms'], 'µm')}" for name, of in profile.shares.items()) + " rms"
     kerf = f"{say('kerf_um.mean')} mean, {say('kerf_um.min')} to {say('kerf_um.max')}"
     return [
@@ -611,10 +611,10 @@ def summary(report: Report) -> list[tuple[str, str]]:
         ("cutting rate", _rate_line(report)),
         ("feed", f"{say('feed_um_s.mean')} mean, {say('feed_um_s.max')} max{_limit_text(report.feed_um_s)}"),
         ("pulses", "  ".join([f"{report.pulses:,}", *shares])),
-        ("kerf", "not measured" if report.kerf_um.mean is None else kerf),
-        ("profile error", "not measured" if profile.max is None else profile.in_words),
-        ("made by", made_by),
-        ("largest error", str(profile.at)),
+        ("kerf", _NO_KERF if report.kerf_um.mean is None else kerf),
+        *([("profile error", _no_profile_error(report.offset))] if profile.max is None else [
+            ("profile error", profile.in_words), ("made by", made_by), ("largest error", str(profile.at)),
+        ]),
         *([
             ("within the wire's reach", profile.reachable.in_words),
             ("largest error there", str(profile.reachable.at)),
@@ -636,6 +636,17 @@ def summary(report: Report) -> list[tuple[str, str]]:
         )]),
         *_pass_lines(report.passes),
     ]  # fmt: skip
+
+
+_NO_KERF = (
+    f"not measured: it was cut nowhere {KERF_CLEARANCE_MM:g} mm or more from start holes, corners and small arcs"
+)
+
+
+def _no_profile_error(offset: Offset) -> str:
+    if offset.applied_mm == 0:
+        return "not measured: the wire's centre follows the contour"
+    return f"not measured: no edge was cut {BLANK_EDGE_MM:g} mm or more from start holes, so passes have no stock"
 
 
 def settings_in_words(report: Report) -> Iterator[tuple[str, str]]:

@@ -11,7 +11,7 @@ import pytest
 
 from edmsim import InputError
 from edmsim.job.result import remake
-from edmsim.recording.html_report import page
+from edmsim.recording.html_report import page, pictures
 from edmsim.recording.report import read_cut
 from edmsim.recording.scene import Scene, read_scene, write_scene
 
@@ -147,8 +147,23 @@ def test_a_page_made_again_is_the_one_the_cut_wrote(folder, small_cut):
 @pytest.mark.slow
 def test_figures_are_written_as_files(folder):
     files = remake(folder, folder / "figures", "svg", print)
-    assert [file.stem for file in files] == NAMES[1:]  # the whole cut is profile.png
-    assert all("</svg>" in file.read_text(encoding="utf-8") for file in files)
+    *drawn, captions = files
+    assert [file.stem for file in drawn] == NAMES[1:]  # the whole cut is profile.png
+    assert all("</svg>" in file.read_text(encoding="utf-8") for file in drawn)
+    lines = captions.read_text(encoding="utf-8").splitlines()
+    assert [line.partition(": ")[0] for line in lines] == [file.name for file in drawn]
+
+
+def test_figures_with_nothing_to_show_are_left_out_with_the_reason(cut):
+    left_out = []
+    scene = dataclasses.replace(cut.scene, maps=())
+    begun = cut.windows.slice(0, 2)  # far from all corners
+    shown = [picture.name for picture in pictures(cut.report, begun, scene, "no sample", left_out.append)]
+    assert shown == ["pulses", "short-open"]
+    assert left_out[-2:] == [
+        "the figure face is left out (no face: no edge of the part was measured)",
+        "ignition delays and the wire's spectrum are not drawn: no sample",
+    ]
 
 
 @pytest.mark.slow

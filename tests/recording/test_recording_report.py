@@ -212,7 +212,11 @@ def test_the_summary_tells_what_only_some_cuts_have(cut):
     unknown = {"kerf_um": Kerf(), "profile_error_um": ProfileErrors(), "coverage": Coverage()}
     said = dict(summary(dataclasses.replace(cut.report, **unknown)))
     assert said["gas"].startswith("covers – of the wire's front")
-    assert {said[name] for name in ("kerf", "profile error", "made by", "largest error")} == {"not measured"}
+    assert said["kerf"].startswith("not measured: it was cut nowhere 0.5 mm or more from start holes")
+    assert said["profile error"].startswith("not measured: no edge was cut 0.15 mm or more from start holes")
+    assert not {"made by", "largest error"} & set(said)
+    centred = dataclasses.replace(cut.report, **unknown, offset=Offset(0.0))
+    assert dict(summary(centred))["profile error"] == "not measured: the wire's centre follows the contour"
     said = dict(summary(dataclasses.replace(cut.report, table_error_um={**table, "compensated": True})))
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms; compensated to 8.0 µm max, 2.0 µm rms"
     assert said["profile error without compensation"] == "12.0 µm max, 3.0 µm rms"

@@ -133,10 +133,10 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     InputError
         If there is no such corner.
     """
-    if not scene.corners and corner is None:
-        return style.nothing_to_show("no corner: the edge as drawn has none")
+    chosen = _chosen_corner(scene, windows, corner)
+    if chosen is None:
+        return style.nothing_to_show("no corner: the edge as drawn has none, or the wire has come to none")
     figure = style.column_figure(5.2, top_in=0.55)
-    chosen = _chosen_corner(scene, corner)
     detail, below = figure.subplots(2, 1, height_ratios=[2.6, 1.0], gridspec_kw={"hspace": 0.5})
     place = np.array([chosen.x_mm, chosen.y_mm])
     _draw_detail(detail, scene, windows, place)
@@ -150,9 +150,14 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     return figure
 
 
-def _chosen_corner(scene: Scene, corner: int | None) -> CornerError:
+def _chosen_corner(scene: Scene, windows: pa.Table, corner: int | None) -> CornerError | None:
     if corner is None:
-        return max(scene.corners, key=lambda c: -1.0 if np.isnan(c.error_um) else abs(c.error_um))
+        at_mm = _axis_um(scene, windows) / 1000
+        reached = [
+            c for c in scene.corners
+            if np.hypot(*(at_mm - (c.x_mm, c.y_mm)).T).min(initial=np.inf) < 2 * CORNER_REACH_MM
+        ]
+        return max(reached, key=lambda c: -1.0 if np.isnan(c.error_um) else abs(c.error_um), default=None)
     if not 0 <= corner < len(scene.corners):
         raise InputError(f"there is no corner {corner}: the cut has corners 0 to {len(scene.corners) - 1}")
     return scene.corners[corner]
@@ -252,7 +257,7 @@ def kerf_figure(report: Report) -> Figure:
     figure = style.column_figure(2.9, top_in=0.36)
     radius = report.settings["wire_diameter_um"] / 2
     z = np.array([row.height_mm for row in section])
-    panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.1})
+    panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.24})
     for panel, side in zip(panels, ("rest", "part"), strict=True):
         mean, low, high = (
             np.array([row[side][key] for row in section]) - radius for key in ("mean_um", "p5_um", "p95_um")
@@ -260,9 +265,11 @@ def kerf_figure(report: Report) -> Figure:
         panel.fill_betweenx(z, low, high, color=palette.BLUE, alpha=0.18, linewidth=0)
         panel.plot(mean, z, color=palette.BLUE, linewidth=1.3, marker="o", markersize=2.5)
         style.dress(panel, f"wire to wall of the {side}, µm", "")
-    low, high = (f(limit for panel in panels for limit in panel.get_xlim()) for f in (min, max))
-    panels[0].set_xlim(high, low)  # the wire stands between both walls
-    panels[1].set_xlim(low, high)
+    reach = max(np.ptp(panel.get_xlim()) for panel in panels) / 2  # on one scale, trims leave the walls far apart
+    for panel, outwards in zip(panels, (-1, 1), strict=True):
+        middle = np.mean(panel.get_xlim())
+        panel.set_xlim(middle - outwards * reach, middle + outwards * reach)  # the wire stands between both walls
+        panel.xaxis.set_major_locator(MaxNLocator(4))
     panels[0].set_ylabel("height over the lower face, mm", fontsize=style.LABEL_PT, color=palette.MUTED)
     panels[0].set_ylim(0, slices[-1].height_mm + slices[0].height_mm)
     panels[0].set_title(
@@ -418,6 +425,7 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
             t, left * np.exp(-(t - TAIL_US) / mean), color=ORANGE, linewidth=1.0, linestyle="--",
             label=f"exponential from {TAIL_US:g} µs, mean {mean:.1f} µs",
         )  # fmt: skip
+    axes.set_ylim(top=1.0)
     style.legend(axes)
 
 
@@ -477,7 +485,7 @@ def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default")
     if not samples or min(len(s.kind) for s in samples) < 4 * SEGMENTS:
         raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")
     first = samples[0]
-    figure = style.column_figure(3.5, top_in=0.48)
+    figure = style.column_figure(3.5, top_in=0.48, right_in=0.17)
     modes, spectrum = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
     sampling_hz = 1e6 / first.period_us
     if len(samples) > 1:
@@ -554,7 +562,7 @@ def passes_figure(report: Report) -> Figure:
     """Draw the result of each pass of a cut in passes: wall over the height, time, stock and roughness."""
     rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
     if not rows:
-        return style.nothing_to_show("no passes: the cut was made in one, or none was finished")
+        return style.nothing_to_show("no passes: the cut was made in one, or no wall was measured after any")
     rows = [row for row in rows if row.contour == rows[0].contour]
     figure = style.column_figure(4.4, top_in=0.3)
     grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0], hspace=0.42, wspace=0.62)

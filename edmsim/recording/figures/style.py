@@ -176,8 +176,15 @@ def legend(
         axes.legend(loc=loc, ncols=columns, facecolor="white", edgecolor="none", framealpha=0.85, **style)
 
 
+class EmptyFigure(NotebookFigure):
+    """A figure that has nothing to show, and says why."""
+
+    why = ""
+
+
 def nothing_to_show(why: str) -> Figure:
     """Return a low figure that says why it is empty."""
-    figure = column_figure(1.0)
+    figure = EmptyFigure(figsize=(WIDTH_IN, 1.0), dpi=DPI, facecolor="white", layout="none")
+    figure.why = why
     figure.text(0.5, 0.5, textwrap.fill(why, 50), ha="center", va="center", fontsize=LABEL_PT, color=MUTED)
     return figure
