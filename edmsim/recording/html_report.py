@@ -65,28 +65,22 @@ _CAPTIONS = {
 def pictures(
     report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, leave_out: Callable[[str], None]
 ) -> Iterator[Picture]:
-    """Draw the other figures of a cut one by one; `leave_out` is called with those that cannot be made, and why."""
-    made = "" if isinstance(sample, str) else (
-        f"single pulses of a straight cut of the same set-up, simulated at {sample.feed_um_s:.1f} µm/s"
-    )
-    for name, figure in _figures(report, windows, scene, sample):
+    """Draw the other figures of a cut; `leave_out` is called with those that cannot be made, and why."""
+    drawn = [
+        (name, draw(report, windows, scene)) for name, draw in OF_CUT.items()
+        if name != "profile" and (name != "corner" or scene.corners) and (name != "passes" or report.passes)
+    ]  # fmt: skip
+    made = ""
+    if isinstance(sample, str):
+        leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")
+    else:
+        made = f"single pulses of a straight cut of the same set-up, simulated at {sample.feed_um_s:.1f} µm/s"
+        drawn += [(name, draw_sample(sample, windows, report)) for name, draw_sample in OF_SAMPLE.items()]
+    for name, figure in drawn:
         if isinstance(figure, EmptyFigure):
             leave_out(f"the figure {name} is left out ({figure.why})")
         else:
             yield Picture(name, _CAPTIONS[name].format(made=made), figure)
-    if isinstance(sample, str):
-        leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")
-
-
-def _figures(
-    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str
-) -> Iterator[tuple[str, Figure]]:
-    for name, draw in OF_CUT.items():
-        if name != "profile" and (name != "corner" or scene.corners) and (name != "passes" or report.passes):
-            yield name, draw(report, windows, scene)
-    if not isinstance(sample, str):
-        for name, draw_sample in OF_SAMPLE.items():
-            yield name, draw_sample(sample, windows, report)
 
 
 _COLUMNS = (

@@ -605,14 +605,15 @@ def summary(report: Report) -> list[tuple[str, str]]:
     if profile.shares is not None:
         made_by = ", ".join(f"{name} {figure_text(of['rms'], 'µm')}" for name, of in profile.shares.items()) + " rms"
     kerf = f"{say('kerf_um.mean')} mean, {say('kerf_um.min')} to {say('kerf_um.max')}"
+    no_error = "the wire's centre follows the contour" if report.offset.applied_mm == 0 else _NO_EDGE
     return [
         ("machining time", f"{simulated}  (computed in {computed}, {say('realtime_factor')})"),
         ("path", say("path_length_mm")),
         ("cutting rate", _rate_line(report)),
         ("feed", f"{say('feed_um_s.mean')} mean, {say('feed_um_s.max')} max{_limit_text(report.feed_um_s)}"),
         ("pulses", "  ".join([f"{report.pulses:,}", *shares])),
-        ("kerf", _NO_KERF if report.kerf_um.mean is None else kerf),
-        *([("profile error", _no_profile_error(report.offset))] if profile.max is None else [
+        ("kerf", f"not measured: {_NO_KERF}" if report.kerf_um.mean is None else kerf),
+        *([("profile error", f"not measured: {no_error}")] if profile.max is None else [
             ("profile error", profile.in_words), ("made by", made_by), ("largest error", str(profile.at)),
         ]),
         *([
@@ -638,15 +639,8 @@ def summary(report: Report) -> list[tuple[str, str]]:
     ]  # fmt: skip
 
 
-_NO_KERF = (
-    f"not measured: it was cut nowhere {KERF_CLEARANCE_MM:g} mm or more from start holes, corners and small arcs"
-)
-
-
-def _no_profile_error(offset: Offset) -> str:
-    if offset.applied_mm == 0:
-        return "not measured: the wire's centre follows the contour"
-    return f"not measured: no edge was cut {BLANK_EDGE_MM:g} mm or more from start holes, so passes have no stock"
+_NO_KERF = f"it was cut nowhere {KERF_CLEARANCE_MM:g} mm or more from start holes, corners and small arcs"
+_NO_EDGE = f"no edge was cut {BLANK_EDGE_MM:g} mm or more from start holes, so passes have no stock"
 
 
 def settings_in_words(report: Report) -> Iterator[tuple[str, str]]:

@@ -160,10 +160,8 @@ def test_figures_with_nothing_to_show_are_left_out_with_the_reason(cut):
     partial = cut.windows.slice(0, 2)  # far from all corners
     shown = [picture.name for picture in pictures(cut.report, partial, scene, "no sample", left_out.append)]
     assert shown == ["pulses", "short-open"]
-    assert left_out[-2:] == [
-        "the figure face is left out (no face: no edge of the part was measured)",
-        "ignition delays and the wire's spectrum are not drawn: no sample",
-    ]
+    assert left_out[0] == "ignition delays and the wire's spectrum are not drawn: no sample"
+    assert left_out[-1] == "the figure face is left out (no face: no edge of the part was measured)"
 
 
 @pytest.mark.slow

@@ -177,14 +177,9 @@ def legend(
 
 
 class EmptyFigure(NotebookFigure):
-    """A figure that has nothing to show, and says why."""
+    """A low figure that says why it has nothing to show."""
 
-    why = ""
-
-
-def nothing_to_show(why: str) -> Figure:
-    """Return a low figure that says why it is empty."""
-    figure = EmptyFigure(figsize=(WIDTH_IN, 1.0), dpi=DPI, facecolor="white", layout="none")
-    figure.why = why
-    figure.text(0.5, 0.5, textwrap.fill(why, 50), ha="center", va="center", fontsize=LABEL_PT, color=MUTED)
-    return figure
+    def __init__(self, why: str) -> None:
+        super().__init__(figsize=(WIDTH_IN, 1.0), dpi=DPI, facecolor="white", layout="none")
+        self.why = why
+        self.text(0.5, 0.5, textwrap.fill(why, 50), ha="center", va="center", fontsize=LABEL_PT, color=MUTED)
