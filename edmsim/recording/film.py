@@ -120,10 +120,8 @@ class Film:
         self._metal = self._move(axes, axes.add_collection(PolyCollection([], facecolors=STEEL, antialiased=False)))
         nominal = [line[:, :2] for line in self._play.strips("/world/table/nominal/top", "LineStrips3D:strips", 0.0)]
         self._move(axes, axes.add_collection(LineCollection(nominal, colors=TEXT, linewidths=1.0)))
-        (self._done,) = axes.plot([], [], color=palette.YELLOW, linewidth=1.3)
-        (self._wire,) = axes.plot([], [], "o", color=palette.ORANGE, markersize=5)
-        self._move(axes, self._done)
-        self._move(axes, self._wire)
+        self._done = self._move(axes, *axes.plot([], [], color=palette.YELLOW, linewidth=1.3))
+        self._wire = self._move(axes, *axes.plot([], [], "o", color=palette.ORANGE, markersize=5))
         rows = self._play.rows("/position/x_um", "Scalars:scalars")
         self._path = (rows.t_s, rows.path_um)
         begins = pause_rows(rows.t_s)

@@ -564,8 +564,8 @@ def place_text(of: Corner | ErrorPlace) -> str:
 
 
 def mm_text(mm: float) -> str:
-    """Return a coordinate to the um; a hair below zero does not read -0.000."""
-    return f"{round(mm, 6) + 0.0:.3f}"
+    """Return a coordinate to the um; just below zero it does not read -0.000."""
+    return f"{round(mm, 3) + 0.0:.3f}"
 
 
 def render_table(report: Report) -> RenderableType:

@@ -18,8 +18,6 @@ from edmsim.recording.report import RecordedCut
 from edmsim.recording.scene import PassFace, Terrace
 from edmsim.recording.windows import traces
 
-PNG = b"\x89PNG"
-
 
 @pytest.fixture(scope="module")
 def result(cut):
@@ -59,7 +57,7 @@ def test_a_result_shows_its_table_and_its_picture(result):
 
 
 def test_a_figure_shows_by_itself(result):
-    assert result.plot("kerf-section")._repr_png_().startswith(PNG)
+    assert result.plot("kerf-section")._repr_png_().startswith(b"\x89PNG")
 
 
 def test_a_figure_that_is_not_there_is_reported(result):

@@ -232,7 +232,7 @@ def test_a_feed_that_held_the_cut_back_is_said_from_a_tenth_on(cut, share, said)
 
 def test_corners_are_placed_in_the_program(cut):
     def said(*errors_um):
-        corners = [Corner(30.0, -1e-9, 50.0, 20.0, -90.0, error_um) for error_um in errors_um]
+        corners = [Corner(30.0, -4e-4, 50.0, 20.0, -90.0, error_um) for error_um in errors_um]
         return dict(summary(dataclasses.replace(cut.report, corners=corners)))["corners"]
 
     assert said(1.0, 3.0, None) == "3, worst +3.0 µm at X 30.000 Y 0.000 mm (-90°)"
