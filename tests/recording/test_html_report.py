@@ -149,8 +149,7 @@ def test_figures_are_written_as_files(folder):
 
 
 def test_figures_with_nothing_to_show_are_left_out_with_the_reason(cut):
-    left_out = []
-    scene = dataclasses.replace(cut.scene, maps=())
+    left_out, scene = [], dataclasses.replace(cut.scene, maps=())
     partial = cut.windows.slice(0, 2)  # far from all corners
     shown = [picture.name for picture in pictures(cut.report, partial, scene, "no sample", left_out.append)]
     assert shown == ["pulses", "short-open"]
