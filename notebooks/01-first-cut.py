@@ -133,8 +133,8 @@ def per_second(values: np.ndarray) -> np.ndarray:
     """Mean over every second of machine time; NaN (no ignition) left out."""
     second = column(result.windows, "t_s").astype(int)
     known = np.isfinite(values)
-    total = np.bincount(second[known], values[known], minlength=second[-1] + 1)
-    return total / np.maximum(np.bincount(second[known], minlength=second[-1] + 1), 1)
+    total, count = (np.bincount(second[known], of, minlength=second[-1] + 1) for of in (values[known], None))
+    return np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
 
 
 figure, panels = plt.subplots(3, 1, figsize=(7.5, 5.0), dpi=90, sharex=True, layout="constrained")

@@ -311,7 +311,7 @@ for axes, (name, none), set_up in zip(panels, plain.items(), (lagging, machine),
 panels[1].legend([outer, inner], ["part outside of the turn", "part inside"], fontsize=8);
 
 # %% [markdown]
-# - **Overshoot** is best: every µm reduces the error outside by some 0.8 µm, and 10 µm take a second. In the
+# - **Overshoot** is best: every µm reduces the error outside by some 0.7 µm, and 10 µm take a second. In the
 #   lagging set-up 30 µm are still too few; in the default set-up 10 µm are enough and 20 µm too much. So you must
 #   know the right length.
 # - **Slower** halves the error, like 5 to 20 µm of overshoot, but takes several times as long: less push, and

@@ -46,11 +46,20 @@ assert not any(row.unexpected for row in rows)  # whatever fails has a page that
 
 # %%
 topics = list(dict.fromkeys(row.topic for row in rows))
-agree = np.array([sum(row.passed for row in rows if row.topic == topic) for topic in topics])
-fail = np.array([sum(not row.passed for row in rows if row.topic == topic) for topic in topics])
+COLOURS = {"agree": BLUE, "fail": VERMILION, "do not count": MUTED}
+
+
+def judged(row: validation.Row) -> str:
+    """Return how a row counts, a key of the colours."""
+    return "do not count" if row.kind != "judged" else "agree" if row.passed else "fail"
+
+
 figure, axes = plt.subplots(figsize=(6.4, 0.9 + 0.24 * len(topics)))
-axes.barh(topics, agree, color=BLUE, label="agree")
-axes.barh(topics, fail, left=agree, color=VERMILION, label="fail")
+left = np.zeros(len(topics))
+for how, colour in COLOURS.items():
+    count = np.array([sum(judged(row) == how for row in rows if row.topic == topic) for topic in topics])
+    axes.barh(topics, count, left=left, color=colour, label=how)
+    left += count
 axes.invert_yaxis()
 axes.set_xlabel("facts compared")
 axes.legend(frameon=False)
@@ -60,8 +69,8 @@ figure.tight_layout()
 # ## All values at a glance
 #
 # For every fact that is a value the figure shows the model's value divided by the published one, with its 95 %
-# interval. Blue points agree and vermilion ones fail; the grey bar is the tolerance. Bands and signs are not in this
-# figure.
+# interval. Blue points agree, vermilion ones fail, and dark grey ones do not count; the pale bar is the tolerance.
+# Bands and signs are not in this figure.
 
 # %%
 values = [row for row in rows if row.tolerance.startswith("within")]
@@ -70,7 +79,7 @@ places = np.arange(len(values)) + 4 * np.array(of_topic)  # a space between topi
 figure, axes = plt.subplots(figsize=(8.4, 3.4))
 for place, row in zip(places, values, strict=True):
     published, within = float(row.published.split()[0]), float(row.tolerance.split()[1]) / 100
-    colour = BLUE if row.passed else VERMILION
+    colour = COLOURS[judged(row)]
     axes.plot([place, place], [1 - within, 1 + within], color="0.86", lw=5, solid_capstyle="butt", zorder=1)
     axes.errorbar(place, row.simulated / published, row.uncertainty / published, fmt="o", ms=3.5, color=colour, lw=1)
 axes.axhline(1, color="0.6", lw=0.7, zorder=0)
@@ -94,7 +103,7 @@ ignition.plot(gaps[held], medians[held], color=INK, lw=1.2, label="published law
 for row in rows:
     if row.name.startswith("median delay at"):
         ignition.errorbar(float(row.name.split()[3]), row.simulated, row.uncertainty, fmt="o", ms=4,
-                          color=BLUE if row.passed else VERMILION)
+                          color=COLOURS[judged(row)])
 ignition.axvspan(8, 10, color="0.92", zorder=0, label="two regimes meet (Esteves et al.)")
 ignition.set(xlabel="gap, µm", ylabel="median ignition delay, µs", yscale="log", title="ignition")
 ignition.legend(frameon=False, fontsize=8)
@@ -105,7 +114,7 @@ crater.errorbar([one.current_A for one in measured], [one.volume for one in meas
 for row in rows:
     if row.name.startswith("volume at"):
         crater.errorbar(float(row.name.split()[2]), row.simulated, row.uncertainty, fmt="o", ms=4,
-                        color=BLUE if row.passed else VERMILION)
+                        color=COLOURS[judged(row)])
 crater.set(xlabel="current, A", ylabel="volume of a crater, µm³", xscale="log", yscale="log", title="crater")
 crater.set_xticks([30, 60, 110, 215, 425], ["30", "60", "110", "215", "425"])
 crater.set_yticks([2e3, 5e3, 1e4, 2e4, 5e4], ["2000", "5000", "10 000", "20 000", "50 000"])
@@ -153,7 +162,7 @@ for row in string:
 # The links lead to the pages on the theory.
 
 # %%
-failing = [row for row in rows if not row.passed]
+failing = [row for row in rows if judged(row) == "fail"]
 Markdown("\n".join(rows_table(failing, base="notebooks")))
 
 # %% [markdown]

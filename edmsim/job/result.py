@@ -19,7 +19,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.cosim.straight import PULSES, PulseSample, sample_pulses
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
-from edmsim.files import check_suffix, folder_of, locked, make_writable, together
+from edmsim.files import check_suffix, folder_of, locked, make_writable, replacing, together
 from edmsim.geometry import Floats
 from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
@@ -664,8 +664,12 @@ def remake(
         with locked(target):
             write_html(*cut, sample, target / "report.html")
         return [target / "report.html"]
-    written = []
+    written, captions = [], []
     for picture in pictures(*cut, sample, leave_out):
         written.append(target / f"{picture.name}.{kind}")
         write_figure(picture.figure, written[-1])
+        captions.append(f"{written[-1].name}: {picture.caption}\n")
+    written.append(make_writable(target) / "captions.txt")
+    with replacing(written[-1]) as partial:
+        partial.write_text("".join(captions), encoding="utf-8")
     return written

@@ -120,10 +120,8 @@ class Film:
         self._metal = self._move(axes, axes.add_collection(PolyCollection([], facecolors=STEEL, antialiased=False)))
         nominal = [line[:, :2] for line in self._play.strips("/world/table/nominal/top", "LineStrips3D:strips", 0.0)]
         self._move(axes, axes.add_collection(LineCollection(nominal, colors=TEXT, linewidths=1.0)))
-        (self._done,) = axes.plot([], [], color=palette.YELLOW, linewidth=1.3)
-        (self._wire,) = axes.plot([], [], "o", color=palette.ORANGE, markersize=5)
-        self._move(axes, self._done)
-        self._move(axes, self._wire)
+        self._done = self._move(axes, *axes.plot([], [], color=palette.YELLOW, linewidth=1.3))
+        self._wire = self._move(axes, *axes.plot([], [], "o", color=palette.ORANGE, markersize=5))
         rows = self._play.rows("/position/x_um", "Scalars:scalars")
         self._path = (rows.t_s, rows.path_um)
         begins = pause_rows(rows.t_s)
@@ -235,8 +233,7 @@ def _thinned(line: Floats) -> Floats:
 
 def rgb01(colours: NDArray[Any]) -> Floats:
     """Return recorded colours, 0xRRGGBBAA, as (n, 4) shares of 0 to 1."""
-    bits = np.asarray(colours, np.uint32)
-    return np.stack([(bits >> shift) & 0xFF for shift in (24, 16, 8, 0)], axis=-1) / 255.0
+    return np.asarray(colours, ">u4").view(np.uint8).reshape(-1, 4) / 255.0
 
 
 MP4, GIF = ".mp4", ".gif"
@@ -244,7 +241,6 @@ FRAMES_PER_S = {MP4: 25, GIF: 10}  # a film is smooth, an animated picture small
 DPI = {MP4: 100, GIF: 60}  # of a figure of `edmsim.recording.film.SIZE_INCH`: 1280 x 720 and 768 x 432
 SECONDS = 12.0  # how long a whole cut takes in the film
 _GIF_COLOURS = 96
-_SAME = 255  # colour of a pixel that is as in the picture before; none of `_GIF_COLOURS`
 
 
 @in_style
@@ -308,27 +304,13 @@ def _write_mp4(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[in
 
 
 def _write_gif(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, int]) -> None:
-    frames: list[Image.Image] = []
-    colours: Image.Image | None = None
-    before: NDArray[np.uint8] | None = None
-    for picture in pictures:
-        image = Image.fromarray(picture)
-        # the first picture's colours serve all, or grey areas would flicker
-        shown = (
-            image.quantize(palette=colours, dither=Image.Dither.NONE)
-            if colours is not None
-            else image.quantize(_GIF_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-        )
-        colours = colours or shown
-        pixels = np.asarray(shown, np.uint8)
-        # what is as in the picture before is left transparent: less than half the bytes
-        new = pixels if before is None else np.where(pixels == before, _SAME, pixels).astype(np.uint8)
-        frame = Image.fromarray(new)
-        frame.putpalette(colours.getpalette() or [])
-        frames.append(frame)
-        before = pixels
+    images = map(Image.fromarray, pictures)
+    first = next(images).quantize(_GIF_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    # the first picture's colours serve all, or grey areas would flicker
+    others = [image.quantize(palette=first, dither=Image.Dither.NONE) for image in images]
     duration_ms = round(1000 / FRAMES_PER_S[GIF])
-    frames[0].save(
-        file, format="GIF", save_all=True, append_images=frames[1:], duration=duration_ms, loop=0, optimize=False,
-        transparency=_SAME, disposal=1,
+    # optimised, what is as in the picture before is left transparent: less than half the bytes
+    first.save(
+        file, format="GIF", save_all=True, append_images=others, duration=duration_ms, loop=0, optimize=True,
+        disposal=1,
     )

@@ -14,7 +14,7 @@ from edmsim.cosim.straight import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures import cut
 from edmsim.recording.figures.profile import PROFILE_DOTS, profile_figure
-from edmsim.recording.figures.style import figure_png
+from edmsim.recording.figures.style import EmptyFigure, figure_png
 from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, settings_in_words, summary
 from edmsim.recording.scene import Scene
 
@@ -65,16 +65,22 @@ _CAPTIONS = {
 def pictures(
     report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, leave_out: Callable[[str], None]
 ) -> Iterator[Picture]:
-    """Draw the other figures of a cut one by one; `leave_out` is called with those that cannot be made, and why."""
-    for name, draw in OF_CUT.items():
-        if name != "profile" and (name != "corner" or scene.corners) and (name != "passes" or report.passes):
-            yield Picture(name, _CAPTIONS[name], draw(report, windows, scene))
+    """Draw the other figures of a cut; `leave_out` is called with those that cannot be made, and why."""
+    drawn = [
+        (name, draw(report, windows, scene)) for name, draw in OF_CUT.items()
+        if name != "profile" and (name != "corner" or scene.corners) and (name != "passes" or report.passes)
+    ]  # fmt: skip
+    made = ""
     if isinstance(sample, str):
         leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")
-        return
-    made = f"single pulses of a straight cut of the same set-up, simulated at {sample.feed_um_s:.1f} µm/s"
-    for name, draw_sample in OF_SAMPLE.items():
-        yield Picture(name, _CAPTIONS[name].format(made=made), draw_sample(sample, windows, report))
+    else:
+        made = f"single pulses of a straight cut of the same set-up, simulated at {sample.feed_um_s:.1f} µm/s"
+        drawn += [(name, draw_sample(sample, windows, report)) for name, draw_sample in OF_SAMPLE.items()]
+    for name, figure in drawn:
+        if isinstance(figure, EmptyFigure):
+            leave_out(f"the figure {name} is left out ({figure.why})")
+        else:
+            yield Picture(name, _CAPTIONS[name].format(made=made), figure)
 
 
 _COLUMNS = (

@@ -17,6 +17,8 @@ import numpy as np
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of, replacing
 from edmsim.geometry import Floats
+from edmsim.metrology.kerf import KERF_CLEARANCE_MM
+from edmsim.metrology.profile import BLANK_EDGE_MM
 from edmsim.recording.scene import Scene, read_scene
 from edmsim.recording.windows import CUT_KEY, column, durations_s, lag_along_um, read_windows
 
@@ -562,8 +564,8 @@ def place_text(of: Corner | ErrorPlace) -> str:
 
 
 def mm_text(mm: float) -> str:
-    """Return a coordinate to the um; a hair below zero does not read -0.000."""
-    return f"{round(mm, 6) + 0.0:.3f}"
+    """Return a coordinate to the um; just below zero it does not read -0.000."""
+    return f"{round(mm, 3) + 0.0:.3f}"
 
 
 def render_table(report: Report) -> RenderableType:
@@ -600,21 +602,20 @@ def summary(report: Report) -> list[tuple[str, str]]:
     simulated, computed = duration_text(report.machining_time_s), duration_text(report.wall_time_s)
     shares = (f"{kind} {report.pulse_share.text(kind)}" for kind in report.pulse_share)
     made_by = "not split: the wire is tilted, or its centre follows the contour"
-    if profile.max is None:
-        made_by = "not measured"
-    elif profile.shares is not None:
+    if profile.shares is not None:
         made_by = ", ".join(f"{name} {figure_text(of['rms'], 'µm')}" for name, of in profile.shares.items()) + " rms"
     kerf = f"{say('kerf_um.mean')} mean, {say('kerf_um.min')} to {say('kerf_um.max')}"
+    no_error = "the wire's centre follows the contour" if report.offset.applied_mm == 0 else _NO_EDGE
     return [
         ("machining time", f"{simulated}  (computed in {computed}, {say('realtime_factor')})"),
         ("path", say("path_length_mm")),
         ("cutting rate", _rate_line(report)),
         ("feed", f"{say('feed_um_s.mean')} mean, {say('feed_um_s.max')} max{_limit_text(report.feed_um_s)}"),
         ("pulses", "  ".join([f"{report.pulses:,}", *shares])),
-        ("kerf", "not measured" if report.kerf_um.mean is None else kerf),
-        ("profile error", "not measured" if profile.max is None else profile.in_words),
-        ("made by", made_by),
-        ("largest error", str(profile.at)),
+        ("kerf", f"not measured: {_NO_KERF}" if report.kerf_um.mean is None else kerf),
+        *([("profile error", f"not measured: {no_error}")] if profile.max is None else [
+            ("profile error", profile.in_words), ("made by", made_by), ("largest error", str(profile.at)),
+        ]),
         *([
             ("within the wire's reach", profile.reachable.in_words),
             ("largest error there", str(profile.reachable.at)),
@@ -636,6 +637,10 @@ def summary(report: Report) -> list[tuple[str, str]]:
         )]),
         *_pass_lines(report.passes),
     ]  # fmt: skip
+
+
+_NO_KERF = f"it was cut nowhere {KERF_CLEARANCE_MM:g} mm or more from start holes, corners and small arcs"
+_NO_EDGE = f"no edge was cut {BLANK_EDGE_MM:g} mm or more from start holes, so passes have no stock"
 
 
 def settings_in_words(report: Report) -> Iterator[tuple[str, str]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from edmsim.errors import refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.compare import Figure, ratio
 from edmsim.recording.figures.palette import BLUE, LINE, VERMILION
-from edmsim.recording.figures.style import colour_bar, column_figure, dress, in_style, legend, nothing_to_show
+from edmsim.recording.figures.style import EmptyFigure, colour_bar, column_figure, dress, in_style, legend
 from edmsim.screen import ScreenTable
 from edmsim.sweep.run import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, sensitivity
@@ -249,7 +249,7 @@ def pareto_figure(table: pa.Table) -> Drawing:
     goals = goals_of(table)
     found, front = front_of(table)
     if len(goals) < 2 or not found:
-        return nothing_to_show("No two of rate, roughness and error were measured in a run.")
+        return EmptyFigure("No two of rate, roughness and error were measured in a run.")
     figure = column_figure(2.9, top_in=0.5 if len(goals) > 2 else 0.12)
     values = {name: np.array([group.figures[name].value for group in found]) for name in goals}
     x, y = goals[0], goals[1]

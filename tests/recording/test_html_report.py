@@ -11,9 +11,9 @@ import pytest
 
 from edmsim import InputError
 from edmsim.job.result import remake
-from edmsim.recording.html_report import page
+from edmsim.recording.html_report import page, pictures
 from edmsim.recording.report import read_cut
-from edmsim.recording.scene import Scene, read_scene, write_scene
+from edmsim.recording.scene import read_scene, write_scene
 
 NAMES = [
     "profile", "profile-error", "error-shares", "corner", "kerf-section", "face", "pulses", "short-open",
@@ -95,12 +95,13 @@ def test_what_a_report_says_is_text_not_markup(cut):
 
 
 def test_a_scene_comes_back_from_its_file(cut, tmp_path):
-    write_scene(cut.scene, tmp_path / "part.npz")
+    scene = dataclasses.replace(cut.scene, stop_mm=(1.0, 2.0))
+    write_scene(scene, tmp_path / "part.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["part.npz"]
     back = read_scene(tmp_path / "part.npz")
     assert back.corners == cut.scene.corners
     for name in ("stock_mm", "height_mm", "guides_z_mm", "wire_diameter_um", "stop_mm", "terraces"):
-        assert getattr(back, name) == getattr(cut.scene, name)
+        assert getattr(back, name) == getattr(scene, name)
     np.testing.assert_array_equal(back.starts_mm, cut.scene.starts_mm)
     assert len(back.cut_edges_mm) == len(cut.scene.cut_edges_mm)
     for ours, theirs in zip(back.cut_edges_mm, cut.scene.cut_edges_mm, strict=True):
@@ -124,13 +125,6 @@ def test_a_scene_with_one_contour_split_and_one_not_comes_back(cut, tmp_path):
     np.testing.assert_array_equal(first.error_um, whole.error_um)
 
 
-def test_an_empty_scene_comes_back(tmp_path):
-    scene = Scene((), ((), ()), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0, (1.0, 2.0))
-    write_scene(scene, tmp_path / "part.npz")
-    back = read_scene(tmp_path / "part.npz")
-    assert (back.maps, back.cut_edges_mm, back.corners, back.stop_mm) == ((), ((), ()), (), (1.0, 2.0))
-
-
 @pytest.fixture
 def folder(small_cut, tmp_path):
     for name in ("report.json", "windows.parquet", "part.npz"):
@@ -147,8 +141,20 @@ def test_a_page_made_again_is_the_one_the_cut_wrote(folder, small_cut):
 @pytest.mark.slow
 def test_figures_are_written_as_files(folder):
     files = remake(folder, folder / "figures", "svg", print)
-    assert [file.stem for file in files] == NAMES[1:]  # the whole cut is profile.png
-    assert all("</svg>" in file.read_text(encoding="utf-8") for file in files)
+    *drawn, captions = files
+    assert [file.stem for file in drawn] == NAMES[1:]  # the whole cut is profile.png
+    assert all("</svg>" in file.read_text(encoding="utf-8") for file in drawn)
+    lines = captions.read_text(encoding="utf-8").splitlines()
+    assert [line.partition(": ")[0] for line in lines] == [file.name for file in drawn]
+
+
+def test_figures_with_nothing_to_show_are_left_out_with_the_reason(cut):
+    left_out, scene = [], dataclasses.replace(cut.scene, maps=())
+    partial = cut.windows.slice(0, 2)  # far from all corners
+    shown = [picture.name for picture in pictures(cut.report, partial, scene, "no sample", left_out.append)]
+    assert shown == ["pulses", "short-open"]
+    assert left_out[0] == "ignition delays and the wire's spectrum are not drawn: no sample"
+    assert left_out[-1] == "the figure face is left out (no face: no edge of the part was measured)"
 
 
 @pytest.mark.slow

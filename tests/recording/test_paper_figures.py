@@ -57,11 +57,13 @@ def made_up(delay_us, open_, deflection_um=None):
 
 
 def test_a_style_of_the_user_does_not_get_into_the_figures(cut):
-    with matplotlib.rc_context({"axes.facecolor": "black", "text.usetex": True, "text.color": "white"}):
+    own = {"axes.facecolor": "black", "text.usetex": True, "figure.constrained_layout.use": True}
+    with matplotlib.rc_context(own):
         figure = kerf_figure(cut.report)
         assert matplotlib.rcParams["axes.facecolor"] == "black"
     assert all(axes.get_facecolor() == (1, 1, 1, 1) for axes in figure.axes)
     assert not any(text.get_usetex() for text in figure.findobj(matplotlib.text.Text))
+    assert figure.get_layout_engine() is None  # the margins are the figure's own
 
 
 @pytest.mark.parametrize(("draw", "said"), [
@@ -110,13 +112,6 @@ def test_a_series_without_values_has_no_scale(cut):
     figure = pulses_figure(windows)
     assert [len(axes.get_yticks()) for axes in figure.axes if "delay" in axes.get_ylabel()] == [0]
     assert "not measured" in texts(figure)
-
-
-def test_the_margins_are_the_figures_own(cut):
-    with matplotlib.rc_context({"figure.constrained_layout.use": True}):  # warnings are errors here
-        figure = kerf_figure(cut.report)
-        figure.canvas.draw()
-    assert figure.get_layout_engine() is None
 
 
 def test_the_worst_corner_is_chosen_and_any_other_can_be(cut):

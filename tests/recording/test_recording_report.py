@@ -212,7 +212,11 @@ def test_the_summary_tells_what_only_some_cuts_have(cut):
     unknown = {"kerf_um": Kerf(), "profile_error_um": ProfileErrors(), "coverage": Coverage()}
     said = dict(summary(dataclasses.replace(cut.report, **unknown)))
     assert said["gas"].startswith("covers – of the wire's front")
-    assert {said[name] for name in ("kerf", "profile error", "made by", "largest error")} == {"not measured"}
+    assert said["kerf"].startswith("not measured: it was cut nowhere 0.5 mm or more from start holes")
+    assert said["profile error"].startswith("not measured: no edge was cut 0.15 mm or more from start holes")
+    assert not {"made by", "largest error"} & set(said)
+    centred = dataclasses.replace(cut.report, **unknown, offset=Offset(0.0))
+    assert dict(summary(centred))["profile error"] == "not measured: the wire's centre follows the contour"
     said = dict(summary(dataclasses.replace(cut.report, table_error_um={**table, "compensated": True})))
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms; compensated to 8.0 µm max, 2.0 µm rms"
     assert said["profile error without compensation"] == "12.0 µm max, 3.0 µm rms"
@@ -228,7 +232,7 @@ def test_a_feed_that_held_the_cut_back_is_said_from_a_tenth_on(cut, share, said)
 
 def test_corners_are_placed_in_the_program(cut):
     def said(*errors_um):
-        corners = [Corner(30.0, -1e-9, 50.0, 20.0, -90.0, error_um) for error_um in errors_um]
+        corners = [Corner(30.0, -4e-4, 50.0, 20.0, -90.0, error_um) for error_um in errors_um]
         return dict(summary(dataclasses.replace(cut.report, corners=corners)))["corners"]
 
     assert said(1.0, 3.0, None) == "3, worst +3.0 µm at X 30.000 Y 0.000 mm (-90°)"

@@ -46,7 +46,7 @@ def shares_figure(scene: Scene) -> Figure:
     """Draw the profile error and its shares over the distance along the nominal edges, a panel each, on one scale."""
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
     if not split:
-        return style.nothing_to_show(
+        return style.EmptyFigure(
             "no shares: no error was measured, the wire is tilted, or its centre follows the contour"
         )
     figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
@@ -92,7 +92,7 @@ LABELLED = 6  # corners whose error is written beside them: the worst ones
 def error_figure(scene: Scene) -> Figure:
     """Draw the profile error along the nominal edge, exaggerated, with colours for sign and size."""
     if not len(scene.known_errors()):
-        return style.nothing_to_show("no profile error: no edge of the part was measured")
+        return style.EmptyFigure("no profile error: no edge of the part was measured")
     scene = scene.in_program()
     points = np.concatenate([edge.nominal_mm for edge in scene.maps])
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
@@ -133,10 +133,10 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     InputError
         If there is no such corner.
     """
-    if not scene.corners and corner is None:
-        return style.nothing_to_show("no corner: the edge as drawn has none")
+    chosen = _chosen_corner(scene, windows, corner)
+    if chosen is None:
+        return style.EmptyFigure("no corner: the edge as drawn has none, or the wire has come to none")
     figure = style.column_figure(5.2, top_in=0.55)
-    chosen = _chosen_corner(scene, corner)
     detail, below = figure.subplots(2, 1, height_ratios=[2.6, 1.0], gridspec_kw={"hspace": 0.5})
     place = np.array([chosen.x_mm, chosen.y_mm])
     _draw_detail(detail, scene, windows, place)
@@ -150,9 +150,12 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     return figure
 
 
-def _chosen_corner(scene: Scene, corner: int | None) -> CornerError:
+def _chosen_corner(scene: Scene, windows: pa.Table, corner: int | None) -> CornerError | None:
     if corner is None:
-        return max(scene.corners, key=lambda c: -1.0 if np.isnan(c.error_um) else abs(c.error_um))
+        at_mm = _axis_um(scene, windows) / 1000
+        away_mm = [np.hypot(*(at_mm - (c.x_mm, c.y_mm)).T).min(initial=np.inf) for c in scene.corners]
+        reached = [c for c, mm in zip(scene.corners, away_mm, strict=True) if mm < 2 * CORNER_REACH_MM]
+        return max(reached, key=lambda c: -1.0 if np.isnan(c.error_um) else abs(c.error_um), default=None)
     if not 0 <= corner < len(scene.corners):
         raise InputError(f"there is no corner {corner}: the cut has corners 0 to {len(scene.corners) - 1}")
     return scene.corners[corner]
@@ -203,9 +206,8 @@ def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Float
     for edge in scene.maps:
         off = np.hypot(*(edge.points_mm - place_mm).T)
         if len(off) and off.min() < 1e-3:
-            at, turn = int(off.argmin()), np.hypot(*np.diff(edge.points_mm, axis=0).T)
-            s = 1000 * (np.concatenate([[0.0], np.cumsum(turn)]) - turn[:at].sum())
-            total = 1000 * turn.sum()
+            way_um = 1000 * arc_lengths(edge.points_mm)
+            s, total = way_um - way_um[off.argmin()], way_um[-1]
             s = (s + total / 2) % total - total / 2 if np.allclose(edge.nominal_mm[0], edge.nominal_mm[-1]) else s
             order = np.argsort(s)
             error = edge.error_um[order]
@@ -248,11 +250,11 @@ def kerf_figure(report: Report) -> Figure:
     slices = report.kerf_section
     section = [row for row in slices if row.places]
     if not section:
-        return style.nothing_to_show("no kerf: there was no place to measure its width")
+        return style.EmptyFigure("no kerf: there was no place to measure its width")
     figure = style.column_figure(2.9, top_in=0.36)
     radius = report.settings["wire_diameter_um"] / 2
     z = np.array([row.height_mm for row in section])
-    panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.1})
+    panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.24})
     for panel, side in zip(panels, ("rest", "part"), strict=True):
         mean, low, high = (
             np.array([row[side][key] for row in section]) - radius for key in ("mean_um", "p5_um", "p95_um")
@@ -260,9 +262,11 @@ def kerf_figure(report: Report) -> Figure:
         panel.fill_betweenx(z, low, high, color=palette.BLUE, alpha=0.18, linewidth=0)
         panel.plot(mean, z, color=palette.BLUE, linewidth=1.3, marker="o", markersize=2.5)
         style.dress(panel, f"wire to wall of the {side}, µm", "")
-    low, high = (f(limit for panel in panels for limit in panel.get_xlim()) for f in (min, max))
-    panels[0].set_xlim(high, low)  # the wire stands between both walls
-    panels[1].set_xlim(low, high)
+    reach = max(np.ptp(panel.get_xlim()) for panel in panels) / 2  # on one scale, trims leave the walls far apart
+    for panel, outwards in zip(panels, (-1, 1), strict=True):
+        middle = np.mean(panel.get_xlim())
+        panel.set_xlim(middle - outwards * reach, middle + outwards * reach)  # the wire stands between both walls
+        panel.xaxis.set_major_locator(MaxNLocator(4))
     panels[0].set_ylabel("height over the lower face, mm", fontsize=style.LABEL_PT, color=palette.MUTED)
     panels[0].set_ylim(0, slices[-1].height_mm + slices[0].height_mm)
     panels[0].set_title(
@@ -284,7 +288,7 @@ LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: it
 def pulses_figure(windows: pa.Table) -> Figure:
     """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
     if windows.num_rows == 0:
-        return style.nothing_to_show("no pulses: the cut has no window")
+        return style.EmptyFigure("no pulses: the cut has no window")
     figure = style.column_figure(5.1, top_in=0.25, right_in=0.55)
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]))
@@ -335,7 +339,7 @@ def plane_figure(windows: pa.Table) -> Figure:
     Dots are windows; the line is their mean over equal spans of time.
     """
     if windows.num_rows == 0:
-        return style.nothing_to_show("no pulses: the cut has no window")
+        return style.EmptyFigure("no pulses: the cut has no window")
     figure = style.column_figure(3.3, top_in=0.49)
     short, open_ = (quantity(windows, kind) for kind in ("short", "open"))
     t_s = column(windows, "t_s")
@@ -371,7 +375,7 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
     """
     delay = sample.delay_us[np.isfinite(sample.delay_us)]
     if not len(delay):
-        return style.nothing_to_show("no ignition delay: none of the pulses looked at ignited")
+        return style.EmptyFigure("no ignition delay: none of the pulses looked at ignited")
     figure = style.column_figure(3.9, top_in=0.25)
     above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"hspace": 0.08})
     edges = np.linspace(0.0, max(float(delay.max()), 1.0), 41)
@@ -418,6 +422,7 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
             t, left * np.exp(-(t - TAIL_US) / mean), color=ORANGE, linewidth=1.0, linestyle="--",
             label=f"exponential from {TAIL_US:g} µs, mean {mean:.1f} µs",
         )  # fmt: skip
+    axes.set_ylim(top=1.0)
     style.legend(axes)
 
 
@@ -477,7 +482,7 @@ def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default")
     if not samples or min(len(s.kind) for s in samples) < 4 * SEGMENTS:
         raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")
     first = samples[0]
-    figure = style.column_figure(3.5, top_in=0.48)
+    figure = style.column_figure(3.5, top_in=0.48, right_in=0.17)
     modes, spectrum = figure.subplots(1, 2, sharey=True, width_ratios=[1.7, 1.0], gridspec_kw={"wspace": 0.14})
     sampling_hz = 1e6 / first.period_us
     if len(samples) > 1:
@@ -554,7 +559,7 @@ def passes_figure(report: Report) -> Figure:
     """Draw the result of each pass of a cut in passes: wall over the height, time, stock and roughness."""
     rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
     if not rows:
-        return style.nothing_to_show("no passes: the cut was made in one, or none was finished")
+        return style.EmptyFigure("no passes: the cut was made in one, or no wall was measured after any")
     rows = [row for row in rows if row.contour == rows[0].contour]
     figure = style.column_figure(4.4, top_in=0.3)
     grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0], hspace=0.42, wspace=0.62)
@@ -586,7 +591,7 @@ def face_figure(scene: Scene) -> Figure:
     """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
     faces = [(edge, um) for edge in scene.maps if (um := edge.face_um) is not None and np.isfinite(um).any()]
     if not faces:
-        return style.nothing_to_show("no face: no edge of the part was measured")
+        return style.EmptyFigure("no face: no edge of the part was measured")
     shown = faces[:4]
     figure = style.column_figure(0.95 + 1.05 * len(shown), top_in=0.55)
     known = np.concatenate([np.abs(error_um[np.isfinite(error_um)]) for _, error_um in shown])

@@ -176,8 +176,10 @@ def legend(
         axes.legend(loc=loc, ncols=columns, facecolor="white", edgecolor="none", framealpha=0.85, **style)
 
 
-def nothing_to_show(why: str) -> Figure:
-    """Return a low figure that says why it is empty."""
-    figure = column_figure(1.0)
-    figure.text(0.5, 0.5, textwrap.fill(why, 50), ha="center", va="center", fontsize=LABEL_PT, color=MUTED)
-    return figure
+class EmptyFigure(NotebookFigure):
+    """A low figure that says why it has nothing to show."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(figsize=(WIDTH_IN, 1.0), dpi=DPI, facecolor="white", layout="none")
+        self.why = why
+        self.text(0.5, 0.5, textwrap.fill(why, 50), ha="center", va="center", fontsize=LABEL_PT, color=MUTED)

@@ -407,8 +407,7 @@ def log_faces(recording: rr.RecordingStream, scene: Scene) -> None:
     for contour in sorted({face.contour for face in scene.pass_faces}):
         faces = [face for face in scene.pass_faces if face.contour == contour]
         meshes = [face_mesh(scene, face) for face in faces]
-        limit_um = scene.error_limit_um()
-        colours = [palette.error_rgb(off_um, limit_um) for _, off_um in meshes]
+        colours = [palette.error_rgb(off_um, scene.error_limit_um()) for _, off_um in meshes]
         when = indexes(np.array([face.time_s for face in faces]), np.array([face.path_um for face in faces]))
         _send_meshes(recording, f"world/table/face/{contour}", when, [mesh for mesh, _ in meshes], colours)
 

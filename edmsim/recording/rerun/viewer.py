@@ -48,16 +48,14 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     folders = [play.recording.resolve().parent.name for play in plays]
     names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
-    entities = [{str(chunk.entity_path) for chunk in read_chunks(play.recording)} for play in plays]
+    chunks = [read_chunks(play.recording) for play in plays]
+    entities = [{str(chunk.entity_path) for chunk in of_one} for of_one in chunks]
     curves = CURVES + tuple(curve for curve in OF_EPISODES if any(f"/{curve[0]}" in known for known in entities))
     with write.saved(recording, file, _blueprint([play.sizes for play in plays], names, curves)):
         recording.send_recording_name(" and ".join(names))
-        for (place, letter, colour), play, known in zip(SIDES, plays, entities, strict=True):
-            chunks = read_chunks(play.recording)
-            recording.send_chunks(
-                [chunk.with_entity_path(f"/{place}{chunk.entity_path}") for chunk in chunks
-                 if not chunk.entity_path.startswith("/__")]
-            )  # fmt: skip
+        for (place, letter, colour), of_one, known in zip(SIDES, chunks, entities, strict=True):
+            shown = [chunk for chunk in of_one if not chunk.entity_path.startswith("/__")]
+            recording.send_chunks([chunk.with_entity_path(f"/{place}{chunk.entity_path}") for chunk in shown])
             line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
             for entity, _ in curves:
                 if f"/{entity}" in known:  # see `write`: a curve without a value hides the others

@@ -304,8 +304,7 @@ def events(windows: pa.Table, scene: Scene, report: Report) -> list[Event]:
 
 
 def _at(place_um: Floats) -> str:
-    x_um, y_um = place_um.tolist()
-    return f"X {mm_text(x_um * 1e-3)} Y {mm_text(y_um * 1e-3)} mm"
+    return "X {} Y {} mm".format(*map(mm_text, (place_um * 1e-3).tolist()))
 
 
 def _thinned(found: list[Event]) -> list[Event]:
