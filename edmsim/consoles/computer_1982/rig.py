@@ -194,6 +194,11 @@ class Rig:
         return self._planner is not None
 
     @property
+    def stalled(self) -> bool:
+        """Whether a cut is under way at the greatest speed 0, which MAXVEL may hold but SPEED refuses."""
+        return self.moving and self.way == CUTTING and not self.computer.speed
+
+    @property
     def move(self) -> Move | None:
         """The present move of the cut; None without a cut."""
         return self._route.move_at(self._planner.path_um) if self._planner and self.way == CUTTING else None
