@@ -573,4 +573,6 @@ def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> 
         )
     if out is not None:
         write_figure(draw(tuning), out)
+    if tuning.after.figures.settling_s >= _REST_BY_S:
+        raise InputError(f"{name} cannot be tuned for the axis {axis}: no values were found with which it settles")
     return tuning.lines
