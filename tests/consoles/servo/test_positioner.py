@@ -47,7 +47,7 @@ def test_files_of_another_editor_are_read(tmp_path):
 @pytest.mark.slow
 def test_it_tells_what_changes():
     said = []
-    run_and_tell(station(), 1.0, [Press("ifForward", 0.2, 0.4)], said.append)
+    run_and_tell(station(), 1.0, [Press("ifForward", 0.2, 0.3), Press("ifForward", 0.25, 0.4)], said.append)
     changes = [line.split(" s  ")[1] for line in said[:-1]]
     assert changes[:7] == [
         "axis:st_init 1", "axis:st_loopon 1", "ofstill 1", "ifForward on", "axis:st_still 0", "ofstill 0",
