@@ -66,7 +66,7 @@ class PlainGenerator(Board):
         """Ask for about 10 ms of pulses."""
         own = self._machine
         pulses = min(max(int(self.FRAME_US / own.t_period_us), 1), WINDOW_PULSES)
-        return Output(pulses, self.enabled, own.t_on_us, own.t_period_us, own.open_voltage_V, own.peak_current_A)
+        return Output(pulses, self.enabled, own.t_on_us, own.t_period_us)
 
 
 # Power supplies of Rack Robotics: the pins of Powercore V2, the serial line and the pins of Powercore V3.
