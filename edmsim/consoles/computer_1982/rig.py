@@ -355,7 +355,8 @@ class Rig:
         self.computer.serve()
         if self.in_emergency and (self.moving or not stopped):
             self._planner = None  # off the table there is nothing to go on with
-            self._stopped(" AND ".join(map(_named, self.computer.cause)).upper() or UNKNOWN_CAUSE)
+            causes = (cause if ":" in cause else f"{cause} SWITCH" for cause in self.computer.cause)
+            self._stopped(" AND ".join(causes).upper() or UNKNOWN_CAUSE)
         return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)
 
     def _motion(self, start_ns: int, end_ns: int) -> list[Step]:
@@ -441,8 +442,3 @@ class Rig:
         self.put_down()
         self.cause = cause
         self.say(f"EMERGENCY: {cause}; NOTHING MOVES UNTIL INIT")
-
-
-def _named(cause: str) -> str:
-    """A switch, or what led to an emergency else."""
-    return cause if ":" in cause else f"{cause} SWITCH"

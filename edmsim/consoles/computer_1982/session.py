@@ -512,7 +512,12 @@ class Session:
         """Start at an address, or go back to MAIN."""
         code = self._rig.computer.code
         if address is None or address == at.MAIN:
-            self._to_main(address is not None)
+            if address is None and not self._main_waits:
+                raise InputError(f"MAIN was not started yet; G {at.MAIN:04X} starts it")
+            self._in_monitor = False
+            if address is not None:  # MAIN begins with INIT (row T-52)
+                self._operation.init()
+                self._say(self._operation.greeting)
         elif address == at.MONITOR:
             self._press_reset()
         elif address == at.INIT:
@@ -525,15 +530,6 @@ class Session:
             code.begin(address)
         else:
             raise InputError(f"there is no 8085 code at {address:04X}H: the listings are lost; M shows what starts")
-
-    def _to_main(self, from_its_beginning: bool) -> None:
-        """Give the terminal to MAIN, which begins with INIT (row T-52)."""
-        if not from_its_beginning and not self._main_waits:
-            raise InputError(f"MAIN was not started yet; G {at.MAIN:04X} starts it")
-        self._in_monitor = False
-        if from_its_beginning:
-            self._operation.init()
-            self._say(self._operation.greeting)
 
     def leave(self) -> None:
         """End the session."""

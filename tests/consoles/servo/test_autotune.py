@@ -158,5 +158,3 @@ def test_the_picture_has_a_column_for_each_drive(load_script):
     assert [axes.get_title() for axes in figure.axes if axes.get_title()] == list(steps.DRIVES.values())
     drawn = figure.axes[0].get_lines()[-1].get_ydata()
     assert list(drawn) == [0, STEP_COUNTS - 5, STEP_COUNTS]
-    assert (DOCS / "figures" / "servo-steps.png").is_file()
-    assert "](figures/servo-steps.png)" in (DOCS / "servo-drives.md").read_text(encoding="utf-8")
