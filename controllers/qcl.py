@@ -110,11 +110,6 @@ class Variable(NamedTuple):
     size: str
     retained: bool
 
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Least and largest value."""
-        return _SIZES[self.size]
-
 
 class Declaration(NamedTuple):
     """A device of the section INTDEVICE; an address is None where it was left out."""
@@ -162,7 +157,6 @@ class Configuration:
     inputs: dict[str, str] = field(default_factory=dict)  # slot addresses, such as ``2.INP01``
     outputs: dict[str, str] = field(default_factory=dict)
     devices: dict[str, Declaration] = field(default_factory=dict)
-    shared: list[str] = field(default_factory=list)  # addresses that two users have: allowed, but seldom meant
     _groups: dict[str, _DataGroup] = field(default_factory=dict)
 
     @property
@@ -200,8 +194,6 @@ def read_configuration(text: str, file: str | None = None) -> Configuration:
                 problems.append(Problem(number, str(error)))
     if problems:
         raise QclError(problems, file)
-    users = [*found.inputs.values(), *(device.home_input for device in found.devices.values() if device.home_input)]
-    found.shared = sorted({address for address in users if users.count(address) > 1})
     return found
 
 
@@ -707,7 +699,7 @@ class Control:
 
 def _fitting(variable: Variable, value: int) -> int:
     """Return a value if it fits into a variable."""
-    least, greatest = variable.limits
+    least, greatest = _SIZES[variable.size]
     if not least <= value <= greatest:
         raise InputError(f"{variable.name} cannot hold {value}; it must be {least} to {greatest}")
     return value

@@ -219,6 +219,8 @@ def test_the_report_says_what_followed_and_what_compensated(line, tmp_path):
         (f"{ROWS}rows = [[[0, 1], [5, 2]], [[0, 1], [4, 2]]]",
          "row 2 has 2 points from 0 to 4 mm; the first one has 2 from 0 to 5 mm, and all must be alike"),
         (f"{ROWS}rows = [[[0, 1], [5, 2]], [[0, 1], [1, 1], [5, 2]]]", "row 2 has 3 points"),
+        (f"{ROWS}rows = [[[0, 1], [3, 2], [5, 2]], [[0, 1], [2, 1003], [5, 2]]]",
+         "the error changes by 1001.33 um from row 1 to the next, 1 mm further; it must be at most 1000 um"),
         (f"{ROWS}rows = [[[0, 1], [5, 2]]]\npoints = [[0, 1], [5, 2]]", "points: unknown"),
         (f"{ROWS}points = [[0, 1], [5, 2]]", "row_axis: unknown"),
         (ROWS.replace("path", "z") + "rows = [[[0, 1], [5, 2]]]", "row_axis: must be 'x', 'y', 'u'"),

@@ -254,10 +254,6 @@ class AxisBench:
         else:
             raise InputError(f"there is no wire {wire!r} to unplug; there are: A, B, index, step, dir, fault")
 
-    def plug(self, axis: str, wire: str) -> None:
-        """Plug a wire in again."""
-        self.unplug(axis, wire, plugged=True)
-
     def swap_phases(self, axis: str) -> None:
         """Exchange the encoder's wires A and B."""
         self.axis(axis)["swapped"] ^= 1

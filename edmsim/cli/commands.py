@@ -543,6 +543,12 @@ def gap(
     board = None if serial is None else make_board(serial)
     of_board = {} if board is None else {"generator": board.generator}
     settings = settings_of({**of_board, **options})
+    if board is not None:
+        chosen_pulse = settings.t_on_us, settings.t_period_us, settings.open_voltage_V, settings.peak_current_A
+        flags = "--t-on", "--t-period", "--open-voltage", "--peak-current"
+        for flag, requested, own in zip(flags, chosen_pulse, board.output()[2:], strict=True):
+            if requested is not None and own is not None:
+                raise InputError(f"{flag} has no effect, as the board {serial} sets it: leave it out")
     set_up, seed = settings.load_machine(), settings.seed
     if fmu is not None:
         from edmsim.hil.fmu import export_fmu

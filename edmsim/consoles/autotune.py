@@ -194,8 +194,8 @@ class UhuOperator(Operator):
     def _watched(self, since_s: float, seconds: float) -> AxisTrace:
         self.bench.run(seconds)
         since_s += _BITS / self.baud  # which a byte is on its way
-        data = [(at_s - since_s, byte) for byte, at_s in self.bench.received_at() if byte >= STREAM]
-        heard = [(at_s, byte) for at_s, byte in data if at_s >= 0]
+        data = self.bench.received_at()
+        heard = [(at_s - since_s, byte) for byte, at_s in data if byte >= STREAM and at_s >= since_s]
         self.bench.send(b"Z\r")
         self.bench.run(0.02)
         zero = STREAM + int(CHIPS[self.chip].data["law"]["stream_zero"])
@@ -573,4 +573,6 @@ def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> 
         )
     if out is not None:
         write_figure(draw(tuning), out)
+    if tuning.after.figures.settling_s >= _REST_BY_S:
+        raise InputError(f"{name} cannot be tuned for the axis {axis}: no values were found with which it settles")
     return tuning.lines

@@ -213,14 +213,15 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
         station.input(one.name)
         if one.from_s >= seconds:
             raise InputError(f"--press closes {one.name} at {one.from_s:g} s, but the run ends at {seconds:g} s")
-    begins = [(one.from_s, one.name, True) for one in presses]
-    events = sorted(begins + [(one.to_s, one.name, False) for one in presses])
+    events = sorted({(at_s, one.name) for one in presses for at_s in one[1:]})
     before = station.shown()
     while station.bench.time_s < seconds - 1e-9:
         while events and events[0][0] <= station.bench.time_s + 1e-9:
-            _, name, closed = events.pop(0)
-            station.press(name, closed)
-            say(f"{station.bench.time_s:8.3f} s  {name} {'on' if closed else 'off'}")
+            due_s, name = events.pop(0)
+            closed = any(one.from_s <= due_s < one.to_s for one in presses if one.name == name)
+            if closed != station.control.inputs[station.input(name)]:
+                station.press(name, closed)
+                say(f"{station.bench.time_s:8.3f} s  {name} {'on' if closed else 'off'}")
         station.run(PASS_NS * 1e-9)
         now = station.shown()
         for name, value in now.items():

@@ -186,7 +186,11 @@ def serve(
             _run(passing, _DrivePipe(interrupts), interrupts, speed)
             passing.end()
         else:
-            run_script(bench, _read_script(), scope, say)
+            script = b""
+            if sys.stdin is not None:  # a closed one has nothing
+                with open(_STDIN, "rb", closefd=False) as opened:
+                    script = opened.read()
+            run_script(bench, script, scope, say)
 
 
 class _Passing:
@@ -230,14 +234,6 @@ def _run(passing: _Passing, device: Pipe | PseudoTerminal, interrupts: Interrupt
         due = began + (bench.time_s - from_s) / speed
         bench.send(device.read(max(due - time.monotonic(), 0.0)))
         device.write(passing.frame())
-
-
-def _read_script() -> bytes:
-    """Read standard input to its end; one that is closed has nothing."""
-    if sys.stdin is None:
-        return b""
-    with open(_STDIN, "rb", closefd=False) as opened:
-        return opened.read()
 
 
 def run_script(bench: AxisBench, script: bytes, scope: Scope | None, say: Callable[[str], None]) -> None:

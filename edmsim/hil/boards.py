@@ -66,7 +66,7 @@ class PlainGenerator(Board):
         """Ask for about 10 ms of pulses."""
         own = self._machine
         pulses = min(max(int(self.FRAME_US / own.t_period_us), 1), WINDOW_PULSES)
-        return Output(pulses, self.enabled, own.t_on_us, own.t_period_us, own.open_voltage_V, own.peak_current_A)
+        return Output(pulses, self.enabled, own.t_on_us, own.t_period_us)
 
 
 # Power supplies of Rack Robotics: the pins of Powercore V2, the serial line and the pins of Powercore V3.
@@ -566,7 +566,7 @@ class Rig:
         name, numbers = (words[0].upper(), words[1:]) if words else ("", [])
         try:
             return self._motion(name, numbers)
-        except ValueError:
+        except (ValueError, InputError):
             return "ERROR: give STEP X|Y n, POS x y (um), VEL x y (um/s), STREAM hertz, ENABLE 0|1, THREAD or ?\r\n"
 
     def _motion(self, name: str, words: list[str]) -> str:
@@ -580,12 +580,12 @@ class Rig:
             axes.step(AXES.index(words[0].upper()), steps)
         elif name == "POS" and count == 2:
             x0, y0 = self.gap.origin_um
-            axes.go_to((x0 + _finite(words[0]), y0 + _finite(words[1])))
+            axes.go_to((x0 + finite("x", float(words[0])), y0 + finite("y", float(words[1]))))
         elif name == "VEL" and count == 2:
-            x, y = (_finite(word) for word in words)
+            x, y = (finite("a velocity", float(word)) for word in words)
             axes.move_at((x, y), self.gap.plant.time_ns)
         elif name == "STREAM" and count == 1:
-            hertz = _finite(words[0])
+            hertz = finite("hertz", float(words[0]))
             if not 0 <= hertz <= _MOST_HZ:
                 return f"ERROR: STREAM takes 0 (off) to {_MOST_HZ:g} Hz\r\n"
             self._stream_s = 1.0 / hertz if hertz else 0.0
@@ -606,10 +606,3 @@ def next_due_s(due_s: float, every_s: float, now_s: float) -> float:
     while due_s < now_s + NO_TIME_S:
         due_s += every_s
     return due_s
-
-
-def _finite(word: str) -> float:
-    value = float(word)
-    if not math.isfinite(value):
-        raise ValueError
-    return value

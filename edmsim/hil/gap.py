@@ -107,7 +107,7 @@ class Output(NamedTuple):
     on: bool
     t_on_us: float
     t_period_us: float
-    # voltage until ignition and peak current; None leaves what the generator's file says
+    # voltage until ignition and peak current; None leaves those of the machine's set-up
     open_V: float | None = None
     peak_A: float | None = None
 
@@ -156,7 +156,7 @@ class Gap:
         self.plant = begin(machine, seed, resolution=resolution, gap_um=gap_um)
         self.plant.watch_pulses()
         self.origin_um = self.plant.commanded_um
-        self._choices = machine.open_voltage_V, machine.peak_current_A
+        self._own = self._choices = machine.open_voltage_V, machine.peak_current_A
         table = machine.base.table
         travel_um = table.travel_mm.value * 1e3
         self.setpoints = Setpoints(self.origin_um, table.step_um.value, table.rapid_um_s.value, travel_um)
@@ -227,12 +227,12 @@ class Gap:
 
     def _set(self, output: Output) -> None:
         plant = self.plant
-        if (output.open_V, output.peak_A) != self._choices:  # with the pulses, before a part of it is set
+        open_V, peak_A = (own if new is None else new for own, new in zip(self._own, output[-2:], strict=True))
+        if (open_V, peak_A) != self._choices:  # with the pulses, before a part of it is set
             plant.machine.with_(
-                open_voltage_V=output.open_V, peak_current_A=output.peak_A, t_on_us=output.t_on_us,
-                t_period_us=output.t_period_us,
+                open_voltage_V=open_V, peak_current_A=peak_A, t_on_us=output.t_on_us, t_period_us=output.t_period_us
             )
-        self._choose(output.open_V, output.peak_A)
+        self._choose(open_V, peak_A)
         if (output.t_on_us, output.t_period_us) != (plant.machine.t_on_us, plant.machine.t_period_us):
             self.plant.set_generator(output.t_on_us, output.t_period_us)
         if output.on != plant.generator_on:

@@ -34,7 +34,7 @@ def test_open_step_and_direction_inputs_read_high():  # U-43
     bench.steps("x", 10)
     bench.run(0.01)
     assert bench.drive("x").record["setpoint"] == 0
-    bench.plug("x", "step")
+    bench.unplug("x", "step", plugged=True)
     bench.unplug("x", "dir")
     bench.steps("x", -10)
     bench.run(0.01)

@@ -422,6 +422,14 @@ def test_a_setting_that_is_refused_changes_nothing():
     assert all(np.array_equal(before[name], after[name], equal_nan=name == "gap.choices") for name in before)
 
 
+def test_voltage_and_current_that_nobody_commands_are_those_of_the_set_up():
+    gap = Gap(edmsim.Machine.load(open_voltage_V=70.0, peak_current_A=2.0), 1)
+    for commanded, expected in (((None, None), (70.0, 2.0)), ((90.0, None), (90.0, 2.0)), ((None, 3.0), (70.0, 3.0))):
+        gap.run(Output(10, True, 30.0, 100.0, *commanded))
+        machine = gap.plant.machine
+        assert (machine.open_voltage_V, machine.peak_current_A) == expected
+
+
 def test_a_board_that_is_none_and_a_gap_without_room_are_refused():
     with pytest.raises(InputError, match=r"no board 'powercore-v9'; choose one of .*spark"):
         Rig("powercore-v9")

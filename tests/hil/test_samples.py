@@ -271,6 +271,7 @@ def test_a_table_of_delays(tmp_path, monkeypatch, edmsim):
         (("--log", "b.csv", "--current-noise", "0.2"), "give the file with --samples"),
         (("--samples", "a.wav", "--log-rate", "5"), "give the file with --log"),
         (("--serial", "spark", "--feed", "3"), "--feed is that of a run without ports"),
+        (("--serial", "spark", "--peak-current", "2"), "--peak-current has no effect, as the board spark sets it"),
         (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--log", "b.txt"), "written as .csv"),
         (("--fmu", "gap.cir"), "written as .fmu"),
         (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),

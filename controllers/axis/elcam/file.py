@@ -114,6 +114,15 @@ class _Grid(_Section, frozen=True):
                     f"row {number} has {len(row)} points from {row[0][0]:g} to {row[-1][0]:g} mm; the first one has "
                     f"{expected} from {from_mm:g} to {to_mm:g} mm, and all must be alike"
                 )
+        apart_mm = abs(last_mm - first_mm) / max(len(self.rows) - 1, 1)
+        for number, two in enumerate(pairwise(map(np.array, self.rows)), 1):
+            places = np.unique([row[:, 0] for row in two])
+            change_um = np.abs(np.subtract(*(np.interp(places, *row.T) for row in two))).max()
+            if change_um > 1e3 * _STEEPEST * apart_mm:
+                raise InputError(
+                    f"the error changes by {change_um:g} um from row {number} to the next, {apart_mm:g} mm further; "
+                    f"it must be at most {1e3 * _STEEPEST:g} um for each mm"
+                )
         rows = TableRows(self.row_axis, first_mm, last_mm, len(self.rows), self.interpolate_rows)
         return ErrorTable(self.axis, self.master, np.concatenate(self.rows), self.reversal_um, self.cubic, rows)
 

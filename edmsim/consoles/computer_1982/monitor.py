@@ -297,22 +297,19 @@ class Monitor:
         self._new_line()
         if last not in bus.RAM and last not in bus.EPROM:
             raise InputError(f"{last:04X}H is not memory; {bus.EPROM[0]:04X}H to {bus.RAM[-1]:04X}H are punched")
-        self._put_away(name, punch(bytes(map(self._computer.bus.read, range(first, last + 1))), first))
+        tape = punch(bytes(map(self._computer.bus.read, range(first, last + 1))), first)
+        try:
+            with (self._tapes / name).open("x", encoding="ascii") as file:
+                file.write(tape)
+        except FileExistsError:
+            raise InputError(f"there is a tape {name} already, and no hole can be closed: name another") from None
+        except OSError as error:
+            raise InputError(f"the tape {name} cannot be punched: {error.strerror}") from None
         self._say(f"{last - first + 1} BYTES ON TAPE {name}")
 
     def _write(self, address: int, byte: int) -> None:
         self._computer.bus.check_writable(address)
         self._computer.bus.write(address, byte)
-
-    def _put_away(self, name: str, text: str) -> None:
-        """Keep a tape that was punched; one that was punched before is not punched again."""
-        try:
-            with (self._tapes / name).open("x", encoding="ascii") as file:
-                file.write(text)
-        except FileExistsError:
-            raise InputError(f"there is a tape {name} already, and no hole can be closed: name another") from None
-        except OSError as error:
-            raise InputError(f"the tape {name} cannot be punched: {error.strerror}") from None
 
     def _go(self) -> _Typing:
         address = yield from self._number(4)

@@ -194,6 +194,11 @@ class Rig:
         return self._planner is not None
 
     @property
+    def stalled(self) -> bool:
+        """Whether a cut is under way at the greatest speed 0, which MAXVEL may hold but SPEED refuses."""
+        return self.moving and self.way == CUTTING and not self.computer.speed
+
+    @property
     def move(self) -> Move | None:
         """The present move of the cut; None without a cut."""
         return self._route.move_at(self._planner.path_um) if self._planner and self.way == CUTTING else None
@@ -350,7 +355,8 @@ class Rig:
         self.computer.serve()
         if self.in_emergency and (self.moving or not stopped):
             self._planner = None  # off the table there is nothing to go on with
-            self._stopped(" AND ".join(map(_named, self.computer.cause)).upper() or UNKNOWN_CAUSE)
+            causes = (cause if ":" in cause else f"{cause} SWITCH" for cause in self.computer.cause)
+            self._stopped(" AND ".join(causes).upper() or UNKNOWN_CAUSE)
         return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)
 
     def _motion(self, start_ns: int, end_ns: int) -> list[Step]:
@@ -436,8 +442,3 @@ class Rig:
         self.put_down()
         self.cause = cause
         self.say(f"EMERGENCY: {cause}; NOTHING MOVES UNTIL INIT")
-
-
-def _named(cause: str) -> str:
-    """A switch, or what led to an emergency else."""
-    return cause if ":" in cause else f"{cause} SWITCH"

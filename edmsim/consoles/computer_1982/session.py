@@ -186,6 +186,7 @@ FINE, REFUSED, STOPPED = 0, 2, 3
 """Exit statuses: all was done; a line of a script was refused; the machine was left in an emergency."""
 _BEHIND_S = 0.5  # a machine that cannot keep up with the clock on the wall catches up by no more than this
 PROGRAM_NS = 60_000_000_000  # a script waits no longer for a program that the monitor started
+_STALLED = f"the greatest speed (MAXVEL, {at.MAXVEL:04X}H) is 0, so the cut does not end"
 _IDLE_S = 0.05  # longest wait between two looks at the machine
 
 
@@ -252,8 +253,8 @@ class Session:
                     self._take(character)
             elif self._screen.at_end:
                 if not self._ends_last_line():
-                    self._waits_for_rest = self._rig.moving
-                    self._leaving = not self._rig.moving
+                    self._leaving = self._is_done()
+                    self._waits_for_rest = not self._leaving
             else:
                 self._prompt()
                 self._pending += self._screen.read(None)
@@ -278,8 +279,15 @@ class Session:
             self._screen.refresh(self._operation)
             self._receive(min(max(due_s, 0.0), _IDLE_S))
             if self._screen.at_end and not self._pending and not self._waiting:
-                self._leaving = not (self._ends_last_line() or self._rig.moving)
+                self._leaving = not self._ends_last_line() and self._is_done()
         self._end_line()
+
+    def _is_done(self) -> bool:
+        """Whether nothing moves at the end of the input; a cut that would never end is refused."""
+        if self._rig.stalled:
+            self._refuse(f"{_STALLED}; it is left unfinished")
+            return True
+        return not self._rig.moving
 
     def _ends_last_line(self) -> bool:
         """End a script's last line where it has no end of its own, as files may; say whether it was done."""
@@ -476,6 +484,8 @@ class Session:
     def wait(self, seconds: int | None) -> None:
         """Take no further line until some machine time has passed, or the machine stands still."""
         if seconds is None:
+            if self._rig.stalled:
+                raise InputError(f"{_STALLED}; WAIT s waits s seconds")
             self._waits_for_rest = self._rig.moving
         else:
             self._wait_until_ns = self._rig.time_ns + seconds * 1_000_000_000
@@ -502,7 +512,12 @@ class Session:
         """Start at an address, or go back to MAIN."""
         code = self._rig.computer.code
         if address is None or address == at.MAIN:
-            self._to_main(address is not None)
+            if address is None and not self._main_waits:
+                raise InputError(f"MAIN was not started yet; G {at.MAIN:04X} starts it")
+            self._in_monitor = False
+            if address is not None:  # MAIN begins with INIT (row T-52)
+                self._operation.init()
+                self._say(self._operation.greeting)
         elif address == at.MONITOR:
             self._press_reset()
         elif address == at.INIT:
@@ -515,15 +530,6 @@ class Session:
             code.begin(address)
         else:
             raise InputError(f"there is no 8085 code at {address:04X}H: the listings are lost; M shows what starts")
-
-    def _to_main(self, from_its_beginning: bool) -> None:
-        """Give the terminal to MAIN, which begins with INIT (row T-52)."""
-        if not from_its_beginning and not self._main_waits:
-            raise InputError(f"MAIN was not started yet; G {at.MAIN:04X} starts it")
-        self._in_monitor = False
-        if from_its_beginning:
-            self._operation.init()
-            self._say(self._operation.greeting)
 
     def leave(self) -> None:
         """End the session."""

@@ -59,6 +59,13 @@ def test_memory_and_registers_are_altered_and_act(sit, rig):  # T-78, T-20
     assert [line.split()[1] for line in lines if line.startswith("GENERATOR")] == ["ON", "ON", "OFF"]
 
 
+def test_a_cut_at_the_greatest_speed_0_is_not_waited_for(sit):
+    status, lines = sit("G 0400", SET, "NEW 32700 32500", "START", "MON", f"S {at.MAXVEL:04X} 00", "G", "WAIT")
+    assert status == 2
+    refused = [line for line in lines if line.startswith("?")]
+    assert [line.partition("; ")[2] for line in refused] == ["WAIT s waits s seconds", "it is left unfinished"]
+
+
 def test_a_step_and_a_pulse_by_hand(sit, rig):  # T-78, T-16
     _, lines = sit("G 0400", "MON", "S 4023 03", "S 4023 05", "S 4023 04", "S 4023 05 05", "G", "WAIT 1")
     assert "? nothing answers at 4024H" in lines  # the space behind the byte goes on there

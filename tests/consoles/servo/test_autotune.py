@@ -121,11 +121,14 @@ def test_the_figures_of_an_answer():
 
 @pytest.mark.slow
 def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path, monkeypatch, piped):
+    rests = True
+
     def found(drive, motor, tell):
         tell("told as it goes")
         assert motor.tobytes() == axis_row("table").tobytes()
         restless = AxisTrace(np.array([0.0, 0.2, 0.399]), np.array([STEP_COUNTS, -STEP_COUNTS, STEP_COUNTS]))
-        return replace(tuning(drive, "table"), before=AxisResponse(*[restless] * 3))
+        before = AxisResponse(*[restless] * 3)
+        return replace(tuning(drive, "table"), before=before, **({} if rests else {"after": before}))
 
     monkeypatch.setattr("edmsim.consoles.autotune.autotune", found)
     done = piped(b"", "tune", "drive", "servo-module", "--axis", "table", "--out", tmp_path / "steps.png")
@@ -136,6 +139,10 @@ def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path, mo
     assert "tuned: overshoot 0 %, settled after 1" in done.text[1]
     picture = np.asarray(Image.open(tmp_path / "steps.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(picture, axis=0)) > 10
+    rests = False
+    refused = piped(b"", "tune", "drive", "servo-module", "--axis", "table")
+    assert (refused.returncode, refused.text[0]) == (2, "")
+    assert "cannot be tuned for the axis table: no values were found with which it settles" in refused.text[1]
 
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -151,5 +158,3 @@ def test_the_picture_has_a_column_for_each_drive(load_script):
     assert [axes.get_title() for axes in figure.axes if axes.get_title()] == list(steps.DRIVES.values())
     drawn = figure.axes[0].get_lines()[-1].get_ydata()
     assert list(drawn) == [0, STEP_COUNTS - 5, STEP_COUNTS]
-    assert (DOCS / "figures" / "servo-steps.png").is_file()
-    assert "](figures/servo-steps.png)" in (DOCS / "servo-drives.md").read_text(encoding="utf-8")

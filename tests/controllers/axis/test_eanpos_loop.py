@@ -393,7 +393,7 @@ def test_a_zero_pulse_may_be_too_short_or_missing():  # Q-74, Q-A13, Q-A36
     p.do("PRESET")
     p.until("st_error", limit_s=60.0)
     assert (p.error, p["st_prson"]) == (2, 0)
-    p.bench.plug("x", "index")
+    p.bench.unplug("x", "index", plugged=True)
     p.device.settings["home_limit"] = 0
     p.do("RSERR")
     assert homed(p) == pytest.approx(2500.0, abs=0.8)

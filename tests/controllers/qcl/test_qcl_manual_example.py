@@ -66,8 +66,6 @@ def test_what_the_configuration_declares():  # Q-1, Q-55, Q-82, Q-A11
         "slquotapos": True, "slvelaxis": True, "gfmovman": False, "gfmovauto": False,
     }  # fmt: skip
     assert (found.inputs["ifstop"], found.outputs["ofaxestopped"]) == ("2.INP04", "2.OUT02")
-    assert found.shared == []
-    assert read_configuration(readable()[0]).shared == ["2.INP01"]
     verbs = [statement.verb for statement in read_program(repaired()[1], found)]
     assert verbs.count("if") == 17
     assert len(verbs) == len(read_program(readable()[1], found)) + 1
