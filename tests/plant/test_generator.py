@@ -130,16 +130,6 @@ def test_a_generator_switched_off_moves_no_metal_and_lets_the_table_move(machine
     assert plant.removed_mm3 > 0.0
 
 
-def test_a_snapshot_remembers_that_the_generator_is_off(machine):
-    plant = edmsim.Plant(machine, seed=1, resolution="fast")
-    plant.switch_generator(False)
-    state = plant.snapshot()
-    plant.switch_generator(True)
-    plant.restore(state)
-    assert not plant.generator_on
-    assert plant.advance().mean_voltage_V < 0.01
-
-
 # --- triangular pulses and the operator's choices in the loop ---
 
 

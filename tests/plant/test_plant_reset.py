@@ -80,14 +80,6 @@ def test_a_single_pulse_leaves_the_wire_whole_and_the_pulses_after_it(machine):
     assert plant.advance().pulses == 255
 
 
-def test_a_setting_in_whole_numbers_goes_through_a_snapshot(machine):
-    plant, other = (edmsim.Plant(machine, 0, resolution="fast") for _ in range(2))
-    plant.set_generator(20, 200)
-    other.restore(plant.snapshot())
-    assert (other.machine.t_on_us, other.machine.t_period_us) == (20.0, 200.0)
-    assert other.advance() == plant.advance()
-
-
 def test_a_place_is_two_or_four_numbers_on_the_table(machine):
     plant = edmsim.Plant(machine, position_um=np.array([30_000.0, 31_000.0]), resolution="fast")
     assert plant.commanded_um == (30_000.0, 31_000.0)
