@@ -354,7 +354,6 @@ def fill_model(a: Arrays, model: ModalModel | FullMechanics) -> None:
     slices, modes = model.wire_shape.shape
     angle = 2 * np.pi * np.arange(len(a.ray_cosine)) / len(a.ray_cosine)
     a.ray_cosine[:], a.ray_sine[:] = np.cos(angle), np.sin(angle)
-    stand_upright(a)
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
     a.mean_shape[:] = a.shape.mean(axis=0)

@@ -50,6 +50,20 @@ def test_reset_with_another_machine_is_a_plant_made_with_it(machine):
     assert plant.machine is other
 
 
+def test_a_drift_changes_the_water_and_nothing_else(machine):
+    """A leaning wire bends where it did; jets of other pressures meet elsewhere from then on."""
+    leaning = (*machine.base.table.centre_um, 0.0, -8_000.0)
+    plant, other = (edmsim.Plant(machine, 4, position_um=leaning, resolution="fast") for _ in range(2))
+    assert cut(plant, 10) == cut(other, 10)
+    plant.drift(machine)
+    assert repr(cut(plant, 4)) == repr(cut(other, 4))
+    from_below = machine.with_(flushing_upper_Pa=0.0)
+    expected = edmsim.Plant(from_below, 4, resolution="fast").snapshot()["entering"]
+    plant.drift(from_below)
+    for moved_on in (plant, other.with_machine(from_below)):
+        np.testing.assert_array_equal(moved_on.snapshot()["entering"], expected)
+
+
 def test_reset_after_a_pickle_restores_the_first_setting(machine):
     import pickle
 
