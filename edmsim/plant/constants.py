@@ -293,11 +293,6 @@ def faces_Pa(machine: Machine) -> tuple[float, float]:
     return lower, upper
 
 
-def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Heights of the slices' mid-planes above the lower guide, as shares of the distance of the guides."""
-    return _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
-
-
 def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     """Speed of the water past every slice."""
     return flushing(machine).past_m_s((np.arange(res.slices) + 0.5) / res.slices)
@@ -308,11 +303,6 @@ def wake_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     wake = _wake_jets(machine)
     down = wake.past_m_s((np.arange(res.slices) + 0.5) / res.slices)
     return np.hypot(down, machine.base.dielectric.turbulence.value * max(wake.lower_m_s, wake.upper_m_s))
-
-
-def carried_per_us(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Way of the water past every slice in 1 us, over that which leaves nothing of what prepares a breakdown."""
-    return flow_m_s(machine, res) / machine.base.gap.carried_um.value
 
 
 def convection_W_m2K(machine: Machine, res: Resolution) -> NDArray[np.float64]:
@@ -341,8 +331,8 @@ def jet_um_kg_s2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, res: Resolution) -> None:
     """Fill what lasts as long as the set-up."""
     fill_model(a, model)
-    a.height_share[: res.slices] = height_share(machine, res)
-    a.carried_per_us[:] = carried_per_us(machine, res)
+    a.height_share[: res.slices] = _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
+    a.carried_per_us[:] = flow_m_s(machine, res) / machine.base.gap.carried_um.value
     a.convection_W_m2K[:] = convection_W_m2K(machine, res)
     a.critical_W_m2[:] = critical_W_m2(machine, res)
     a.jet_um_kg_s2[:] = jet_um_kg_s2(machine, res)

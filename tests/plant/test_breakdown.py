@@ -12,7 +12,7 @@ import edmsim
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import key_of, uniform
 from edmsim.machine.setting import discharge_current_A
-from edmsim.plant.constants import carried_per_us, flow_m_s, gap_law
+from edmsim.plant.constants import flow_m_s, gap_law
 from edmsim.plant.gap.breakdown import GapLaw, choose_ray, slice_sums, weibull
 from edmsim.plant.gap.pulse_outcome import _await
 from edmsim.plant.gap.rays import rays_with
@@ -157,7 +157,7 @@ def test_share_of_open_pulses_follows_rate_time_and_flow(gap, height, voltage, p
     rate = 2 * height / 10 * math.log(2) / parabola(gap * 80 / voltage)
     assert sum(w.short + w.arc for w in windows) == 0
     times, unlit = np.linspace(0.0, 300.0, 3_001), sum(w.open for w in windows) / pulses
-    hazard = rate * np.exp(-np.square(np.outer(times, carried_per_us(set_up, FAST)))).mean(axis=1)
+    hazard = rate * np.exp(-np.square(np.outer(times, flow_m_s(set_up, FAST) / 100.0))).mean(axis=1)
     survives = np.exp(-cumulative_trapezoid(hazard, times, initial=0.0))
     assert math.log(unlit) == pytest.approx(math.log(survives[-1]), rel=0.06)
     delays = np.average([w.mean_delay_us for w in windows], weights=[w.spark for w in windows])
