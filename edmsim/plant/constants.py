@@ -293,6 +293,11 @@ def faces_Pa(machine: Machine) -> tuple[float, float]:
     return lower, upper
 
 
+def height_share(machine: Machine, res: Resolution) -> NDArray[np.float64]:
+    """Heights of the slices' mid-planes above the lower guide, as shares of the distance of the guides."""
+    return _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
+
+
 def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     """Speed of the water past every slice."""
     return flushing(machine).past_m_s((np.arange(res.slices) + 0.5) / res.slices)
@@ -331,7 +336,7 @@ def jet_um_kg_s2(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, res: Resolution) -> None:
     """Fill what lasts as long as the set-up."""
     fill_model(a, model)
-    a.height_share[: res.slices] = _slice_heights_m(machine, res) / (machine.guide_distance_mm * 1e-3)
+    a.height_share[: res.slices] = height_share(machine, res)
     a.carried_per_us[:] = flow_m_s(machine, res) / machine.base.gap.carried_um.value
     a.convection_W_m2K[:] = convection_W_m2K(machine, res)
     a.critical_W_m2[:] = critical_W_m2(machine, res)
