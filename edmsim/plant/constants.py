@@ -311,11 +311,6 @@ def wake_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     return np.hypot(down, machine.base.dielectric.turbulence.value * max(wake.lower_m_s, wake.upper_m_s))
 
 
-def carried_per_us(machine: Machine, res: Resolution) -> NDArray[np.float64]:
-    """Return the distance that the water moves past every slice in 1 us, over the length that ends a preparation."""
-    return flow_m_s(machine, res) / machine.base.gap.carried_um.value
-
-
 def convection_W_m2K(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     """Return the heat transfer coefficient of every slice without boiling, ``h (1 + k v)``, at front and back."""
     cooling, past_m_s = machine.base.cooling, 0.5 * (flow_m_s(machine, res) + wake_m_s(machine, res))
@@ -343,7 +338,7 @@ def fill_arrays(a: Arrays, model: ModalModel | FullMechanics, machine: Machine, 
     """Fill the arrays that belong to the set-up."""
     fill_model(a, model)
     a.height_share[: res.slices] = height_share(machine, res)
-    a.carried_per_us[:] = carried_per_us(machine, res)
+    a.carried_per_us[:] = flow_m_s(machine, res) / machine.base.gap.carried_um.value
     a.convection_W_m2K[:] = convection_W_m2K(machine, res)
     a.critical_W_m2[:] = critical_W_m2(machine, res)
     a.jet_um_kg_s2[:] = jet_um_kg_s2(machine, res)
@@ -355,7 +350,6 @@ def fill_model(a: Arrays, model: ModalModel | FullMechanics) -> None:
     slices, modes = model.wire_shape.shape
     angle = 2 * np.pi * np.arange(len(a.ray_cosine)) / len(a.ray_cosine)
     a.ray_cosine[:], a.ray_sine[:] = np.cos(angle), np.sin(angle)
-    stand_upright(a)
     a.shape[:, :modes] = model.wire_shape
     a.sway[:, :slices] = a.shape.T
     a.mean_shape[:] = a.shape.mean(axis=0)

@@ -224,7 +224,7 @@ class Plant:
         if isinstance(self._model, FullMechanics):
             self._model.reset()
         self._lay_to_rest(_CHANGING)
-        self._arrays.entering[:] = self._arrays.flow_share
+        self._share_water()
         constants.stand_upright(self._arrays)
 
     def _checked_place(self, position_um: Sequence[float], machine: Machine) -> tuple[float, ...]:
@@ -259,7 +259,8 @@ class Plant:
         lost = self._model.snapshot() if isinstance(self._model, FullMechanics) else {}
         self._set_up_setting(machine)
         self._set(machine.t_on_us, machine.t_period_us, on=True)
-        self._arrays.entering[:] = self._arrays.flow_share
+        self._share_water()
+        constants.stand_upright(self._arrays)
         self._rest_wire()
         if isinstance(self._model, FullMechanics):
             self._arrays.table_q[:] = table_q
@@ -290,7 +291,12 @@ class Plant:
         machine.with_pulses(now.t_on_us, now.t_period_us)  # refuse before anything is changed
         self._first_machine = machine
         self._take_constants()
+        self._share_water()
         self._set(now.t_on_us, now.t_period_us, self._setting.on)
+
+    def _share_water(self) -> None:
+        """Let the jets' water enter every slice by its share of the flow, and by the height of its metal."""
+        self._arrays.entering[:] = self._arrays.flow_share / self._arrays.metal[: self.resolution.slices]
 
     def _rest_wire(self) -> None:
         """Reset the wire and the water around it to rest; metal and axes do not change."""
@@ -566,6 +572,7 @@ class Plant:
             drives=self._drives.options,
         )
         plant._take(self.snapshot())
+        plant._share_water()
         return plant
 
     def _take(self, state: dict[str, NDArray[Any]]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.plant.constants import fill_model, lay_to_rest
+from edmsim.plant.constants import fill_model, lay_to_rest, stand_upright
 from edmsim.plant.kernel.state import Arrays, ArraySizes, allocate
 from edmsim.plant.mechanics.full_model import FullMechanics
 from edmsim.plant.mechanics.model import ModalModel
@@ -18,6 +18,7 @@ def arrays(
     """Allocate them; ``along_wire`` are what a set-up has for every slice, by name."""
     a = allocate(Arrays, sizes)
     fill_model(a, model)
+    stand_upright(a)
     lay_to_rest(a, ("reference_um", "distance", "temperature_K", "ray_metal", "metal"), water_K)
     for name, values in along_wire.items():
         getattr(a, name)[..., : len(model.wire_shape)] = values

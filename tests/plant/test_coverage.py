@@ -23,11 +23,8 @@ from edmsim.plant.gap.water import AMBIENT_PA, kerf_jets, mean_of_slices, viscos
 from edmsim.plant.kernel.state import GRID, Arrays, allocate, sizes_of
 from edmsim.plant.mechanics.film import edge_loss_kg_m2, mean_resistance
 from edmsim.plant.resolution import resolution
-from edmsim.plant.workpiece.blanks import started_slot
 
 FAST = resolution("fast")
-STATE_NAMES = "steam", "gas", "covered", "wake_debris", "wake_gas"
-"""What discharges leave in the water."""
 
 
 def lasting(steam, gas):
@@ -46,10 +43,6 @@ def front(slices):
 def slab(machine):
     """Constants of slices 1000 um high."""
     return constants(machine, FAST)._replace(slice_um=1_000.0)
-
-
-def same_bits(one, other):
-    return all(one[name].tobytes() == other[name].tobytes() for name in one.keys() | other.keys())
 
 
 # --- closed forms ---
@@ -156,15 +149,6 @@ def test_the_water_that_creeps_back_brings_the_kerf_s_gas():
     left = math.exp(-400 / 800)
     np.testing.assert_allclose(a.gas[:2], [0.2 + 0.3 * left, 0.3 - 0.2 * left])
     np.testing.assert_allclose(a.steam[:2], 0.4 * math.exp(-2))  # steam vanishes for good
-
-
-@pytest.mark.slow
-def test_steam_and_permanent_gas_lie_anywhere_on_the_front():
-    a, still = front(2), GasLaw(0.0, 0.0, 0.0, np.ones((GRID + 1, 2)))
-    a.steam[:2], a.gas[:2] = (0.5, 0.0), (0.4, 1.0)
-    fade(a, still, GRID)
-    np.testing.assert_allclose(a.covered[:2], [0.7, 1.0])
-    assert mean_of_slices(a.covered, 2) == pytest.approx(0.85)
 
 
 def test_a_discharge_spreads_its_debris_over_its_pocket(slab):
@@ -390,31 +374,3 @@ def test_denser_discharges_cover_more(machine, drive):
         assert all(0.0 <= w.coverage < 1.0 for w in windows)
         means.append(np.mean([w.coverage for w in windows[-200:]]))
     assert 0.0 < means[0] < means[1] < means[2] < 0.7
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
-def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(mechanics, machine):
-    stock, place = started_slot(machine, machine.base.table.centre_um, gap_um=12.0), machine.base.table.centre_um
-    plant, other, third = (
-        edmsim.Plant(machine, seed, stock=stock, position_um=place, resolution="fast", mechanics=mechanics)
-        for seed in (1, 1, 9)
-    )
-    untouched = plant.snapshot()
-    for at_work in (plant, other):
-        while not at_work.advance([(at_work.time_ns, 0, 1)]).coverage:
-            pass
-    state = plant.snapshot()
-    assert all(state[name].any() for name in STATE_NAMES)
-    assert state["state"]["film_kg_um2_s"] > 0.0
-    assert same_bits(state, other.snapshot())
-    ahead = [repr(plant.advance()) for _ in range(4)]
-    third.restore(state)
-    assert [repr(third.advance()) for _ in range(4)] == ahead
-    assert same_bits(third.snapshot(), plant.snapshot())
-    other.reset(1)
-    assert same_bits(other.snapshot(), untouched)
-    plant.restore(state)
-    plant.rethread((30_000.0, 31_000.0), 60 * 10**9)
-    fresh = plant.snapshot()
-    assert not any(fresh[name].any() for name in STATE_NAMES)

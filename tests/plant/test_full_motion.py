@@ -12,7 +12,7 @@ import pytest
 from edmsim.errors import InputError
 from edmsim.plant.mechanics.full_model import DriveSetup
 from edmsim.plant.mechanics.model import WireSetup, build_model, reduce_model
-from tests.plant.full_rig import ALL_MODES, BRASS, PERIOD_NS, SMOOTH, Rig, frequency, slice_heights, stepping
+from tests.plant.full_rig import ALL_MODES, BRASS, PERIOD_NS, SMOOTH, Rig, frequency, slice_heights
 from tests.plant.oscillators import propagator_table
 
 WIRES = [
@@ -160,29 +160,6 @@ def test_the_time_step_is_stable_for_every_wire(wire, damping_ratio, train):
     ran = rig.run(400, kicks=weak, at=at, end_us=end_us)
     assert ran.done == 400
     assert 0 < np.abs(ran.nodes).max() < 200
-
-
-def battle(rig, n, train):
-    kicks, at, end_us = (part[:n] for part in train)
-    pull = np.full((9, 2), 1e4)  # 10 mN on every slice
-    return rig.run(n, kicks=kicks, at=at, end_us=end_us, pull=pull, steps=stepping(300, n // 40, axis=1))
-
-
-@pytest.mark.slow
-def test_arrays_and_snapshot_continue_bit_for_bit(train):
-    rig, other = (Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, 2e-6)) for _ in range(2))
-    battle(rig, 200, train)
-    battle(other, 37, train)  # what MuJoCo keeps of another past must not count
-    for name in ("wire_q", "wire_v", "table_q", "table_v"):
-        getattr(other.arrays, name)[:] = getattr(rig.arrays, name)
-    other.state[:] = rig.state
-    other.full.restore(rig.full.snapshot())
-    assert rig.full.snapshot()["friction_share"].any()
-    on, again = battle(rig, 200, train), battle(other, 200, train)
-    for name in ("nodes", "place", "rotor", "commanded"):
-        np.testing.assert_array_equal(getattr(on, name), getattr(again, name))
-    rig.full.reset()
-    assert not rig.full.snapshot()["friction_share"].any()
 
 
 @pytest.mark.slow

@@ -125,38 +125,6 @@ def test_our_machine_is_cached_and_read_without_mujoco_the_next_time(tmp_path, m
     assert pickle.dumps(reference.__wrapped__(MODEL_FILE, 0)) == first
 
 
-def impulses(n_steps, every):
-    """Seeded sparks: step -> axis, node, impulse in N s (physics 2.2: 3e-7)."""
-    draw = np.random.default_rng(7)
-    return {
-        step: (int(draw.integers(2)), int(draw.integers(8, 23)), 3e-7 * draw.uniform(-1.0, 1.0))
-        for step in range(0, n_steps, every)
-    }
-
-
-def test_modes_answer_impulses_as_the_full_model_does():
-    model = build_model(BRASS)
-    model.opt.timestep = 1e-6
-    hits = impulses(3000, every=50)
-    data = mujoco.MjData(model)
-    dofs = np.array([wire_dofs(model, axis) for axis in "xy"])
-    modes = reduce_model(model, N_NODES, [0.02])
-    p11, p12, p21, p22 = propagator_table(modes.wire_omega, modes.wire_zeta, [1e-6])
-    q, v = np.zeros((2, 2, N_NODES))
-    full, reduced = np.empty((2, 3000, 2, N_NODES))
-    for step in range(3000):
-        data.qfrc_applied[:] = 0
-        if step in hits:
-            axis, node, impulse = hits[step]
-            data.qfrc_applied[dofs[axis, node]] = impulse / 1e-6
-            v[axis] += modes.node_shape[node] * impulse
-        mujoco.mj_step(model, data)
-        q, v = p11[0] * q + p12[0] * v, p21[0] * q + p22[0] * v
-        full[step], reduced[step] = data.qpos[dofs], q @ modes.node_shape.T
-    assert np.abs(full).max() > 2e-6  # physics 2.3: about 2.3 um a spark
-    assert np.abs(full - reduced).max() < 0.02 * np.abs(full).max()
-
-
 def test_eight_modes_keep_the_mean_lag_under_a_train_of_sparks():
     model = build_model(BRASS)
     many = reduce_model(model, N_NODES, slice_heights(0.020, 0.040, 9))

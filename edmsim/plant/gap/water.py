@@ -21,12 +21,9 @@ AMBIENT_PA = 101_325.0  # pressure around the kerf, and behind the wire, where t
 
 def permittivity_ratio(temperature_K: float) -> float:
     """Permittivity of water over that at 20 C: 0.87 at 50 C, 0.69 at 100 C (Malmberg and Maryott, 1956)."""
-    return _permittivity(temperature_K) / _permittivity(REFERENCE_K)
-
-
-def _permittivity(temperature_K: float) -> float:
-    t = temperature_K - 273.15
-    return 87.740 - 0.40008 * t + 9.398e-4 * t**2 - 1.410e-6 * t**3
+    celsius = temperature_K - 273.15, REFERENCE_K - 273.15
+    here, there = (87.740 - 0.40008 * t + 9.398e-4 * t**2 - 1.410e-6 * t**3 for t in celsius)
+    return here / there
 
 
 def viscosity_ratio(temperature_K: float) -> float:
