@@ -64,6 +64,16 @@ def test_a_drift_changes_the_water_and_nothing_else(machine):
         np.testing.assert_array_equal(moved_on.snapshot()["entering"], expected)
 
 
+def test_a_leaning_wire_is_where_it_bends_from_the_first_pulse_of_a_pass(machine):
+    """Rays that were traced as if it bent at the guides begin in the metal: all pulses are shorts."""
+    leaning = (*machine.base.table.centre_um, 0.0, -8_000.0)
+    plant = edmsim.Plant(machine, 4, position_um=leaning, resolution="fast")
+    for k in range(80):
+        plant.advance([(plant.time_ns, 0, 1)] if k % 8 == 0 else [])
+    plant.change_setup(machine)
+    assert plant.advance().short < 50
+
+
 def test_reset_after_a_pickle_restores_the_first_setting(machine):
     import pickle
 

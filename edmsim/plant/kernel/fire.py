@@ -71,6 +71,7 @@ def _renew_rays(
     if u != 0.0 or v != 0.0 or a.upright[0] != 1.0:
         slope_x, slope_y = lean(a, c, u, v)
         tilt_rays(a, slope_x, slope_y)
+        place_wire(state, a, position)  # it bends elsewhere
     retrace(a, tiles, index, c, position, state[0].traces)
     if levels.shape[0] != 0:
         weigh(a, index, levels, c)
