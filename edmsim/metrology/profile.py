@@ -32,12 +32,19 @@ def wire_line(contour: WireContour) -> Polyline:
 def edge_corners(contour: WireContour, line: Polyline) -> NDArray[np.intp]:
     """Return the vertices of a contour's nominal edge, `line`, that are corners: none between chords of one curve."""
     vertices = line.corners(EDGE_CORNER_DEG)
+    return np.asarray(vertices[_between_elements(contour, line)[vertices]])
+
+
+def _between_elements(contour: WireContour, line: Polyline) -> NDArray[np.bool_]:
+    """Say of every vertex of a contour's nominal edge, `line`, whether a line or arc begins there; all may."""
     if not contour.elements:
-        return vertices
-    begins, near_mm = arc_lengths(contour.nominal_mm), 1e-5
-    chords = [np.searchsorted(begins, line.s[vertices] + by, side="right") - 1 for by in (-near_mm, near_mm)]
-    before, after = (np.array(contour.elements)[np.maximum(chord, 0), 0] for chord in chords)
-    return np.asarray(vertices[(before != after) | (vertices == 0)])
+        return np.ones(len(line.s), np.bool_)
+    begins, near_mm, elements = arc_lengths(contour.nominal_mm), 1e-5, np.array(contour.elements)[:, 0]
+    before, after = (
+        elements[np.clip(np.searchsorted(begins, line.s + by, side="right") - 1, 0, len(elements) - 1)]
+        for by in (-near_mm, near_mm)
+    )
+    return np.append(True, (before != after)[1:])
 
 
 def depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:
@@ -221,13 +228,16 @@ class CornerError:
 def corners(contour: WireContour, profile: ProfileError) -> list[CornerError]:
     """List the corners of the nominal edge with their errors."""
     line = Polyline(contour.nominal_mm, contour.closed)
+    # an arc's tangent at its end is turned from its last chord by half of what two chords of it turn by
+    half_deg = np.where(_between_elements(contour, line), 0.0, line.turn_deg / 2)[:-1]
+    turn_deg = line.turn_deg[:-1] - np.roll(half_deg, 1) - np.roll(half_deg, -1)
     found: list[CornerError] = []
     for vertex in edge_corners(contour, line):
         near = profile.mean_um[line.distance_along(profile.s_mm, line.s[[vertex]]) <= CORNER_REACH_MM]
         near = near[np.isfinite(near)]
         error = float(near[np.abs(near).argmax()]) if len(near) else float("nan")
         x, y = (float(value) for value in line.points[vertex])
-        found.append(CornerError(x, y, float(line.turn_deg[vertex]), error))
+        found.append(CornerError(x, y, float(turn_deg[vertex]), error))
     return found
 
 
