@@ -313,7 +313,8 @@ def _change_notices(moves: Sequence[CutMove]) -> list[str]:
     notices = []
     for what, in_force, chosen in (
         ("the condition", [(move.state.condition or "none", move.line) for move in moves], "longest part"),
-        ("the shape of tapered corners", [(move.state.corners, move.line) for move in tapered], "beginning"),
+        ("the shape of tapered corners", [(move.state.corners or "unstated", move.line) for move in tapered],
+         "beginning"),
     ):
         line = next((line for name, line in in_force if name != in_force[0][0]), None)
         if line is not None:

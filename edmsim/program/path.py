@@ -384,14 +384,16 @@ def plan_path(
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = file if isinstance(file, Program) else load_program(file)
     with located(program.source):
-        own_taper = next((outline for outline in program.outlines if outline.taper is not None), None)
+        tapered = [(outline.name, outline.taper) for outline in program.outlines if outline.taper is not None]
         program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
         drawn = [part for one in program.outlines for part in (one.approach_mm, one.points_mm)]
         _check_fits("what is drawn", np.concatenate(drawn) * 1000, MOST_TABLES * table_um, table_um, program.source)
         notices = list(program.notices)
-        if own_taper is not None and (taper_deg != 0 or corners != "conical"):
-            notices.append(f"{own_taper.name} is tapered by the program itself: the requested angle and corners have "
-                           "no effect on it")
+        for name, own in tapered[:1]:
+            shaped = corners != "conical" and (own.upper_mm is not None or own.corners not in (None, corners))
+            if ignored := [what for what, is_so in (("angle", taper_deg != 0), ("corners", shaped)) if is_so]:
+                notices.append(f"{name} is tapered by the program itself, so the requested {' and '.join(ignored)} "
+                               "cannot have an effect on it")
         fixed_mm = None if offset == "auto" else chosen_mm
         others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, fixed_mm)})
         written = ", ".join(f"{mm:g}" for mm in others)

@@ -88,16 +88,17 @@ class Ruled:
 
 
 def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -> tuple[Outline, ...]:
-    """Return outlines whose walls lean by an angle, positive for a part smaller above, where they do not already."""
+    """Return outlines with an angle, positive for a part smaller above, and corners where they have none."""
     if not (math.isfinite(angle_deg) and abs(angle_deg) < MOST_DEG):
         raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give less than {MOST_DEG:g} either way")
-    if angle_deg == 0:
-        return outlines
     found = []
     for outline in outlines:
-        towards_left = angle_deg if outline.part_side == "left" else -angle_deg
-        taper = Taper((towards_left,) * (len(outline.points_mm) - 1), corners=corners)
-        found.append(outline if outline.taper is not None else replace(outline, taper=taper))
+        taper, towards_left = outline.taper, angle_deg if outline.part_side == "left" else -angle_deg
+        if taper is None and angle_deg != 0:
+            taper = Taper((towards_left,) * (len(outline.points_mm) - 1), corners=corners)
+        elif taper is not None and taper.corners is None:
+            taper = replace(taper, corners=corners)
+        found.append(replace(outline, taper=taper))
     return tuple(found)
 
 
@@ -601,6 +602,7 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
     """Return wall and wire of a tapered outline, checked."""
     taper = outline.taper
     assert taper is not None
+    assert taper.corners is not None
     low, high = taper.program_plane_mm, taper.second_plane_mm
     if high is None:  # for an angle any plane but the program's will do
         is_upper_face = taper.upper_mm is None and abs(guides.height_mm - low) <= _NEAR_MM

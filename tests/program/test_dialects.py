@@ -100,8 +100,8 @@ def test_the_table_in_the_head_is_stored_as_written():
 
 
 @pytest.mark.parametrize(("name", "angles", "corners"), [
-    ("taper-sodick.nc", [-3.0, 3.0], "conical"), ("taper-mitsubishi.nc", [1.5, 1.5], "conical"),
-    ("taper-fanuc.nc", [-2.0], "conical"), ("taper-charmilles.iso", [1.0, 1.0], "cylindrical"),
+    ("taper-sodick.nc", [-3.0, 3.0], None), ("taper-mitsubishi.nc", [1.5, 1.5], None),
+    ("taper-fanuc.nc", [-2.0], None), ("taper-charmilles.iso", [1.0, 1.0], "cylindrical"),
 ])  # fmt: skip
 def test_a_taper_leans_by_its_angle(name, angles, corners):
     program = example(name, offsets=EXAMPLES / "charmilles-offsets.toml" if "charmilles" in name else None)
