@@ -39,6 +39,7 @@ from edmsim.program.passes import (
     grouped,
     holds,
     on_grid,
+    parted_passes,
     ways_of,
     ways_of_group,
 )
@@ -403,6 +404,7 @@ def plan_path(
             taken = ", ".join(f"{mm:g}" for mm in passes.offsets_mm)
             notices.append(f"the passes have the offsets {taken} mm, not the {written} mm of the register")
         groups = grouped(program.outlines)
+        notices += parted_passes(groups)
         legs = [_legs(group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
         heights = (0.0, *{of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None})
         faces = {z: [of_group[0].at_height(z) for of_group in legs] for z in heights}
