@@ -44,7 +44,7 @@ from edmsim.program.passes import (
     ways_of_group,
 )
 from edmsim.program.tables import GREATEST_MM, in_um, read_conditions, read_offsets
-from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
+from edmsim.program.taper import GOUGE_MM, GuideHeights, Lean, Way, guides_for, leaning
 
 
 @refuses_wrong_types
@@ -586,7 +586,7 @@ def _own_lead_in(
             ways = [np.array([thread, begin]) for begin in starts]
             nearest_mm = min(edges.distance(shapely.Point(thread)) for edges in faces)
             if nearest_mm >= hole_radius_mm + HOLE_CLEARANCE_MM and all(
-                _clears(way, edges, offset_mm) for way, edges in zip(ways, faces, strict=True)
+                _clears(way, edges, offset_mm, _TOLERANCE_MM) for way, edges in zip(ways, faces, strict=True)
             ):
                 why = "there is no more room" if mm < length_mm else "the wall leans over the way to it"
                 return thread, [] if mm == length_mm else [f"a lead-in is {mm:.3f} mm long, as {why}"]
@@ -601,19 +601,20 @@ def _check_approach(approach: Floats, edge: BaseGeometry, offset_mm: float, hole
     x, y = approach[0]
     if not _clears(approach, edge, offset_mm):
         raise InputError(f"the approach from X{x:.3f} Y{y:.3f} cuts into the part: thread the wire on the "
-                         "waste side, or exchange G41 and G42")
+                         "waste side, further away, or exchange G41 and G42")
     distance = edge.distance(shapely.Point(approach[0]))
     if distance < hole_radius_mm - _TOLERANCE_MM:
         raise InputError(f"the thread point X{x:.3f} Y{y:.3f} is {distance:.3f} mm from the part, the hole's "
                          f"radius {hole_radius_mm:g} mm: move the point or take a smaller hole")
 
 
-def _clears(path: Floats, edges: BaseGeometry, offset_mm: float) -> bool:
+def _clears(path: Floats, edges: BaseGeometry, offset_mm: float, within_mm: float = GOUGE_MM) -> bool:
     """Say whether a path (n, 2) to a contour keeps the offset from the edges; at offset 0, meets none."""
+    # a program's approach in line with the edge, 1 mm long, comes 2 um nearer to its first point than the offset
     if offset_mm == 0:
         before = path[-1] + (path[-2] - path[-1]) * 0.01
         return bool(shapely.LineString([*path[:-1], before]).distance(edges) > 0)
-    return bool(shapely.LineString(path).distance(edges) >= offset_mm - _TOLERANCE_MM)
+    return bool(shapely.LineString(path).distance(edges) >= offset_mm - within_mm)
 
 
 def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:

@@ -286,6 +286,13 @@ def test_an_approach_through_the_part_is_refused(plan, old, new, word, offset):
     assert word in caught.value.reason
 
 
+def test_an_approach_in_line_with_the_first_side_is_cut(plan):
+    text = "G92 X0 Y{}\nG41 G1 Y0\nY6\nX10\nY0\nX0\nG40\nM2\n"
+    assert plan(text.format("-1.")).contours[0].lead_in_moves == 1
+    with pytest.raises(InputError, match=r"cuts into the part.* further away"):
+        plan(text.format("-0.3"))
+
+
 @pytest.mark.parametrize(("thread", "crosses"), [("X2 Y2", True), ("X7 Y2", False)])
 def test_a_way_to_a_contour_through_another_ones_part_is_named(plan, thread, crosses):
     first, second = ("G41 G1 X{0} Y2\nY4\nX{1}\nY0\nX{0}\nY2\nG40\n".format(*sides) for sides in ((0, 4), (10, 14)))
