@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.program.arcs import CHORD_TOLERANCE_UM, arc_points
+from edmsim.program.arcs import CHORD_TOLERANCE_UM, arc_points, by_element
 from edmsim.program.limits import FARTHEST_MM, check_count, check_points
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
@@ -69,10 +69,8 @@ class Chain:
 
     def parts(self) -> list[tuple[Floats, bool]]:
         """Return the points of its lines and arcs, the ends of each included, and whether each is short."""
-        bounds = [0, *(np.flatnonzero(np.diff(self.elements)) + 1).tolist(), len(self.elements)]
-        near = np.hypot(*np.diff(self.points[bounds], axis=0).T) <= JOIN_TOLERANCE_MM
-        parts = (self.points[a : b + 1] for a, b in pairwise(bounds))
-        return [(part, close and is_short(part)) for part, close in zip(parts, near.tolist(), strict=True)]
+        parts = by_element(self.points, self.elements)
+        return [(part, math.dist(part[0], part[-1]) <= JOIN_TOLERANCE_MM and is_short(part)) for part in parts]
 
     def without_short_elements(self) -> Self:
         """Return a ring without lines and arcs that lie within the tolerance: their ends are one point."""
