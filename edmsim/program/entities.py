@@ -278,6 +278,8 @@ def spline_points(entity: Any, tolerance: float) -> Floats:
     # a periodic spline is drawn between the first and last knot that all its control points bear on; one whose
     # control points are written once, for as many knots as if they were repeated, is closed with the first of
     # them; one that is said to be closed and has only fit points is a periodic cubic through them
+    from scipy.interpolate import BSpline
+
     if entity.closed and len(entity.fit_points) > 2:
         entity = with_control_points(entity)
     control = np.array([tuple(p)[:2] for p in entity.control_points], np.float64).reshape(-1, 2)
@@ -293,7 +295,9 @@ def spline_points(entity: Any, tolerance: float) -> Floats:
     if len(knots) != len(control) + degree + 1 or (np.diff(knots) < 0).any():
         raise InputError(f"a SPLINE has {len(control)} control points and {len(knots)} knots at degree {degree}: "
                          "these make no curve, export it again")
-    return _along(knots, control, weights, degree, tolerance)
+    curve = BSpline(knots, np.column_stack([control * weights[:, None], weights]), degree)
+    breaks = np.unique(knots[degree : len(control) + 1])
+    return _chords(lambda t: curve(t)[:, :2] / curve(t)[:, 2:], breaks, tolerance)
 
 
 def with_control_points(entity: Any) -> Any:
@@ -313,14 +317,6 @@ def with_control_points(entity: Any) -> Any:
         degree, knots, control = tool.degree, tool.knots(), tool.control_points
     found.dxf.degree, found.knots, found.control_points, found.fit_points = degree, knots, control, []
     return found
-
-
-def _along(knots: Floats, control: Floats, weights: Floats, degree: int, tolerance: float) -> Floats:
-    from scipy.interpolate import BSpline
-
-    curve = BSpline(knots, np.column_stack([control * weights[:, None], weights]), degree)
-    breaks = np.unique(knots[degree : len(control) + 1])
-    return _chords(lambda t: curve(t)[:, :2] / curve(t)[:, 2:], breaks, tolerance)
 
 
 def _chords(curve: Any, breaks: Floats, tolerance: float) -> Floats:
