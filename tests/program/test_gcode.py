@@ -56,10 +56,6 @@ def test_the_way_of_writing_does_not_matter(read, text):
     assert np.array_equal(only(read(text)).points_mm, only(read(SQUARE)).points_mm)
 
 
-def test_text_after_the_end_is_named(read):
-    assert any("line 10" in notice and "left out" in notice for notice in read(SQUARE + "G1 X3\n").notices)
-
-
 moves = st.lists(st.tuples(st.integers(-400, 400), st.integers(1, 400)), min_size=2, max_size=12)
 
 
@@ -232,12 +228,6 @@ def test_bad_programs_are_refused_with_their_line(read, text, line, words):
 def test_programs_that_cut_nothing_are_refused(read, text):
     with pytest.raises(InputError, match=r"empty|nothing"):
         read(text)
-
-
-@pytest.mark.parametrize(("data", "what"), [(b"G1 X1\0\0", "binary"), (b"G1 X1 (\xe9)\n", "0xE9")])
-def test_what_is_not_text_is_refused(read, data, what):
-    with pytest.raises(InputError, match=what):
-        read(data)
 
 
 def test_words_that_cannot_change_a_contour_are_read_and_reported(read):
