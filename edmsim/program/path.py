@@ -671,14 +671,18 @@ def _on_grid(
 def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[_Lead]) -> list[str]:
     """Name the ways to contours that cut into the edge of another contour; its piece may have been taken out."""
     found = []
+    shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
+    tree = shapely.STRtree([leg.edge for leg in shut])
     for leg, lead in zip(legs, leads, strict=True):
+        if not len(lead.points):
+            continue
         way = np.concatenate([lead.points, leg.path[:1]])
+        near = tree.query(shapely.LineString(way), "dwithin", leg.offset_mm)
         found += [
             f"{leg.outline.name}: the wire cuts into {other.outline.name} on its way from X{way[0, 0]:.3f} "
             f"Y{way[0, 1]:.3f}; thread it elsewhere, or take that piece out before"
-            for other in legs
-            if other is not leg and other.outline.closed and other.outline.wire_side and len(lead.points)
-            and not _clears(way, other.edge, leg.offset_mm)
+            for other in (shut[number] for number in sorted(near.tolist()))
+            if other is not leg and not _clears(way, other.edge, leg.offset_mm)
         ]
     return found
 

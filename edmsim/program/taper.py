@@ -332,8 +332,10 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
 def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
     """Refuse a wire that comes too near to the wall at some height of the workpiece."""
     for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
-        into_mm = offset_mm - shapely.LineString(wall.at(z)).distance(shapely.LineString(wire.at(z)))
-        if into_mm > GOUGE_MM:
+        edge, way = shapely.LineString(wall.at(z)), shapely.LineString(wire.at(z))
+        shapely.prepare(edge)
+        if offset_mm > GOUGE_MM and shapely.dwithin(edge, way, offset_mm - GOUGE_MM):
+            into_mm = offset_mm - edge.distance(way)
             raise InputError(f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a "
                              "smaller angle or offset, or draw the contour wider")
 
