@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple, Self, get_args
@@ -268,9 +268,6 @@ class Conditions(NamedTuple):
     settings: Mapping[str, Mapping[str, float]] = {}  # by condition and setting; empty without a table
 
 
-NO_CONDITIONS = Conditions()
-
-
 @dataclass(frozen=True, eq=False)
 class CutPath:
     """The whole job, contour by contour; the wire is cut and threaded between them."""
@@ -281,7 +278,7 @@ class CutPath:
     origin_mm: tuple[float, float]  # the program's zero on the table
     notices: tuple[str, ...]  # decisions of the reader that you should know
     source: str  # the program's file
-    conditions: Conditions = NO_CONDITIONS  # the program's settings for each pass
+    conditions: Conditions = field(default_factory=Conditions)  # the program's settings for each pass
 
     @property
     def passes(self) -> int:
