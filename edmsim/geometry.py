@@ -36,7 +36,7 @@ class Polyline:
         step = np.hypot(*np.diff(points_mm, axis=0).T)
         self.points = points_mm[np.concatenate([[True], step > 1e-4])]
         pieces = np.diff(self.points, axis=0)
-        self.s = np.concatenate([[0.0], np.cumsum(np.hypot(*pieces.T))])  # (n,): arc length at every point
+        self.s = arc_lengths(self.points)  # (n,): at every point
         self.length = float(self.s[-1])
         self.closed = closed
         heading = _heading_deg(pieces)
@@ -58,7 +58,7 @@ class Polyline:
     def at(self, s: Floats) -> Floats:
         """Points (n, 2) at these arc lengths; a closed line goes round, an open one ends."""
         s = s % self.length if self.closed else s
-        return np.stack([np.interp(s, self.s, self.points[:, axis]) for axis in (0, 1)], axis=1)
+        return interpolated(s, self.s, self.points)
 
     def tangent(self, s: Floats, reach: float) -> Floats:
         """Unit directions (n, 2) of the chords from `reach` before to `reach` after these arc lengths."""

@@ -274,6 +274,14 @@ def test_offsets(cut_small):
 
 
 @pytest.mark.slow
+def test_a_notice_names_a_contour_too_near_its_start_hole_to_be_measured(tmp_path):
+    for radius, said in ((0.35, True), (0.45, False)):
+        (file := tmp_path / "hole.ngc").write_text(f"G92 X0. Y0.\nG41 G1 X{radius}\nG3 I-{radius}\nM2\n")
+        notices = edmsim.cut(file, resolution="fast", max_time_s=0.1).report["notices"]
+        assert any("its wall is not measured" in notice for notice in notices) is said
+
+
+@pytest.mark.slow
 def test_a_constant_that_the_mechanics_leave_out_is_named(cut_small):
     def named(constants, **options):
         notices = cut_small(max_time_s=0.1, constants=constants, **options).report["notices"]

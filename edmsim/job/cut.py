@@ -27,6 +27,7 @@ from edmsim.job.plan import prepared
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.machine.machine import constants_digest
 from edmsim.machine.options import show
+from edmsim.metrology.profile import BLANK_EDGE_MM, depth_in_blank
 from edmsim.plant.axes.drives import parse_fault
 from edmsim.plant.window import PlantError
 from edmsim.progress import ShownProgress, in_notebook
@@ -171,6 +172,12 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
             f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "
             "than a window; a longer period leaves it time"
         )
+    notices += [
+        f"the contour threaded at X {x:.3f} Y {y:.3f} mm on the table lies within {BLANK_EDGE_MM:g} mm of its start "
+        "hole, whose rim could be taken for it: its wall is not measured, nor what passes took and their roughness"
+        for contour in simulation.path.contours for x, y in contour.points_um[:1] * 1e-3
+        if (depth_in_blank(simulation.plant.field.stock, contour.at_mid_height().nominal_mm) < BLANK_EDGE_MM).all()
+    ]
     ended_s = simulation.plant.time_ns * 1e-9
     notices += [
         f"the fault {text} did not happen: the cut was over at {ended_s:.1f} s"

@@ -121,7 +121,7 @@ class CutSettings(SetUpOptions, MachineOption):
     taper_corners: Annotated[str, Names(registered("edmsim.program.outline:Corners"))] = "conical"
     """Shape of corners and arcs higher up: conical (both become cones), sharp (corners stay sharp, arcs become
     cones), cylindrical (corners stay sharp, arcs keep their radius) or rounded (arcs keep their radius, corners
-    become cones)."""
+    become cones). Codes of a program for it take precedence."""
     guide_errors_mm: Annotated[tuple[Number, Number] | None, Flag(metavar="LOWER:UPPER")] = None
     """Height errors of the lower and the upper guide in mm, true less file, as ``edmsim measure guides`` finds them;
     the control compensates them. By default none."""

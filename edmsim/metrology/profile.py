@@ -11,12 +11,12 @@ import numpy as np
 import scipy  # which loads its parts where they are first used
 from numpy.typing import NDArray
 
-from edmsim.geometry import Floats, Polyline, arc_lengths, left_of
+from edmsim.geometry import Floats, Polyline, arc_lengths, interpolated, left_of
 from edmsim.metrology.edges import edge_segments, metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.arcs import ROUND_MM
 from edmsim.program.path import WireContour
-from edmsim.program.taper import Ruled, is_straight
+from edmsim.program.taper import is_straight
 
 BLANK_EDGE_MM = 0.15  # nearer than this to the blank's own side or start hole, that edge could be taken for the cut's
 EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is no corner (ours)
@@ -32,12 +32,19 @@ def wire_line(contour: WireContour) -> Polyline:
 def edge_corners(contour: WireContour, line: Polyline) -> NDArray[np.intp]:
     """Return the vertices of a contour's nominal edge, `line`, that are corners: none between chords of one curve."""
     vertices = line.corners(EDGE_CORNER_DEG)
+    return np.asarray(vertices[_between_elements(contour, line)[vertices]])
+
+
+def _between_elements(contour: WireContour, line: Polyline) -> NDArray[np.bool_]:
+    """Say of every vertex of a contour's nominal edge, `line`, whether a line or arc begins there; all may."""
     if not contour.elements:
-        return vertices
-    begins, near_mm = arc_lengths(contour.nominal_mm), 1e-5
-    chords = [np.searchsorted(begins, line.s[vertices] + by, side="right") - 1 for by in (-near_mm, near_mm)]
-    before, after = (np.array(contour.elements)[np.maximum(chord, 0), 0] for chord in chords)
-    return np.asarray(vertices[(before != after) | (vertices == 0)])
+        return np.ones(len(line.s), np.bool_)
+    begins, near_mm, elements = arc_lengths(contour.nominal_mm), 1e-5, np.array(contour.elements)[:, 0]
+    before, after = (
+        elements[np.clip(np.searchsorted(begins, line.s + by, side="right") - 1, 0, len(elements) - 1)]
+        for by in (-near_mm, near_mm)
+    )
+    return np.append(True, (before != after)[1:])
 
 
 def depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:
@@ -110,11 +117,13 @@ def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
         points = line.at(s_mm)
         error = _errors(field, contour, line, s_mm, points, chosen)
     else:
+        # points at other heights are those of the rulings that pass these lengths at mid height
         wall, heights = contour.lean.wall, slice_heights_mm(field, contour.lean.height_mm).tolist()
-        points = _on_wall(wall, middle.nominal_mm, s_mm, 0.5 * contour.lean.height_mm)
+        passed_mm = arc_lengths(middle.nominal_mm)
+        points = interpolated(s_mm, passed_mm, middle.nominal_mm)
         rows = []
         for number, z in enumerate(heights):
-            there = _on_wall(wall, middle.nominal_mm, s_mm, z)
+            there = interpolated(s_mm, passed_mm, wall.at(z))
             rows.append(_errors(field, contour.at_height(z), line, s_mm, there, [number]))
         error = np.concatenate(rows)
     lead_in_end = middle.points_um[middle.lead_in_moves] / 1000
@@ -125,12 +134,6 @@ def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
 def slice_heights_mm(field: KerfField, height_mm: float) -> Floats:
     """Heights of the slices' middles over the workpiece's lower face."""
     return (np.arange(field.n_slices) + 0.5) / field.n_slices * height_mm
-
-
-def _on_wall(wall: Ruled, middle_mm: Floats, s_mm: Floats, height_mm: float) -> Floats:
-    """Points (n, 2) at a height of the rulings that pass lengths along a ruled wall's line at another height."""
-    passed = arc_lengths(middle_mm)
-    return np.stack([np.interp(s_mm, passed, column) for column in wall.at(height_mm).T], axis=1)
 
 
 def _errors(
@@ -221,13 +224,16 @@ class CornerError:
 def corners(contour: WireContour, profile: ProfileError) -> list[CornerError]:
     """List the corners of the nominal edge with their errors."""
     line = Polyline(contour.nominal_mm, contour.closed)
+    # an arc's tangent at its end is turned from its last chord by half of what two chords of it turn by
+    half_deg = np.where(_between_elements(contour, line), 0.0, line.turn_deg / 2)[:-1]
+    turn_deg = line.turn_deg[:-1] - np.roll(half_deg, 1) - np.roll(half_deg, -1)
     found: list[CornerError] = []
     for vertex in edge_corners(contour, line):
         near = profile.mean_um[line.distance_along(profile.s_mm, line.s[[vertex]]) <= CORNER_REACH_MM]
         near = near[np.isfinite(near)]
         error = float(near[np.abs(near).argmax()]) if len(near) else float("nan")
         x, y = (float(value) for value in line.points[vertex])
-        found.append(CornerError(x, y, float(line.turn_deg[vertex]), error))
+        found.append(CornerError(x, y, float(turn_deg[vertex]), error))
     return found
 
 

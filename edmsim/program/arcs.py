@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.geometry import Floats
@@ -102,7 +103,7 @@ def line_points(start: complex, end: complex, chords: int) -> list[complex]:
     return [*(start + (end - start) * i / chords for i in range(1, chords)), end]
 
 
-def by_element(points: Floats, elements: Sequence[int]) -> list[Floats]:
+def by_element(points: Floats, elements: Sequence[int] | NDArray[np.int64]) -> list[Floats]:
     """Return the points of every line and arc of an edge, with both ends of each."""
     bounds = [0, *(np.flatnonzero(np.diff(elements)) + 1).tolist(), len(elements)]
     return [points[first : last + 1] for first, last in pairwise(bounds)]

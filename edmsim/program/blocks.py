@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 
 from edmsim.errors import InputError, located
 from edmsim.program.dialects import FREECAD, ISO, Dialect, without_line_ends
-from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
+from edmsim.program.limits import GREATEST_NUMBER, check_count, read_bytes
 from edmsim.program.tables import ConditionTable, register
 
 VALUES = frozenset("NFDHXYIJRPLQ")  # letters whose numbers are used, by a motion or by the code they belong to
@@ -197,17 +197,7 @@ class Block:
 
 def read_text(file: Path) -> str:
     """Return a program's text: UTF-8, or what its byte order mark says."""
-    check_size(file)
-    try:
-        data = file.read_bytes()
-    except FileNotFoundError:
-        raise InputError("no such file: give the path of a part program", file) from None
-    except IsADirectoryError:
-        raise InputError("this is a directory: give the path of a part program", file) from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file) from None
-    except ValueError as error:  # a name with a zero byte
-        raise InputError(f"cannot be read: {error}", file) from None
+    data = read_bytes(file, "a part program")
     mark = next((mark for mark in _BYTE_ORDER_MARKS if data.startswith(mark)), None)
     if mark is None and b"\0" in data:
         raise InputError(f"byte {data.index(0)} is 0: this is a binary file, or a text to be saved as UTF-8", file)

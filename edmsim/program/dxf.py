@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.program import entities
-from edmsim.program.limits import MOST_POINTS, check_contours, check_count, check_points, check_size
+from edmsim.program.limits import MOST_POINTS, check_contours, check_count, check_points, read_bytes
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, refuse_self_crossing, signed_area
 
 if TYPE_CHECKING:
@@ -174,7 +174,8 @@ def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list
     # what `look` raises besides `InputError` says that the document is damaged
     from ezdxf.filemanagement import readfile
 
-    data = _bytes_of(path)
+    data = read_bytes(path, "a DXF drawing")
+    _refuse_others(data)
     with _heard() as warnings:
         try:
             found = look(_without_own_unit(readfile(path), data))
@@ -201,20 +202,6 @@ def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list
             raise InputError(f"this DXF drawing is damaged, its contents cannot be read: {_EXPORT}") from None
     left_out = [f"{count} {kind} left out" for kind, count in sorted(drawing.left_out.items())]
     return found, [f"the drawing is irregular and is read by recovering what it holds: {_COMPARE}", *left_out]
-
-
-def _bytes_of(path: Path) -> bytes:
-    if path.is_dir():
-        raise InputError("this is a directory: give the path of a DXF drawing")
-    if not path.exists():
-        raise InputError("no such file: give the path of a DXF drawing")
-    check_size(path)
-    try:
-        data = path.read_bytes()
-    except OSError:
-        raise InputError("this file cannot be read: see who may read it") from None
-    _refuse_others(data)
-    return data
 
 
 def _refuse_others(data: bytes) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths
-from edmsim.program.arcs import CHORD_TOLERANCE_UM, arc_points
+from edmsim.program.arcs import CHORD_TOLERANCE_UM, arc_points, by_element
 from edmsim.program.limits import FARTHEST_MM, check_count, check_points
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
@@ -69,10 +69,8 @@ class Chain:
 
     def parts(self) -> list[tuple[Floats, bool]]:
         """Return the points of its lines and arcs, the ends of each included, and whether each is short."""
-        bounds = [0, *(np.flatnonzero(np.diff(self.elements)) + 1).tolist(), len(self.elements)]
-        near = np.hypot(*np.diff(self.points[bounds], axis=0).T) <= JOIN_TOLERANCE_MM
-        parts = (self.points[a : b + 1] for a, b in pairwise(bounds))
-        return [(part, close and is_short(part)) for part, close in zip(parts, near.tolist(), strict=True)]
+        parts = by_element(self.points, self.elements)
+        return [(part, math.dist(part[0], part[-1]) <= JOIN_TOLERANCE_MM and is_short(part)) for part in parts]
 
     def without_short_elements(self) -> Self:
         """Return a ring without lines and arcs that lie within the tolerance: their ends are one point."""
@@ -280,9 +278,11 @@ def spline_points(entity: Any, tolerance: float) -> Floats:
     # a periodic spline is drawn between the first and last knot that all its control points bear on; one whose
     # control points are written once, for as many knots as if they were repeated, is closed with the first of
     # them; one that is said to be closed and has only fit points is a periodic cubic through them
+    from scipy.interpolate import BSpline
+
+    if entity.closed and len(entity.fit_points) > 2:
+        entity = with_control_points(entity)
     control = np.array([tuple(p)[:2] for p in entity.control_points], np.float64).reshape(-1, 2)
-    if len(control) == 0 and entity.closed and len(entity.fit_points) > 2:
-        return _through(_ring_of(entity), tolerance)
     knots, degree = np.array(entity.knots, np.float64), int(entity.dxf.degree)
     clamped = not len(knots) or (knots[0] == knots[degree] and knots[-1] == knots[-degree - 1])
     usual = clamped and len(knots) in (0, len(control) + degree + 1)
@@ -295,7 +295,9 @@ def spline_points(entity: Any, tolerance: float) -> Floats:
     if len(knots) != len(control) + degree + 1 or (np.diff(knots) < 0).any():
         raise InputError(f"a SPLINE has {len(control)} control points and {len(knots)} knots at degree {degree}: "
                          "these make no curve, export it again")
-    return _along(knots, control, weights, degree, tolerance)
+    curve = BSpline(knots, np.column_stack([control * weights[:, None], weights]), degree)
+    breaks = np.unique(knots[degree : len(control) + 1])
+    return _chords(lambda t: curve(t)[:, :2] / curve(t)[:, 2:], breaks, tolerance)
 
 
 def with_control_points(entity: Any) -> Any:
@@ -306,7 +308,8 @@ def with_control_points(entity: Any) -> Any:
         return entity
     found = entity.copy()
     if entity.closed and len(entity.fit_points) > 2:
-        ring = _ring_of(entity)
+        points = np.array([tuple(p)[:2] for p in entity.fit_points], np.float64)
+        ring = points if np.array_equal(points[0], points[-1]) else np.concatenate([points, points[:1]])
         curve = make_interp_spline(arc_lengths(ring), ring, bc_type="periodic")
         degree, knots, control = 3, curve.t, np.column_stack([curve.c, np.zeros(len(curve.c))])
     else:
@@ -314,27 +317,6 @@ def with_control_points(entity: Any) -> Any:
         degree, knots, control = tool.degree, tool.knots(), tool.control_points
     found.dxf.degree, found.knots, found.control_points, found.fit_points = degree, knots, control, []
     return found
-
-
-def _ring_of(entity: Any) -> Floats:
-    """Return the fit points (n, 2) of a closed SPLINE, the last one equal to the first."""
-    points = np.array([tuple(p)[:2] for p in entity.fit_points], np.float64)
-    return points if np.array_equal(points[0], points[-1]) else np.concatenate([points, points[:1]])
-
-
-def _along(knots: Floats, control: Floats, weights: Floats, degree: int, tolerance: float) -> Floats:
-    from scipy.interpolate import BSpline
-
-    curve = BSpline(knots, np.column_stack([control * weights[:, None], weights]), degree)
-    breaks = np.unique(knots[degree : len(control) + 1])
-    return _chords(lambda t: curve(t)[:, :2] / curve(t)[:, 2:], breaks, tolerance)
-
-
-def _through(ring: Floats, tolerance: float) -> Floats:
-    from scipy.interpolate import CubicSpline
-
-    length = arc_lengths(ring)
-    return _chords(CubicSpline(length, ring, bc_type="periodic"), length, tolerance)
 
 
 def _chords(curve: Any, breaks: Floats, tolerance: float) -> Floats:

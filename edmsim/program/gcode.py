@@ -191,7 +191,8 @@ def closed_run(run: Run, first: int, last: int) -> tuple[Run, tuple[int, int] | 
     swept = _swept(vertices[first], run.moves[first:last])
     for k, number in _passes(vertices, run.moves, first, last if loop is None else loop[1], join_mm):
         at, move = vertices[number], run.moves[k]
-        chord = _chord_at(vertices[k], move, at, join_mm)
+        chords = chords_of(array_of([vertices[k], *move.points]))
+        chord = int(np.flatnonzero(shapely.dwithin(chords, shapely.Point(at.real, at.imag), join_mm))[0])
         before = (*move.points[:chord], at)
         ahead = _swept(vertices[k], [replace(move, points=before)])[-1]
         origin = vertices[k] - vertices[first]
@@ -247,13 +248,6 @@ def _passes(
                 place = vertices[number]
                 found.append((k, float(lines[line].project(shapely.Point(place.real, place.imag))), number))
     return [(k, number) for k, _, number in sorted(found)]
-
-
-def _chord_at(start: complex, move: CutMove, place: complex, join_mm: float) -> int:
-    """Return the index of the chord of a move that passes a place first."""
-    chords = chords_of(array_of([start, *move.points]))
-    distances = shapely.distance(chords, shapely.Point(place.real, place.imag))
-    return int(np.flatnonzero(distances <= join_mm)[0])
 
 
 def _cross(a: complex, b: complex) -> float:
@@ -313,7 +307,8 @@ def _change_notices(moves: Sequence[CutMove]) -> list[str]:
     notices = []
     for what, in_force, chosen in (
         ("the condition", [(move.state.condition or "none", move.line) for move in moves], "longest part"),
-        ("the shape of tapered corners", [(move.state.corners, move.line) for move in tapered], "beginning"),
+        ("the shape of tapered corners", [(move.state.corners or "unstated", move.line) for move in tapered],
+         "beginning"),
     ):
         line = next((line for name, line in in_force if name != in_force[0][0]), None)
         if line is not None:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry import shape
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import substring
@@ -145,13 +144,11 @@ def parse_height(text: str) -> Height:
 
 def _in_um(region_mm: BaseGeometry) -> BaseGeometry:
     """Convert a region from mm to um."""
-    region = shapely.transform(region_mm, _um)
+    region = shapely.transform(region_mm, lambda mm: mm * 1000.0)
+    if region.is_valid:
+        return region
     # corners nearer to each other than rounding may let its border cross itself
-    return region if region.is_valid else shapely.transform(shapely.set_precision(region_mm, NEAREST_MM), _um)
-
-
-def _um(mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    return mm * 1000.0
+    return shapely.transform(shapely.set_precision(region_mm, NEAREST_MM), lambda mm: mm * 1000.0)
 
 
 def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:

@@ -371,7 +371,7 @@ class Interpreter:
                 raise InputError(f"the taper angle {letter}{angle:g} is out of range: give {between}")
             self.angle_deg, self.angle_stated = angle, True
         if any(self.dialect.codes.get(code) == "no taper" for code in block.codes):
-            self.angle_deg = 0.0
+            self.angle_deg, self.angle_stated = 0.0, False
         if self.early_angle and self.lean:
             if self.angle_deg == 0:
                 self.notices.add(f"the taper has no angle: write {self.early_angle} behind G51 or G52", block.line)

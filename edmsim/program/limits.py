@@ -21,14 +21,22 @@ GREATEST_NUMBER = 1e9  # a number in G-code: `FARTHEST_MM` in whole um
 LONGEST_DWELL_S = 86_400.0  # a dwell: a day (ours)
 
 
-def check_size(file: Path) -> None:
-    """Refuse a file that is larger than any program; one that cannot be examined is refused by its reader."""
+def read_bytes(file: Path, what: str) -> bytes:
+    """Return what a file holds that is to be `what`; one that cannot be read, or is too large, is refused."""
     try:
         size = file.stat().st_size
-    except (OSError, ValueError):
-        return
+        data = file.read_bytes() if size <= MOST_BYTES else b""
+    except FileNotFoundError:
+        raise InputError(f"no such file: give the path of {what}", file) from None
+    except IsADirectoryError:
+        raise InputError(f"this is a directory: give the path of {what}", file) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file) from None
+    except ValueError as error:  # a name with a zero byte
+        raise InputError(f"cannot be read: {error}", file) from None
     if size > MOST_BYTES:
         raise InputError(f"{size / 1e6:.0f} MB are more than a program has: at most {MOST_BYTES / 1e6:.0f} MB", file)
+    return data
 
 
 def check_points(points_mm: NDArray[np.float64], what: str, hint: str = "") -> None:

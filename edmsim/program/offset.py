@@ -387,12 +387,15 @@ def of_outline(outline: Outline) -> AbstractContextManager[None]:
 def keep_apart(legs: Sequence[OffsetOutline]) -> None:
     """Refuse compensated contours so near each other that cutting one would cut into the other."""
     shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
+    edges = [leg.edge for leg in shut]
+    tree = shapely.STRtree(edges)
     for leg in shut:
         line = shapely.LineString(leg.path)
-        for other in shut:
+        for number in sorted(tree.query(line, "dwithin", leg.offset_mm).tolist()):
+            other = shut[number]
             if other is leg and leg.guides is not None:  # `wall_and_wire` has looked at all heights
                 continue
-            distance = line.distance(other.edge)
+            distance = line.distance(edges[number])
             if distance < leg.offset_mm - _SEPARATION_MM:
                 pair = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
                 reason = f"the wire's centre would pass {distance:.3f} mm from it, not {leg.offset_mm:.4f} mm"

@@ -26,7 +26,8 @@ class Taper:
     angle_deg: tuple[float, ...] | None = None
     # (n, 2): point in the second plane for each point of the outline; the wall between them is ruled
     upper_mm: NDArray[np.float64] | None = None
-    corners: Corners = "conical"  # shape of corners and arcs at other heights
+    # shape of corners and arcs at other heights; None where the program leaves it to the cut
+    corners: Corners | None = "conical"
     program_plane_mm: float = 0.0  # height of the outline's plane over the workpiece's lower face
     second_plane_mm: float | None = None  # height of the plane of `upper_mm`; by default the workpiece's upper face
 
@@ -97,7 +98,7 @@ class InForce:
     condition: str | None = None  # the machining condition called last
     adaptive: bool | None = None  # whether the feed is to be adaptive; None if the program does not say
     tilt_deg: float = 0.0  # angle between wire and vertical; positive where its upper end leans to the left
-    corners: Corners = "conical"  # what a tapered corner becomes
+    corners: Corners | None = None  # what a tapered corner becomes; None if the program does not say
     # heights of the program's plane and of the second plane, as in `Taper`
     planes_mm: tuple[float, float | None] = (0.0, None)
 

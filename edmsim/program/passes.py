@@ -330,6 +330,17 @@ def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
     return groups
 
 
+def parted_passes(groups: Sequence[Sequence[Outline]]) -> list[str]:
+    """Name edges that are cut again after others: what does not follow directly is no pass of them."""
+    lines = [shapely.LineString(group[0].points_mm) for group in groups]
+    pairs = zip(*shapely.STRtree(lines).query(lines).tolist(), strict=True)
+    return [
+        f"{groups[later][0].name} has been cut before other contours, and is cut again as one of its own, not as a "
+        "pass: cut all passes of a contour before the next one"
+        for later, first in sorted(pairs) if first < later and same_edge(groups[first][0], groups[later][0])
+    ]  # fmt: skip
+
+
 def same_edge(one: Outline, other: Outline) -> bool:
     """Say whether two compensated outlines are one edge with the part on the same side of it, either way round."""
     if one.wire_side is None or other.wire_side is None or one.closed != other.closed:

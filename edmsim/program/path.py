@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple, Self, get_args
@@ -39,11 +39,12 @@ from edmsim.program.passes import (
     grouped,
     holds,
     on_grid,
+    parted_passes,
     ways_of,
     ways_of_group,
 )
 from edmsim.program.tables import GREATEST_MM, in_um, read_conditions, read_offsets
-from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
+from edmsim.program.taper import GOUGE_MM, GuideHeights, Lean, Way, guides_for, leaning
 
 
 @refuses_wrong_types
@@ -267,9 +268,6 @@ class Conditions(NamedTuple):
     settings: Mapping[str, Mapping[str, float]] = {}  # by condition and setting; empty without a table
 
 
-NO_CONDITIONS = Conditions()
-
-
 @dataclass(frozen=True, eq=False)
 class CutPath:
     """The whole job, contour by contour; the wire is cut and threaded between them."""
@@ -280,7 +278,7 @@ class CutPath:
     origin_mm: tuple[float, float]  # the program's zero on the table
     notices: tuple[str, ...]  # decisions of the reader that you should know
     source: str  # the program's file
-    conditions: Conditions = NO_CONDITIONS  # the program's settings for each pass
+    conditions: Conditions = field(default_factory=Conditions)  # the program's settings for each pass
 
     @property
     def passes(self) -> int:
@@ -384,14 +382,16 @@ def plan_path(
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = file if isinstance(file, Program) else load_program(file)
     with located(program.source):
-        own_taper = next((outline for outline in program.outlines if outline.taper is not None), None)
+        tapered = [(outline.name, outline.taper) for outline in program.outlines if outline.taper is not None]
         program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
         drawn = [part for one in program.outlines for part in (one.approach_mm, one.points_mm)]
         _check_fits("what is drawn", np.concatenate(drawn) * 1000, MOST_TABLES * table_um, table_um, program.source)
         notices = list(program.notices)
-        if own_taper is not None and (taper_deg != 0 or corners != "conical"):
-            notices.append(f"{own_taper.name} is tapered by the program itself: the requested angle and corners have "
-                           "no effect on it")
+        for name, own in tapered[:1]:
+            shaped = corners != "conical" and (own.upper_mm is not None or own.corners not in (None, corners))
+            if ignored := [what for what, is_so in (("angle", taper_deg != 0), ("corners", shaped)) if is_so]:
+                notices.append(f"{name} is tapered by the program itself, so the requested {' and '.join(ignored)} "
+                               "cannot have an effect on it")
         fixed_mm = None if offset == "auto" else chosen_mm
         others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, fixed_mm)})
         written = ", ".join(f"{mm:g}" for mm in others)
@@ -401,6 +401,7 @@ def plan_path(
             taken = ", ".join(f"{mm:g}" for mm in passes.offsets_mm)
             notices.append(f"the passes have the offsets {taken} mm, not the {written} mm of the register")
         groups = grouped(program.outlines)
+        notices += parted_passes(groups)
         legs = [_legs(group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
         heights = (0.0, *{of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None})
         faces = {z: [of_group[0].at_height(z) for of_group in legs] for z in heights}
@@ -582,7 +583,7 @@ def _own_lead_in(
             ways = [np.array([thread, begin]) for begin in starts]
             nearest_mm = min(edges.distance(shapely.Point(thread)) for edges in faces)
             if nearest_mm >= hole_radius_mm + HOLE_CLEARANCE_MM and all(
-                _clears(way, edges, offset_mm) for way, edges in zip(ways, faces, strict=True)
+                _clears(way, edges, offset_mm, _TOLERANCE_MM) for way, edges in zip(ways, faces, strict=True)
             ):
                 why = "there is no more room" if mm < length_mm else "the wall leans over the way to it"
                 return thread, [] if mm == length_mm else [f"a lead-in is {mm:.3f} mm long, as {why}"]
@@ -597,19 +598,20 @@ def _check_approach(approach: Floats, edge: BaseGeometry, offset_mm: float, hole
     x, y = approach[0]
     if not _clears(approach, edge, offset_mm):
         raise InputError(f"the approach from X{x:.3f} Y{y:.3f} cuts into the part: thread the wire on the "
-                         "waste side, or exchange G41 and G42")
+                         "waste side, further away, or exchange G41 and G42")
     distance = edge.distance(shapely.Point(approach[0]))
     if distance < hole_radius_mm - _TOLERANCE_MM:
         raise InputError(f"the thread point X{x:.3f} Y{y:.3f} is {distance:.3f} mm from the part, the hole's "
                          f"radius {hole_radius_mm:g} mm: move the point or take a smaller hole")
 
 
-def _clears(path: Floats, edges: BaseGeometry, offset_mm: float) -> bool:
+def _clears(path: Floats, edges: BaseGeometry, offset_mm: float, within_mm: float = GOUGE_MM) -> bool:
     """Say whether a path (n, 2) to a contour keeps the offset from the edges; at offset 0, meets none."""
+    # a program's approach in line with the edge, 1 mm long, comes 2 um nearer to its first point than the offset
     if offset_mm == 0:
         before = path[-1] + (path[-2] - path[-1]) * 0.01
         return bool(shapely.LineString([*path[:-1], before]).distance(edges) > 0)
-    return bool(shapely.LineString(path).distance(edges) >= offset_mm - _TOLERANCE_MM)
+    return bool(shapely.LineString(path).distance(edges) >= offset_mm - within_mm)
 
 
 def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
@@ -666,14 +668,18 @@ def _on_grid(
 def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[_Lead]) -> list[str]:
     """Name the ways to contours that cut into the edge of another contour; its piece may have been taken out."""
     found = []
+    shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
+    tree = shapely.STRtree([leg.edge for leg in shut])
     for leg, lead in zip(legs, leads, strict=True):
+        if not len(lead.points):
+            continue
         way = np.concatenate([lead.points, leg.path[:1]])
+        near = tree.query(shapely.LineString(way), "dwithin", leg.offset_mm)
         found += [
             f"{leg.outline.name}: the wire cuts into {other.outline.name} on its way from X{way[0, 0]:.3f} "
             f"Y{way[0, 1]:.3f}; thread it elsewhere, or take that piece out before"
-            for other in legs
-            if other is not leg and other.outline.closed and other.outline.wire_side and len(lead.points)
-            and not _clears(way, other.edge, leg.offset_mm)
+            for other in (shut[number] for number in sorted(near.tolist()))
+            if other is not leg and not _clears(way, other.edge, leg.offset_mm)
         ]
     return found
 

@@ -88,16 +88,17 @@ class Ruled:
 
 
 def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -> tuple[Outline, ...]:
-    """Return outlines whose walls lean by an angle, positive for a part smaller above, where they do not already."""
+    """Return outlines with an angle, positive for a part smaller above, and corners where they have none."""
     if not (math.isfinite(angle_deg) and abs(angle_deg) < MOST_DEG):
         raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give less than {MOST_DEG:g} either way")
-    if angle_deg == 0:
-        return outlines
     found = []
     for outline in outlines:
-        towards_left = angle_deg if outline.part_side == "left" else -angle_deg
-        taper = Taper((towards_left,) * (len(outline.points_mm) - 1), corners=corners)
-        found.append(outline if outline.taper is not None else replace(outline, taper=taper))
+        taper, towards_left = outline.taper, angle_deg if outline.part_side == "left" else -angle_deg
+        if taper is None and angle_deg != 0:
+            taper = Taper((towards_left,) * (len(outline.points_mm) - 1), corners=corners)
+        elif taper is not None and taper.corners is None:
+            taper = replace(taper, corners=corners)
+        found.append(replace(outline, taper=taper))
     return tuple(found)
 
 
@@ -331,8 +332,10 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
 def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
     """Refuse a wire that comes too near to the wall at some height of the workpiece."""
     for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
-        into_mm = offset_mm - shapely.LineString(wall.at(z)).distance(shapely.LineString(wire.at(z)))
-        if into_mm > GOUGE_MM:
+        edge, way = shapely.LineString(wall.at(z)), shapely.LineString(wire.at(z))
+        shapely.prepare(edge)
+        if offset_mm > GOUGE_MM and shapely.dwithin(edge, way, offset_mm - GOUGE_MM):
+            into_mm = offset_mm - edge.distance(way)
             raise InputError(f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a "
                              "smaller angle or offset, or draw the contour wider")
 
@@ -601,6 +604,7 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
     """Return wall and wire of a tapered outline, checked."""
     taper = outline.taper
     assert taper is not None
+    assert taper.corners is not None
     low, high = taper.program_plane_mm, taper.second_plane_mm
     if high is None:  # for an angle any plane but the program's will do
         is_upper_face = taper.upper_mm is None and abs(guides.height_mm - low) <= _NEAR_MM

@@ -318,6 +318,15 @@ def test_chords_of_a_small_arc_are_no_corners():
     assert [(c.x_mm, c.y_mm) for c in found] == [(3.0, 5.0), (3.0, 3.0), (5.0, 5.0)]
 
 
+def test_a_corner_between_a_line_and_an_arc_turns_by_the_angle_to_the_tangent():
+    turn = np.radians(np.arange(0.0, 181.0, 9.0))
+    arc = np.stack([4.0 + np.cos(turn), 3.0 + np.sin(turn)], axis=1)
+    edge = np.concatenate([[(3.0, 3.0)], arc])
+    way = replace(make_contour(edge * 1000, edge, closed=True), elements=((1, 1), *((2, 2),) * (len(arc) - 1)))
+    found = corners(way, profile_error(KerfField(1, BLANK), way))
+    assert [(c.x_mm, c.turn_deg) for c in found] == [(3.0, pytest.approx(90.0)), (5.0, pytest.approx(90.0))]
+
+
 @pytest.mark.slow
 def test_the_lead_in_is_marked(punch):
     line, whole = punch

@@ -28,15 +28,6 @@ def test_chords_stay_within_the_tolerance_and_turn_the_right_way(radius, start, 
     assert turned == pytest.approx(turn * sweep, abs=1e-5)
 
 
-@pytest.mark.parametrize("turn", [1, -1])
-def test_equal_ends_make_a_full_circle(turn):
-    points = np.array([2 + 0j, *arc_points(2 + 0j, 2 + 0j, 0j, turn, True)])
-    length = abs(np.diff(points)).sum()
-    assert length == pytest.approx(2 * math.tau, rel=1e-3)
-    area = (points[:-1].conjugate() * points[1:]).imag.sum() / 2
-    assert area == pytest.approx(turn * 4 * math.pi, rel=1e-3)
-
-
 @given(radius=st.floats(1, 50), share=st.floats(0.01, 0.99), turn=st.sampled_from([1, -1]))
 def test_a_positive_radius_gives_the_short_arc_and_a_negative_one_the_long(radius, share, turn):
     start, end = 1 + 2j, 1 + 2j + 2 * radius * share * np.exp(0.7j)

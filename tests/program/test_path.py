@@ -244,6 +244,11 @@ def tiny_hole(space):
     space.add_circle((0, 0), 9)
 
 
+def no_room(space):
+    space.add_circle((0, 0), 0.29)
+    space.add_circle((0, 0), 9)
+
+
 def neighbours(space):
     space.add_circle((0, 0), 3)
     space.add_circle((6.25, 0), 3)
@@ -252,6 +257,7 @@ def neighbours(space):
 @pytest.mark.parametrize(("draw", "words"), [
     (narrow_neck, ("too narrow", "0.1550", "pieces")), (narrow_slot, ("too narrow", "metal would stay at X5.0")),
     (pinched_pocket, ("too narrow", "X5.000 Y3.000")), (tiny_hole, ("too narrow",)), (neighbours, ("too near",)),
+    (no_room, ("no room for a start hole of 0.25",)),
     (lambda space: space.add_circle((0, 0), 33), ("66.", "65 x 65")),
 ])  # fmt: skip
 def test_where_the_wire_does_not_fit_it_says_so(plan_drawing, draw, words):
@@ -265,15 +271,6 @@ def test_a_slot_as_wide_as_the_wire_needs_is_cut(plan_drawing):
     check_offset(plan_drawing(narrow_slot, 0.095).contours[0], 0.095)
 
 
-def test_no_room_for_the_start_hole(plan_drawing):
-    def draw(space):
-        space.add_circle((0, 0), 0.9)
-        space.add_circle((0, 0), 9)
-
-    with pytest.raises(InputError, match="no room for a start hole of 1"):
-        plan_drawing(draw, start_hole_radius_mm=1)
-
-
 @pytest.mark.parametrize(("old", "new", "word"), [
     ("G41", "G42", "exchange G41 and G42"), ("G92 X5 Y-2", "G92 X5 Y-0.2", "is 0.200 mm from the part"),
     ("G92 X5 Y-2", "G92 X12 Y12", "cuts into the part"),
@@ -284,6 +281,13 @@ def test_an_approach_through_the_part_is_refused(plan, old, new, word, offset):
         plan(PUNCH.replace(old, new, 1), offset)
     assert caught.value.line == 3
     assert word in caught.value.reason
+
+
+def test_an_approach_in_line_with_the_first_side_is_cut(plan):
+    text = "G92 X0 Y{}\nG41 G1 Y0\nY6\nX10\nY0\nX0\nG40\nM2\n"
+    assert plan(text.format("-1.")).contours[0].lead_in_moves == 1
+    with pytest.raises(InputError, match=r"cuts into the part.* further away"):
+        plan(text.format("-0.3"))
 
 
 @pytest.mark.parametrize(("thread", "crosses"), [("X2 Y2", True), ("X7 Y2", False)])

@@ -204,11 +204,21 @@ def test_an_arc_that_meets_a_line_at_a_corner_is_cut_off_where_they_meet():
 
 
 @pytest.mark.parametrize(
-    ("requested", "said"), [({"corners": "sharp"}, True), ({"taper_deg": 2.0}, True), ({}, False)]
+    ("requested", "said"), [({"corners": "rounded"}, True), ({"taper_deg": 2.0}, True), ({}, False)]
 )
 def test_a_requested_taper_that_the_programs_own_replaces_is_named(requested, said):
     path = plan_path(Program((square(3.0),), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES], **requested)
     assert any("tapered by the program itself" in notice for notice in path.notices) is said
+
+
+@pytest.mark.parametrize(("corners", "radius_mm"), [("conical", 1.651), ("cylindrical", 2.0)])  # 2 mm less 10 tan 2°
+def test_the_cut_chooses_the_corners_of_a_program_that_does_not(corners, radius_mm):
+    file = EXAMPLES / "dialects" / "taper-fanuc.nc"
+    (contour,) = plan_path(file, auto_offset_mm=OFFSET, guides=[GUIDES], corners=corners).contours
+    arc = contour.lean.wall.at(10.0)[np.array((*contour.lean.wall.line_numbers, 0)) == 11]
+    a, b, c = arc[0], arc[len(arc) // 2], arc[-1]
+    sides = [math.dist(*pair) for pair in ((a, b), (b, c), (c, a))]
+    assert math.prod(sides) / (4 * shapely.Polygon([a, b, c]).area) == pytest.approx(radius_mm, abs=0.003)
 
 
 def test_a_die_opens_upwards_where_its_part_is_smaller_above():
