@@ -68,11 +68,41 @@ def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     return resolve_name(makers[kind])(rest)
 
 
-def imported_by(text: str | bytes) -> list[str]:
-    """Return the names of the modules that a Python text imports; raises `SyntaxError` if it is not Python."""
-    nodes = [*ast.walk(ast.parse(text))]
-    plain = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-    return plain + [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+def modules_beside(file: str | Path) -> dict[str, Path]:
+    """Return the modules in a Python file's folder and packages there that it and they import, by their names."""
+    # not edmsim itself, where the file lies beside it: a run names its version
+    root, found, left = Path(file).parent, dict[str, Path](), [("", Path(file))]
+    for package, read in left:
+        for parts in (name.split(".") for name in _imported_by(read.read_bytes(), package)):
+            if parts[0] == "edmsim":
+                continue
+            for place in (root.joinpath(*parts[:end]) for end in range(1, len(parts) + 1)):
+                module = ".".join(place.relative_to(root).parts)
+                if module in found:
+                    continue
+                if (init := place / "__init__.py").is_file():
+                    found[module] = init
+                    left.append((module, init))
+                elif (alone := place.with_name(f"{place.name}.py")).is_file():
+                    found[module] = alone
+                    left.append((module.rpartition(".")[0], alone))
+    return found
+
+
+@lru_cache(maxsize=1024)
+def _imported_by(text: bytes, package: str) -> list[str]:
+    """Return the names that a text of a package may import as modules; none if it is not Python."""
+    try:
+        nodes = [*ast.walk(ast.parse(text))]
+    except (SyntaxError, ValueError, RecursionError):
+        return []
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: -node.level + 1 or None] if node.level else []
+            parts = [part for part in (*above, node.module) if part]
+            names += [".".join([*parts, alias.name]) for alias in node.names]
+    return names
 
 
 def run(file: str) -> ModuleType:
@@ -90,7 +120,7 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
         sys.path.append(folder)  # last, so that no file of the user's takes the place of an installed package
     try:
         exec(compile(text, place, "exec"), vars(module))
-        _check_imports(text, Path(place).parent)
+        _check_imports(place)
     except InputError:
         raise
     except SyntaxError as error:
@@ -100,11 +130,11 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
     return module
 
 
-def _check_imports(text: str, folder: Path) -> None:
+def _check_imports(file: str) -> None:
     """Raise `ImportError` if a module of the file's folder was imported from another one."""
-    for name in imported_by(text):
-        file, found = folder / f"{name}.py", getattr(sys.modules.get(name), "__file__", None)
-        if found and file.is_file() and Path(found).resolve() != file.resolve():
+    for name, here in modules_beside(file).items():
+        found = getattr(sys.modules.get(name), "__file__", None)
+        if found and Path(found).resolve() != here.resolve():
             raise ImportError(f"{name} was imported from {found}, not from this folder: rename one of them")
 
 
