@@ -151,7 +151,7 @@ def digests_of(values: Iterable[Any]) -> dict[str, str]:
             if file not in named and (found := digest(file)) is not None:
                 named[file] = found
                 found_in += _named_in(file, found)
-                modules += user_code.modules_beside(file).values() if file.endswith(".py") else ()
+                modules += user_code.local_modules(file).values() if file.endswith(".py") else ()
         elif isinstance(value, Mapping | Sequence):
             found_in += value.values() if isinstance(value, Mapping) else value
     return {str(file): found for file in modules if (found := digest(str(file))) is not None} | named

@@ -68,7 +68,7 @@ def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     return resolve_name(makers[kind])(rest)
 
 
-def modules_beside(file: str | Path) -> dict[str, Path]:
+def local_modules(file: str | Path) -> dict[str, Path]:
     """Return the modules in a Python file's folder and packages there that it and they import, by their names."""
     # not edmsim itself, where the file lies beside it: a run names its version
     root, found, left = Path(file).parent, dict[str, Path](), [("", Path(file))]
@@ -132,7 +132,7 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
 
 def _check_imports(file: str) -> None:
     """Raise `ImportError` if a module of the file's folder was imported from another one."""
-    for name, here in modules_beside(file).items():
+    for name, here in local_modules(file).items():
         found = getattr(sys.modules.get(name), "__file__", None)
         if found and Path(found).resolve() != here.resolve():
             raise ImportError(f"{name} was imported from {found}, not from this folder: rename one of them")

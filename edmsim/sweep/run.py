@@ -1,6 +1,6 @@
 """``edmsim sweep run``: a sweep from its specification to its folder.
 
-All combinations are looked at before the first run: what no cut can be made with is refused in one line.
+All combinations are checked before the first run: what no cut can be made with is refused in one line.
 """
 
 import json
@@ -137,12 +137,13 @@ MOST_REASONS = 3  # reasons that a refusal names (ours): it is one line
 
 
 def check_runs(specification: Specification, checking: Callable[[int, int], None] | None = None) -> None:
-    """Prepare every combination of settings as its cut would, and refuse those that no machine can be set to."""
-    # points of a Sobol sample may be such ones, a long on-time with a short period say: they become runs that
-    # failed, unless all of them are
+    """Prepare every combination of settings as its cut would; refuse values with which no machine can be set."""
+    # values of a grid that are valid with others but not together, a long on-time and a short period say, become runs
+    # that failed; so do points of a Sobol sample, whose values have no others, if only their pulse setting is wrong
     planner, is_cut = _Planner(), bool(specification.program)
     refused: dict[str, list[dict[str, Any]]] = {}
     values_of_setting: dict[str, set[str]] = {}
+    possible: dict[str, set[str]] = {}
     values_wrong = False
     total = specification.runs // (len(specification.seeds) * max(specification.machine_samples, 1))
     for number, (task, settings_of_run) in enumerate(combinations(specification)):
@@ -159,8 +160,13 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
         except EdmsimError as error:
             values_wrong |= not isinstance(error, CombinationError)
             refused.setdefault(str(error), []).append(combination)
+        else:
+            for name, value in combination.items():
+                possible.setdefault(name, set()).add(repr(value))
     wrong = sum(map(len, refused.values()))
-    if not wrong or (specification.sobol is not None and not values_wrong and wrong < total):
+    if specification.sobol is None:
+        values_wrong = possible != values_of_setting
+    if not wrong or not (values_wrong or wrong == total):
         return
     varied = {name for name, values in values_of_setting.items() if len(values) > 1}
     if not varied:

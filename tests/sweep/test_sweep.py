@@ -4,6 +4,7 @@ import functools
 import importlib
 import json
 import pickle
+import re
 import subprocess
 import sys
 import time
@@ -180,14 +181,17 @@ def test_all_values_are_looked_at_before_the_first_run(line, short, tmp_path, gr
 
 
 @pytest.mark.slow
-def test_points_of_a_sample_that_no_machine_can_be_set_to_are_rows_with_an_error(line, short, tmp_path):
-    ranges = {"t_on": [10, 60], "t_period": [80, 120]}
-    spec = Specification(program=str(line), settings=short, sobol={"samples": 4, "ranges": ranges})
-    sweep(spec, tmp_path / "out", engine=Here())
+@pytest.mark.parametrize("chosen", [
+    {"sobol": {"samples": 4, "ranges": {"t_on": [10, 60], "t_period": [80, 120]}}},
+    {"grid": {"t_on": [10, 36], "t_period": [80, 120]}},
+    {"grid": {"wire": ["brass-100", "brass-250"], "tension": [2, 12]}},
+])  # fmt: skip
+def test_values_that_no_machine_can_have_together_are_rows_with_an_error(line, short, tmp_path, chosen):
+    sweep(Specification(program=str(line), settings=short, **chosen), tmp_path / "out", engine=Here())
     errors = [row["error"] for row in read(tmp_path / "out").to_pylist()]
     assert len(errors) == 4
     assert 0 < sum(error is not None for error in errors) < 4
-    assert all(error is None or "t_period must be at least" in error for error in errors)
+    assert all(error is None or re.search("t_period must be at least|12 N breaks the", error) for error in errors)
 
 
 def test_programs_samples_and_environments_are_looked_at_as_well(line, short, tmp_path):
