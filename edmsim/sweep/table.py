@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.files import folder_of, locked, replacing
+from edmsim.files import folder_of, locked, naming, replacing
 from edmsim.job.options import CutSettings
 from edmsim.machine.options import kind_of
 from edmsim.recording.report import RECORDING
@@ -218,6 +218,7 @@ class Store:
             shutil.copytree(target, partial)
         partial.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
-            (partial / name).write_bytes(content)
+            with naming(partial / name):
+                (partial / name).write_bytes(content)
         shutil.rmtree(target, ignore_errors=True)
         partial.rename(target)
