@@ -308,6 +308,7 @@ class Log:
     # (n,): `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN if no pulse ignited
     columns: Mapping[str, Floats]
     settings: CutSettings | None = None  # settings of a simulated cut; None if the file has none
+    feed_span_s: float = 0.0  # time over which a feed is the mean; a jump of the machine's feed takes as long here
 
     def __len__(self) -> int:
         return len(self.columns["short"])
@@ -354,7 +355,7 @@ def read_log(file: str | Path) -> Log:
             if _NO_COLUMN in error.reason:
                 raise InputError(f"{error.reason}; a log of ratios needs {' '.join(NEEDED)}", file) from None
             raise
-        return Log(Path(file).name, of_ratios)
+        return Log(Path(file).name, of_ratios, feed_span_s=FEED_SPAN_S)
     known = table.columns if set(PLACES) <= set(table.columns) else COLUMNS
     columns = {name: values for name, values in table.columns.items() if name in known}
     if len(columns["short"]) == 0:
@@ -423,14 +424,15 @@ def _runs(log: Log) -> list[tuple[int, int]]:
     changes = (np.diff(on) != 0) | (np.diff(period) != 0)
     # a jump: means over a batch before and after differ, at the place where they do so most
     width = BATCH_WINDOWS
-    if len(feed) > 2 * width:
+    apart = width + round(log.feed_span_s / (WINDOW_PULSES * float(np.median(period)) * 1e-6))
+    if len(feed) > apart + width:
         mean = np.convolve(feed, np.ones(width) / width, "valid")
-        step = np.abs(mean[width:] - mean[:-width])
-        size = np.maximum(np.abs(mean[width:]), np.abs(mean[:-width]))
+        step = np.abs(mean[apart:] - mean[:-apart])
+        size = np.maximum(np.abs(mean[apart:]), np.abs(mean[:-apart]))
         for place in np.flatnonzero(step > FEED_SPREAD * np.maximum(size, LEAST_FEED_UM_S)):
-            near = step[max(0, place - width) : place + width + 1]
+            near = step[max(0, place - apart) : place + apart + 1]
             if step[place] == near.max():
-                changes[place + width - 1] = True
+                changes[[place + width - 1, place + apart - 1]] = True  # where it begins and ends
     edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(feed)]
     return list(pairwise(edges))
 
