@@ -353,7 +353,10 @@ def read_log(file: str | Path) -> Log:
         of_ratios = read(Path(file))
         if of_ratios is None:
             if _NO_COLUMN in error.reason:
-                raise InputError(f"{error.reason}; a log of ratios needs {' '.join(NEEDED)}", file) from None
+                raise InputError(
+                    f"{error.reason}; a log of ratios needs {' '.join(NEEDED)}: rename columns, and convert them to "
+                    f"um, s, counts of {WINDOW_PULSES} pulses or ratios from 0 to 1", file,
+                ) from None  # fmt: skip
             raise
         return Log(Path(file).name, of_ratios, feed_span_s=FEED_SPAN_S)
     known = table.columns if set(PLACES) <= set(table.columns) else COLUMNS
