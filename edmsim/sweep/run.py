@@ -9,6 +9,7 @@ import socket
 import tempfile
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
@@ -142,33 +143,29 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
     # that failed; so do points of a Sobol sample, whose values have no others, if only their pulse setting is wrong
     planner, is_cut = _Planner(), bool(specification.program)
     refused: dict[str, list[dict[str, Any]]] = {}
-    values_of_setting: dict[str, set[str]] = {}
-    possible: dict[str, set[str]] = {}
+    possible: set[tuple[str, str]] = set()  # settings with values
     values_wrong = False
     total = specification.runs // (len(specification.seeds) * max(specification.machine_samples, 1))
-    for number, (task, settings_of_run) in enumerate(combinations(specification)):
-        if checking is not None:
-            checking(number, total)
+    for number, (task, settings_of_run) in enumerate(combinations(specification), 1):
         combination = {"program" if is_cut else "environment": task, **settings_of_run}
-        for name, value in combination.items():
-            values_of_setting.setdefault(name, set()).add(repr(value))
         try:
             settings = checked(task, settings_of_run, is_cut)
             if is_cut:
                 ready = prepared(task, CutSettings.model_validate(settings), planner)
                 choose(ready.machine, specification.sample_only or ())
+            possible |= _values(combination)
         except EdmsimError as error:
             values_wrong |= not isinstance(error, CombinationError)
             refused.setdefault(str(error), []).append(combination)
-        else:
-            for name, value in combination.items():
-                possible.setdefault(name, set()).add(repr(value))
-    wrong = sum(map(len, refused.values()))
+        if checking is not None:
+            checking(number, total)
+    in_refused = {pair for those in refused.values() for combination in those for pair in _values(combination)}
     if specification.sobol is None:
-        values_wrong = possible != values_of_setting
+        values_wrong = not in_refused <= possible
+    wrong = sum(map(len, refused.values()))
     if not wrong or not (values_wrong or wrong == total):
         return
-    varied = {name for name, values in values_of_setting.items() if len(values) > 1}
+    varied = {name for name, values in Counter(name for name, _ in in_refused | possible).items() if values > 1}
     if not varied:
         raise InputError(next(iter(refused)))
     reasons = [f"{_named(those, varied)}{reason}" for reason, those in refused.items()]
@@ -176,6 +173,10 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
     raise InputError(
         f"{wrong} of {total} combinations cannot be run, so none was: {'; '.join(reasons[:MOST_REASONS])}{more}"
     )
+
+
+def _values(combination: Mapping[str, Any]) -> set[tuple[str, str]]:
+    return {(name, repr(value)) for name, value in combination.items()}
 
 
 def _named(those: list[dict[str, Any]], varied: set[str]) -> str:
