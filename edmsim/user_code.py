@@ -73,19 +73,13 @@ def local_modules(file: str | Path) -> dict[str, Path]:
     # not edmsim itself, where the file lies beside it: a run names its version
     root, found, left = Path(file).parent, dict[str, Path](), [("", Path(file))]
     for package, read in left:
-        for parts in (name.split(".") for name in _imported_by(read.read_bytes(), package)):
-            if parts[0] == "edmsim":
-                continue
-            for place in (root.joinpath(*parts[:end]) for end in range(1, len(parts) + 1)):
-                module = ".".join(place.relative_to(root).parts)
-                if module in found:
-                    continue
-                if (init := place / "__init__.py").is_file():
-                    found[module] = init
-                    left.append((module, init))
-                elif (alone := place.with_name(f"{place.name}.py")).is_file():
-                    found[module] = alone
-                    left.append((module.rpartition(".")[0], alone))
+        names = [name.split(".") for name in _imported_by(read.read_bytes(), package)]
+        for parts in (name[:end] for name in names if name[0] != "edmsim" for end in range(1, len(name) + 1)):
+            module, above, place = ".".join(parts), ".".join(parts[:-1]), root.joinpath(*parts)
+            for of, there in ((module, place / "__init__.py"), (above, place.with_name(f"{parts[-1]}.py"))):
+                if module not in found and there.is_file():
+                    found[module] = there
+                    left.append((of, there))
     return found
 
 

@@ -195,16 +195,14 @@ class Store:
                 pq.write_table(as_table(rows).drop_columns("task"), partial, compression="zstd")
         self._journal.keep(())
 
-    def forget_failures(self) -> int:
-        """Remove the rows of failed runs, which will be run again, and return their number."""
+    def forget_failures(self) -> None:
+        """Remove the rows of failed runs, which will be run again."""
         self.flush()
-        count = sum(self.failed.values())
-        for part in _parts(self.folder) if count else ():
+        for part in _parts(self.folder) if any(self.failed.values()) else ():
             table = pq.read_table(part, partitioning=None)
             with replacing(part) as partial:
                 pq.write_table(table.filter(pc.is_null(table["error"])), partial, compression="zstd")
         self.failed = {name: False for name, failed in self.failed.items() if not failed}
-        return count
 
     def _recording(self, run: SweepRun) -> Path:
         return self.folder / RECORDINGS / run.id
