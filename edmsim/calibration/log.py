@@ -103,8 +103,8 @@ def _of_csv(text: str, file: Path) -> dict[str, Floats]:
         first += 1
     heading = lines[first] if first < len(lines) else ""
     if separator not in _SEPARATORS:
-        wanted = {*COLUMNS, *PLACES, *NEEDED}
-        separator = max(_SEPARATORS, key=lambda s: len(wanted & set(_heading(heading, s))))
+        expected = {*COLUMNS, *PLACES, *NEEDED}
+        separator = max(_SEPARATORS, key=lambda s: len(expected & set(_heading(heading, s))))
     names = _heading(heading, separator)
     chosen = _chosen(names, file)
     rows = _rows(lines, first + 1, separator, len(names), file)
