@@ -144,25 +144,23 @@ def _digest(file: str, _time_ns: int, _size: int) -> str:
 def digests_of(values: Iterable[Any]) -> dict[str, str]:
     """Return the digests of program, constants, controller, policy and tables, wherever a value names a file."""
     named: dict[str, str] = {}
-    found_in = [*values]
+    found_in, modules = [*values], list[Path]()
     for value in found_in:
         if isinstance(value, str):
             file = user_code.file_of(value) or value
             if file not in named and (found := digest(file)) is not None:
                 named[file] = found
                 found_in += _named_in(file, found)
+                modules += user_code.local_modules(file).values() if file.endswith(".py") else ()
         elif isinstance(value, Mapping | Sequence):
             found_in += value.values() if isinstance(value, Mapping) else value
-    return named
+    return {str(file): found for file in modules if (found := digest(str(file))) is not None} | named
 
 
 @lru_cache(maxsize=1024)
 def _named_in(file: str, _digest: str) -> list[Any]:
-    """Return the files that a user's file names: a machine's MJCF, set-ups of a technology, modules in its folder."""
-    with suppress(AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError, RecursionError):
-        if file.endswith(".py"):
-            names = user_code.imported_by(Path(file).read_bytes())
-            return [str(Path(file).parent / f"{name}.py") for name in names]
+    """Return the files that a user's TOML file names: a machine's MJCF, set-ups of a technology."""
+    with suppress(AttributeError, LookupError, OSError, TypeError, ValueError, RecursionError):
         table = tomllib.loads(Path(file).read_text(encoding="utf-8")) if file.endswith(".toml") else {}
         mjcf = [str(Path(file).parent / table["model"])] if "model" in table else []
         of_passes = [one["generator"] for at in table.get("height", ()) for one in at["pass"]]

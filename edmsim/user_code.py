@@ -68,11 +68,35 @@ def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
     return resolve_name(makers[kind])(rest)
 
 
-def imported_by(text: str | bytes) -> list[str]:
-    """Return the names of the modules that a Python source imports; raises `SyntaxError` if it is invalid."""
-    nodes = [*ast.walk(ast.parse(text))]
-    plain = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-    return plain + [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+def local_modules(file: str | Path) -> dict[str, Path]:
+    """Return the modules and packages in a Python file's folder that it imports, also indirectly, by name."""
+    # without edmsim, if the file is next to it, because a run has the version
+    root, found, left = Path(file).parent, dict[str, Path](), [("", Path(file))]
+    for package, read in left:
+        names = [name.split(".") for name in _imported_by(read.read_bytes(), package)]
+        for parts in (name[:end] for name in names if name[0] != "edmsim" for end in range(1, len(name) + 1)):
+            module, above, place = ".".join(parts), ".".join(parts[:-1]), root.joinpath(*parts)
+            for of, there in ((module, place / "__init__.py"), (above, place.with_name(f"{parts[-1]}.py"))):
+                if module not in found and there.is_file():
+                    found[module] = there
+                    left.append((of, there))
+    return found
+
+
+@lru_cache(maxsize=1024)
+def _imported_by(text: bytes, package: str) -> list[str]:
+    """Return the names of modules that a source of a package may import; empty if it is not Python."""
+    try:
+        nodes = [*ast.walk(ast.parse(text))]
+    except (SyntaxError, ValueError, RecursionError):
+        return []
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: -node.level + 1 or None] if node.level else []
+            parts = [part for part in (*above, node.module) if part]
+            names += [".".join([*parts, alias.name]) for alias in node.names]
+    return names
 
 
 def run(file: str) -> ModuleType:
@@ -90,7 +114,7 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
         sys.path.append(folder)  # last, so the user's files do not replace installed packages
     try:
         exec(compile(text, place, "exec"), vars(module))
-        _check_imports(text, Path(place).parent)
+        _check_imports(place)
     except InputError:
         raise
     except SyntaxError as error:
@@ -100,11 +124,11 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
     return module
 
 
-def _check_imports(text: str, folder: Path) -> None:
+def _check_imports(file: str) -> None:
     """Raise `ImportError` if a module with a file in this folder was imported from elsewhere."""
-    for name in imported_by(text):
-        file, found = folder / f"{name}.py", getattr(sys.modules.get(name), "__file__", None)
-        if found and file.is_file() and Path(found).resolve() != file.resolve():
+    for name, here in local_modules(file).items():
+        found = getattr(sys.modules.get(name), "__file__", None)
+        if found and Path(found).resolve() != here.resolve():
             raise ImportError(f"{name} was imported from {found}, not from this folder: rename one of them")
 
 

@@ -177,18 +177,7 @@ def measured(
     found = profile(watch)
     if figure is not None:
         style.write_figure(draw(found), figure)
-    return as_numbers(found), render(found)
-
-
-def as_numbers(found: dict[str, LoopProfile]) -> dict[str, object]:
-    """Return profiles as numbers and texts only."""
-    return {
-        resolution: {
-            "ns_per_pulse": one.ns_per_pulse, "marked_ns_per_pulse": one.marked_ns_per_pulse, "looks": one.looks,
-            "shares": one.shares,
-        }
-        for resolution, one in found.items()
-    }  # fmt: skip
+    return {resolution: one._asdict() for resolution, one in found.items()}, render(found)
 
 
 def render(found: dict[str, LoopProfile]) -> ScreenTable:

@@ -24,13 +24,16 @@ READING = (1e-3, 1e-3, 2e-3, 2e-3, 5e-3)
 NOISE_CUTS = 24
 """Cuts at least, over all stretches, that the noise is taken from (ours: variances are known to a third)."""
 LEAST_REPLICATES = 4
+USUAL_ROUNDS = 7
+"""Machines around which a fit simulates all stretches (ours: 5 to 9 with one to eight stretches and 3 constants)."""
 
 
 class CalibrationProgress(NamedTuple):
-    """Progress of a calibration: finished cuts, and the last misfit per degree of freedom (NaN before the first)."""
+    """Progress of a calibration."""
 
-    cuts: int
-    misfit: float
+    cuts: int  # finished ones
+    usual: int  # rough number of cuts of a fit with as many constants and stretches
+    misfit: float  # the last one, per degree of freedom; NaN before the first
 
 
 class StretchComparison:
@@ -38,13 +41,15 @@ class StretchComparison:
 
     def __init__(
         self, machine: Machine, picked: list[Stretch], seed: int, resolution: str, table: RunTable,
-        watch: Callable[[CalibrationProgress], None] | None,
+        watch: Callable[[CalibrationProgress], None] | None, constants: int,
     ) -> None:
         self.machine, self.picked = machine, picked
         self.misfit = math.nan
         self._seed, self._resolution, self._table, self._watch = seed, resolution, table, watch
         self._known = np.array([np.isfinite(stretch.mean) for stretch in picked])
         self.size = int(self._known.sum())
+        self._repeats = max(LEAST_REPLICATES, math.ceil(NOISE_CUTS / len(picked)))
+        self._usual = len(picked) * (2 * self._repeats + USUAL_ROUNDS * (2 * constants + 1))
         self.take_noise_of(machine)
 
     def take_noise_of(self, machine: Machine) -> None:
@@ -72,7 +77,7 @@ class StretchComparison:
     def _run(self, jobs: Sequence[tuple[Machine, int, int]]) -> Floats:
         def count(*_: int) -> None:
             if self._watch is not None:
-                self._watch(CalibrationProgress(len(self._table.rows), self.misfit))
+                self._watch(CalibrationProgress(len(self._table.rows), self._usual, self.misfit))
 
         rows = perform(self._simulate, jobs, count, table=self._table, ids=[self._id(*job) for job in jobs])
         return np.array([row["statistics"] for row in rows]).reshape(-1, len(self.picked), len(STATISTICS))
@@ -107,7 +112,7 @@ class StretchComparison:
         # batches of the log know how noisy each stretch is, but not the slow part: walls that are passed for a wire's
         # diameter of travel. How much more stretches vary than their batches say, and how their statistics hang
         # together, is seen from cuts of the same stretch with other seeds. The simulated cut doubles the variance
-        repeats = max(LEAST_REPLICATES, math.ceil(NOISE_CUTS / len(self.picked)))
+        repeats = self._repeats
         first = self._seed + len(self.picked)
         jobs = [(machine, k, first + r * len(self.picked) + k)
                 for r in range(repeats) for k in range(len(self.picked))]  # fmt: skip

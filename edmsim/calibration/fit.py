@@ -122,6 +122,7 @@ STEP = 0.15
 MOST_ROUNDS = 10  # Gauss-Newton steps at most (ours)
 UNTOLD = 0.29
 """A standard error of this share of the range is no more than the range says: a uniform draw has it (1/sqrt(12))."""
+MUCH = 4.0  # a misfit above this is not noise: residuals are twice as large as it (ours)
 AT_BOUND = 0.01
 
 
@@ -207,7 +208,7 @@ def calibrate(
         raise InputError(f"{len(known)} constants cannot be determined from {size} statistics", log.name)
     if resolution is None:
         resolution = start_of(log).resolution
-    comparison = StretchComparison(machine, picked, seed, resolution, table or RunTable(), watch)
+    comparison = StretchComparison(machine, picked, seed, resolution, table or RunTable(), watch, len(known))
     return _fit_what_is_determined(comparison, list(known), log.name)
 
 
@@ -261,7 +262,10 @@ def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str],
         others = f"another value of {', '.join(determined)} does the same; what is fitted holds for {at:g} only"
         undetermined[name] = others if determined else "the noise hides it"
     reasons = "; ".join(f"{name}: {reason}" for name, reason in undetermined.items())
-    raise InputError(f"the log tells none of the constants ({reasons})", log_name)
+    far = "" if search is None or search.misfit <= MUCH else (
+        f"; the misfit of {search.misfit:.3g} is far above 1: see whether units, set-up and resolution are the log's"
+    )  # fmt: skip
+    raise InputError(f"the log tells none of the constants ({reasons}){far}", log_name)
 
 
 def _determined_alone(comparison: StretchComparison, names: Sequence[str], at: Machine) -> list[str]:

@@ -33,9 +33,6 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 _NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # what stands for a number that is not there, in small letters
 
 
-_NO_COLUMN = "; its first line has:"  # said where none of the columns is there
-
-
 class LogTable(NamedTuple):
     """Columns by name, and the metadata of the file, if it has some."""
 
@@ -43,8 +40,8 @@ class LogTable(NamedTuple):
     metadata: dict[bytes, bytes]
 
 
-def read_table(file: Path, needed: Sequence[str], optional: Sequence[str]) -> LogTable:
-    """Read the columns that are needed, and those wanted that are there, of Parquet or CSV."""
+def read_table(file: Path) -> LogTable:
+    """Read the columns of a log, see `_chosen`, of Parquet or CSV."""
     # a file is Parquet if it begins as one. Of a CSV file the heading says the separator; a comma may be the
     # decimal sign where it is not the separator
     try:
@@ -54,20 +51,19 @@ def read_table(file: Path, needed: Sequence[str], optional: Sequence[str]) -> Lo
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file) from None
     if content.startswith(PARQUET):
-        return _of_parquet(content, needed, optional, file)
+        return _of_parquet(content, file)
     if file.suffix == ".parquet":
         raise InputError("is not a Parquet file; a log as CSV has a name that ends in .csv", file)
-    return LogTable(_of_csv(_text(content, file), needed, optional, file), {})
+    return LogTable(_of_csv(_text(content, file), file), {})
 
 
-def _of_parquet(content: bytes, needed: Sequence[str], optional: Sequence[str], file: Path) -> LogTable:
+def _of_parquet(content: bytes, file: Path) -> LogTable:
     try:
         table = pa.parquet.read_table(pa.BufferReader(content))
         there = list(table.column_names)  # which are decoded only here
     except (pa.ArrowException, OSError, UnicodeError):
         raise InputError("is a damaged Parquet file, or was not written to its end: copy it again", file) from None
-    names = _chosen(there, needed, optional, file)
-    columns = {name: _numbers(table, name, file) for name in names}
+    columns = {name: _numbers(table, name, file) for name in _chosen(there, file)}
     return LogTable(columns, dict(table.schema.metadata or {}))
 
 
@@ -96,7 +92,7 @@ def _text(content: bytes, file: Path) -> str:
         raise InputError(f"is {what}; a log is CSV in UTF-8, or Parquet", file) from None
 
 
-def _of_csv(text: str, needed: Sequence[str], optional: Sequence[str], file: Path) -> dict[str, Floats]:
+def _of_csv(text: str, file: Path) -> dict[str, Floats]:
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     first = next((number for number, line in enumerate(lines) if line.strip()), None)
     if first is None:
@@ -107,9 +103,10 @@ def _of_csv(text: str, needed: Sequence[str], optional: Sequence[str], file: Pat
         first += 1
     heading = lines[first] if first < len(lines) else ""
     if separator not in _SEPARATORS:
-        separator = max(_SEPARATORS, key=lambda s: len({*needed, *optional} & set(_heading(heading, s))))
+        expected = {*COLUMNS, *PLACES, *NEEDED}
+        separator = max(_SEPARATORS, key=lambda s: len(expected & set(_heading(heading, s))))
     names = _heading(heading, separator)
-    chosen = _chosen(names, needed, optional, file)
+    chosen = _chosen(names, file)
     rows = _rows(lines, first + 1, separator, len(names), file)
     if not rows:
         raise InputError("no windows in it: it has a heading only", file)
@@ -142,11 +139,18 @@ def _rows(lines: list[str], first: int, separator: str, fields: int, file: Path)
     return rows
 
 
-def _chosen(there: Sequence[str], needed: Sequence[str], optional: Sequence[str], file: Path) -> list[str]:
-    missing = [name for name in needed if name not in there]
-    if missing:
-        said = f"{_NO_COLUMN} {', '.join(there)[:200]}" if set(there).isdisjoint(needed) else ""
-        raise InputError(f"column {missing[0]} is missing; a log needs {' '.join(needed)}{said}", file)
+def _chosen(there: Sequence[str], file: Path) -> list[str]:
+    """Return the columns to read: those of windows, or of ratios if there are any."""
+    of_ratios = "short_ratio" in there and not set(COLUMNS) <= set(there)
+    needed, optional = (NEEDED, MEANS) if of_ratios else (COLUMNS, PLACES)
+    if missing := [name for name in needed if name not in there]:
+        said = f"column {missing[0]} is missing; a log{' of ratios' * of_ratios} needs {' '.join(needed)}"
+        if set(there).isdisjoint(needed):
+            said += (
+                f"; its first line has: {', '.join(there)[:200]}; a log of ratios needs {' '.join(NEEDED)}: rename "
+                f"columns, and convert them to um, s, counts of {WINDOW_PULSES} pulses or ratios from 0 to 1"
+            )
+        raise InputError(said, file)
     chosen = [*needed, *(name for name in optional if name in there)]
     for name in chosen:
         if there.count(name) > 1:
@@ -181,25 +185,10 @@ FEED_SPAN_S = 4.0
 _MOST = 1e6  # no figure of a log is as large (ours): times of a second, feeds of a metre per second
 
 
-def read(file: Path) -> dict[str, Floats] | None:
-    """Return the windows of a log of ratios; None for a file without their columns."""
-    mark = "short_ratio"
-    try:
-        table = read_table(file, (mark,), [name for name in (*NEEDED, *MEANS) if name != mark])
-    except InputError as error:
-        if f"column {mark} is missing" in error.reason:
-            return None
-        raise
-    return windows_of(table.columns, file)
-
-
 def windows_of(columns: Mapping[str, Floats], file: str | Path) -> dict[str, Floats]:
     """Return the columns of windows that a log of ratios comes to, by the names of `COLUMNS`."""
     # counts are shares of 255 pulses, and no whole numbers. Delays are not known; voltage and current are if
     # the log has them. The feed is the speed at which the place has moved over `FEED_SPAN_S`, forward or back
-    missing = [name for name in NEEDED if name not in columns]
-    if missing:
-        raise InputError(f"column {missing[0]} is missing; a log of ratios needs {' '.join(NEEDED)}", file)
     _check_ratios(columns, file)
     parts = [_of_run(columns, first, last) for first, last in _runs_of_rows(columns)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -308,6 +297,7 @@ class Log:
     # (n,): `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN if no pulse ignited
     columns: Mapping[str, Floats]
     settings: CutSettings | None = None  # settings of a simulated cut; None if the file has none
+    feed_span_s: float = 0.0  # time over which a feed is the mean; a jump of the machine's feed takes as long here
 
     def __len__(self) -> int:
         return len(self.columns["short"])
@@ -346,15 +336,9 @@ def read_log(file: str | Path) -> Log:
         If the file cannot be read, has no rows, lacks a column, or has impossible values; or its metadata are not
         valid settings of a cut.
     """
-    try:
-        table = read_table(Path(file), COLUMNS, PLACES)
-    except InputError as error:
-        of_ratios = read(Path(file))
-        if of_ratios is None:
-            if _NO_COLUMN in error.reason:
-                raise InputError(f"{error.reason}; a log of ratios needs {' '.join(NEEDED)}", file) from None
-            raise
-        return Log(Path(file).name, of_ratios)
+    table = read_table(Path(file))
+    if NEEDED[0] in table.columns:
+        return Log(Path(file).name, windows_of(table.columns, file), feed_span_s=FEED_SPAN_S)
     known = table.columns if set(PLACES) <= set(table.columns) else COLUMNS
     columns = {name: values for name, values in table.columns.items() if name in known}
     if len(columns["short"]) == 0:
@@ -423,14 +407,15 @@ def _runs(log: Log) -> list[tuple[int, int]]:
     changes = (np.diff(on) != 0) | (np.diff(period) != 0)
     # a jump: means over a batch before and after differ, at the place where they do so most
     width = BATCH_WINDOWS
-    if len(feed) > 2 * width:
+    apart = width + round(log.feed_span_s / (WINDOW_PULSES * float(np.median(period)) * 1e-6))
+    if len(feed) > apart + width:
         mean = np.convolve(feed, np.ones(width) / width, "valid")
-        step = np.abs(mean[width:] - mean[:-width])
-        size = np.maximum(np.abs(mean[width:]), np.abs(mean[:-width]))
+        step = np.abs(mean[apart:] - mean[:-apart])
+        size = np.maximum(np.abs(mean[apart:]), np.abs(mean[:-apart]))
         for place in np.flatnonzero(step > FEED_SPREAD * np.maximum(size, LEAST_FEED_UM_S)):
-            near = step[max(0, place - width) : place + width + 1]
+            near = step[max(0, place - apart) : place + apart + 1]
             if step[place] == near.max():
-                changes[place + width - 1] = True
+                changes[[place + width - 1, place + apart - 1]] = True  # where it begins and ends
     edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(feed)]
     return list(pairwise(edges))
 

@@ -12,7 +12,7 @@ from rich.console import Group
 from rich.text import Text
 
 from edmsim import __version__
-from edmsim.calibration.fit import Fit
+from edmsim.calibration.fit import MUCH, Fit
 from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
 from edmsim.files import make_writable, replacing
@@ -102,9 +102,6 @@ def _between(interval: tuple[float, float]) -> str:
     return f"{interval[0]:.4g} .. {interval[1]:.4g}"
 
 
-MUCH = 4.0  # a misfit above this is not noise: residuals are twice as large as it (ours)
-
-
 def causes(fit: Fit, resolution: str) -> list[str]:
     """Return what most likely makes a large misfit, the likeliest first; nothing where the misfit is small."""
     if fit.misfit <= MUCH:
@@ -116,6 +113,7 @@ def causes(fit: Fit, resolution: str) -> list[str]:
         "2. Material, height, wire, tension or generator are not those of the log: give them as for edmsim cut.",
         "3. A constant that was not fitted is wrong: fit more of them with --fit.",
         "4. The log has arcs or corners but no columns x_um and y_um, by which they would be left out.",
+        "5. A column has another unit, as percent for counts of 255 pulses, kV, or ms.",
     ]
 
 

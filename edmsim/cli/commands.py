@@ -407,7 +407,7 @@ def calibrate(
 
         def watch(progress: comparison.CalibrationProgress) -> None:
             misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
-            bar.show("calibrate", text=f"{progress.cuts} cuts simulated{misfit}")
+            bar.show("calibrate", text=f"{progress.cuts} of some {progress.usual} cuts simulated{misfit}")
 
         found = calibration.calibrate(
             table, set_up, chosen, seed=seed, resolution=settings.resolution, table=RunTable(runs), watch=watch

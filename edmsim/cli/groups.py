@@ -61,7 +61,7 @@ def run(
 
         def checking(done: int, total: int) -> None:
             if time.monotonic() > slow_s:
-                bar.show("looked at before the first run", done, total)
+                bar.show("check", done, total, f"{done} of {total} combinations")
 
         slow_s = time.monotonic() + 2.0
         last = sweep(specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking)

@@ -1,6 +1,6 @@
 """``edmsim sweep run``: a sweep from its specification to its folder.
 
-All combinations are looked at before the first run: what no cut can be made with is refused in one line.
+All combinations are checked before the first run: what no cut can be made with is refused in one line.
 """
 
 import json
@@ -9,6 +9,7 @@ import socket
 import tempfile
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
@@ -137,32 +138,34 @@ MOST_REASONS = 3  # reasons that a refusal names (ours): it is one line
 
 
 def check_runs(specification: Specification, checking: Callable[[int, int], None] | None = None) -> None:
-    """Prepare every combination of settings as its cut would, and refuse those that no machine can be set to."""
-    # points of a Sobol sample may be such ones, a long on-time with a short period say: they become runs that
-    # failed, unless all of them are
+    """Prepare every combination of settings as its cut would; refuse values with which no machine can be set."""
+    # values of a grid that are valid with others but not together, a long on-time and a short period say, become runs
+    # that failed; so do points of a Sobol sample, whose values have no others, if only their pulse setting is wrong
     planner, is_cut = _Planner(), bool(specification.program)
     refused: dict[str, list[dict[str, Any]]] = {}
-    values_of_setting: dict[str, set[str]] = {}
+    possible: set[tuple[str, str]] = set()  # settings with values
     values_wrong = False
     total = specification.runs // (len(specification.seeds) * max(specification.machine_samples, 1))
-    for number, (task, settings_of_run) in enumerate(combinations(specification)):
-        if checking is not None:
-            checking(number, total)
+    for number, (task, settings_of_run) in enumerate(combinations(specification), 1):
         combination = {"program" if is_cut else "environment": task, **settings_of_run}
-        for name, value in combination.items():
-            values_of_setting.setdefault(name, set()).add(repr(value))
         try:
             settings = checked(task, settings_of_run, is_cut)
             if is_cut:
                 ready = prepared(task, CutSettings.model_validate(settings), planner)
                 choose(ready.machine, specification.sample_only or ())
+            possible |= _values(combination)
         except EdmsimError as error:
             values_wrong |= not isinstance(error, CombinationError)
             refused.setdefault(str(error), []).append(combination)
+        if checking is not None:
+            checking(number, total)
+    in_refused = {pair for those in refused.values() for combination in those for pair in _values(combination)}
+    if specification.sobol is None:
+        values_wrong = not in_refused <= possible
     wrong = sum(map(len, refused.values()))
-    if not wrong or (specification.sobol is not None and not values_wrong and wrong < total):
+    if not wrong or not (values_wrong or wrong == total):
         return
-    varied = {name for name, values in values_of_setting.items() if len(values) > 1}
+    varied = {name for name, values in Counter(name for name, _ in in_refused | possible).items() if values > 1}
     if not varied:
         raise InputError(next(iter(refused)))
     reasons = [f"{_named(those, varied)}{reason}" for reason, those in refused.items()]
@@ -170,6 +173,10 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
     raise InputError(
         f"{wrong} of {total} combinations cannot be run, so none was: {'; '.join(reasons[:MOST_REASONS])}{more}"
     )
+
+
+def _values(combination: Mapping[str, Any]) -> set[tuple[str, str]]:
+    return {(name, repr(value)) for name, value in combination.items()}
 
 
 def _named(those: list[dict[str, Any]], varied: set[str]) -> str:

@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.files import folder_of, locked, replacing
+from edmsim.files import folder_of, locked, naming, replacing
 from edmsim.job.options import CutSettings
 from edmsim.machine.options import kind_of
 from edmsim.recording.report import RECORDING
@@ -195,16 +195,14 @@ class Store:
                 pq.write_table(as_table(rows).drop_columns("task"), partial, compression="zstd")
         self._journal.keep(())
 
-    def forget_failures(self) -> int:
-        """Remove the rows of failed runs, which will be run again, and return their number."""
+    def forget_failures(self) -> None:
+        """Remove the rows of failed runs, which will be run again."""
         self.flush()
-        count = sum(self.failed.values())
-        for part in _parts(self.folder) if count else ():
+        for part in _parts(self.folder) if any(self.failed.values()) else ():
             table = pq.read_table(part, partitioning=None)
             with replacing(part) as partial:
                 pq.write_table(table.filter(pc.is_null(table["error"])), partial, compression="zstd")
         self.failed = {name: False for name, failed in self.failed.items() if not failed}
-        return count
 
     def _recording(self, run: SweepRun) -> Path:
         return self.folder / RECORDINGS / run.id
@@ -218,6 +216,7 @@ class Store:
             shutil.copytree(target, partial)
         partial.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
-            (partial / name).write_bytes(content)
+            with naming(partial / name):
+                (partial / name).write_bytes(content)
         shutil.rmtree(target, ignore_errors=True)
         partial.rename(target)

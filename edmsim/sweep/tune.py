@@ -268,7 +268,8 @@ def run_study(
     try:
         for trial, answer in engine.done(judge_trial, new_trials()):
             result = _result_of(answer)
-            if best is not None and result.error is None and not result.value <= _best_so_far(study):
+            so_far = study.best_value if made_in(study, "COMPLETE") else -math.inf
+            if best is not None and result.error is None and not result.value <= so_far:
                 best(trial, result)  # before the study has it: a kill in between repeats the trial
             _tell(study, under_way.pop(trial.number), result)
             if watch is not None and (ended := made_in(study, "COMPLETE")):
@@ -280,10 +281,6 @@ def run_study(
     if not made_in(study, "COMPLETE"):
         failed = study.trials[-1].user_attrs.get("error", "")
         raise InputError(f"no trial could be made: {failed}")
-
-
-def _best_so_far(study: Any) -> float:
-    return float(study.best_value) if made_in(study, "COMPLETE") else -math.inf
 
 
 def _suggested(trial: Any, key: str, bound: Bound) -> float:

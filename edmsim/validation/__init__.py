@@ -24,17 +24,12 @@ CHECK_TEXTS = "id", "check"
 Watch = Callable[[int, int], None]
 
 
-def _topics(modules: Sequence[str]) -> Checks:
-    """Return the checks of some modules, each with the topics of its rows."""
-    for name in modules:
-        refuse_unknown("module of checks", name, MODULES)
-    found = [import_module(f".{name}", __name__).CHECKS for name in modules]
-    return {check: topics for of_module in found for check, topics in of_module.items()}
-
-
 def checks(modules: Sequence[str] = MODULES, topics: Sequence[str] | None = None) -> list[Check]:
     """Return the checks of some of `MODULES`, by default of all; with `topics`, only those with such rows."""
-    found = _topics(modules)
+    for name in modules:
+        refuse_unknown("module of checks", name, MODULES)
+    tables: list[Checks] = [import_module(f".{name}", __name__).CHECKS for name in modules]
+    found = {check: of_check for table in tables for check, of_check in table.items()}
     known = list(dict.fromkeys(topic for of_check in found.values() for topic in of_check))
     for name in topics or ():
         refuse_unknown("topic", name, known)

@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -161,6 +162,9 @@ def test_the_fitted_set_up_can_be_cut_with(known, recovered, tmp_path):
 @pytest.mark.slow
 def test_a_log_that_tells_nothing_is_refused(known):
     one = log_of(known.table.slice(0, 990))
+    in_kV = replace(one, columns={**one.columns, "mean_voltage_V": one.columns["mean_voltage_V"] / 1000})
+    with pytest.raises(edmsim.InputError, match=r"none of the constants .*is far above 1: see whether units, set-up"):
+        calibrate(in_kV, known.machine, [*known.truth])
     with pytest.raises(edmsim.InputError, match=r"none of the constants \(wire.strength_MPa: the statistics do"):
         calibrate(one, known.machine, ["wire.strength_MPa"])
     with pytest.raises(edmsim.InputError, match="no constant to fit"):
@@ -225,7 +229,7 @@ def test_cuts_with_another_mjcf_are_simulated_again(tmp_path, monkeypatch):
     monkeypatch.setattr("edmsim.calibration.comparison.simulate", lambda *_: batches)
     made = []
     for _ in range(2):
-        StretchComparison(Machine.load(file), [Stretch(0, 22.0, 30.0, 100.0, batches)], 0, "fast", table, None)
+        StretchComparison(Machine.load(file), [Stretch(0, 22.0, 30.0, 100.0, batches)], 0, "fast", table, None, 1)
         made.append(len(table.rows))
         mjcf.write_text(mjcf.read_text().replace('mass="25"', 'mass="60"'))
     assert made[1] == 2 * made[0]
@@ -425,11 +429,11 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeyp
     words = "calibrate", log_file, "--out", log_file.parent / "fitted.toml", "--height", "10"
     first = edmsim(*words)
     assert first.status == INTERRUPTED
-    assert "calibrate 1 cuts simulated" in first.err
+    assert "calibrate 1 of some 65 cuts simulated" in first.err
     assert "interrupted; run the same command to resume" in first.err
     assert {file.name for file in log_file.parent.iterdir()} == {"fitted.runs.jsonl", "log.parquet"}
     cuts = iter(range(1))
-    assert "calibrate 4 cuts simulated" in edmsim(*words).err
+    assert "calibrate 4 of some 65 cuts simulated" in edmsim(*words).err
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared):

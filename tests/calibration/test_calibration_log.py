@@ -302,6 +302,16 @@ def test_another_setting_begins_its_windows_anew(tmp_path):
     assert np.allclose(log.columns["short"][log.columns["t_period_us"] == 200.0], 76.5)
 
 
+def test_a_jump_of_the_feed_in_a_log_of_ratios_ends_a_stretch(tmp_path):
+    times = np.arange(0.0, 60.0, 0.2)
+    places = np.where(times < 30.0, 20.0 * times, 600.0 + 25.0 * (times - 30.0))
+    rows = [f"{t:.1f},{x:.1f},0,0.1,0.2,30,100" for t, x in zip(times, places, strict=True)]
+    log = read_log(written(tmp_path, rows))
+    found = stretches(log, 100.0)
+    assert [round(s.feed_um_s, 3) for s in found] == [20.0, 20.0, 25.0, 25.0]
+    assert found[2].travelled_um == pytest.approx(100.0, abs=1.0)
+
+
 @pytest.mark.parametrize("pause_s", [3.0, 1.7e9])  # the clock of the log was set, too
 def test_of_a_pause_nothing_is_known(tmp_path, pause_s):
     before, after = steady(0.1, 0.2, 10.0, 10.0), steady(0.3, 0.2, 10.0, 10.0)

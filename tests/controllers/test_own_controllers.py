@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import sys
 from typing import ClassVar
 
@@ -251,14 +252,16 @@ def test_a_file_that_cannot_be_run_is_one_line(law, text, message):
         from_text(f"{law.parent / 'none.py'}:Half")
 
 
-def test_a_file_imports_what_lies_in_its_folder_and_nothing_of_that_name_from_elsewhere(tmp_path, monkeypatch):
+@pytest.mark.parametrize("module", ["shares_of_ours.py", "shares_in_package/__init__.py"])
+def test_a_file_imports_what_lies_in_its_folder_and_nothing_from_elsewhere(module, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
+    name = re.split(r"[./]", module)[0]
     for folder, share in (("one", 0.25), ("two", 0.75)):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "shares_of_ours.py").write_text(f"SHARE = {share}\n")
-        (tmp_path / folder / "law.py").write_text(f"from shares_of_ours import SHARE\n{LAW}".replace("0.5", "SHARE"))
+        (tmp_path / folder / module).parent.mkdir(parents=True)
+        (tmp_path / folder / module).write_text(f"SHARE = {share}\n")
+        (tmp_path / folder / "law.py").write_text(f"from {name} import SHARE\n{LAW}".replace("0.5", "SHARE"))
     assert from_text(f"{tmp_path / 'one' / 'law.py'}:Half").share == 0.25
-    with pytest.raises(InputError, match=r"shares_of_ours was imported from .*one.*rename one of them"):
+    with pytest.raises(InputError, match=rf"{name} was imported from .*one.*rename one of them"):
         from_text(f"{tmp_path / 'two' / 'law.py'}:Half")
 
 

@@ -63,14 +63,22 @@ def test_a_run_is_known_by_files_in_lists_and_by_the_mjcf_of_a_machine(line, tmp
 
 
 def test_a_run_is_known_by_the_modules_in_its_folder_that_a_controller_imports(tmp_path):
-    law, gains, shared = (tmp_path / f"{name}.py" for name in ("law", "gains", "shared"))
-    law.write_text("import math\nimport gains\n")
-    gains.write_text("from shared import FEED\n")
-    shared.write_text("import gains\nFEED = 20.0\n")
-    found = [digests_of([f"{law}:Law"])]
-    shared.write_text("import gains\nFEED = 10.0\n")
-    found.append(digests_of([f"{law}:Law"]))
-    assert {file for file, digest in found[1].items() if found[0][file] != digest} == {str(shared)}
+    texts = {
+        "law.py": "import math\nimport gains\nfrom servo import laws\n", "gains.py": "from shared import FEED\n",
+        "shared.py": "import gains\nFEED = 20.0\n", "servo/__init__.py": "", "servo/other.py": "",
+        "servo/laws.py": "from .limits import MOST\nfrom . import low\n", "servo/limits/__init__.py": "MOST = 30.0\n",
+        "servo/low.py": "import servo.lowest\n", "servo/lowest.py": "", "limits.py": "",
+    }  # fmt: skip
+    (tmp_path / "servo" / "limits").mkdir(parents=True)
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    before, changed = digests_of([f"{tmp_path}/law.py:Law"]), set()
+    for name, text in texts.items():
+        (tmp_path / name).write_text(f"{text}LEAST = 1.0\n")
+        if digests_of([f"{tmp_path}/law.py:Law"]) != before:
+            changed.add(name)
+        (tmp_path / name).write_text(text)
+    assert changed == texts.keys() - {"servo/other.py", "limits.py"}
 
 
 def test_a_run_is_known_by_the_machine_that_a_technology_names(line, tmp_path):

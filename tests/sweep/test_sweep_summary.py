@@ -9,7 +9,7 @@ from rich.console import Console
 
 from edmsim import runs
 from edmsim.errors import InputError
-from edmsim.sweep.summary import KEYS, front_of, groups, pareto_front, render, sensitivities
+from edmsim.sweep.summary import KEYS, TIME, front_of, groups, pareto_front, render, sensitivities
 from edmsim.sweep.table import as_table, read
 
 
@@ -21,10 +21,11 @@ def table():
         {"id": f"{k}-{height}-{seed}", "task": "a.ngc", "seed": seed, "machine_sample": None, "height_mm": height,
          "controller": controller, "error": None, "outcome": "finished", "ra_um": 1.0 + k,
          "cutting_rate_mm2_min": 2.0 * height + k + noise[k, height, seed], "error_rms_um": None,
-         "short_share": 0.1, "total_return": None}
+         "short_share": 0.1, "total_return": None, TIME: 10.0 * height + 1}
         for k, controller in enumerate(["counts", "voltage"]) for height in range(3) for seed in range(20)
     ]  # fmt: skip
-    rows[5] |= {"error": "it went wrong", "outcome": None, "cutting_rate_mm2_min": None, "ra_um": None}
+    rows[4] |= {"outcome": "wire-break", TIME: 0.1}  # a time of no cut
+    rows[5] |= {"error": "it went wrong", "outcome": None, TIME: None, "cutting_rate_mm2_min": None, "ra_um": None}
     return as_table(rows)
 
 
@@ -37,7 +38,8 @@ def test_settings_to_group_by_may_be_any_names_but_one_text(table):
 def test_means_count_failures_and_leave_them_out(table):
     found = groups(table)
     assert [list(group.settings.values()) for group in found[:2]] == [[0.0, "counts"], [0.0, "voltage"]]
-    assert (found[0].runs, found[0].failed, found[0].finished) == (20, 1, 19)
+    assert (found[0].runs, found[0].failed, found[0].finished) == (20, 1, 18)
+    assert found[0].figures[TIME].value == 1.0
     rate = found[5].figures["cutting_rate_mm2_min"]
     assert rate.low < rate.value < rate.high
     assert rate.value == pytest.approx(5.0, abs=0.01)
