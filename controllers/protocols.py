@@ -203,9 +203,10 @@ class DrivesSteps(Protocol):
 
 @runtime_checkable
 class WasTrained(Protocol):
-    """A controller that was trained; `beyond_training` says what was different there, for the report."""
+    """A controller that was trained."""
 
-    beyond_training: list[str]
+    def beyond_training(self, machine: Machine) -> list[str]:
+        """Say what of a set-up was different in the training, for the report."""
 
 
 @runtime_checkable
