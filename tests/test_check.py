@@ -154,7 +154,7 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, t
         (("bench", "--pairs", "3"), "give the revision with --against"),
         (("evaluate", "edmsim/GapFeed-v2", "--write-card"), "give the policy with --policy"),
         (("evaluate", "--policy", "best"), "there is no policy 'best'"),
-        (("evaluate", "edmsim/GapFeed-v2", "--policy", "a.json"), "compare it in others by --controllers policy:a.json"),
+        (("evaluate", "edmsim/GapFeed-v2", "--policy", "a.json"), "others by --controllers policy:a.json"),
         (("evaluate", "--policy", "GapFeed-ppo", "--page", "a.md"), "--page is for environments"),
         (("evaluate", "edmsim/GapFeed-v2", "--leaderboard", "a.csv"), "a leaderboard is written as .jsonl"),
         (("evaluate", "edmsim/GapFeed-v2", "--page", "page.html"), "page.html: a page is written as .md"),
