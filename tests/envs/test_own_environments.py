@@ -120,8 +120,12 @@ def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
         *_, one = env.step(np.array([0.1, requested], np.float32))
         *_, many = envs.step(np.array([[0.1, requested]] * 2, np.float32))
         assert one["t_period_us"] == many["t_period_us"][0] == period_us
-    with pytest.raises(InputError, match="Pulsing has other observations or actions than GapFeed"):
-        stand_in(Pulsing, {})
+
+
+def test_no_policy_file_can_describe_observations_and_actions_of_an_own_family():
+    for own in ({"setting_us": Pulsing.setting_us}, {"locates_discharges": True}, {"next_feed_um_s": Pulsing.draw}):
+        with pytest.raises(InputError, match="Own has other observations or actions than GapFeed"):
+            stand_in(type("Own", (GapFeed,), own), {})
 
 
 def test_the_registered_form_of_an_own_family_is_json() -> None:
