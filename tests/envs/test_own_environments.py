@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -181,6 +182,11 @@ def test_a_cut_that_cannot_be_drawn_is_one_line_with_its_place(bend, returned, s
     with pytest.raises(InputError, match=said) as refused:
         task.reset(3)
     assert "\n" not in str(refused.value)
+
+
+def test_what_a_file_registers_can_be_pickled(bend):
+    family = make_family(resolve(bend))
+    assert pickle.loads(pickle.dumps(family)) == family
 
 
 def test_registered_arguments_stay_where_controllers_are_compared_and_policies_trained(bend: str) -> None:
