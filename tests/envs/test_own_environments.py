@@ -173,6 +173,7 @@ def test_what_a_file_does_not_register_is_reported(bend: str) -> None:
     ("machine.with_(height_mm=-1)", r"bend\.py:16: workpiece height -1 mm is not within"),
     ("None", r"bend\.py: Bend\.draw_cut returns None: give a Scenario"),
     ("super().draw_cut(rng, machine, seed, drawn)._replace(legs_um=())", r"bend\.py: .* returns legs_um \(\): give"),
+    ("super().draw_cut(rng, machine, seed, drawn)._replace(heights=([0.0], [99.0]))", r"returns heights .* up to"),
 ])  # fmt: skip
 def test_a_cut_that_cannot_be_drawn_is_one_line_with_its_place(bend, returned, said):
     file = Path(bend.removesuffix(f":{BEND_ID}"))
@@ -182,6 +183,18 @@ def test_a_cut_that_cannot_be_drawn_is_one_line_with_its_place(bend, returned, s
     with pytest.raises(InputError, match=said) as refused:
         task.reset(3)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", [list, np.float32, np.int64])
+def test_a_path_may_be_a_list_or_of_any_numbers(kind):
+    def draw_cut(self, *arguments):
+        cut = GapFeed.draw_cut(self, *arguments)
+        leg = np.rint(cut.legs_um[0])
+        return cut._replace(legs_um=[leg.tolist() if kind is list else leg.astype(kind)])
+
+    task = Task(type("Own", (GapFeed,), {"draw_cut": draw_cut}))
+    task.reset(1)
+    assert task.total_um == 3000.0
 
 
 def test_what_a_file_registers_can_be_pickled(bend):
