@@ -203,9 +203,10 @@ class DrivesSteps(Protocol):
 
 @runtime_checkable
 class WasTrained(Protocol):
-    """A trained controller; `beyond_training` lists for the report what was different in training."""
+    """A trained controller."""
 
-    beyond_training: list[str]
+    def beyond_training(self, machine: Machine) -> list[str]:
+        """Return the differences of a set-up from the training, for the report."""
 
 
 @runtime_checkable

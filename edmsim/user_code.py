@@ -170,4 +170,12 @@ def naming_failures(kind: Any, file: str, methods: tuple[str, ...]) -> Any:
     found = {name: getattr_static(kind, name, None) for name in methods}
     own = {name: naming(method) for name, method in found.items() if isfunction(method)}
     about = {"__module__": kind.__module__, "__doc__": kind.__doc__, "__wrapped__": kind}
+    if kind.__reduce__ is object.__reduce__:  # pickle finds the user's class by the name that both have
+        about["__reduce__"] = lambda self: (_remade, (kind, file, methods), self.__getstate__())
     return type(kind.__name__, (kind,), {**about, **own})
+
+
+def _remade(kind: Any, file: str, methods: tuple[str, ...]) -> Any:
+    """Return an instance of what `naming_failures` returns, without its state."""
+    named = naming_failures(kind, file, methods)
+    return named.__new__(named)

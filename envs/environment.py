@@ -374,6 +374,8 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
     ----------
     watch : callable or None
         Called after every step with actions, infos and a mask of ended episodes, before new episodes begin.
+    views : tuple of SubEnvView
+        The sub-environments as single environments.
 
     Raises
     ------
@@ -411,7 +413,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         self._elapsed = np.zeros(num_envs, np.int64)
         self._started: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
-        self._views = tuple(SubEnvView(self, index) for index in range(num_envs))
+        self.views = tuple(SubEnvView(self, index) for index in range(num_envs))
         self.watch: Callable[[NDArray[np.float32], dict[str, Any], Flags], None] | None = None
 
     def reset(
@@ -440,7 +442,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
             super().reset(seed=first)
         for index in np.flatnonzero(mask):
             if seeds[index] is not None:
-                self._views[index].begin_draws(seeds[index])
+                self.views[index].begin_draws(seeds[index])
         infos = self._begin(mask, checked.get("machine"), np.array([s is not None for s in seeds]))
         return self._batch.observations(), infos
 
@@ -457,7 +459,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
     def _begin(self, mask: Flags, machine: Any = None, redraw: Flags | None = None) -> dict[str, Any]:
         infos: dict[str, Any] = {}
         for index in np.flatnonzero(mask):
-            random, again = self._views[index].np_random, redraw is not None and bool(redraw[index])
+            random, again = self.views[index].np_random, redraw is not None and bool(redraw[index])
             info = self._batch.begin(int(index), random, machine, redraw=again)
             infos = self._add_info(infos, info, int(index))
         self._elapsed[mask] = 0
@@ -520,11 +522,6 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         """Return the number of a sub-environment, checked."""
         return whole_within("index", index, 0, self.num_envs - 1)
 
-    @property
-    def views(self) -> tuple[SubEnvView, ...]:
-        """The sub-environments as single environments."""
-        return self._views
-
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of every environment, or return an attribute of each, as Gymnasium's `SyncVectorEnv` does.
 
@@ -533,12 +530,12 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         if name == "change":
             self.change(*args, **kwargs)
             return (None,) * self.num_envs
-        found = (getattr(view, name) for view in self._views)
+        found = (getattr(view, name) for view in self.views)
         return tuple(value(*args, **kwargs) if callable(value) else value for value in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of every sub-environment: spaces, generator and so on are a single environment's."""
-        return tuple(getattr(view, name) for view in self._views)
+        return tuple(getattr(view, name) for view in self.views)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set an attribute of every sub-environment; a list or tuple has a value for each.
@@ -551,7 +548,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         each = values if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(each) != self.num_envs:
             raise InputError(f"{len(each)} values were given for {self.num_envs} environments: give one each")
-        for view, value in zip(self._views, each, strict=True):
+        for view, value in zip(self.views, each, strict=True):
             view.take(name, value)
 
     def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:

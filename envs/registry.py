@@ -150,7 +150,8 @@ def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str
     if hasattr(own, "knobs") and own.knobs != known.of().knobs:  # type: ignore[attr-defined]
         own_arguments["knobs"] = own.knobs
     meaning = (
-        "knows_corners", "knows_wires", "setting_us", "step_entries", "known_entries", "entries", "action_names",
+        "knows_corners", "knows_wires", "locates_discharges", "step_entries", "known_entries", "entries",
+        "action_names", "first_feed_um_s", "next_feed_um_s", "setting_us", "to_detents", "least_setting_us",
     )
     if any(getattr(family, name, None) != getattr(known, name, None) for name in meaning):
         raise InputError(

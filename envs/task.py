@@ -495,11 +495,15 @@ class Family(EnvArguments):
         returned = f"{type(self).__name__}.draw_cut returns"
         if not isinstance(scenario, Scenario) or not isinstance(scenario.machine, Machine):
             raise InputError(f"{returned} {scenario!r}: give a Scenario with a Machine")
-        legs = scenario.legs_um
-        points = [np.asarray(leg) for leg in legs] if isinstance(legs, tuple | list) else []
-        if not points or any(leg.ndim != 2 or leg.shape[1] != 2 or not np.isfinite(leg).all() for leg in points):
-            raise InputError(f"{returned} legs_um {legs!r}: give arrays (n, 2) of finite numbers")
-        return scenario
+        legs, heights, greatest_mm = _arrays(scenario.legs_um), _arrays(scenario.heights), scenario.machine.height_mm
+        if not legs or any(leg.ndim != 2 or leg.shape[1] != 2 or not np.isfinite(leg).all() for leg in legs):
+            raise InputError(f"{returned} legs_um {scenario.legs_um!r}: give arrays (n, 2) of finite numbers")
+        if not _are_heights(heights, greatest_mm):
+            raise InputError(
+                f"{returned} heights {scenario.heights!r}: give lengths of path in um, the first 0 and each "
+                f"greater than the last, and as many heights up to the machine's, {greatest_mm:g} mm"
+            )
+        return scenario._replace(legs_um=tuple(legs), heights=(heights[0], heights[1]))
 
     @abstractmethod
     def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
@@ -515,6 +519,23 @@ class Family(EnvArguments):
         drawn : dict
             What was drawn so far, by name; what is drawn here is added.
         """
+
+
+def _arrays(values: Any) -> list[Floats]:
+    """Return arrays of numbers as float64; none where they are something else."""
+    try:
+        return [np.asarray(each, np.float64) for each in values]
+    except (TypeError, ValueError):
+        return []
+
+
+def _are_heights(heights: list[Floats], greatest_mm: float) -> bool:
+    """Say whether arrays are `Scenario.heights` of a workpiece."""
+    if len(heights) != 2 or heights[0].ndim != 1 or heights[0].shape != heights[1].shape or not heights[0].size:
+        return False
+    from_um, heights_mm = heights
+    rises = from_um[0] == 0.0 and (np.diff(from_um) > 0.0).all()
+    return bool(rises and ((heights_mm > 0.0) & (heights_mm <= greatest_mm)).all())
 
 
 def _detent(number: int, step_us: float) -> float:

@@ -260,7 +260,7 @@ class ServoLaw(Snapshots):
     def reset(self, max_feed_um_s: float) -> protocols.FeedCommand:
         """Begin a leg; refuses feeds above the machine's largest."""
         for parameter in ("start_feed_um_s", "retract_feed_um_s", *self.measure.FEEDS):
-            feed_um_s = getattr(self, parameter)
+            feed_um_s = getattr(self, parameter, 0.0)  # 0 where the law does not offer it
             if parameter != "retract_feed_um_s" or feed_um_s != getattr(type(self), parameter):
                 protocols.check_feed(self.name, parameter, feed_um_s, max_feed_um_s)
         for part in self.parts:
@@ -611,8 +611,7 @@ def lead_um(machine: Machine, force_N_m: float) -> float:
 class TrueBend(Corners):
     """Offsets the guides by the wire's true deflection, which no sensor of a real machine measures.
 
-    The offset is the opposite of the true mean deflection across the path. ``pull_N_m`` and ``fade_um`` have no
-    effect.
+    The offset is the opposite of the true mean deflection across the path.
     """
 
     # time constant of the average of the deflection: the guides must not follow the wire's vibration

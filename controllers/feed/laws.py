@@ -148,14 +148,18 @@ class ClimbController(ServoLaw, measure=OpenShare, period=periods.Climb, corner=
 
 
 class LeadOracleController(
-    TruthLaw, measure=OpenShare, period=periods.SetPoint, corner=law.TrueBend, fixed=("short_weight",)
-):
+    TruthLaw, measure=OpenShare, period=periods.SetPoint, corner=law.TrueBend,
+    fixed=("short_weight", "pull_N_m", "fade_um"),
+):  # fmt: skip
     """Cuts like `SetPointController`, with an offset that keeps the bent wire on the path."""
 
     name: ClassVar[str] = "lead-oracle"
 
 
-class TrimController(ServoLaw, measure=law.ShortShare, period=periods.CornerPeriod, corner=law.OuterCorners):
+class TrimController(
+    ServoLaw, measure=law.ShortShare, period=periods.CornerPeriod, corner=law.OuterCorners,
+    fixed=("start_feed_um_s", "integral_share"),
+):  # fmt: skip
     """Runs at a constant feed, slower with more shorts, retracts from a short that lasts, and spares outer corners.
 
     Most machines do this in trim cuts.

@@ -162,7 +162,7 @@ def described_parameters(name: str) -> list[tuple[str, ...]]:
         found_in = [each for part in parts for each in meanings(part) if each[0][0] in defaults]
         own = sorted(found_in, key=lambda each: list(defaults).index(each[0][0]))
         usual = {field.name: field.default for field in fields(GapServo) if field.init}
-        of_its_own = found.keys() | {key for key, value in usual.items() if defaults[key] != value}
+        of_its_own = found.keys() | {key for key, value in usual.items() if defaults.get(key, value) != value}
         own += [each for each in meanings(GapServo) if each[0][0] in of_its_own]
     return [
         (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),

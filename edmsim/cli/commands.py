@@ -19,7 +19,7 @@ from edmsim.cli.options import SET_UP, Environment, Json, Program, Quiet, Unset,
 from edmsim.envs.registry import resolve
 from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED, InputError
 from edmsim.files import check_suffix, make_writable
-from edmsim.user_code import listed
+from edmsim.user_code import listed, policy_of
 
 
 def _default_folder(program: Path) -> Path:
@@ -316,12 +316,15 @@ def evaluate(
         raise InputError("--write-card writes to a policy's file: give the policy with --policy")
     if not named and not policy:
         raise InputError("name an environment, or a policy with --policy; see edmsim evaluate --help")
+    if named and policy:
+        names = ",".join(f"policy:{policy_of(name)}" for name in policy)
+        raise InputError(f"--policy is for a policy's own environment: compare it in others by --controllers {names}")
     of_envs = {"--controllers": controllers, "--record": record, "--leaderboard": leaderboard, "--page": page}
     if not named and (without := [flag for flag, value in of_envs.items() if value is not None]):
         raise InputError(f"{without[0]} is for environments: name one, or leave it out")
     if "all" in named and len(named) > 1:
         raise InputError("all names every environment: leave out the others, or all")
-    if policy and not named and seeds is not None:
+    if policy and seeds is not None:
         whole_from("seeds", seeds, 2)
     chosen = {
         env_id: compare.usual(env_id) if controllers is None else listed(controllers)

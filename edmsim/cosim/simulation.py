@@ -6,7 +6,6 @@ setting (see `edmsim.cosim.cycle`).
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -206,9 +205,12 @@ class Simulation:
 
     @property
     def beyond_training(self) -> list[str]:
-        """Differences from the training of all passes' controllers, each text once."""
-        trained = [one.controller for one in self._setups if isinstance(one.controller, protocols.WasTrained)]
-        return list(dict.fromkeys(chain.from_iterable(each.beyond_training for each in trained)))
+        """Differences from the training of the controllers of the passes begun, each text once."""
+        texts: dict[str, None] = {}
+        for machine, controller in map(self._setup_of, self.legs[: self._at.leg + 1]):
+            if isinstance(controller, protocols.WasTrained):
+                texts |= dict.fromkeys(controller.beyond_training(machine))
+        return list(texts)
 
     def machine_of(self, number: int) -> Machine:
         """Return the set-up of a pass, by its number from 1."""
@@ -227,11 +229,16 @@ class Simulation:
         setups = self._setups if self._approach is None else (*self._setups, self._approach)
         return [(one.machine.model_dump_json(), repr(one.controller)) for one in setups]
 
+    def _setup_of(self, leg: Leg) -> PassSetup:
+        """Return the set-up of a leg: of its pass, or of the lead-in."""
+        if leg.leads_in and self._approach is not None:
+            return self._approach
+        number = 1 if leg.cut_pass is None else leg.cut_pass.number
+        return self._setups[min(number, len(self._setups)) - 1]
+
     def _take_setup(self, leg: Leg) -> Machine:
         """Apply the setting of a leg's pass, and change the plant's set-up if it differs."""
-        number = 1 if leg.cut_pass is None else leg.cut_pass.number
-        own = self._setups[min(number, len(self._setups)) - 1]
-        setup = self._approach if leg.leads_in and self._approach is not None else own
+        setup = self._setup_of(leg)
         if setup.machine is not self._setup.machine:
             self.plant.change_setup(setup.machine)
         self._setup = setup

@@ -19,7 +19,7 @@ from edmsim import __version__, models
 from edmsim.controllers import choices, from_text
 from edmsim.envs import pass_laws
 from edmsim.envs.arguments import plain
-from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
+from edmsim.envs.registry import arguments_with, find, registered_ids
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.episode import FINISHED, HELD_BACK, ORACLE, Result, cut, engine_of, is_part, lines_of
 from edmsim.files import make_writable, replacing
@@ -262,7 +262,6 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
     """Raise `InputError` if `evaluate` cannot use these arguments."""
     if resolution is not None:
         check_resolution(resolution)
-    base_of(find(env_id)[0])
     check_controllers(controllers, env_id)
     whole_from("seeds", seeds, 2)  # one gives no interval
 

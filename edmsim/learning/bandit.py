@@ -416,8 +416,8 @@ class Trier(BanditController):
         return int(self._order.pop())
 
 
-def record(env_id: str, settings: BanditSettings, seed: int) -> History:
-    """Cut on a training machine, with `BanditSettings.segments` segments or up to the end of the shift."""
+def record(env_id: str, settings: BanditSettings, seed: int) -> dict[str, Any]:
+    """Return a training machine's `History`: `BanditSettings.segments` segments, or up to the end of the shift."""
     trier = Trier(env_id, settings, seed)
     episode = Episode(Task(env_id, test_s=0.0), trier, seed, "trier")
     rows: list[list[float]] = []
@@ -433,7 +433,7 @@ def record(env_id: str, settings: BanditSettings, seed: int) -> History:
             seconds = area = 0.0
         if len(rows) == settings.segments:
             break
-    return History(rows, trier.belief.lost.tolist(), trier.belief.cut_s.tolist())
+    return History(rows, trier.belief.lost.tolist(), trier.belief.cut_s.tolist())._asdict()
 
 
 # 2. what machines have in common
@@ -548,17 +548,13 @@ def train(
         machines = max(machines, len(table.rows))
         seeds = range(first, first + machines)
         rows = perform(
-            partial(_recorded, env_id, settings), seeds, watch, table=table, ids=[str(number) for number in seeds],
+            partial(record, env_id, settings), seeds, watch, table=table, ids=[str(number) for number in seeds],
             engine=engine_of(env_id, machines, settings.segments * settings.segment_s),
         )  # fmt: skip
     histories = _histories(rows, len(settings.settings), file)
     command += f" --steps {machines * settings.segments} --seed {seed}{options}"
     segments = sum(len(history.rows) for history in histories)
     return card_of(known_as, settings, prior_of(histories, settings), command, seed, segments)
-
-
-def _recorded(env_id: str, settings: BanditSettings, seed: int) -> dict[str, Any]:
-    return record(env_id, settings, seed)._asdict()
 
 
 def _histories(rows: Sequence[dict[str, Any]], count: int, file: Path) -> list[History]:

@@ -120,7 +120,8 @@ def run(
         written = file if options.safe is None else file.with_name("candidate.json")
         policy_file.write(card, packed, written)
         curve = in_words(*np.array(trained.curve).reshape(-1, 2).T.tolist())
-        bar.show("train", done.steps, done.steps, f"return {curve}")
+        made = trained.model.num_timesteps  # whole rollouts
+        bar.show("train", made, made, f"{made:,} steps, return {curve}")
         if options.safe is not None and options.start is not None:
             verdict = score.accept(done.env_id, written, options.start, options.safe, bar.show)
             bar.show("accept", 1, 1, verdict.words())
@@ -198,7 +199,7 @@ def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
     """
     known = [(step, value) for step, value in zip(steps, returns, strict=True) if not math.isnan(value)]
     if not known:
-        return "no episode has ended"
+        return "unknown, as no episode has ended: give more --steps"
     at, values = (np.array(column, float) for column in zip(*known, strict=True))
     part = max(len(values) // AT_ENDS, 1)
     begin, end = float(np.median(values[:part])), float(np.median(values[-part:]))

@@ -11,10 +11,11 @@ import os
 import re
 import shutil
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import gymnasium as gym
 import numpy as np
@@ -196,7 +197,8 @@ def _assemble(minari: Any, env: Any, dataset_id: str, name: str, files: list[Pat
                 truncations=archive["truncations"].tolist(), infos=infos,
             ))  # fmt: skip
     shutil.rmtree(out / dataset_id, ignore_errors=True)
-    with _datasets_in(out), warnings.catch_warnings():
+    place = str(out.resolve())  # Minari joins relative ones twice
+    with patch.dict(os.environ, MINARI_DATASETS_PATH=place), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # author and code are for its publisher to name
         minari.create_dataset_from_buffers(
             dataset_id=dataset_id, buffer=buffers, env=env, algorithm_name=name,
@@ -204,20 +206,6 @@ def _assemble(minari: Any, env: Any, dataset_id: str, name: str, files: list[Pat
             description=f"{len(files)} episodes of {env.unwrapped.spec.id} cut by the feed controller {name}.",
         )
     return Recorded(dataset_id, len(files), sum(map(len, buffers)), breaks, math.fsum(returns) / len(returns))
-
-
-@contextmanager
-def _datasets_in(folder: Path) -> Iterator[None]:
-    """Have Minari keep its data sets in a folder meanwhile."""
-    before = os.environ.get("MINARI_DATASETS_PATH")
-    os.environ["MINARI_DATASETS_PATH"] = str(folder.resolve())  # Minari joins relative ones twice
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["MINARI_DATASETS_PATH"]
-        else:
-            os.environ["MINARI_DATASETS_PATH"] = before
 
 
 def _check_names(controllers: Sequence[str]) -> None:

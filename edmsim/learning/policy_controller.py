@@ -16,7 +16,7 @@ from edmsim.envs.sub_envs import ObservationBuilder
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, path_corners
 from edmsim.learning import bandit
-from edmsim.learning.policy_file import Card, Policy, load
+from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
 from edmsim.snapshots import Snapshots
@@ -40,7 +40,7 @@ class PolicyController(Snapshots):
     name: ClassVar[str] = "policy"
     STATE: ClassVar[tuple[str, ...]] = (
         "_law", "_law_um_s", "_feed_um_s", "_limit_um_s", "_path_um", "_setting_us", "_rows", "_builder", "_servo",
-        "_memory", "beyond_training",
+        "_memory",
     )  # fmt: skip
 
     def __init__(self, policy: Policy) -> None:
@@ -51,7 +51,6 @@ class PolicyController(Snapshots):
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
         self._memory: Floats = policy.fresh_memory()
         residual = policy.card.residual
-        self.beyond_training: list[str] = []
         self._law = None if residual is None else residual.make()
         self._law_um_s = 0.0
         self._first_us: Floats = np.zeros(2)
@@ -69,8 +68,6 @@ class PolicyController(Snapshots):
         self._corner_deg = np.append(turns_deg, 0.0)[None]
         self._first_us = np.array([machine.t_on_us, machine.t_period_us])
         self._machine = machine
-        far = _far_dials(self.policy.card, machine)
-        self.beyond_training += [text for text in far if text not in self.beyond_training]
         if self._law is not None:
             tell(self._law, machine, points_um, start_um)
 
@@ -138,6 +135,25 @@ class PolicyController(Snapshots):
                 self._end_step()
             self._decide()
         return self._command()
+
+    def beyond_training(self, machine: Machine) -> list[str]:
+        """Name the dials of a machine that are far from those of the training."""
+        card, texts = self.policy.card, []
+        trained = {entry.name: entry for entry in card.observation}
+        for dial in DIALS:
+            if (entry := trained.get(dial.name)) is None:  # a policy made in code may name no entries
+                continue
+            assert dial.value is not None
+            value = float(dial.value(machine))
+            deviation = math.sqrt(entry.variance + card.epsilon)
+            if abs(value - entry.mean) > FAR_DEVIATIONS * deviation:
+                size, unit = dial.divisor.split()
+                here, mean, spread = (float(size) * each for each in (value, entry.mean, deviation))
+                texts.append(
+                    f"the {dial.quantity.partition(',')[0]} is {here:.3g} {unit}, but the policy was trained at "
+                    f"{mean:.3g} {unit} (standard deviation {spread:.1g}): what it does here was not learned"
+                )
+        return texts
 
     @property
     def observation(self) -> NDArray[np.float32]:
@@ -208,26 +224,6 @@ class PolicyController(Snapshots):
             with suppress(InputError):
                 self._setting_us = setting_us
                 break
-
-
-def _far_dials(card: Card, machine: Machine) -> list[str]:
-    """Name the dials of a machine that are far from those of a policy's training."""
-    trained = {entry.name: entry for entry in card.observation}
-    texts = []
-    for dial in DIALS:
-        if (entry := trained.get(dial.name)) is None:  # a policy made in code may name no entries
-            continue
-        assert dial.value is not None
-        value = float(dial.value(machine))
-        deviation = math.sqrt(entry.variance + card.epsilon)
-        if abs(value - entry.mean) > FAR_DEVIATIONS * deviation:
-            size, unit = dial.divisor.split()
-            here, mean, spread = (float(size) * each for each in (value, entry.mean, deviation))
-            texts.append(
-                f"the {dial.quantity.partition(',')[0]} is {here:.3g} {unit}, but the policy was trained at "
-                f"{mean:.3g} {unit} (standard deviation {spread:.1g}): what it does here was not learned"
-            )
-    return texts
 
 
 def from_name(name: str) -> bandit.BanditController | PolicyController:

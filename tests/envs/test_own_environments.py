@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,8 +121,12 @@ def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
         *_, one = env.step(np.array([0.1, requested], np.float32))
         *_, many = envs.step(np.array([[0.1, requested]] * 2, np.float32))
         assert one["t_period_us"] == many["t_period_us"][0] == period_us
-    with pytest.raises(InputError, match="Pulsing has other observations or actions than GapFeed"):
-        stand_in(Pulsing, {})
+
+
+def test_no_policy_file_can_describe_observations_and_actions_of_an_own_family():
+    for own in ({"setting_us": Pulsing.setting_us}, {"locates_discharges": True}, {"next_feed_um_s": Pulsing.draw}):
+        with pytest.raises(InputError, match="Own has other observations or actions than GapFeed"):
+            stand_in(type("Own", (GapFeed,), own), {})
 
 
 def test_the_registered_form_of_an_own_family_is_json() -> None:
@@ -168,6 +173,7 @@ def test_what_a_file_does_not_register_is_reported(bend: str) -> None:
     ("machine.with_(height_mm=-1)", r"bend\.py:16: workpiece height -1 mm is not within"),
     ("None", r"bend\.py: Bend\.draw_cut returns None: give a Scenario"),
     ("super().draw_cut(rng, machine, seed, drawn)._replace(legs_um=())", r"bend\.py: .* returns legs_um \(\): give"),
+    ("super().draw_cut(rng, machine, seed, drawn)._replace(heights=([0.0], [99.0]))", r"returns heights .* up to"),
 ])  # fmt: skip
 def test_a_cut_that_cannot_be_drawn_is_one_line_with_its_place(bend, returned, said):
     file = Path(bend.removesuffix(f":{BEND_ID}"))
@@ -177,6 +183,23 @@ def test_a_cut_that_cannot_be_drawn_is_one_line_with_its_place(bend, returned, s
     with pytest.raises(InputError, match=said) as refused:
         task.reset(3)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", [list, np.float32, np.int64])
+def test_a_path_may_be_a_list_or_of_any_numbers(kind):
+    def draw_cut(self, *arguments):
+        cut = GapFeed.draw_cut(self, *arguments)
+        leg = np.rint(cut.legs_um[0])
+        return cut._replace(legs_um=[leg.tolist() if kind is list else leg.astype(kind)])
+
+    task = Task(type("Own", (GapFeed,), {"draw_cut": draw_cut}))
+    task.reset(1)
+    assert task.total_um == 3000.0
+
+
+def test_what_a_file_registers_can_be_pickled(bend):
+    family = make_family(resolve(bend))
+    assert pickle.loads(pickle.dumps(family)) == family
 
 
 def test_registered_arguments_stay_where_controllers_are_compared_and_policies_trained(bend: str) -> None:

@@ -19,7 +19,7 @@ def test_a_curve_says_when_it_rises():
 
 def test_flat_rising_and_unknown_curves():
     assert in_words([100, 200, 300, 400], [math.nan, 1.0, 50.0, 100.0]) == "rising from the beginning, from 1 to 100"
-    assert in_words([100, 200], [math.nan] * 2) == "no episode has ended"
+    assert in_words([100, 200], [math.nan] * 2) == "unknown, as no episode has ended: give more --steps"
     steps = list(range(1_000, 41_000, 1_000))
     early = in_words(steps, [100.0 * (1.0 - math.exp(-step / 8_000)) for step in steps])
     assert early == "rising from the beginning, from 27 to 99"  # the first part's own rise is no scatter
