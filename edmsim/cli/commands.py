@@ -71,9 +71,9 @@ def cut(
 
 
 @takes(
-    "machine", SET_UP, "planner", "offset", "offsets", "ignore", "dialect", "conditions", "layers", "upper_layer",
-    "taper_deg", "taper_corners", "guide_errors_mm", "unit", "passes", "technology", "tab_mm", "overlap_mm",
-    "after_tab",
+    "machine", SET_UP, "heights", "constants", "planner", "offset", "offsets", "ignore", "dialect", "conditions",
+    "layers", "upper_layer", "taper_deg", "taper_corners", "guide_errors_mm", "unit", "passes", "technology",
+    "tab_mm", "overlap_mm", "after_tab",
 )  # fmt: skip
 def check(
     program: Program,

@@ -390,8 +390,8 @@ class Origin(Figures):
 class Report(Figures):
     """The report of a cut, as ``report.json`` holds it.
 
-    Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``. Unknown values
-    are None, never NaN. Means over machine time weight every window by its duration.
+    Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``; ``dict(report)``
+    is plain JSON. Unknown values are None, never NaN. Means over machine time weight every window by its duration.
     """
 
     outcome: str = ""  # "finished", or what stopped the machine, in a word or two
@@ -520,8 +520,10 @@ def _most(windows: pa.Table, name: str) -> float | None:
 
 def _weighted(values: Floats, weights: Floats) -> float | None:
     total = float(weights.sum())
-    # not by `@`, whose order of adding depends on the number of threads
-    return float((values * weights).sum()) / total if total > 0 else None
+    if total <= 0:
+        return None
+    # not by `@`, whose order of adding depends on the number of threads; rounding may leave the span of equal values
+    return float(np.clip(float((values * weights).sum()) / total, values.min(), values.max()))
 
 
 def cut_id(report: Report) -> str:
