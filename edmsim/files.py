@@ -140,6 +140,13 @@ def check_suffix(file: Path, what: str, *suffixes: str) -> str:
     return suffix
 
 
+def make_room(file: Path | None, what: str, *suffixes: str) -> None:
+    """Refuse a file to write, if there is one, by its suffix or a folder that cannot be written to."""
+    if file is not None:
+        check_suffix(file, what, *suffixes)
+        make_writable(file.parent)
+
+
 @contextmanager
 def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
     """Keep a folder to this process; the lock goes with it, and a folder made for it into which nothing came.

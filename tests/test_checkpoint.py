@@ -252,9 +252,11 @@ def test_checkpoint_with_a_part_missing_is_refused(cut_small, own_stopped, part,
     assert str(caught.value).startswith(str(own_stopped))
 
 
-def test_interrupt_without_a_folder_just_stops(cut_small):
+def test_interrupt_without_a_folder_just_stops_and_nothing_can_be_resumed(cut_small):
     with pytest.raises(KeyboardInterrupt):
         cut_small(watch=stop_after(2), **SHORT)
+    with pytest.raises(InputError, match="name its folder"):
+        cut_small(resume=True)
 
 
 @dataclass

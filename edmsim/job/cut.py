@@ -102,7 +102,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
         run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, signals)
         run.begin(running.resume, running.overwrite)
         tell("cutting")
-        with located(_law_file(settings)):
+        with located(user_code.file_of(made_with["controller"])):
             run.to_the_end(watch)
         tell("measuring")
         notices = _notices(simulation, settings)
@@ -132,7 +132,8 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:
     """Return the report's settings: the options, what they come to, and digests of the files they name."""
     machine, path = simulation.machine, simulation.path
-    file, tables = _law_file(settings), settings.compensation
+    file = user_code.file_of(settings.controller) if isinstance(settings.controller, str) else None
+    tables = settings.compensation
     return {
         "program": Path(program).name.encode("utf-8", "replace").decode(),
         "program_sha256": _digest(Path(program).read_bytes()),
@@ -145,11 +146,6 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         "wire_path_sha256": _digest(b"".join(way.tobytes() for contour in path.contours for way in contour.reach_um)),
         "constants_sha256": constants_digest(machine),
     }
-
-
-def _law_file(settings: CutSettings) -> str | None:
-    """Return the user's file that the controller comes from, if any."""
-    return user_code.file_of(settings.controller) if isinstance(settings.controller, str) else None
 
 
 def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:

@@ -520,10 +520,9 @@ def _most(windows: pa.Table, name: str) -> float | None:
 
 def _weighted(values: Floats, weights: Floats) -> float | None:
     total = float(weights.sum())
-    if total <= 0:
-        return None
     # not by `@`, whose order of adding depends on the number of threads; rounding may leave the span of equal values
-    return float(np.clip(float((values * weights).sum()) / total, values.min(), values.max()))
+    mean = float((values * weights).sum()) / total if total > 0 else None
+    return None if mean is None else float(np.clip(mean, values.min(), values.max()))
 
 
 def cut_id(report: Report) -> str:

@@ -97,7 +97,7 @@ BRASS_STRENGTH = "strength_MPa = { value = 950.0, range = [900.0, 1000.0],"
     ("strength_MPa", "strenght_MPa", "strength_MPa"),
     ("title =", "titel =", "title"),
     ("title =", "colour = 3\ntitle =", "colour"),
-    (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0"), "strength_MPa"),
+    (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0"), "strength_MPa': value 95 lies outside its range (900"),
     (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", '"950.0"'), "strength_MPa.value"),
     (BRASS_STRENGTH, "strength_MPa = { value = -950.0,", "strength_MPa.value"),
     (BRASS_STRENGTH, "strength_MPa = { value = nan,", "strength_MPa.value"),
@@ -107,7 +107,7 @@ BRASS_STRENGTH = "strength_MPa = { value = 950.0, range = [900.0, 1000.0],"
 def test_bad_key_is_named_with_its_file(tmp_path, own_file, old, new, named):
     text = refusal(wire=own_file("wires", "brass", (old, new)))
     assert text.startswith(str(tmp_path / "own.toml"))
-    assert f"'{named}'" in text
+    assert f"'{named}" in text
 
 
 def test_generator_mode_decides_on_the_ignition_wait(own_file):
