@@ -201,8 +201,7 @@ def test_mean_current_stays_within_2_A(generator, on):  # T-4, T-34, T-35
     assert mean_current_A(machine.with_(t_period_us=least)) == pytest.approx(2.0)
     with pytest.raises(InputError, match=r"above the generator's 2 A; t_period must be at least \S+ us") as caught:
         machine.with_(t_period_us=0.999 * least)
-    advised = float(str(caught.value).split()[-2])
-    assert machine.with_(t_period_us=advised).t_period_us == pytest.approx(least, abs=0.011)
+    assert machine.with_(t_period_us=float(str(caught.value).split()[-2])).t_period_us < least + 0.011
 
 
 def test_open_voltage_must_exceed_the_burning_voltage(own_file):
