@@ -431,9 +431,8 @@ class Simulation:
     def _break_of(self, window: PulseWindow) -> str:
         """Say where the wire broke and how hot it was; of pulses denser than hold, which period would have held."""
         leg, where = self.legs[self.leg], f"{self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
-        decided = ""
+        decided = "" if leg.cut_pass is None else "; the file of the technology, or of the conditions, sets that"
         if (one := leg.cut_pass) is not None:
-            decided = "; the file of the technology, or of the conditions, sets that"
             of = " of the tab" if one.piece == "tab" else ""
             where = f"{'on the way to' if leg.leads_in else 'in'} pass {one.number}{of}, {where}"
         text = f"the wire broke {where}, at {window.wire_temperature_K:.0f} K"
