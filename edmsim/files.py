@@ -140,6 +140,13 @@ def check_suffix(file: Path, what: str, *suffixes: str) -> str:
     return suffix
 
 
+def make_room(file: Path | None, what: str, *suffixes: str) -> None:
+    """Refuse an output file, if any, with another suffix or in a folder that cannot be written to."""
+    if file is not None:
+        check_suffix(file, what, *suffixes)
+        make_writable(file.parent)
+
+
 @contextmanager
 def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
     """Lock a folder for this process. On leaving, the lock is removed, and the folder if it is new and empty.

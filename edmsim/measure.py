@@ -27,7 +27,7 @@ from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.plan import guides_of
 from edmsim.machine.machine import Machine
-from edmsim.metrology.profile import ProfileError, profile_error, slice_heights_mm
+from edmsim.metrology.profile import PROFILE_STEP_MM, ProfileError, profile_error, slice_heights_mm
 from edmsim.numeric import whole_from
 from edmsim.plant.axes.ways import StillTable
 from edmsim.program.outline import Outline, Program, Taper
@@ -355,7 +355,6 @@ def render(found: TableMeasurement) -> ScreenTable:
 
 _COLOURS = VERMILION, BLUE
 _SMOOTHED_MM = 1.0  # length along the edge over which the wall is averaged: its roughness is several um (ours)
-_STEP_MM = 0.02
 
 
 @refuses_wrong_types
@@ -454,7 +453,7 @@ def _draw_part(axes: Axes, cuts: Mapping[str, ErrorMap]) -> None:
 
 def _smoothed(values: Floats) -> Floats:
     """Return running means of what is finite."""
-    window = np.ones(round(_SMOOTHED_MM / _STEP_MM))
+    window = np.ones(round(_SMOOTHED_MM / PROFILE_STEP_MM))
     known = np.isfinite(values)
     count = np.convolve(known, window, "same")
     total = np.convolve(np.where(known, values, 0.0), window, "same")

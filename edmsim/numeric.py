@@ -100,6 +100,8 @@ def whole_within(name: str, value: object, low: int, high: int) -> int:
 def _for_pydantic(value: object) -> object:
     if isinstance(_scalar(value), bool | np.bool_):
         raise ValueError("must be a number, not a truth value")
+    if isinstance(value, str):
+        raise ValueError("must be a number, not a text")
     return plain(value)
 
 

@@ -300,6 +300,14 @@ def test_a_wire_that_stays_is_not_threaded_and_trims_are_not_limited_by_the_gene
     assert dict(lines_of(found))["time"].endswith(f"{found.feed_um_s:.1f} µm/s, 400.0 µm/s in trims")
 
 
+def test_the_time_is_that_of_the_lowest_height_and_the_offset_that_of_the_constants(edmsim, small_punch):
+    options = ("--height", 400, "--constant", "dielectric.side_gap_um=40")
+    times = [edmsim("check", small_punch, *options, *more).out for more in ((), ("--height-at", "1:20"))]
+    assert ["all that the generator can remove" in time for time in times] == [True, False]
+    assert all("0.165 mm" in time for time in times)
+    assert "cannot change at 99 mm" in edmsim("check", small_punch, "--height-at", "99:10").err
+
+
 def test_a_tall_workpiece_is_limited_by_the_generator():
     machine = Machine.load(height_mm=400.0)
     feed_um_s, limited_by = greatest_feed_um_s(machine, "poscal", 400.0)

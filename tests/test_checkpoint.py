@@ -176,9 +176,9 @@ TWO = "G92 X0. Y1.\nG41 D1\nG1 Y0.\nX2.\nG40\nG0 X5. Y1.\nG41 D2\nG1 Y0.\nX7.\n"
 
 
 @pytest.mark.parametrize(("file", "old", "new", "options", "message"), [
-    ("two.ngc", "X7.", "X7.1", {"offset": "0.2"}, "program"),
+    ("two.ngc", "X7.", "X7.1", {"offset": "0.2"}, "program two.ngc"),
     ("a.toml", "D1 = 0.155\nD2 = 0.160\n", "D1 = 0.155\nD2 = 0.200\n", {"offsets": "a.toml"}, "wire path"),
-    ("a.json", '"clip": 10.0', '"clip": 1.0', {"controller": "policy:a.json"}, "controller"),
+    ("a.json", '"clip": 10.0', '"clip": 1.0', {"controller": "policy:a.json"}, "controller policy:a.json"),
     ("t.toml", "approach_share = 0.25", "approach_share = 0.5",
      {"technology": "t.toml", "passes": 2, "height_mm": 25.4}, "passes"),
 ])  # fmt: skip
@@ -244,9 +244,11 @@ def test_checkpoint_with_a_part_missing_is_refused(cut_small, own_stopped, part,
     assert str(caught.value).startswith(str(own_stopped))
 
 
-def test_interrupt_without_a_folder_just_stops(cut_small):
+def test_interrupt_without_a_folder_just_stops_and_nothing_can_be_resumed(cut_small):
     with pytest.raises(KeyboardInterrupt):
         cut_small(watch=stop_after(2), **SHORT)
+    with pytest.raises(InputError, match="name its folder"):
+        cut_small(resume=True)
 
 
 @dataclass

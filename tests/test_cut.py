@@ -351,11 +351,6 @@ def test_a_folder_that_cannot_be_is_refused(cut_small, tmp_path, monkeypatch, ou
     assert list(tmp_path.iterdir()) == []
 
 
-def test_resume_without_a_folder_is_refused(cut_small):
-    with pytest.raises(InputError, match="name its folder"):
-        cut_small(resume=True)
-
-
 @pytest.fixture
 def long_steps(own_file):
     """Write the file of a machine that differs from ours in its motor step alone, which is 5 um."""

@@ -18,7 +18,7 @@ from edmsim.cli.console import ERR, OUT, RESUME, interrupted, interruptible, pri
 from edmsim.cli.options import SET_UP, Environment, Json, Program, Quiet, Unset, settings_of, takes
 from edmsim.envs.registry import resolve
 from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED, InputError
-from edmsim.files import check_suffix, make_writable
+from edmsim.files import check_suffix, make_room, make_writable
 from edmsim.user_code import listed, policy_of
 
 
@@ -40,9 +40,7 @@ def cut(
     from edmsim.job.cut import CHECKPOINT, CutProgress
 
     folder = Path(options.pop("out", _default_folder(program)))
-    if traces is not None:
-        check_suffix(traces, "a file of traces", ".parquet")
-        make_writable(traces.parent)
+    make_room(traces, "a file of traces", ".parquet")
     result = None
     try:
         with progress(quiet, keep=True) as bar, warnings.catch_warnings():
@@ -71,9 +69,9 @@ def cut(
 
 
 @takes(
-    "machine", SET_UP, "planner", "offset", "offsets", "ignore", "dialect", "conditions", "layers", "upper_layer",
-    "taper_deg", "taper_corners", "guide_errors_mm", "unit", "passes", "technology", "tab_mm", "overlap_mm",
-    "after_tab",
+    "machine", SET_UP, "heights", "constants", "planner", "offset", "offsets", "ignore", "dialect", "conditions",
+    "layers", "upper_layer", "taper_deg", "taper_corners", "guide_errors_mm", "unit", "passes", "technology",
+    "tab_mm", "overlap_mm", "after_tab",
 )  # fmt: skip
 def check(
     program: Program,
@@ -396,8 +394,7 @@ def calibrate(
     from edmsim.calibration import fit as fitting
     from edmsim.runs import RunTable
 
-    check_suffix(out, "the fitted machine", ".toml")
-    make_writable(out.parent)
+    make_room(out, "the fitted machine", ".toml")
     table = calibration.read_log(log)
     seed = options.pop("seed")
     settings, notices = calibration.settings_for(table, **options)
@@ -444,9 +441,7 @@ def validate(
 
     chosen = None if topics is None else listed(topics)
     checks(topics=chosen)  # an unknown topic is refused before a folder is made
-    if out is not None:
-        check_suffix(out, "a table of checks", ".jsonl")
-        make_writable(out.parent)
+    make_room(out, "a table of checks", ".jsonl")
     table = RunTable(out, texts=CHECK_TEXTS)
     with interruptible("nothing was saved; --out saves finished checks" if out is None else RESUME) as bar:
         rows = run(bar.of("validate"), engine=Processes(), topics=chosen, table=table)
@@ -563,8 +558,7 @@ def gap(
     if delays is not None:
         from edmsim.hil.delays import delay_table, write_delays
 
-        check_suffix(delays, "a table of delays", ".csv")
-        make_writable(delays.parent)
+        make_room(delays, "a table of delays", ".csv")
         with progress() as bar:
             rows = delay_table(set_up, seed=seed, watch=bar.of("delays"))
         write_delays(rows, delays)

@@ -14,7 +14,7 @@ import typer
 from edmsim.cli.console import ERR, OUT, interruptible, print_line, progress, say
 from edmsim.cli.options import SET_UP, Among, DriveAxis, Environment, Json, Quiet, Unset, settings_of, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, STOPPED, InputError
-from edmsim.files import check_suffix, make_writable, replacing
+from edmsim.files import check_suffix, make_room, make_writable, replacing
 
 Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
 ProcessCount = Annotated[
@@ -203,8 +203,7 @@ def technology(
     job = Job(material, passes=passes, **options)
     file = Path(f"{Path(material).stem}-{Path(job.wire).stem}.toml") if out is None else out
     job.check()
-    check_suffix(file, "a technology", ".toml")
-    make_writable(file.parent)
+    make_room(file, "a technology", ".toml")
     known = read_technology(str(file)) if file.exists() else None
     if known is not None:
         job.check_like(known, file)

@@ -111,9 +111,9 @@ class Command(TyperCommand):
             if not word or (name.startswith("--") and joined and not value):
                 what = next((one for one in (name, before) if one.startswith("--")), "an argument")
                 raise InputError(f"{what} is empty: give a value, or leave it out")
-        _, _, order = self.make_parser(ctx).parse_args(args=[*args])
-        for option in order:
-            if option.metavar == "A,B" and order.count(option) > 1:  # only the last list would count
+        typed = [word.partition("=")[0] for word in args]
+        for option in self.get_params(ctx):
+            if option.metavar == "A,B" and sum(map(typed.count, option.opts)) > 1:  # only the last list would count
                 raise InputError(f"{option.opts[0]} appears twice: write its values with commas, as A,B")
         return super().parse_args(ctx, args)
 

@@ -19,7 +19,7 @@ from edmsim.controllers.axis.drive import axis_names, axis_row, data_of
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError, one_of
-from edmsim.files import check_suffix, make_writable
+from edmsim.files import make_room
 
 # The scope of the UHU's terminal program: the tracking error as a curve over a moving time line, drawn by rerun.
 
@@ -40,8 +40,7 @@ class Scope:
         from edmsim.recording.rerun.viewer import LiveViewer
 
         if file is not None:
-            check_suffix(file, "a recording of the scope", ".rrd")
-            make_writable(file.parent)
+            make_room(file, "a recording of the scope", ".rrd")
             try:
                 file.write_bytes(b"")  # rerun has a traceback for a file that it cannot create
             except OSError as error:

@@ -438,18 +438,19 @@ class Simulation:
     def _break_of(self, window: PulseWindow) -> str:
         """Return where the wire broke, its temperature, and if the pulses were too dense, a safe period."""
         leg, where = self.legs[self.leg], f"{self.plant.broken_height_mm:.1f} mm above the workpiece's lower face"
+        decided = "" if leg.cut_pass is None else "; the file of the technology, or of the conditions, sets that"
         if (one := leg.cut_pass) is not None:
             of = " of the tab" if one.piece == "tab" else ""
             where = f"{'on the way to' if leg.leads_in else 'in'} pass {one.number}{of}, {where}"
         text = f"the wire broke {where}, at {window.wire_temperature_K:.0f} K"
         if strong_mJ := too_strong_mJ(self.plant.machine):
             return (f"{text}: a discharge of {strong_mJ:.3g} mJ is too strong for it at any period; choose a lower "
-                    "peak current or a shorter on-time")
+                    f"peak current or a shorter on-time{decided}")
         period_us, held_us = self.plant.machine.t_period_us, held_period_us(self.plant.machine)
         if period_us > 0.99 * held_us:
             return text
         held = f"from {held_us:.3g} us on its mean current density is at most that of the generator's own setting"
-        return f"{text}: a period of {period_us:.3g} us is too short for it; {held}"
+        return f"{text}: a period of {period_us:.3g} us is too short for it; {held}{decided}"
 
     def _say(self, reason: str) -> None:
         """Add to the reason why the cut ends."""

@@ -20,7 +20,7 @@ from edmsim.controllers.protocols import snapshot_text
 from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
-from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
+from edmsim.errors import EdmsimError, InputError, located, refuses_wrong_types
 from edmsim.files import folder_of, locked, read_arrays, replacing
 from edmsim.job.options import CutOptions, CutSettings, Running
 from edmsim.job.plan import prepared
@@ -103,7 +103,8 @@ def cut(program: str | Path, **options: Any) -> CutResult:
         run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, signals)
         run.begin(running.resume, running.overwrite)
         tell("cutting")
-        run.to_the_end(watch)
+        with located(user_code.file_of(made_with["controller"])):
+            run.to_the_end(watch)
         tell("measuring")
         notices = _notices(simulation, settings)
         result = result_of(simulation, recorders, settings, made_with, notices, run.wall_time_s)
@@ -258,7 +259,8 @@ class _Run:
         if self._folder is not None:
             held_s = self._held_s
             then = "nothing was saved" if held_s is None else f"it goes on at {held_s:.1f} s by --resume"
-            warnings.warn(f"{self._folder}: an error stopped the cut within a window: {then}", stacklevel=2)
+            at = f"at {self._simulation.plant.time_ns * 1e-9:.3f} s of machine time, within a window"
+            warnings.warn(f"{self._folder}: an error stopped the cut {at}: {then}", stacklevel=2)
 
     def leave(self, result: CutResult, tell: Callable[[str], None]) -> None:
         """Write the results; only then the checkpoint has done its work."""
@@ -324,7 +326,9 @@ def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path)
         if _unplaced(stored.get(name)) == _unplaced(expected.get(name)):
             continue
         if name.endswith("_sha256"):
-            what = name.removesuffix("_sha256").replace("_", " ")
+            what = name.removesuffix("_sha256")
+            named = f" {expected[what]}" if isinstance(expected.get(what), str) else ""
+            what = f"{what.replace('_', ' ')}{named}"
             raise InputError(f"{what}: not as in the interrupted cut; undo the change, or use --overwrite", file)
         raise InputError(
             f"the interrupted cut was made with {name} {stored.get(name)!r}, not {expected.get(name)!r}", file

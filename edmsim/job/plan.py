@@ -341,6 +341,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     found = with_passes(read, settings)
     settings, path = found.settings, found.path
     machine = settings.load_machine()
+    settings.workpiece.steps(path, machine.wire_diameter_um)  # refuses heights that the path does not reach
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.planner, settings.workpiece.lowest_mm)
     trim_feed_um_s, _ = feed_limit(machine, settings.planner)
     between_um = sum(way for way, threads in _between_um(path) if not threads)

@@ -19,7 +19,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.cosim.straight import PULSES, PulseSample, sample_pulses
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
-from edmsim.files import check_suffix, folder_of, locked, make_writable, replacing, together
+from edmsim.files import folder_of, locked, make_room, make_writable, replacing, together
 from edmsim.geometry import Floats
 from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
@@ -207,7 +207,7 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats,
         commanded, guides = commanded - program, guides - table
     if simulation.passes.records:
         ways_um = (commanded, guides, guides - lag)
-        return _last_ways_um(simulation.passes.records, len(simulation.path.contours), ways_um, time_s)
+        return _last_ways_um(simulation, ways_um, time_s)
     threaded = sum(leg.threads for leg in simulation.legs[1 : simulation.leg + 1])
     longest = np.argsort(np.diff(time_s), kind="stable")[::-1][:threaded]
     begins = np.full(len(simulation.path.contours) - 1, len(time_s))
@@ -216,17 +216,13 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats,
     return list(zip(*ways, strict=True))
 
 
-def _last_ways_um(
-    records: list[PassRecord], contours: int, ways_um: tuple[Floats, ...], time_s: Floats
-) -> list[tuple[Floats, ...]]:
+def _last_ways_um(simulation: Simulation, ways_um: tuple[Floats, ...], time_s: Floats) -> list[tuple[Floats, ...]]:
     """Return the ways of the last passes, contour by contour: they made the wall."""
     found = []
-    for contour in range(1, contours + 1):
-        own = [r for r in records if r.contour == contour]
-        last = max([r.number for r in own], default=0)
+    for contour, last in enumerate(_last_passes(simulation), 1):
         mine = np.zeros(len(time_s), np.bool_)
-        for record in own:
-            if record.number == last:
+        for record in simulation.passes.records:
+            if (record.contour, record.number) == (contour, last):
                 mine |= (time_s > record.begin_s) & (time_s <= record.end_s)
         found.append(tuple(way[mine] for way in ways_um))
     return found
@@ -585,8 +581,7 @@ class CutResult:
         for name, time_s in (("begin_s", begin_s), ("end_s", end_s)):
             if real(time_s) is None or math.isnan(time_s):
                 raise InputError(f"{name} is {time_s!r}: give a machine time in s")
-        check_suffix(Path(file), "a file of traces", ".parquet")
-        make_writable(Path(file).parent)
+        make_room(Path(file), "a file of traces", ".parquet")
         self.closeups.write_traces(file, every_us, begin_s, end_s)
 
     @refuses_wrong_types

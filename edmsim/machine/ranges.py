@@ -84,9 +84,6 @@ def _sections(machine: SetUp) -> dict[str, Part]:
 
 def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     """Return the names of the constants that `only` selects, by section or one by one."""
-    only = set(only)
-    if only <= known.keys():
-        return only
     sections: dict[str, set[str]] = {}
     for key in known:
         sections.setdefault(key.partition(".")[0], set()).add(key)

@@ -245,6 +245,7 @@ def _check_currents(machine: SetUp) -> None:
                                "choose less, or a lower resistance")
     limit = machine.generator.mean_current_limit_A.value
     if mean_current_A(machine) > limit + 1e-9:
+        least_us = math.ceil(100 * least_period_us(machine, machine.t_on_us)) / 100  # a rounded one may draw too much
         raise CombinationError(f"t_on {machine.t_on_us:g} us in t_period {machine.t_period_us:g} us draws "
-                               f"{mean_current_A(machine):.2f} A, above the generator's {limit:g} A; t_period must "
-                               f"be at least {least_period_us(machine, machine.t_on_us):.4g} us")
+                               f"{mean_current_A(machine):.5g} A, above the generator's {limit:g} A; t_period must "
+                               f"be at least {least_us:g} us")

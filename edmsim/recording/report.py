@@ -392,8 +392,8 @@ class Origin(Figures):
 class Report(Figures):
     """The report of a cut, as ``report.json`` holds it.
 
-    Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``. Unknown values
-    are None, never NaN. Means over machine time weight every window by its duration.
+    Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``; ``dict(report)``
+    is plain JSON. Unknown values are None, never NaN. Means over machine time weight every window by its duration.
     """
 
     outcome: str = ""  # "finished", or what stopped the machine, in a word or two
@@ -522,8 +522,9 @@ def _most(windows: pa.Table, name: str) -> float | None:
 
 def _weighted(values: Floats, weights: Floats) -> float | None:
     total = float(weights.sum())
-    # not by `@`, whose order of adding depends on the number of threads
-    return float((values * weights).sum()) / total if total > 0 else None
+    # not by `@`, whose order of adding depends on the number of threads; rounding may leave the span of equal values
+    mean = float((values * weights).sum()) / total if total > 0 else None
+    return None if mean is None else float(np.clip(mean, values.min(), values.max()))
 
 
 def cut_id(report: Report) -> str:

@@ -314,9 +314,11 @@ def test_something_else_in_place_of_a_controller_is_refused():
 
 
 @pytest.mark.slow
-def test_a_wrong_command_ends_cut_and_episode_in_one_line(small_punch):
-    with pytest.raises(InputError, match="feed of nan"):
-        edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=5, controller=Lost())
+def test_a_wrong_command_ends_cut_and_episode_in_one_line(law, small_punch):
+    law.write_text(LAW.replace("window.short / 255", "float('nan')"))
+    for controller, file in ((Lost(), ""), (f"{law}:Half", f"{law}: ")):
+        with pytest.raises(InputError, match=f"^{re.escape(file)}the .* controller commanded a feed of nan"):
+            edmsim.cut(small_punch, height_mm=5, resolution="fast", max_time_s=5, controller=controller)
     with pytest.raises(InputError, match="must return a FeedCommand"):
         Episode(edmsim.envs.Task("GapFeed", resolution="fast"), Number(), 1, "own").run()
 

@@ -77,16 +77,6 @@ def test_a_generator_may_cut_the_current_of_shorts(own_file):
     assert discharge_current_A(whole) == discharge_current_A(machine)
 
 
-@pytest.mark.parametrize(
-    ("share", "said"), [("1.1", "value 1.1 lies outside its range (0.05, 1.0)"), ("0.0", "greater than 0")]
-)
-def test_a_share_of_the_short_current_outside_its_range_is_refused(own_file, share, said):
-    file = own_file("generators", "production", ("share = { value = 0.2,", f"share = {{ value = {share},"))
-    text = refusal(name="production", generator=file)
-    assert "short_current_share" in text
-    assert said in text
-
-
 def test_the_resistor_lets_more_through_at_a_higher_open_voltage():
     assert Machine.load(open_voltage_V=120.0, peak_current_A=8.0, t_period_us=150.0).peak_current_A == 8.0
     assert "8 A is above the 6.61 A that 100 V drive" in refusal(peak_current_A=8.0, t_period_us=150.0)

@@ -97,8 +97,8 @@ BRASS_STRENGTH = "strength_MPa = { value = 950.0, range = [900.0, 1000.0],"
     ("strength_MPa", "strenght_MPa", "strength_MPa"),
     ("title =", "titel =", "title"),
     ("title =", "colour = 3\ntitle =", "colour"),
-    (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0"), "strength_MPa"),
-    (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", '"strong"'), "strength_MPa.value"),
+    (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0"), "strength_MPa': value 95 lies outside its range (900"),
+    (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", '"950.0"'), "strength_MPa.value"),
     (BRASS_STRENGTH, "strength_MPa = { value = -950.0,", "strength_MPa.value"),
     (BRASS_STRENGTH, "strength_MPa = { value = nan,", "strength_MPa.value"),
     (BRASS_STRENGTH, "strength_MPa = { value = 950.0, unit = 1,", "strength_MPa.unit"),
@@ -107,7 +107,7 @@ BRASS_STRENGTH = "strength_MPa = { value = 950.0, range = [900.0, 1000.0],"
 def test_bad_key_is_named_with_its_file(tmp_path, own_file, old, new, named):
     text = refusal(wire=own_file("wires", "brass", (old, new)))
     assert text.startswith(str(tmp_path / "own.toml"))
-    assert f"'{named}'" in text
+    assert f"'{named}" in text
 
 
 def test_generator_mode_decides_on_the_ignition_wait(own_file):
@@ -199,8 +199,9 @@ def test_mean_current_stays_within_2_A(generator, on):  # T-4, T-34, T-35
     assert discharge_current_A(machine) == pytest.approx((100 - 22) / 11.8)
     least = discharge_current_A(machine) * on / 2.0
     assert mean_current_A(machine.with_(t_period_us=least)) == pytest.approx(2.0)
-    with pytest.raises(InputError, match=rf"above the generator's 2 A; t_period must be at least {least:.4g} us"):
+    with pytest.raises(InputError, match=r"above the generator's 2 A; t_period must be at least \S+ us") as caught:
         machine.with_(t_period_us=0.999 * least)
+    assert machine.with_(t_period_us=float(str(caught.value).split()[-2])).t_period_us < least + 0.011
 
 
 def test_open_voltage_must_exceed_the_burning_voltage(own_file):

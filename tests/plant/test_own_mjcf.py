@@ -71,6 +71,7 @@ def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(tmp_path,
     (('joint name="y_rotor"', 'joint name="why_rotor"'), "this MJCF has no joint y_rotor"),
     (('<site name="upper_guide"', '<site name="top"'), "this MJCF has no site upper_guide"),
     (('<camera name="overview"', '<camera name="view"'), "this MJCF has no camera overview"),
+    (('name="rotor_teeth" data="50"', 'name="rotor_teeth" data="0"'), "numeric rotor_teeth must be above 0"),
     (('<geom name="clamp_left"', '<geom name="clamp"'), "this MJCF has no geom clamp_left"),
 ])  # fmt: skip
 def test_a_mjcf_that_cannot_be_used_is_one_line(tmp_path, own_file, change, message):

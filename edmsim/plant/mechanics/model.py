@@ -71,6 +71,8 @@ def _read_mjcf(model_file: str, _version: int) -> mujoco.MjSpec:
         raise InputError("this MJCF has names that are not UTF-8: save it as UTF-8", model_file) from None
     if missing:
         raise InputError(f"this MJCF has no {', no '.join(missing)}", model_file)
+    if not min(spec.numeric("rotor_teeth").data, default=0) > 0:
+        raise InputError("numeric rotor_teeth must be above 0", model_file)
     return spec
 
 
