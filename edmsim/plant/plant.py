@@ -771,8 +771,9 @@ class Plant:
         """Return the conductance of the water between wire and metal; 0 without a wire."""
         if self._is_bare:
             return 0.0
-        reach_um = np.maximum(self._arrays.distance[:, : self._arrays.edge_um.shape[1]], 1.0)
-        return float((1.0 / reach_um.astype(np.float64)).sum()) * self._constants.leak_S_um
+        slices, rays = self._arrays.edge_um.shape
+        reach_um = np.maximum(self._arrays.distance[:, :rays], 1.0).astype(np.float64)
+        return float((self._arrays.metal[:slices, None] / reach_um).sum()) * self._constants.leak_S_um
 
     def opposite_pulses(self) -> OppositePulses | None:
         """Return the equalising pulses of the last window, fired at the present setting; None without a supply."""
