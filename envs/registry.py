@@ -78,7 +78,9 @@ def resolve(text: str) -> str:
     module = user_code.run(own.file)
     spec = gym.registry.get(own.name)
     if spec is None or "task" not in spec.kwargs:
-        raise InputError(f"this file registers no environment {own.name!r} (edmsim.envs.register)", own.file)
+        registered = ", ".join(name for name, family in _OWN.items() if family.__module__ == module.__name__)
+        others = f": write {own.file}:ID with one of {registered}" if registered else " (edmsim.envs.register)"
+        raise InputError(f"this file registers no environment {own.name!r}{others}", own.file)
     if family := _OWN.get(own.name):
         theirs = [name for kind in family.__mro__ if kind.__module__ == module.__name__ for name in vars(kind)]
         _OWN[own.name] = user_code.naming_failures(family, own.file, ("draw", *theirs))
