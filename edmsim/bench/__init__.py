@@ -17,7 +17,7 @@ def measured(
 ) -> dict[str, Measured]:
     """Make the measurements of these options of ``edmsim bench``, or of the speed if there are none."""
     if against is None and pairs is not None:
-        raise InputError("--pairs are those of a comparison: give the revision with --against")
+        raise InputError("--pairs is for a comparison: give the revision with --against")
     found: dict[str, Measured] = {}
     if profile or figure is not None:
         from edmsim.bench import profile as profiling

@@ -37,7 +37,7 @@ def commit_of(revision: str) -> str:
     Raises `InputError` if there is no git, edmsim does not run from a checkout, or it has no such revision.
     """
     if shutil.which("git") is None:
-        raise InputError("--against looks a revision up with git, which is not on the path: install git")
+        raise InputError("--against needs git, which is not on the path: install git")
     if _git("rev-parse", "--show-prefix") != b"\n":  # no checkout, or a folder of another one
         raise InputError(
             f"--against needs edmsim installed from its git checkout (pip install -e .); it runs from {ROOT}"

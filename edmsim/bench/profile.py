@@ -1,7 +1,8 @@
 """Shares of the model's parts in the time of a pulse: ``edmsim bench --profile``.
 
 A copy of the loop is compiled with marks (`edmsim.compiled.specialised`), and a second thread samples which part
-runs. It runs alternately with the loop without marks, whose time per pulse is divided by these shares.
+runs. It runs alternately with the loop without marks, whose time per pulse is divided by the shares
+among the parts.
 """
 
 import itertools

@@ -60,7 +60,7 @@ class ErrorMap:
         return np.asarray(self.points_mm + self.outward() * (self.reached_um() * factor / 1000.0)[:, None])
 
     def pieces(self, factor: float) -> tuple[Floats, Floats]:
-        """Return the pieces (m, 2, 2) of that edge and their errors (m,), without corners and unknown errors."""
+        """Return the pieces (m, 2, 2) of `exaggerated_mm` and their errors (m,), without corners and NaN."""
         shown, normal, error = self.exaggerated_mm(factor), self.outward(), self.reached_um()
         begin = np.arange(len(shown) if np.allclose(self.nominal_mm[0], self.nominal_mm[-1]) else len(shown) - 1)
         end = (begin + 1) % max(len(shown), 1)  # a closed edge ends where it begins
@@ -204,11 +204,11 @@ class Scene:
         return middle_slice(lowest_mm, self.height_mm, len(self.cut_edges_mm))
 
     def middle_edges_mm(self) -> Polylines:
-        """Return the edges of the remaining metal in that slice."""
+        """Return the edges of the remaining metal in the `middle_slice`."""
         return self.cut_edges_mm[self.middle_slice()] if self.cut_edges_mm else ()
 
     def middle_mm(self) -> float:
-        """Return the height in mm of the middle of that slice over the workpiece's bottom."""
+        """Return the height in mm of the middle of the `middle_slice` over the workpiece's bottom."""
         return (self.middle_slice() + 0.5) * self.height_mm / max(len(self.cut_edges_mm), 1)
 
     def known_errors(self) -> Floats:

@@ -423,7 +423,7 @@ class Frames(ArraySnapshots, Observer):
             self._thinned.skip()
 
     def offer(self, *row: object) -> None:
-        """Do the same with the window's values in the order of `rows`."""
+        """Store a frame, the values of `rows`, if its number is a multiple of the stride."""
         self._row[0] = row
         self._thinned.offer(bytes_of(self._row)[0])
 
@@ -577,7 +577,7 @@ class Closeups(ArraySnapshots, Observer):
 
     @property
     def stride(self) -> int:
-        """Windows between close-ups away from events."""
+        """Windows from one close-up to the next, away from events."""
         return self._run.stride
 
     def table(self) -> NDArray[np.void]:

@@ -83,7 +83,7 @@ def _joined(split: list[ErrorMap]) -> tuple[Floats, Floats, Floats]:
 
 
 CORNER_REACH_MM = 0.4  # half the width of a corner's detail (ours: shows the whole kerf and wire)
-LABELLED = 6  # corners with the largest errors that are labelled with them
+LABELLED = 6  # most corners labelled with their errors, the largest ones
 
 
 @style.in_style

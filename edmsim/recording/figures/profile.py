@@ -149,7 +149,7 @@ _LABEL_FONT_PT = 8.5
 _LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in heights of its font
 _LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner to try, in heights of its font
 NAMED_LEVELS = 4  # up to this number of levels of a stepped workpiece, the legend names each
-LABELLED_CORNERS = 12  # corners with the largest errors that are labelled with them
+LABELLED_CORNERS = 12  # most corners labelled with their errors, the largest ones
 
 
 def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
@@ -270,7 +270,7 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
 
 
 def label_corners(axes: Axes, scene: Scene, most: int, font_pt: float, box: dict[str, Any], zorder: int) -> None:
-    """Label the corners with the largest errors with them, if there is room."""
+    """Write the errors of corners next to them, the `most` largest ones, if there is room."""
     known = [c for c in scene.corners if np.isfinite(c.error_um)]
     worst = sorted(known, key=lambda c: -abs(c.error_um))[:most]
     if not worst:

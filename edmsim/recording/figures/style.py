@@ -24,7 +24,7 @@ from edmsim.errors import refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.recording.figures.palette import ERROR_STOPS, GRID, INK, LINE, MUTED
 
-FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
+FORMATS = ("pdf", "svg", "png")  # file formats of figures
 WIDTH_IN = 3.5  # width of one column of a journal (89 mm)
 DPI = 200
 ERROR_COLOURS = LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)

@@ -15,7 +15,7 @@ from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of
 from edmsim.recording.report import RECORDING
 
-APPLICATION = "edmsim"  # application the recording belongs to in the viewer
+APPLICATION = "edmsim"  # application id of recordings in the viewer
 TIME = "machine_time"  # timeline of machine time, a duration
 PATH = "path_um"  # timeline of the place along the wire path, in whole um
 FORMAT = 2  # of the recording's layout, incremented with every change that an older reader would misread
@@ -79,8 +79,8 @@ def _check_rerun(recording: Path) -> None:
     here = tuple(int(number) for number in version("rerun-sdk").split(".")[:2])
     if head[:4] == _MARK and tuple(head[4:6]) > here:
         raise InputError(
-            f"this recording was written by rerun {head[4]}.{head[5]}, here is {here[0]}.{here[1]}; run the cut "
-            "again",
+            f"this recording was written by rerun {head[4]}.{head[5]}, and {here[0]}.{here[1]} is installed; "
+            "run the cut again",
             recording,
         )
 
@@ -89,7 +89,7 @@ def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> No
     if application != APPLICATION:
         raise InputError(f"this is a recording of {application}, one that `edmsim cut` wrote is needed", recording)
     found = [chunk.to_record_batch() for chunk in chunks if chunk.entity_path == _MADE[0]]
-    made = json.loads(found[0].column(_MADE[1])[0].as_py()[0]) if found else {"format": 1}  # 1 wrote none
+    made = json.loads(found[0].column(_MADE[1])[0].as_py()[0]) if found else {"format": 1}  # format 1 wrote none
     if made["format"] != FORMAT:
         by = f", written by edmsim {made['version']}" if "version" in made else ""
         raise InputError(

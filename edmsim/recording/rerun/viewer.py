@@ -43,7 +43,7 @@ OF_EPISODES = tuple(
 
 @write.releasing
 def write_comparison(file: Path, a: Path, b: Path) -> None:
-    """Write two recordings as one that shows them side by side."""
+    """Write two recordings into one that shows them side by side."""
     plays = [Playback(a), Playback(b)]
     folders = [play.recording.resolve().parent.name for play in plays]
     names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]

@@ -272,7 +272,7 @@ def steps_of(
     return Steps(tuple(plots), values, t_s, path_um, notes)
 
 
-MOST = 300  # most listed events of a kind; if there are more, every n-th
+MOST = 300  # most listed events of a kind; if there are more, evenly spaced ones
 _AT_CORNER_MM = 0.5  # greatest distance at which the wire passes a corner of the drawing
 _LEVELS = {words.report: words.level for words in WORDS.values()}
 _ALARM = WORDS[StopCause.PERSISTENT_SHORT].report
