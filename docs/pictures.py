@@ -1,7 +1,7 @@
-"""Pictures of what a newcomer sees, step by step, to be looked at: `make pictures` puts them into out/pictures.
+"""Pictures of what a newcomer sees, step by step, for inspection: `make pictures` writes them to out/pictures.
 
-From the report of the first cut and its playback to the pages that follow. Needs a Chromium for the pages and a
-Vulkan driver for the viewer; no screen.
+They show the report of the first cut, its playback, and the pages that follow. Needs a Chromium for the pages and a
+Vulkan driver for the viewer, but no screen.
 """
 
 import shutil
@@ -17,7 +17,7 @@ from edmsim.recording.rerun.viewer import take_screenshots
 ROOT = Path(__file__).parents[1]
 CUT, SITE, INTO = ROOT / "out" / "punch", ROOT / "out" / "docs", ROOT / "out" / "pictures"
 STEPS = ("guide/quick-start", "playback", "notebooks/03-wire-lag-and-corners", "how-to/controller")
-"""Pages of the site on the way from a first cut to a controller of one's own."""
+"""Pages of the site from a first cut to one's own controller, in order."""
 WIDE, PHONE = (1280, 2400), (420, 2400)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
@@ -28,7 +28,7 @@ def browser() -> str:
     Raises
     ------
     InputError
-        There is none.
+        If no Chromium is installed.
     """
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
@@ -42,7 +42,7 @@ def photograph(page: Path, picture: Path, size: tuple[int, int]) -> None:
     Raises
     ------
     InputError
-        The page is not there, or the browser made no picture.
+        If there is no such page, or the browser made no picture.
     """
     if not page.is_file():
         raise InputError("no such page: run make cut and make docs first", page)

@@ -1,10 +1,10 @@
-"""A policy that adapts beside laws on held-back machines: what it earns and loses, and its ratio to the best law.
+"""An adapting policy compared with laws on held-back machines: return, lost wires, and ratio to the best law.
 
 python docs/make/adapted.py                          # tables of tasks/max-rate-shift.md, and the card
-python docs/make/adapted.py policy:out/adapt/policy.json --cuts 4    # one of your own; prints them only
+python docs/make/adapted.py policy:out/adapt/policy.json --cuts 4    # your own policy; only prints the tables
 
-Cuts that are missing are made and noted in ``out/headroom`` and ``out/adapted``: interrupted, the same
-command goes on. A shift takes some half a minute of a processor.
+Missing cuts are made and stored in ``out/headroom`` and ``out/adapted``, so after an interruption the same command
+resumes. A shift takes about half a minute of processor time.
 """
 
 import argparse
@@ -28,13 +28,13 @@ ELSEWHERE = {
     "higher: 80 to 100 mm": {"height_mm": [80.0, 100.0]},
     "less pressure: 20 to 50 kPa": {"flushing_Pa": [20e3, 50e3]},
 }
-"""Places beyond the ranges of the training machines, each with shifts of `SHORT_S`."""
+"""Conditions beyond the ranges of the training machines, with shifts of `SHORT_S`."""
 SHORT_S, PLACE_MACHINES = 300.0, 3
 FOUND = Path("out/adapted")
 
 
 def law_below(policy: str) -> str:
-    """Return the law of a bandit with its first setting: one for all machines, without adaptation."""
+    """Return the law of a bandit with its first setting, which is the same for all machines."""
     file = bandit.find(policy)
     if file is None:
         raise InputError(f"'{policy}' is not a policy that adapts")
@@ -42,7 +42,7 @@ def law_below(policy: str) -> str:
 
 
 def earnings(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
-    """Return what controllers earn: the policy, its law and the reference, each with its text on the page."""
+    """Return the table of returns of the policy, its law and the reference; `names` has their texts on the page."""
     (policy, one, _), law = names, cuts.of(LAW, seeds)
     rows = []
     for name, text in names.items():
@@ -62,7 +62,7 @@ def earnings(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
 
 
 def machines(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
-    """Return rates and lost wires on every machine."""
+    """Return the table of rates and lost wires on every machine."""
     rows = []
     for seed in seeds:
         pairs = [[cuts.of(name, [seed], what)[0] for what in ("rate_mm2_min", "lost")] for name in names]
@@ -71,7 +71,7 @@ def machines(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
 
 
 def elsewhere(policy: str) -> str:
-    """Return what policy and law earn on machines beyond the ranges of the training."""
+    """Return the table of policy and law on machines beyond the ranges of the training."""
     FOUND.mkdir(parents=True, exist_ok=True)
     rows = []
     for place, options in ELSEWHERE.items():
@@ -90,7 +90,7 @@ def elsewhere(policy: str) -> str:
 
 
 def _cut_once(name: str, seed: int, place: str, options: dict[str, list[float]]) -> Result:
-    """Make a cut, or take it from the file that it was noted in."""
+    """Return the result of a cut, from its file if it was made before."""
     file = FOUND / f"{place.partition(':')[0]}-{seed}-{name.replace('/', '-').replace(':', '-')}.json"
     if not file.exists():
         file.write_text(json.dumps(list(cut(ENV_ID, seed, name, episode_s=SHORT_S, **options))), encoding="utf-8")
@@ -98,7 +98,7 @@ def _cut_once(name: str, seed: int, place: str, options: dict[str, list[float]])
 
 
 def main() -> None:
-    """Make the cuts that are missing, then write or print the tables."""
+    """Make the missing cuts, then write or print the tables."""
     parser = argparse.ArgumentParser(description="Compare a policy that adapts with laws.")
     parser.add_argument("policy", nargs="?", default=POLICY)
     parser.add_argument("--cuts", type=int, default=MACHINES, help="held-back machines")

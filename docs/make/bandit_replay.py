@@ -1,10 +1,10 @@
-"""What a bandit earns of what its settings offer, replayed from the recordings of its training in seconds.
+"""How much of its best settings' return a bandit earns, replayed in seconds from the recordings of its training.
 
 python docs/make/bandit_replay.py out/adapt      # the folder of an `edmsim train ... --algo bandit`
 
-Every machine is replayed with the prior of the others. What its settings do there is estimated from its recording
-with the same prior, so that the noise of few segments does not count as an effect. Lost wires cost their time; that a
-break makes the law hold less is left out.
+Every machine is replayed with the prior of the others. The effects of its settings are estimated from its recording
+with the same prior, so that the noise of few segments does not count as an effect. Lost wires cost their time; the
+law's caution after a break is neglected.
 """
 
 import argparse
@@ -25,13 +25,13 @@ REPEATS = 20
 
 
 class Known(NamedTuple):
-    """What settings do on a machine."""
+    """Effects of settings on a machine."""
 
     effects: np.ndarray  # (settings, 3): see `edmsim.learning.bandit.QUANTITIES`
     lost_per_s: np.ndarray  # (settings,)
 
     def net(self, lost_s: float) -> np.ndarray:
-        """Return each setting's rate, less the time of the wires that it loses; relative to the machine's others."""
+        """Return each setting's rate, with the time for wires that it loses, relative to the machine's mean."""
         return np.asarray(np.exp(self.effects[:, 0]) / (1.0 + self.lost_per_s * lost_s))
 
 
@@ -43,7 +43,7 @@ def read(folder: Path) -> tuple[BanditSettings, list[History]]:
 
 
 def known(controller: BanditController, history: History) -> tuple[Known, float]:
-    """Return what the settings did in a recording, by the prior of other machines, and the mean rate there."""
+    """Return the effects of the settings in a recording, with the prior of other machines, and the mean rate."""
     count, belief = len(controller.card.settings), Belief(controller.card)
     for setting, open_, short, seconds, area in history.rows:
         if seconds > 0 and area > 0:
@@ -56,7 +56,7 @@ def known(controller: BanditController, history: History) -> tuple[Known, float]
 
 
 def shift(controller: BanditController, machine: Known, rng: np.random.Generator) -> float:
-    """Return what a bandit earns in a shift, relative to the machine's mean rate."""
+    """Return a bandit's simulated return of a shift, relative to the machine's mean rate."""
     card, lost_s = controller.card, THREADING_S + controller.card.start_s
     controller.lost_s, total, time_s, offset = lost_s, 0.0, 0.0, 0.0
     controller.reset(400.0)
@@ -78,7 +78,7 @@ def shift(controller: BanditController, machine: Known, rng: np.random.Generator
 
 
 def main() -> None:
-    """Print what the bandit and the best setting of each machine earn over the first one."""
+    """Print the returns of the bandit and of each machine's best setting, relative to the first setting."""
     parser = argparse.ArgumentParser(description="Replay a bandit's training.")
     parser.add_argument("folder", type=Path)
     settings, histories = read(parser.parse_args().folder)

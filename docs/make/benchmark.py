@@ -1,4 +1,4 @@
-"""``docs/benchmark.md``: controllers and policies compared, and whether anything is left to be learned.
+"""``docs/benchmark.md``: comparison of controllers and policies, with the headroom of learning.
 
 python docs/make/benchmark.py                     # the page of docs/leaderboard.jsonl
 python docs/make/benchmark.py all                 # makes every cut again, writes the leaderboard, then the page
@@ -78,7 +78,7 @@ CLOSING = """\
 `python docs/make/benchmark.py all` makes both again.
 """
 NEARLY_ALL = 0.95
-"""Score of a constant set-point from which on little can be gained by a better law."""
+"""Score of a constant set-point above which a better law can gain little."""
 
 
 def page(comparisons: Sequence[Comparison]) -> str:
@@ -92,7 +92,7 @@ def page(comparisons: Sequence[Comparison]) -> str:
 
 
 def headroom(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return a table of what a constant, the best law and the reference earn in every environment."""
+    """Return a table of the returns of a constant, the best law and the reference in every environment."""
     rows = []
     for comparison in comparisons:
         lines, best = lines_of(comparison.env_id), _best_law(comparison)
@@ -113,7 +113,7 @@ def headroom(comparisons: Sequence[Comparison]) -> list[str]:
 
 
 def _best_law(comparison: Comparison) -> str | None:
-    """Return the classic controller of the best score, apart from the constant and from those that see the truth."""
+    """Return the classic controller with the best score, except the constant and those that see the true gap."""
     blind = lines_of(comparison.env_id).blind
     honest = (name for name in ranked(comparison) if "oracle" not in name and not _is_policy(name))
     return next((name for name in honest if name != blind), None)

@@ -2,7 +2,7 @@
 
     python docs/make/bubble.py
 
-The equations stand in `slit`; here they are integrated for three pulses, and compared with the law of the loop.
+The equations of `slit` are integrated for three pulses, and compared with the law of the pulse loop.
 """
 
 import itertools
@@ -34,7 +34,7 @@ from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORAN
 from edmsim.recording.figures.style import write_figure
 
 HOT, WET, AT_ONCE = 480.0, 150.0, math.inf
-"""Speeds of escape in m/s: of steam of 850 C, of steam that carries spray (ours); and as if nothing held it."""
+"""Speeds of escape in m/s: of steam of 850 C, of steam that carries spray (ours), and without any resistance."""
 GAPS_UM = 13.0, 20.0, 30.0
 DIAMETERS_UM = 100.0, 150.0, 200.0, 250.0, 300.0
 DEFAULT, ROUGH, TRIM = Pulse(145.0, 20.0), Pulse(7000.0, 1.4), Pulse(200.0, 0.5)
@@ -42,14 +42,14 @@ PULSES = {"default, 2.9 mJ in 20 us": DEFAULT, "rough, 9.8 mJ in 1.4 us": ROUGH,
 
 
 def impulse_10mJ_Ns(slit: Slit, share: float = SHARE, heat_ratio: float = gas.HEAT_RATIO) -> float:
-    """Return the law's constant from the rough pulse: the impulse of the water driven out, the gas gone at once."""
+    """Return the law's constant from the rough pulse: the displaced water's impulse, if the gas escapes at once."""
     driven = grow(ROUGH, GAP_UM, Gas(share, AT_ONCE, heat_ratio), slit).impulse_Ns
     confined_us = gas.vent_time_us(ROUGH.power_W, GAP_UM, gas.bubble_law(WIRE_UM, 0.0, share))
     return driven / math.sqrt(ROUGH.power_W * min(ROUGH.burn_us, confined_us) * 1e-6 / gas.REFERENCE_J)
 
 
 def law_uNs(pulse: Pulse, gap_um: float, constant_Ns: float, diameter_um: float = WIRE_UM) -> float:
-    """Impulse by the law of the pulse loop, in uN s."""
+    """Return the impulse by the law of the pulse loop, in uN s."""
     law = gas.bubble_law(diameter_um, constant_Ns, SHARE)
     return 1e6 * float(gas.bubble_impulse_Ns(pulse.power_W, pulse.burn_us, gap_um, law))
 
@@ -74,7 +74,7 @@ def impulses(slit: Slit, constant_Ns: float) -> str:
 
 
 def doubts(slit: Slit) -> str:
-    """Return the table of what each assumption is worth, at the reference gap."""
+    """Return the table of the effect of each assumption, at the reference gap."""
     cases: dict[str, tuple[Gas, Slit, dict[str, Any]]] = {
         "nothing": (Gas(), slit, {}),
         f"share of the gas {LEAST_SHARE:g}": (Gas(LEAST_SHARE), slit, {}),
@@ -108,7 +108,7 @@ def facts(slit: Slit) -> str:
 
 
 def figure(slit: Slit, constant_Ns: float) -> Figure:
-    """Draw the equations beside the law over on-time, gap and diameter, and one bubble in time."""
+    """Draw the equations and the law over on-time, gap and diameter, and one bubble over time."""
     drawn = Figure(figsize=(9.0, 6.6), dpi=110, facecolor="white", layout="constrained")
     (times, gaps), (diameters, history) = drawn.subplots(2, 2)
     for pulse, longest_us, colour in ((DEFAULT, 30.0, BLUE), (ROUGH, 3.0, VERMILION)):
@@ -157,7 +157,7 @@ def _draw_history(axes: Axes, push: Push) -> None:
 
 
 def main() -> None:
-    """Integrate, put the tables into the page, and write its figure beside the others."""
+    """Integrate, write the tables into the page, and write its figure."""
     slit = strip()
     constant_Ns = float(f"{impulse_10mJ_Ns(slit):.2g}")
     tables = {"impulses": impulses(slit, constant_Ns), "doubts": doubts(slit), "facts": facts(slit)}

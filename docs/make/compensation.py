@@ -1,4 +1,4 @@
-"""The picture of cam-tables.md: a worn table and a punch, as it is and compensated; writes figures/compensation.png.
+"""The picture of cam-tables.md, figures/compensation.png: a worn table and a punch, with and without compensation.
 
 python docs/make/compensation.py
 """
@@ -20,7 +20,7 @@ PERFECT = (
 
 
 def main() -> None:
-    """Measure, cut three times, and write the picture."""
+    """Measure the table, make three cuts, and write the picture."""
     worn = edmsim.Machine.load("worn-table")
     before = measure_table(worn, seed=1)
     after = measure_table(worn, seed=2, compensation=load_tables(before.tables()))

@@ -1,4 +1,4 @@
-"""Measure what a first cut on an empty cache takes, and write the table of ``docs/performance.md``.
+"""Measure the time of a first cut with an empty cache, and write the table of ``docs/performance.md``.
 
 python docs/make/compile_time.py [RUNS]
 """
@@ -27,12 +27,12 @@ MEASURED = {
 
 
 def once() -> dict[str, float]:
-    """Return the processor time in s of each process in turn, children included, from an empty cache."""
+    """Return the processor times in s of the processes and their children, run in this order from an empty cache."""
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "one.ngc").write_text(LINE, encoding="utf-8")
         surroundings = os.environ | {"XDG_CACHE_HOME": str(Path(folder) / "cache"), "PYTHONPATH": str(DOCS.parent)}
-        surroundings.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation has the modules' bytecode
+        surroundings.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation has bytecode, too
         for name, command in MEASURED.items():
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             subprocess.run(command, cwd=folder, env=surroundings, check=True, capture_output=True)

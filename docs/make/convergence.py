@@ -1,4 +1,4 @@
-"""``docs/convergence.md``: what a resolution costs in truth, by the same cuts at `fast`, `default` and `fine`.
+"""``docs/convergence.md``: errors of the resolutions, from the same cuts at `fast`, `default` and `fine`.
 
 python docs/make/convergence.py
 """
@@ -26,15 +26,15 @@ from edmsim.validation.rows import mean_and_interval
 
 SEEDS = (0, 1, 2, 3)
 FEED_UM_S = 32.0
-"""Fixed feed at which the shares are compared: two thirds of what the gap takes."""
+"""Fixed feed for comparing shares: two thirds of the greatest that the gap allows."""
 SETTLE_S, CUT_S = 8.0, 20.0
 ROUGH_MM, ROUGH_OPEN, ROUGH_S = 30.0, 0.2, 2.0
-"""Height of the rough cuts, share of open pulses that their servo holds, and time before and in the measurement."""
+"""Height of the rough cuts, share of open pulses that their servo holds, and time before and during measurement."""
 PASSES = (1, 2, 4)
 """Passes of the tool steel's technology after which a straight wall is measured."""
 CORNER_HEIGHT_MM = 10.0
 _CORNERS = "G21 G90\nG0 X-2 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"
-"""A punch of 1 x 1 mm, its corners sharp."""
+"""A punch of 1 x 1 mm with sharp corners."""
 
 _INTRODUCTION = """\
 # Convergence
@@ -62,7 +62,7 @@ the machine that made this page.
 
 
 class Figure(NamedTuple):
-    """One figure of a resolution: its name, unit, and how it is taken from a cut."""
+    """One figure of a resolution: its name, unit, and function of a cut."""
 
     name: str
     unit: str
@@ -96,7 +96,7 @@ CONTROLLED = (
 def measure(resolution: str, seeds: Sequence[int] = SEEDS) -> dict[str, tuple[float, float, str]]:
     """Return every figure of a resolution by name: mean, half of its 95 % interval, unit."""
     figures: dict[str, tuple[float, float, str]] = {}
-    # every cut has a controller of its own, which remembers
+    # every cut has its own controller, because controllers have state
     usual, rough, quick = Machine.load(), rough_rig(ROUGH_MM), quick_counts(ROUGH_OPEN)
     for kinds, machine, feed, settle_s, seconds in (
         (FIXED, usual, lambda: FEED_UM_S, SETTLE_S, CUT_S),
@@ -122,7 +122,7 @@ def measure(resolution: str, seeds: Sequence[int] = SEEDS) -> dict[str, tuple[fl
 
 
 def _punch(resolution: str, seed: int) -> tuple[float, float]:
-    """Mean error of the corners and rms of the profile error of a small punch, in um."""
+    """Return the mean error of the corners and the rms profile error of a small punch, in um."""
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "punch.ngc"
         program.write_text(_CORNERS, encoding="utf-8")
@@ -132,7 +132,7 @@ def _punch(resolution: str, seed: int) -> tuple[float, float]:
 
 
 def page() -> str:
-    """Return the page of the documentation, and say which resolution is at work."""
+    """Return the page of the documentation; print the name of each resolution before its measurement."""
     columns, speeds = [], []
     for name in RESOLUTIONS:
         print(name, file=sys.stderr)

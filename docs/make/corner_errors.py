@@ -1,9 +1,9 @@
-"""Tables of tasks/corner.md: errors near the corner in parts of the best constant's, and where they arise.
+"""Tables of tasks/corner.md: errors near the corner, relative to the best constant's, and their places.
 
 python docs/make/corner_errors.py           # errors, from the cuts in leaderboard.jsonl; intervals over the machines
-python docs/make/corner_errors.py where     # and where they arise, for which some cuts are made again
+python docs/make/corner_errors.py where     # also their places, for which some cuts are made again
 
-Machines on which a controller's wire broke before the corner are left out of all rows.
+Machines on which any controller's wire broke before the corner are omitted from all rows.
 """
 
 import argparse
@@ -20,12 +20,12 @@ from edmsim.evaluation.compare import held_back, leaderboard, mean, ratio
 from edmsim.evaluation.episode import Episode, lines_of
 
 ENV_ID, POLICY = "edmsim/Corner-v3", "policy:Corner-lag"
-MACHINES = 16  # held-back ones whose cuts are made again
-EDGES_UM = (-100.0, 0.0, 20.0, 60.0, 100.0)  # places of the guides behind the corner
+MACHINES = 16  # held-back machines whose cuts are made again
+EDGES_UM = (-100.0, 0.0, 20.0, 60.0, 100.0)  # places of the guides after the corner
 
 
 def errors() -> str:
-    """Return every controller's error, in um and in parts of the constant's, its time and return."""
+    """Return the table of every controller's error, in um and relative to the constant's, time and return."""
     results = leaderboard(DOCS / "leaderboard.jsonl")[ENV_ID, "fast"].results
     errors_um = {name: np.array([cut.error_um for cut in cuts]) for name, cuts in results.items()}
     there = np.isfinite(list(errors_um.values())).all(axis=0)
@@ -42,9 +42,9 @@ def errors() -> str:
 
 
 def squares(name: str, seed: int) -> NDArray[np.float64]:
-    """Return parts of a cut's mean square error, um2: of places between `EDGES_UM`, and that of the guides alone.
+    """Return parts of a cut's mean square error in um2: between `EDGES_UM`, and of the guides alone.
 
-    That of the guides is the distance across the path of the place that the motors' steps add up to.
+    The error of the guides is the distance from the path of the position commanded by the motors' steps.
     """
     task = Task(ENV_ID)
     episode = Episode(task, from_text(name), seed, name)
@@ -67,7 +67,7 @@ def squares(name: str, seed: int) -> NDArray[np.float64]:
 
 
 def where() -> str:
-    """Return where the errors of the constant, the policy and the reference arise."""
+    """Return the table of the errors' places for the constant, the policy and the reference."""
     lines = lines_of(ENV_ID)
     places = [f"{low:g} to {high:g} um" for low, high in pairwise(EDGES_UM)]
     names, rows = (lines.blind, POLICY, lines.reference), []

@@ -1,4 +1,4 @@
-"""The tables of `docs/servo-drives.md` and `docs/positioner.md`: what a cut does when a drive or its axis fails.
+"""The tables of `docs/servo-drives.md` and `docs/positioner.md`: outcomes of cuts in which a drive or axis fails.
 
 python docs/make/drive_failures.py
 """
@@ -42,7 +42,7 @@ STOPPED = 3
 
 
 class Failure(NamedTuple):
-    """A way to fail: what it is called, what is typed behind ``edmsim cut``, and the program."""
+    """A failure: its name, the drive and axis fault for ``edmsim cut``, and the program."""
 
     way: str
     drive: str
@@ -78,7 +78,7 @@ _SLOW = {"uhu": "uhu:X=10", "eanpos": "eanpos:setvel=40"}
 
 
 def failures(drive: str) -> list[Failure]:
-    """Return a drive's ways to fail."""
+    """Return the failures of a drive."""
     found = [Failure(way, f"{drive}:{changes}") for way, changes in _SETTINGS[drive].items()]
     found += [Failure(way, drive, f"x:{fault}") for way, fault in _FAULTS.items()]
     if drive in _SLOW:
@@ -87,7 +87,7 @@ def failures(drive: str) -> list[Failure]:
 
 
 def row(failure: Failure) -> tuple[str, ...]:
-    """Cut, and return the cells of the table's row."""
+    """Cut with a failure, and return the cells of its row."""
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "part.ngc"
         program.write_text(failure.program, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The fields of a record as its source declares them, with the comments behind and above them."""
+"""The fields of a record as its source declares them, with the comments above and after them."""
 
 import inspect
 import re
@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 
 class Field(NamedTuple):
-    """A field, or several that one comment names: ``# least, most: ...``."""
+    """A field, or several if a comment names them: ``# least, most: ...``."""
 
     names: list[str]
     kind: str  # type as declared
     meaning: str  # empty if it has no comment
-    is_state: bool  # not an argument
+    is_state: bool  # true if it is not an argument
 
 
 def declared_fields(record: type) -> Iterator[Field]:
-    """Go through the fields that a class itself declares, those without a comment as well."""
+    """Yield the fields that a class itself declares, also those without a comment."""
     above: list[str] = []
     described: list[str] = []
     for line in inspect.getsource(record).partition('"""\n')[2].splitlines():

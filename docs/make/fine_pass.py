@@ -1,9 +1,9 @@
-"""Why the seventh pass is slow: its feed by its offset; writes the table of theory/passes.md.
+"""Why the seventh pass is slow: its feed for several offsets; writes the table of theory/passes.md.
 
     python docs/make/fine_pass.py
 
-The straight edge of the rows, cut in seven passes, the last of them with greater offsets; the metal before it is the
-same.
+The straight edge of the validation's rows is cut in seven passes, the last one with greater offsets; the metal before
+it is the same.
 """
 
 import math
@@ -17,11 +17,11 @@ from edmsim.validation.passes import HEIGHT_MM, LENGTH_MM
 
 PASSES, SEED = 7, 1
 FURTHER_UM = (0.0, 2.0, 4.0)
-"""By how much the offset of the last pass is greater than the technology's."""
+"""Offsets of the last pass, minus the technology's."""
 
 
 def with_offset(known: Technology, further_um: float) -> Technology:
-    """Return the technology with another offset of the last pass, and those before it as they are."""
+    """Return the technology with another offset of the last pass only."""
     heights = []
     for at in known.heights:
         *others, before, last = at.passes
@@ -34,7 +34,7 @@ def with_offset(known: Technology, further_um: float) -> Technology:
 
 
 def row(further_um: float) -> Sequence[str]:
-    """Cut the edge, and return what its last pass did."""
+    """Cut the edge, and return the figures of its last pass."""
     technology = with_offset(technology_for("tool-steel"), further_um)
     before, last = cut_in_passes(
         technology, HEIGHT_MM, PASSES, LENGTH_MM, seed=SEED, resolution="fast"
@@ -49,7 +49,7 @@ def row(further_um: float) -> Sequence[str]:
 
 
 def main() -> None:
-    """Make the cuts and put their table into the page."""
+    """Make the cuts, and write their table into the page."""
     heads = "offset further by, um", "removed, um", "shorts, %", "vibration, um rms", "feed, mm/min"
     found = table(heads, [row(further_um) for further_um in FURTHER_UM], numbers=5)
     write_sections("theory/passes.md", {"fine pass": found})

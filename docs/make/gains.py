@@ -21,7 +21,7 @@ from edmsim.runs import RunTable, perform
 from edmsim.sweep import tune
 
 POPULATION = 8
-"""Gains in a generation (ours: five of them take some three minutes a controller on two cores)."""
+"""Gains in a generation (ours: five generations take about three minutes per controller on two cores)."""
 FOLDER = Path("out/gains")
 ENV_IDS = ("edmsim/GapFeed-v2", "edmsim/HeightStep-v2")
 SEEDS = 5
@@ -46,7 +46,7 @@ def score(results: Sequence[Result]) -> float:
 
 
 def search(name: str, trials: int = 40, seed: int = 0, seeds: int = SEEDS) -> tuple[dict[str, float], float]:
-    """Return the best gains and their score; finished trials are saved, and the same search resumes."""
+    """Return the best gains and their score. Finished trials are saved, so the same search resumes."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     judged_by = tuple(tune.training_seeds(seed, seeds))
     tried = RunTable(FOLDER / f"{name}.jsonl", {"name": name, "seed": seed, "seeds": judged_by})
@@ -70,7 +70,7 @@ def search(name: str, trials: int = 40, seed: int = 0, seeds: int = SEEDS) -> tu
 
 
 def main() -> None:
-    """Search, and print the file of the gains."""
+    """Search, and print a file with the gains."""
     parser = argparse.ArgumentParser(description="Search gains by differential evolution.")
     parser.add_argument("name", choices=tune.BOUNDS)
     parser.add_argument("--trials", type=int, default=40)

@@ -1,8 +1,8 @@
-"""How much gas and debris a rough cut's water has, before and behind the wire; writes the table of theory/gas.md.
+"""Gas and debris in a rough cut's water, before and behind the wire; writes the table of theory/gas.md.
 
     python docs/make/gas_balance.py
 
-The rough cut of 30 mm, and Sato's stable cutting of 80 mm with a wire that holds, each as it is at the end of a cut.
+The state at the end of the rough cut of 30 mm, and of Sato's stable cutting of 80 mm with an unbreakable wire.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from edmsim.validation.setups import UNBREAKABLE, servo_cut
 
 SEEDS = range(1, 17)
 STABLE_PERIOD_US = 11.2
-"""Period at which the model has the 60 000 discharges per second of Sato's stable cutting."""
+"""Period with which the model has the 60 000 discharges per second of Sato's stable cutting."""
 STATES = {
     "wake_gas": ("gas behind the wire, `b`", 2),
     "covered": ("front that gas covers, `a`", 2),
@@ -26,7 +26,7 @@ STATES = {
     "debris": ("debris of the gap's water, `c`", 4),
     "wake_debris": ("debris of the water behind the wire, `c_w`", 5),
 }
-"""Parts of a snapshot, with their names and digits."""
+"""Entries of a snapshot, with their texts and digits."""
 
 
 def states(machine: Machine, open_share: float) -> tuple[float, dict[str, NDArray[np.float64]]]:
@@ -39,7 +39,7 @@ def states(machine: Machine, open_share: float) -> tuple[float, dict[str, NDArra
 
 
 def main() -> None:
-    """Make the cuts and put their table into the page."""
+    """Make the cuts, and write their table into the page."""
     sato = sato_rig(STABLE_MM, UNBREAKABLE).with_(t_period_us=STABLE_PERIOD_US)
     cases = {ROUGH_MM: states(rough_rig(ROUGH_MM), ROUGH_OPEN_SHARE), STABLE_MM: states(sato, OPEN_SHARE)}
     heads = [f"{height:g} mm, {rate_Hz / 1e3:.0f} kHz: middle, faces" for height, (rate_Hz, _) in cases.items()]

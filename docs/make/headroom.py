@@ -1,12 +1,12 @@
-"""``docs/headroom.md``: what each task has left to be learned, from constants to laws that know the machine.
+"""``docs/headroom.md``: how much learning can gain in each task, from constants to laws that know the machine.
 
 python docs/make/headroom.py               # the page of docs/headroom.json
-python docs/make/headroom.py MaxRate       # makes what cuts of a task are missing in out/headroom, then the page
+python docs/make/headroom.py MaxRate       # makes the cuts of a task that are missing in out/headroom, then the page
 python docs/make/headroom.py all
 
-Interrupted, the same command goes on: every finished cut is a line of ``out/headroom/TASK.jsonl``, which belongs to
-one state of the physics: remove it when that changes. Constants and laws are chosen on `TRAINING` seeds and measured
-on the held-back ones.
+After an interruption the same command resumes, because every finished cut is a line of ``out/headroom/TASK.jsonl``.
+Remove this file if the physics change. Constants and laws are chosen on `TRAINING` seeds and measured on held-back
+ones.
 """
 
 import argparse
@@ -30,17 +30,17 @@ from edmsim.runs import RunTable, perform
 FOUND, PAGE, CUTS = DOCS / "headroom.json", DOCS / "headroom.md", Path("out/headroom")
 BOARD = DOCS / "leaderboard.jsonl"
 SHIFTS = "MaxRateShift", "ThinWireShift"
-"""Tasks whose cuts take so long that those made here go into the leaderboard as well."""
+"""Tasks whose cuts made here are added to the leaderboard, because they take long."""
 TRAINING = range(100, 124)
 USUAL_SEEDS = 12
-"""Seeds on which a constant and a law are chosen; an equal number of held-back ones measures them."""
+"""Number of training seeds to choose a constant and a law, and of held-back seeds to measure them."""
 SEEDS = {"Contour": 6, "ThinWireShift": 6}
-"""Seeds of either kind, where a cut takes long."""
+"""The same for tasks whose cuts take long."""
 LEAST_GAIN = 1.2
-"""Return of a law that knows more, over that of the best honest one, from which on a task is worth learning on
+"""Least ratio of returns, of a law with privileged knowledge and the best law without, for which learning can pay
 (ours)."""
 OF_MACHINE = {"MaxRateShift": {1_000_008: ("adaptive-hold:limit_share=0.6,limit_spread=0.1",)}}
-"""Laws that begin with what was found out of a machine in a shift before: of one that lost many wires."""
+"""Laws that begin a shift with a machine's limit from an earlier shift, for a machine that lost many wires."""
 SERVO_SETTINGS = """In MaxRateShift a law that knows the wire's limit was tried on one machine: it loses fewer wires
 there and earns less. Settings of the servo were not tried here: see
 [a policy that learns them](training.md#adapt-to-a-machine)."""
@@ -50,22 +50,22 @@ GAP = f"{SERVO}0.05"
 
 @dataclass(frozen=True)
 class Candidates:
-    """What is tried in a task.
+    """Candidates of a task.
 
     Attributes
     ----------
     constants, laws : tuple of str
-        Settings that nothing changes, and laws that look at the gap; none sees what no machine shows.
+        Constant settings, and laws that measure the gap; none sees more than a machine shows.
     variants : tuple of str
-        Laws again, and with other numbers: the best of all laws on each machine is what one would choose that knew
-        its constants.
+        Further parameters of laws. The best of all laws on each machine is the choice of a law that knows its
+        constants.
     privileged : tuple of str
         Laws that see the true gap, bend or temperature; the best on each machine counts.
     of_machine : dict of int to tuple of str
-        Laws that know the limit of one held-back machine, by its seed: found by trying on this machine.
+        Laws that know the limit of one held-back machine, by its seed; it was found by trials on this machine.
     chosen : (str, str) or None
-        The constant and the law that earned most on training machines, where `docs/make/lines.py` has found that
-        before; None to find it here.
+        The constant and the law with the highest return on training machines, if `docs/make/lines.py` found them;
+        None to find them here.
     """
 
     constants: tuple[str, ...]
@@ -77,7 +77,7 @@ class Candidates:
 
     @property
     def all(self) -> tuple[str, ...]:
-        """All of them, each once."""
+        """All candidates without repetition, except those of single machines."""
         return tuple(dict.fromkeys([*self.constants, *self.laws, *self.variants, *self.privileged]))
 
 
@@ -127,8 +127,8 @@ TASKS = {
         for shift in SHIFTS
     },
 }  # fmt: skip
-"""Candidates by task. In ThinWire and Trim no law sees more than a machine shows: there each machine's best constant
-stands for one."""
+"""Candidates by task. ThinWire and Trim have no law that sees more than a machine shows; each machine's best constant
+takes its place."""
 
 
 OF_PART = (
@@ -138,7 +138,7 @@ OF_PART = (
 
 
 def row_of(result: Result) -> dict[str, Any]:
-    """Return what is noted of a cut."""
+    """Return the stored row of a cut."""
     return {
         "controller": result.controller, "seed": result.seed, "return": round(result.total_return, 1),
         "rate_mm2_min": round(result.rate_mm2_min, 2), "lost": result.wires_lost + result.jammed,
@@ -151,7 +151,7 @@ def _made(env_id: str, job: tuple[str, int]) -> dict[str, Any]:
 
 
 class Cuts:
-    """The cuts of a task, those of the leaderboard and those on disk: made where they are missing.
+    """The cuts of a task, from the leaderboard and from disk; missing cuts are made by `make`.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class Cuts:
             self._made[row["controller"], row["seed"]] = row
 
     def make(self, names: Sequence[str], seeds: Sequence[int]) -> None:
-        """Make what is missing of controllers x seeds, and say how far it is."""
+        """Make the missing cuts of controllers x seeds, and print the progress."""
         missing = [(name, seed) for seed in seeds for name in names if (name, seed) not in self._made]
         env_id, began = env_id_of(self.task), time.monotonic()
 
@@ -185,7 +185,7 @@ class Cuts:
         self._made.update(zip(missing, rows, strict=True))
 
     def has(self, name: str, seed: int) -> bool:
-        """Whether a cut has been made."""
+        """Return whether a cut has been made."""
         return (name, seed) in self._made
 
     def of(self, name: str, seeds: Sequence[int], what: str = "return") -> np.ndarray:
@@ -193,7 +193,7 @@ class Cuts:
         return np.array([self._made[name, seed][what] for seed in seeds], float)
 
     def results(self, name: str, seeds: Sequence[int]) -> list[Result]:
-        """Return a controller's cuts."""
+        """Return the results of a controller's cuts."""
         return [Result(*self._made[name, seed]["result"]) for seed in seeds]
 
     def rows(self, names: Sequence[str], seeds: Sequence[int]) -> list[dict[str, Any]]:
@@ -206,7 +206,7 @@ class Cuts:
 
 
 def headroom(task: str) -> dict[str, Any]:
-    """Return what a task's lines earn, as the page has it; makes the cuts that are missing."""
+    """Return the figures of a task's lines for the page; make the missing cuts."""
     candidates, count = TASKS[task], SEEDS.get(task, USUAL_SEEDS)
     training, held = list(TRAINING)[:count], list(held_back(count))
     cuts = Cuts(task)
@@ -261,12 +261,12 @@ def headroom(task: str) -> dict[str, Any]:
 
 
 def shown(figure: Figure, digits: int = 0) -> str:
-    """Return a figure with its interval."""
+    """Return a figure with its interval as text."""
     return f"{figure.value:.{digits}f} ({figure.low:.{digits}f} to {figure.high:.{digits}f})"
 
 
 def margin(found: dict[str, Any]) -> tuple[Figure, float, str]:
-    """Return what the better of the two lines that know more earns above the best law, its share, and which it is."""
+    """Return the gain of the better privileged line over the best law: its mean, its share, and the line's name."""
     law = np.array(found["lines"]["best law"]["returns"])
     ends = ("privileged law", "law that knows each machine")
     more = {end: np.array(found["lines"][end]["returns"]) for end in ends if end in found["lines"]}
@@ -275,7 +275,7 @@ def margin(found: dict[str, Any]) -> tuple[Figure, float, str]:
 
 
 def verdict(above: Figure, share: float) -> str:
-    """Say whether learning can pay in a task."""
+    """Return whether learning can pay in a task, as text."""
     if share < LEAST_GAIN - 1.0:
         return "comparison only"
     return "learning" if above.low > 0.0 else "learning, not significant"
@@ -329,7 +329,7 @@ def page(board: dict[str, Any]) -> str:
 
 
 def _of_shifts(board: dict[str, Any]) -> list[str]:
-    """Say what adaptation earns where a machine can be known, and what more is known to be possible."""
+    """Return the paragraphs on the shifts: gain of adaptation, and gain known to be possible beyond it."""
     sentences = []
     for task in (name for name in SHIFTS if name in board):
         lines = {line: np.array(row["returns"]) for line, row in board[task]["lines"].items()}
@@ -347,7 +347,7 @@ def _of_shifts(board: dict[str, Any]) -> list[str]:
 
 
 def main() -> None:
-    """Make the cuts that are asked for, and write the page."""
+    """Make the missing cuts of the requested tasks, and write the page."""
     parser = argparse.ArgumentParser(description="Measure what tasks have left to be learned.")
     parser.add_argument("tasks", nargs="*", choices=[*TASKS, "all", []], help="tasks to measure, or all")
     chosen = parser.parse_args().tasks
@@ -360,6 +360,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    from headroom import main as run  # other processes find functions by the name of their module
+    from headroom import main as run  # because other processes import functions by module
 
     run()

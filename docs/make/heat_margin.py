@@ -1,4 +1,4 @@
-"""What a law that knew its machine could win on MaxRate: `python docs/make/heat_margin.py` prints a table.
+"""Possible gain of a law that knows its machine on MaxRate: `python docs/make/heat_margin.py` prints a table.
 
 tasks/max-rate.md refers to it. Machines are drawn with training seeds, and `heat-flux` cuts each of them with several
 margins.

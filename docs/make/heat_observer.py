@@ -1,9 +1,9 @@
-"""What a network with memory can find out of MaxRate's wire: `python docs/make/heat_observer.py` makes two tables.
+"""How well a recurrent network estimates the wire's temperature in MaxRate: `python docs/make/heat_observer.py`.
 
-They are those of tasks/max-rate.md, of 20 minutes of one processor. `heat-flux` cuts machines drawn with training
-seeds, each with a share of the critical flux drawn for it. A recurrent network learns the wire's true temperature
-from what the machine shows, window by window. Then a law holds what the network says, and cuts other machines beside
-`heat-flux`. Needs the extra `rl`.
+Writes two tables of tasks/max-rate.md in 20 minutes of processor time. `heat-flux` cuts machines drawn with training
+seeds, each with a random share of the critical flux. A recurrent network learns the wire's true temperature from the
+machine's measurements, window by window. Then a law that holds the network's estimate and `heat-flux` cut other
+machines. Needs the extra `rl`.
 """
 
 from collections.abc import Callable
@@ -28,21 +28,21 @@ from edmsim.machine.machine import Machine
 
 ENV_ID = "edmsim/MaxRate-v1"
 LEARNED, TESTED, CUT = range(10_000, 10_640), range(20_000, 20_160), range(2_000, 2_096)
-"""Seeds of the machines that the network learns from, is tested on, and of those that the laws cut."""
+"""Seeds of the machines for training the network, for testing it, and for comparing the laws."""
 HOLDS = 0.12, 0.36
-"""Range of the shares of the critical flux that are held while the network's cuts are made."""
+"""Range of the shares of the critical flux in cuts for the network."""
 NETWORK_HOLDS = -0.7, -0.5, -0.3
-"""What the law with the network holds, as the superheat over the one at which the wire boils dry."""
+"""Set-points of the law with the network: superheats relative to the one at which the wire boils dry."""
 BEGIN_S = 2.0
-"""Left out of each wire: it comes to its period slowly."""
+"""Ignored begin of each wire, because it reaches its period slowly."""
 COLDEST, DRY = -2.5, 1.2
-"""Superheats are held to the first; beyond the second, where the wire has boiled dry, they are left out."""
+"""Superheats are clamped below at the first, and ignored above the second, because the wire has boiled dry."""
 CELLS, EPOCHS, MACHINES_A_STEP, RATE = 64, 16, 16, 3e-3
 Floats = NDArray[np.float64]
 
 
 def features(window: WindowObservation, gauge: FluxGauge, age_s: float, machine: Machine) -> list[float]:
-    """Return what is shown to the network: a window, the fluxes that `heat-flux` makes of it, and the dials."""
+    """Return the inputs of the network: a window, the fluxes that `heat-flux` computes, and the dials."""
     flux = gauge.flux
     visible = [window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us]
     dials = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
@@ -51,13 +51,13 @@ def features(window: WindowObservation, gauge: FluxGauge, age_s: float, machine:
 
 
 class Recorded(NamedTuple):
-    """What the windows of a cut showed, and what nobody sees.
+    """Measurements and hidden state of a cut's windows.
 
     Attributes
     ----------
     visible : (n, features)
     superheat, flux : (n,)
-        The true superheat, and the greatest flux as `heat-flux` has it.
+        The true superheat, and the greatest flux that `heat-flux` computes.
     counts : (n,) bool
         Which windows count.
     hidden : (k,)
@@ -71,12 +71,12 @@ class Recorded(NamedTuple):
     hidden: Floats
 
     def with_hidden(self) -> "Recorded":
-        """Return it as if the constants were seen."""
+        """Return a copy whose `visible` includes the constants."""
         return self._replace(visible=np.hstack([self.visible, np.tile(self.hidden, (len(self.visible), 1))]))
 
 
 def record(seed: int) -> Recorded:
-    """Cut a machine with `heat-flux` at a share that is drawn."""
+    """Cut a machine with `heat-flux` at a random share."""
     hold = np.random.default_rng(seed).uniform(*HOLDS)
     task, law = Task(ENV_ID), HeatFluxController(hold_share=float(hold))
     episode, rows, age_s, lost = Episode(task, law, seed, "heat-flux"), [], 0.0, 0
@@ -95,7 +95,7 @@ def record(seed: int) -> Recorded:
 
 
 class Network(torch.nn.Module):
-    """A GRU whose output is a superheat, and what its inputs are normalised by."""
+    """A GRU whose output is a superheat, with the normalisation of its inputs."""
 
     def __init__(self, mean: Floats, scale: Floats) -> None:
         super().__init__()
@@ -104,14 +104,14 @@ class Network(torch.nn.Module):
         self.out = torch.nn.Linear(CELLS, 1)
 
     def forward(self, visible: Floats, memory: Any = None) -> tuple[Any, Any]:
-        """Return superheats (cuts, n) for features (cuts, n, k), and the memory after them."""
+        """Return superheats (cuts, n) for features (cuts, n, k), and the state after them."""
         normal = np.clip((visible - self.mean) / self.scale, -8, 8)
         hidden, memory = self.gru(torch.as_tensor(normal, dtype=torch.float32), memory)
         return self.out(hidden)[..., 0], memory
 
 
 def fitted(cuts: list[Recorded]) -> Network:
-    """Return a network that has learned from cuts, by the mean square of its error."""
+    """Return a network trained on cuts, with the mean square error as loss."""
     torch.manual_seed(0)
     everything = np.concatenate([cut.visible[cut.counts] for cut in cuts])
     network = Network(everything.mean(axis=0), everything.std(axis=0) + 1e-6)
@@ -136,13 +136,13 @@ def fitted(cuts: list[Recorded]) -> Network:
 
 
 def of_cuts(network: Network, cuts: list[Recorded]) -> list[Floats]:
-    """Return what a network says of the superheats of cuts."""
+    """Return a network's estimates of the superheats of cuts."""
     with torch.no_grad():
         return [network(cut.visible[None])[0][0].numpy() for cut in cuts]
 
 
 def explained(cuts: list[Recorded], predicted: list[Floats]) -> tuple[float, float]:
-    """Return which share of the superheat's variance is explained: from window to window, and between machines."""
+    """Return the shares of the superheat's variance that are explained: between windows, and between machines."""
     pairs = [(cut.superheat[cut.counts], values[cut.counts]) for cut, values in zip(cuts, predicted, strict=True)]
     pairs = [pair for pair in pairs if len(pair[0]) > 1]
     missed = sum(float((((p - p.mean()) - (t - t.mean())) ** 2).sum()) for t, p in pairs)
@@ -153,13 +153,13 @@ def explained(cuts: list[Recorded], predicted: list[Floats]) -> tuple[float, flo
 
 
 def way(superheat: float) -> float:
-    """Return a superheat as a share of the way from the coldest to where the wire boils dry."""
+    """Return a superheat on a scale from 0 at the coldest to 1 where the wire boils dry."""
     return (superheat - COLDEST) / (1.0 - COLDEST)
 
 
 @dataclass
 class NetworkGauge(Gauge):
-    """What the network says of the wire's superheat, as its `way`; `network` is put in after it is made."""
+    """Gauge of the wire's superheat by the network, on the scale of `way`; the caller sets `network`."""
 
     flux: FluxGauge = field(default_factory=FluxGauge, init=False)
     age_s: float = field(default=0.0, init=False)
@@ -169,7 +169,7 @@ class NetworkGauge(Gauge):
         self._memory: Any = None
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the dials."""
+        """Set the machine with its dials, and the path."""
         self._machine = machine
         self.flux.set_up(machine, points_um, start_um)
 
@@ -179,12 +179,12 @@ class NetworkGauge(Gauge):
         self.fresh_wire()
 
     def fresh_wire(self) -> None:
-        """Begin with a fresh wire, which is cold."""
+        """Begin with a fresh, cold wire."""
         self.age_s = 0.0
         self.flux.begin()
 
     def near(self, window: WindowObservation) -> float:
-        """Ask the network."""
+        """Return the network's estimate."""
         self.flux.near(window)
         self.age_s += window.duration_s
         visible = np.array([[features(window, self.flux, self.age_s, self._machine)]])
@@ -197,7 +197,7 @@ class NetworkController(
     ServoLaw, measure=OpenShare, period=HoldHeat, gauge=NetworkGauge, proportional_share=0.7, integral_per_s=5.0,
     **HEAT,
 ):  # fmt: skip
-    """Holds by the period what the network says of the wire's superheat."""
+    """Law that holds the network's estimate of the wire's superheat by the period."""
 
     name: ClassVar[str] = "network"
 
@@ -208,7 +208,7 @@ def cut_with(make: Callable[[], FeedController], seed: int) -> Result:
 
 
 def holding(network: Network, superheat: float) -> FeedController:
-    """Return the law that holds a superheat by a network."""
+    """Return the law that holds a superheat with a network."""
     law = NetworkController(hold_share=way(superheat))
     law.gauge.network = network
     return law

@@ -1,7 +1,7 @@
-"""Which pulse periods a wire bears in a whole cut: `python docs/make/held_periods.py` prints a table.
+"""Pulse periods at which a wire survives a whole cut: `python docs/make/held_periods.py` prints a table.
 
-It is one of guide/set-up.md: `examples/punch.ngc` on the production machine with the large table, whose planner lets
-the feed follow the gap, with its generator and all else as preset, cut to its end. It takes a quarter of an hour.
+The table is in guide/set-up.md: `examples/punch.ngc` on the production machine with the large table, its generator,
+the planner `exact`, which lets the feed follow the gap, and defaults otherwise. It takes a quarter of an hour.
 """
 
 from sections import DOCS, table
@@ -14,7 +14,7 @@ PERIODS_US = (20.0, 32.0, 40.0, 50.0, 72.0)
 
 
 def ended(height_mm: float, period_us: float) -> str:
-    """Say when the wire broke, or how hot it became."""
+    """Return the wire's highest temperature, or the time when it broke, as text."""
     report = edmsim.cut(
         PROGRAM, machine="production-400", planner="exact", generator="production", height_mm=height_mm,
         t_period_us=period_us, resolution="fast",

@@ -1,8 +1,8 @@
-"""What pushes a rough cut's wire back and what takes it forward; writes the table of theory/emergence.md.
+"""Forces that push a rough cut's wire backwards or forwards; writes the table of theory/emergence.md.
 
     python docs/make/lag_balance.py
 
-A cut of 30 mm at a fifth of open pulses, and the same cut without one of its loads at a time.
+A cut of 30 mm with a fifth of open pulses, and the same cut with single loads removed.
 """
 
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ def cuts(changes: Mapping[str, float]) -> list[Cut]:
 
 
 def figures(found: list[Cut]) -> list[str]:
-    """Return the figures of cuts: means over the seeds."""
+    """Return the figures of cuts, means over the seeds."""
     means = np.mean([
         (cut.lag_um, cut.vibration_um, 100 * cut.share("short"), cut.gap_um, 1e-3 * cut.ignitions / cut.seconds)
         for cut in found
@@ -46,7 +46,7 @@ def figures(found: list[Cut]) -> list[str]:
 
 
 def main() -> None:
-    """Make the cuts and put their table into the page."""
+    """Make the cuts, and write their table into the page."""
     heads = "what acts", "lag, um", "vibration, um", "shorts, %", "gap at the discharges, um", "discharges, kHz"
     found = table(heads, ([name, *figures(cuts(changes))] for name, changes in CASES.items()))
     write_sections("theory/emergence.md", {"lag balance": found})

@@ -1,6 +1,6 @@
 """Learning curves of examples/learning with five seeds: a picture for every page of docs/tasks, one for training.md.
 
-python docs/make/learning_curves.py out/curves            # trains what is missing there, one by one, and draws
+python docs/make/learning_curves.py out/curves            # makes missing trainings, one by one, and draws
 python docs/make/learning_curves.py out/curves MaxRate    # ppo.py in one task
 python docs/make/learning_curves.py out/curves examples   # recurrent_ppo.py and ppo_lag.py
 """
@@ -25,27 +25,28 @@ from edmsim.recording.figures.palette import BLUE, MUTED
 
 SEEDS = (1, 2, 3, 4, 5)
 LEGEND_LETTERS = 66
-"""Letters of three lines' labels that have room side by side."""
+"""Total length of three lines' labels that fit in a row."""
 NAME_LETTERS = 32
-"""A law of more numbers than that is named without them: the table beside the picture has them."""
+"""Greatest length of a law's name with parameters; a longer one is shown without them, because the page's table has
+them."""
 TASKS = {"GapFeed": 204_800, "HeightStep": 204_800, "Corner": 98_304, "Contour": 49_152, "MaxRate": 122_880,
          "ThinWire": 65_536, "Trim": 81_920}  # fmt: skip
-"""Decisions of a training in each task: small numbers, so that five take a quarter of an hour of a processor."""
+"""Decisions of a training in each task, so that five trainings take a quarter of an hour of processor time."""
 EXAMPLES = {"recurrent_ppo": 61_440, "ppo_lag": 204_800}
-"""Decisions of a training with the other two."""
+"""Decisions of a training with the other two examples."""
 STEPS = {**TASKS, **EXAMPLES}
 COST_LIMIT = 0.1
-"""Mean cost of an episode that `ppo_lag.py` is to keep to (ours)."""
+"""Bound of `ppo_lag.py` for the mean cost of an episode (ours)."""
 OWN = {
     "Contour": ("--decision-s", "0.25"), "Trim": ("--action", "speed"), "ppo_lag": ("--limit", str(COST_LIMIT)),
 }
-"""An episode of Contour has 11,760 decisions else; a pass has no front that a servo could follow."""
+"""Further options: an episode of Contour would have 11,760 decisions; a trim has no front for a servo to follow."""
 
 
 def curve(folder: Path, name: str, seed: int) -> np.ndarray:
-    """Return a learning curve (rows, 3), decisions, return and cost; trains if there is none yet.
+    """Return a learning curve (rows, 3): decisions, return and cost; train if its file is missing.
 
-    `name` is that of a task, in which `ppo.py` trains, or of another example.
+    `name` is a task, in which `ppo.py` trains, or another example.
     """
     file = folder / f"{name}-{seed}.csv"
     if not file.exists():
@@ -60,14 +61,14 @@ def curve(folder: Path, name: str, seed: int) -> np.ndarray:
 
 
 def on_grid(curves: list[np.ndarray], column: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Return decisions (n,), from where all seeds have ended an episode, and a column of every seed (seeds, n)."""
+    """Return decisions (n,), from the first at which all seeds have ended an episode, and a column (seeds, n)."""
     decisions = np.unique(np.concatenate([rows[:, 0] for rows in curves]))
     decisions = decisions[decisions >= max(rows[0, 0] for rows in curves)]
     return decisions, np.array([np.interp(decisions, rows[:, 0], rows[:, column]) for rows in curves])
 
 
 def lines_to_draw(task: str) -> dict[str, float]:
-    """Return the mean returns of a task's two reference lines and of its best classic law, by their labels."""
+    """Return the mean returns of a task's two reference lines and of its best classic law, by label."""
     env_id = env_id_of(task)
     figures, lines = leaderboard(DOCS / "leaderboard.jsonl")[env_id, "fast"].figures, lines_of(env_id)
     ends = lines.blind, lines.reference
@@ -83,9 +84,9 @@ def _short(name: str) -> str:
 
 
 def draw_task(task: str, curves: list[np.ndarray]) -> None:
-    """Draw every seed thinly, their median and a task's lines.
+    """Draw every seed's curve, their median and a task's lines.
 
-    What is less than the least after a third of the training is learned soon, and left out.
+    The axis begins at the least median after a third of the training, without the low returns before.
     """
     figure, axes = plt.subplots(figsize=(6.4, 3.2))
     decisions, values = on_grid(curves)
@@ -106,7 +107,7 @@ def draw_task(task: str, curves: list[np.ndarray]) -> None:
 
 
 def _draw_seeds(axes: Axes, decisions: np.ndarray, values: np.ndarray) -> None:
-    """Draw every seed thinly, and their median."""
+    """Draw every seed's curve, and their median."""
     axes.plot(decisions / 1e3, values.T, color=BLUE, lw=0.7, alpha=0.5)
     axes.plot(decisions / 1e3, np.median(values, axis=0), color=BLUE, lw=1.8)
     axes.set_xlabel("decisions, thousands")
@@ -114,7 +115,7 @@ def _draw_seeds(axes: Axes, decisions: np.ndarray, values: np.ndarray) -> None:
 
 
 def draw_examples(curves: dict[str, list[np.ndarray]]) -> None:
-    """Draw the returns of both examples, and the cost of the one with a bound."""
+    """Draw the returns of both examples, and the cost of the example with a bound."""
     figure, panels = plt.subplots(1, 3, figsize=(9.0, 2.8))
     shown = ("recurrent_ppo", 1, "return"), ("ppo_lag", 1, "return"), ("ppo_lag", 2, "cost")
     for axes, (name, column, label) in zip(panels, shown, strict=True):
@@ -130,7 +131,7 @@ def draw_examples(curves: dict[str, list[np.ndarray]]) -> None:
 
 
 def learned(name: str, curves: list[np.ndarray]) -> str:
-    """Return what the last twenty episodes brought: the median of the seeds, the least and the greatest."""
+    """Return the text on the last twenty episodes: median, least and greatest of the seeds."""
     last = np.array([rows[-1] for rows in curves])
     reward, cost = (
         f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in ((last[:, 1], 0), (last[:, 2], 2))
@@ -145,7 +146,7 @@ def learned(name: str, curves: list[np.ndarray]) -> str:
 
 
 def main() -> None:
-    """Train what is missing, draw, and say what was learned."""
+    """Make the missing trainings, draw, and write the results into the pages."""
     parser = argparse.ArgumentParser(description="Learning curves of examples/learning.")
     parser.add_argument("folder", type=Path, help="folder of the curves; those that are there are kept")
     parser.add_argument("which", nargs="*", choices=[*TASKS, "examples", []], help="tasks, examples; all by default")

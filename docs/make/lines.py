@@ -1,8 +1,8 @@
-"""Candidates for the reference lines of tasks, on training machines: what `OF_TASK` was chosen from.
+"""Candidates for the reference lines of tasks, on training machines; `OF_TASK` was chosen from them.
 
 python docs/make/lines.py Corner Trim    # prints a table for each task; all by default
 
-None of these machines is one of the comparisons.
+None of these machines is used in comparisons.
 """
 
 import sys
@@ -54,7 +54,7 @@ TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
 
 
 def results(task: str) -> str:
-    """Return what every candidate of a task earned and lost in the mean, as a table of Markdown."""
+    """Return the mean returns and the lost wires of a task's candidates, as a table of Markdown."""
     seeds, candidates = TASKS[task]
     env_id, jobs = env_id_of(task), [(name, seed) for name in candidates for seed in seeds]
 
@@ -74,7 +74,7 @@ def _row(name: str, cuts: Sequence[Result]) -> tuple[str, ...]:
 
 
 def main() -> None:
-    """Print the tables of the tasks asked for."""
+    """Print the tables of the requested tasks."""
     for task in sys.argv[1:] or TASKS:
         seeds = TASKS[task][0]
         print(f"{task}, seeds {seeds[0]} to {seeds[-1]}:", "", results(task), "", sep="\n")

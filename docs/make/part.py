@@ -1,9 +1,9 @@
-"""Figures of docs/tasks/part.md: how long a part takes to compute, and whether PPO learns on a small one.
+"""Figures of docs/tasks/part.md: computing time of a part, and whether PPO learns on a small one.
 
 python docs/make/part.py speed
 python docs/make/part.py learn --steps 640
 
-Both print a line; neither writes a file.
+Each prints a line, and writes no file.
 """
 
 import argparse
@@ -21,13 +21,13 @@ from edmsim.evaluation.episode import cut
 ID = "edmsim/Part-v0"
 USUAL = np.zeros(len(ACTIONS), np.float32)
 SMALL = "G21 G90\nG92 X0.2 Y-0.42\nG41 D1 G1 X0.2 Y0\nG1 X0\nY0.3\nX0.4\nY0\nX0.2\nG40\nM2\n"
-"""A punch of 0.4 x 0.3 mm, which is cut in a second."""
+"""A punch of 0.4 x 0.3 mm, which is simulated in a second."""
 MACHINE = {"passes": 2, "tab_mm": 0.0, "height_mm": 18.0, "tension_share": 1.0, "randomise": None}
 PULSES = 255
 
 
 def speed(episodes: int) -> str:
-    """Cut parts with the technology's constants; return the processor time that they took."""
+    """Cut parts with the technology's constants; return the text on their processor time."""
     env = gymnasium.make(ID)
     played(env, 0)  # compiles
     began, windows = time.process_time(), 0.0
@@ -41,7 +41,7 @@ def speed(episodes: int) -> str:
 
 
 def played(env: gymnasium.Env, seed: int) -> float:
-    """Play an episode; return its windows."""
+    """Run an episode; return its number of windows."""
     env.reset(seed=seed)
     windows, over = 0.0, False
     while not over:
@@ -52,13 +52,13 @@ def played(env: gymnasium.Env, seed: int) -> float:
 
 
 def learn(steps: int, seed: int) -> str:
-    """Train PPO on a small part of one machine; return what its first and last parts earned, and the technology."""
+    """Train PPO on a small part of one machine; return the text on returns of its first and last parts."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import VecNormalize
 
     class Returns(BaseCallback):
-        """Notes the return of every part."""
+        """Stores the return of every part."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -88,7 +88,7 @@ def learn(steps: int, seed: int) -> str:
 
 
 def main() -> None:
-    """Print what is asked for."""
+    """Print the requested line."""
     parser = argparse.ArgumentParser(description="Figures of docs/tasks/part.md.")
     parser.add_argument("what", choices=["speed", "learn"])
     parser.add_argument("--episodes", type=int, default=6)

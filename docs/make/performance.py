@@ -1,4 +1,4 @@
-"""The measured parts of ``docs/performance.md``: where a pulse's time goes, and this checkout beside a revision.
+"""The measured parts of ``docs/performance.md``: the time of a pulse by parts, and this checkout over a revision.
 
 python docs/make/performance.py [PAIRS]
 """
@@ -22,7 +22,7 @@ NAMES = {
     "vector_env_steps_per_s_fast_threads": "the same by the clock, with a thread for each processor",
     "drawn_resets_per_s": "resets that draw a machine, at `fast`",
 }
-"""Figures of `bench.subject`, and what the page calls them."""
+"""Figures of `bench.subject`, and their texts on the page."""
 
 
 def parts(found: dict[str, LoopProfile]) -> str:
@@ -40,7 +40,7 @@ def parts(found: dict[str, LoopProfile]) -> str:
 
 
 def pairs(found: Pairs, load: tuple[float, ...]) -> str:
-    """Return the table of ratios; `load` is how many programs wanted a processor before and after."""
+    """Return the table of ratios; `load` is the load average before and after."""
     heads = "per second of the processor", f"over that at {found.commit[:7]}", "95 % interval"
     ratios = [(words, found.ratio(name)) for name, words in NAMES.items()]
     rows = [(words, f"{one.value:.2f}", f"{one.low:.2f} to {one.high:.2f}") for words, one in ratios]

@@ -1,4 +1,4 @@
-"""``docs/planners.md`` and its picture: how far each planner strays, and where the algorithm of 1982 fails.
+"""``docs/planners.md`` and its picture: path error of each planner, and moves on which the algorithm of 1982 fails.
 
 python docs/make/planners.py
 """
@@ -30,7 +30,7 @@ from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORAN
 from edmsim.recording.figures.style import write_figure
 
 Errors = Mapping[tuple[str, int, int], NDArray[np.float64]]
-"""`around` by planner, length in um and speed in units."""
+"""Results of `around` by planner, length in um and speed in units."""
 
 HEADS = ("planner", "speed", "path max, um", "path rms, um", "mean speed, %", "ripple, %", "end, um")
 FAILURE_HEADS = (
@@ -40,7 +40,7 @@ FAILURE_HEADS = (
 
 
 class Failure(NamedTuple):
-    """A move that the requirements single out, with what they say of it."""
+    """A move that the requirements name, with their text on it."""
 
     row: str
     run_um: tuple[int, int]
@@ -113,7 +113,7 @@ The tables below have the errors on straight moves over {long} um and over {shor
 
 
 def measure() -> dict[tuple[str, int, int], NDArray[np.float64]]:
-    """Run every move of the page, and say which planner is at work."""
+    """Run every move of the page, and print the progress."""
     errors = {}
     for planner in COMPARED:
         for length in (LONG_UM, SHORT_UM):
@@ -138,7 +138,7 @@ def page(errors: Errors) -> str:
 
 
 def row(planner: str, speed: int, errors: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return one row of a table: a planner at one speed, over all directions."""
+    """Return a row of a table: a planner at one speed, over all directions."""
     found = MoveError(*errors.T)
     low, high = np.min(found.speed_percent), np.max(found.speed_percent)
     ripple = np.max(found.ripple_percent)
@@ -150,7 +150,7 @@ def row(planner: str, speed: int, errors: NDArray[np.float64]) -> tuple[str, ...
 
 
 def failure_row(failure: Failure) -> tuple[str, ...]:
-    """Return one row of the last table."""
+    """Return a row of the last table."""
     literal = move("poscal-literal", failure.run_um, failure.speed)
     machine = move(MACHINE, failure.run_um, failure.speed)
     default = move("poscal", failure.run_um, failure.speed)
@@ -198,7 +198,7 @@ def figure(errors: Errors) -> Figure:
 
 
 def write(file: Path) -> None:
-    """Measure, and write the page and, beside it, its picture ``planners.png``."""
+    """Measure, and write the page and its picture, ``planners.png`` in the same folder."""
     errors = measure()
     write_figure(figure(errors), file.with_name("planners.png"))
     file.write_text(page(errors), encoding="utf-8")

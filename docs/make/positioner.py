@@ -1,4 +1,4 @@
-"""Pictures of ``docs/positioner.md``: ramps with their reductions and stops, and homing searches.
+"""Pictures of ``docs/positioner.md``: ramps with reductions and stops, and homing searches.
 
 python docs/make/positioner.py
 """
@@ -17,7 +17,7 @@ EXAMPLE = {
     "measure": 10000, "pulse": 40000, "maxvel": 100000, "maxfollerr": 10000, "taccdec": 100, "toll": 5, "pgain": 100,
     "feedfw": 1000, "setvel": 50000, "setpos": 2000, "prsvel": 20000, "sprsvel": 10000,
 }  # fmt: skip
-"""The manual's example (1.9), with more gain."""
+"""The manual's example (1.9), with a greater gain."""
 TRAPEZOID, EPICYCLOID = {"ramptype": 0}, {"ramptype": 1}
 
 
@@ -35,7 +35,7 @@ def bench_with(settings: dict[str, int] | None = None, **parameters: int) -> tup
 def speeds(
     seconds: float, stop_s: float | None = None, settings: dict[str, int] | None = None, **parameters: int
 ) -> NDArray[np.float64]:
-    """Return time (s) and theoretical speed (um/s) of a placement, which STOP may end."""
+    """Return time (s) and theoretical speed (um/s) of a placement, with a STOP after `stop_s`."""
     bench, device = bench_with(settings, **parameters)
     device.command("START")
     rows = []
@@ -48,7 +48,7 @@ def speeds(
 
 
 def homing(mode: int) -> NDArray[np.float64]:
-    """Return time (s), true place (um), count, and whether cam and zero pulse are on, of a homing search."""
+    """Return time (s), true place (um), count, and state of the cam's input during a homing search."""
     bench, device = bench_with(prsmode=mode, tinvt=10)
     bench.home_cam("x", 500.0, 650.0)
     bench.motor("x")["index_um"], bench.motor("x")["index_phase_um"] = 400.0, 30.0

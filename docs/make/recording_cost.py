@@ -1,4 +1,4 @@
-"""What recording an episode costs: processor time of a step of GapFeed, recorded and not, for docs/environments.md.
+"""Cost of recording an episode: processor time of a step of GapFeed, recorded and not, for docs/environments.md.
 
 python docs/make/recording_cost.py
 """
@@ -16,7 +16,7 @@ STILL = np.zeros(1, np.float32)
 
 
 def step_us(env: edmsim.envs.EdmEnv, recorded: bool) -> float:
-    """Return the processor time of a step in us, the mean over an episode's first steps."""
+    """Return the processor time of a step in us, as mean over an episode's first steps."""
     env.reset(seed=1)
     recorder = env.recorder() if recorded else None
     start_s = time.process_time()
@@ -31,7 +31,7 @@ def step_us(env: edmsim.envs.EdmEnv, recorded: bool) -> float:
 
 
 def main() -> None:
-    """Measure in pairs, as a computer is not equally fast all the time, and print."""
+    """Measure in pairs, because the computer's speed varies, and print."""
     env = gymnasium.make("edmsim/GapFeed-v2", disable_env_checker=True).unwrapped
     step_us(env, False)
     plain, recorded = zip(*((step_us(env, False), step_us(env, True)) for _ in range(PAIRS)), strict=True)

@@ -1,11 +1,11 @@
-"""What a network with memory finds out of a machine's constants from what the machine shows.
+"""How well a recurrent network estimates a machine's constants from the machine's measurements.
 
 python docs/make/recoverable.py out/histories      # the table of tasks/max-rate-shift.md, and its picture
 
 First it records histories of `MACHINES` training machines of MaxRateShift, each cut for some minutes at a heat flux
-that rises until a wire breaks; interrupted, the same command goes on. An LSTM reads a history second by second and
-says every constant; it learns from some machines and is judged on others, in `FOLDS` parts, by the share of the
-variance that it explains. Needs the extra `rl` (torch).
+that rises until a wire breaks; after an interruption the same command resumes. An LSTM reads a history second by
+second and estimates every constant. It learns from some machines and is tested on others, in `FOLDS` parts, by the
+share of the variance that it explains. Needs the extra `rl` (torch).
 """
 
 import math
@@ -30,30 +30,30 @@ from edmsim.recording.figures.palette import BLUE, MUTED
 
 FOLDS, CELLS, RATE, DECAY = 5, 24, 5e-3, 1e-2
 LIMIT_EPOCHS, EPOCHS = 200, 60
-"""Of the network that says the limit alone, and of the one that says all drawn constants."""
-SHORTED = 0.25  # a wire that breaks at a greater share of shorts says nothing of the flux it bears
+"""Epochs of the network for the limit alone, and of the one for all drawn constants."""
+SHORTED = 0.25  # breaks with a greater share of shorts do not count for the flux that breaks the wire
 AFTER_S = 10, 60, 240
 ENV_ID, ENVIRONMENT = "edmsim/MaxRateShift-v0", {"decision_s": 1.0, "history": 1}
 FAMILY = make_family(ENV_ID, **ENVIRONMENT)
 MACHINES, FIRST_SEED, SECONDS = 32, 10_000, 240.0
 LAW = "heat-flux:shortest_us=12.5,recovery_s=0.5,retract_feed_um_s=80"
-LOW, HIGH = 0.04, 2.0  # fluxes of actions -1 and 1, over the critical one; between them the logarithm is linear
-MOST_TARGET = 0.3  # open share that the servo holds at an action of 1; 0 at -1
-BREAK_S = 0.1  # time constant of the flux that a break is attributed to (ours: it comes some 20 ms after boiling dry)
+LOW, HIGH = 0.04, 2.0  # fluxes of actions -1 and 1, over the critical one; the logarithm is linear in the action
+MOST_TARGET = 0.3  # set-point of the open share at an action of 1; it is 0 at -1
+BREAK_S = 0.1  # time constant of the flux at a break (ours: a wire breaks some 20 ms after boiling dry)
 MEASURED = "held", "flux", "broke_flux"
-"""Logarithms of the flux that the law held, of the greatest local flux in the mean of the step, and of that at which
-the last wire broke, 0 if none did; fluxes are over the critical one."""
+"""Logarithms of the flux that the law held, of the step's mean of the greatest local flux, and of the flux at which
+the last wire broke (0 if none did); fluxes are over the critical one."""
 NAMES = [*(entry.name for entry in FAMILY.entries()), *MEASURED]
 AT = {name: k for k, name in enumerate(NAMES)}
 SHORT, SPENT, LOST, BROKE = (NAMES.index(name) for name in ("short", "spent", "wires_lost", "broke_flux"))
 SHOWN_BEFORE = "tension", "height_mm", "flushing_lower_Pa", "flushing_upper_Pa"
-"""What is drawn, but shown on a dial."""
+"""Drawn values that a dial shows."""
 LIMIT = "flux that breaks the wire"
 RESAMPLES = 1000
 
 
 class Climber:
-    """In place of a policy: more flux every second until a wire breaks, then less, and slower; with some dither."""
+    """A policy whose flux rises every second until a wire breaks, then starts lower and rises slower; with dither."""
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
@@ -63,15 +63,15 @@ class Climber:
         self._dither, self._target, self._lost = 0.0, self._rng.uniform(0, 0.25), 0.0
 
     def family(self):
-        """Return the environment whose observations and decisions these are."""
+        """Return the environment for which observations and decisions are made."""
         return FAMILY
 
     def fresh_memory(self) -> np.ndarray:
-        """Return no memory."""
+        """Return an empty memory."""
         return np.zeros((2, 0))
 
     def act(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Note what is seen and decided; the target changes once in a while."""
+        """Store observation and decision; the target changes at random times."""
         if observation[AT["wires_lost"]] > self._lost:
             self._lost = observation[AT["wires_lost"]]
             self._hold += math.log(self._rng.uniform(0.6, 0.95))
@@ -86,12 +86,12 @@ class Climber:
 
 
 def action_of(log_hold):
-    """Return the action -1..1 that asks for a hold, given by its logarithm."""
+    """Return the action -1..1 for the logarithm of a flux to hold."""
     return 2.0 * (log_hold - math.log(LOW)) / math.log(HIGH / LOW) - 1.0
 
 
 class Recorder(PolicyController):
-    """Cuts with `LAW`, whose flux and target a climber sets after every step, and shows it the measured fluxes."""
+    """Cuts with `LAW`; a climber observes the measured fluxes and sets the law's flux and target after every step."""
 
     def __init__(self, climber: Climber) -> None:
         super().__init__(climber)
@@ -111,7 +111,7 @@ class Recorder(PolicyController):
         return super().reset(max_feed_um_s)
 
     def update(self, window) -> FeedCommand:
-        """Return the law's command, and at the end of a step let the climber decide."""
+        """Return the law's command; at the end of a step, call the climber."""
         self._look(window)
         if self._target is not None:
             self._law.measure.open_target_share = self._target
@@ -126,19 +126,19 @@ class Recorder(PolicyController):
         return self._command()
 
     def wire_lost(self) -> FeedCommand:
-        """Note the flux at which the wire broke, and go on with the next."""
+        """Store the flux at which the wire broke, and begin with the next."""
         self._measured[-1], self._flux = logarithm(self._flux), 0.0
         self._command_now = self._law.wire_lost()
         return super().wire_lost()
 
     @property
     def observation(self) -> np.ndarray:
-        """What the machine shows, and the law's fluxes."""
+        """The machine's measurements, and the law's fluxes."""
         return np.concatenate([super().observation, self._measured]).astype(np.float32)
 
     @property
     def _setting_us(self) -> tuple[float, float]:
-        return self._now_us  # a new machine for the period of every window would take most of the time
+        return self._now_us  # making a new machine for every window's period would take most of the time
 
     @_setting_us.setter
     def _setting_us(self, setting_us: tuple[float, float]) -> None:
@@ -167,18 +167,18 @@ def logarithm(flux: float) -> float:
 
 
 def record(seed: int, seconds: float, file: Path) -> None:
-    """Cut a training machine, and save what it showed and what was decided (n, entries + 2), and its constants."""
+    """Cut a training machine, and save observations with decisions (n, entries + 2), and its constants."""
     task, climber = Task(ENV_ID, test_s=0.0), Climber(seed)
     for window in Episode(task, Recorder(climber), seed, "climber").windows():
         if window.observation.time_s >= seconds:
             break
     drawn = {name: value for name, value in task.scenario.drawn.items() if not isinstance(value, str)}
-    rows = np.array(climber.rows[:-1], np.float32)  # the last decision has not been cut
+    rows = np.array(climber.rows[:-1], np.float32)  # the last decision had no effect
     np.savez_compressed(file, rows=rows, names=np.array(list(drawn)), constants=np.array(list(drawn.values())))
 
 
 class Cut(NamedTuple):
-    """A history: what was shown (n, entries), time (n,), and steps in which a wire broke by its heat."""
+    """A history: observations (n, entries), time (n,), and steps in which a wire broke by heat."""
 
     shown: np.ndarray
     time_s: np.ndarray
@@ -186,12 +186,12 @@ class Cut(NamedTuple):
 
     @property
     def broke_s(self) -> float:
-        """When the first wire broke, infinite if none did."""
+        """Time when the first wire broke; infinite if none did."""
         return float(self.time_s[self.broke[0]]) if len(self.broke) else math.inf
 
 
 def load(folder: Path) -> tuple[list[Cut], dict[str, np.ndarray]]:
-    """Return histories, and their constants by name; a limit is the median flux of a machine's breaks, or unknown."""
+    """Return histories, and their constants by name; the limit is the median flux of the breaks, or NaN."""
     cuts, constants, limits = [], [], []
     for file in sorted(folder.glob("*.npz"), key=lambda one: one.stem):
         if not file.stem.isdigit():
@@ -238,7 +238,7 @@ def padded(cuts: list[Cut], mean: np.ndarray, std: np.ndarray) -> tuple[torch.Te
 
 
 def predicted(cuts: list[Cut], targets: np.ndarray, epochs: int) -> dict[str, np.ndarray]:
-    """Return what networks that have not learned from a machine say of it after a time, and after a first break."""
+    """Return estimates at some times and at the first break, by networks that have not learned from the machine."""
     moments = [*(f"{seconds} s" for seconds in AFTER_S), "first break"]
     said = {moment: np.full(targets.shape, np.nan) for moment in moments}
     for fold in range(FOLDS):
@@ -255,13 +255,13 @@ def predicted(cuts: list[Cut], targets: np.ndarray, epochs: int) -> dict[str, np
 
 
 def by_first_break(cuts: list[Cut]) -> tuple[float, float, float, int]:
-    """Return how well the flux at which the first wire broke says, by itself, the median of the later ones."""
+    """Return `explained` for the flux of the first break as prediction of the median flux of the later ones."""
     fluxes = [one.shown[one.broke, BROKE] for one in cuts if len(one.broke) > 1]
     return explained(np.array([np.median(row[1:]) for row in fluxes]), np.array([row[0] for row in fluxes]))
 
 
 def explained(target: np.ndarray, said: np.ndarray) -> tuple[float, float, float, int]:
-    """Return R2 with its 95 % interval over machines, and their number; the mean is that of these machines."""
+    """Return R2 with its 95 % interval over machines, and their number; variance is about these machines' mean."""
     known = np.isfinite(target) & np.isfinite(said)
     target, said = target[known], said[known]
     rng = np.random.default_rng(0)
@@ -275,7 +275,7 @@ def explained(target: np.ndarray, said: np.ndarray) -> tuple[float, float, float
 
 
 def main() -> None:
-    """Record what is missing, fit, print the table into the page of MaxRateShift, and draw."""
+    """Record missing histories, fit, write the table into the page of MaxRateShift, and draw."""
     torch.set_num_threads(1)
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
@@ -315,13 +315,13 @@ def main() -> None:
 
 
 def draw(shares: dict[str, list[float]], moments: list[str]) -> None:
-    """Draw what is recovered, the limit above all."""
+    """Draw the explained shares of the variance."""
     figure, axes = plt.subplots(figsize=(6.4, 1.2 + 0.35 * len(shares)))
     places = np.arange(len(shares))[::-1]
     for k, moment in enumerate(moments):
         color = BLUE if moment == "first break" else MUTED
         fill = color if k >= len(moments) - 2 else "none"
-        values = np.maximum([row[k] for row in shares.values()], -0.2)  # what is worse stands at the edge
+        values = np.maximum([row[k] for row in shares.values()], -0.2)  # clamped to the edge
         look = {"edgecolors": color, "facecolors": fill, "zorder": 3}
         axes.scatter(values, places, 18 + 14 * k, label=f"after {moment}", **look)
     axes.set_yticks(places, list(shares), fontsize=8)

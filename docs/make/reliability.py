@@ -1,4 +1,4 @@
-"""The tables of ``docs/reliability.md``, of what ``make campaign``, ``make soak`` and ``make lost-node`` have left.
+"""The tables of ``docs/reliability.md``, from files of ``make campaign``, ``make soak`` and ``make lost-node``.
 
 python docs/make/reliability.py [out]
 """
@@ -14,7 +14,7 @@ Known = dict[str, dict[str, Any]]
 
 
 def campaign(found: Known) -> str:
-    """Return a row for every reader, and their sum."""
+    """Return the table with a row for every reader, and their sum."""
     counted = "inputs", "taken", "refused"
     rows = []
     for name, one in found.items():
@@ -31,7 +31,7 @@ def _interval(rate: list[float], unit: str) -> str:
 
 
 def soak(found: Known) -> str:
-    """Return a row for every part that was run."""
+    """Return the table with a row for every part that was run."""
     rows: dict[str, str] = {}
     if one := found.get("hour"):
         rows[f"{one['machine_s']:.0f} s of a machine, {one['windows']:,} windows"] = (
@@ -68,7 +68,7 @@ def _left(left: dict[str, int]) -> str:
 
 
 def main() -> None:
-    """Write the tables there are figures for."""
+    """Write the tables for which there are files."""
     out = Path(sys.argv[1] if sys.argv[1:] else "out")
     written = {}
     for name, made in (("campaign", campaign), ("soak", soak)):

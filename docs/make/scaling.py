@@ -1,4 +1,4 @@
-"""The measured tables of ``docs/scaling.md``: what a run costs the driver, in time, in memory and on the disk.
+"""The measured tables of ``docs/scaling.md``: cost of a run for the driver in time, memory and disk space.
 
 python docs/make/scaling.py
 """
@@ -9,7 +9,7 @@ import time
 import tracemalloc
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from posixpath import basename  # any function that does nothing, and every process has
+from posixpath import basename  # a trivial function that every process can import
 from typing import Any
 
 import numpy as np
@@ -22,17 +22,17 @@ from edmsim.sweep.specification import Specification, runs_of
 from edmsim.sweep.table import RESULTS, ROWS_PER_PART, Store, read
 
 PUNCH = "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"
-"""A punch of 1 x 1 mm, some two minutes of machine time."""
+"""A punch of 1 x 1 mm, about two minutes of machine time."""
 ROWS = 20_000
 """Runs of the simulated cluster."""
 JOBS = 2000
 
 
 class Instant:
-    """A cluster without end: every run is done at once, as if there were always a node free."""
+    """An infinite cluster: every run is done at once, as if a node were always free."""
 
     def __init__(self, outcome: Outcome) -> None:
-        # digits differ from cut to cut: equal ones would be packed into nothing
+        # digits are varied, because equal rows would be compressed to almost nothing
         rng = np.random.default_rng(0)
         self._rows = [
             {name: self._varied(value, rng) for name, value in outcome.row.items()} for _ in range(ROWS_PER_PART)
@@ -46,14 +46,14 @@ class Instant:
         return value
 
     def done(self, function: Any, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-        """Answer each job with the outcome of a cut that was made once, its digits changed."""
+        """Yield the outcome of one cut for each job, with varied digits."""
         for run in jobs:
             known = {name: value for name, value in blank(run).items() if value is not None}
             yield run, Outcome({**self._rows[run.seed % ROWS_PER_PART], **known}, {})
 
 
 def measure(folder: Path) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Return what was measured, and from that the time of a million runs: names and texts."""
+    """Return the measured figures, and the cost of a million runs computed from them: names and texts."""
     program = folder / "punch.ngc"
     program.write_text(PUNCH, encoding="utf-8")
     shared = {"program": [str(program)], "settings": {"resolution": "fast", "height_mm": 5.0}}
@@ -121,7 +121,7 @@ def measure(folder: Path) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]
 
 
 def handed_by_ray() -> float:
-    """Return what it costs to hand a job that does nothing to a Ray cluster of one node, and to take its answer."""
+    """Return the time in s to send a trivial job to a Ray cluster of one node and to receive its answer."""
     import ray
     from ray.cluster_utils import Cluster as Nodes
 

@@ -1,4 +1,4 @@
-"""What the scripts share: tables of Markdown, and the places of a page that they write."""
+"""Functions for all scripts: tables of Markdown, and replacing of a page's sections."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -8,16 +8,16 @@ from edmsim.errors import InputError
 
 DOCS = Path(__file__).parents[1]
 _TABLE = re.compile(r"(<!-- begin table: ([\w-]+) ?([^\n]*?) -->\n).*?(<!-- end table -->)", re.DOTALL)
-"""Place of a table, with its kind and the words that say what it is of."""
+"""Place of a table, with its kind and the words that are its arguments."""
 
 
 def has_tables(page: Path) -> bool:
-    """Say whether a page has places of tables."""
+    """Return whether a page has places of tables."""
     return _TABLE.search(page.read_text(encoding="utf-8")) is not None
 
 
 def with_tables(text: str, made: Mapping[str, Callable[..., str] | None], page: Path | None = None) -> str:
-    """Return a page with its tables made again by kind, those of None as they are; messages name the page."""
+    """Return a page with its tables replaced by kind, unchanged if `made` has None; messages name the page."""
 
     def written(mark: re.Match[str]) -> str:
         begin, kind, words, end = mark.groups()
@@ -30,7 +30,7 @@ def with_tables(text: str, made: Mapping[str, Callable[..., str] | None], page: 
 
 
 def write_sections(page: str, sections: Mapping[str, str]) -> None:
-    """Print the texts of sections, and write each into a page of `DOCS`, ``<!-- begin NAME -->`` to the end mark."""
+    """Print sections, and write each into a page of `DOCS`, between ``<!-- begin NAME -->`` and the end mark."""
     file = DOCS / page
     text = file.read_text(encoding="utf-8")
     for name, section in sections.items():
@@ -42,7 +42,7 @@ def write_sections(page: str, sections: Mapping[str, str]) -> None:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0) -> str:
-    """Return a table of Markdown; its last columns, as many as are `numbers`, are aligned to the right."""
+    """Return a table of Markdown, whose last `numbers` columns are aligned to the right."""
     rule = "|---" * (len(heads) - numbers) + "|--:" * numbers + "|"
     lines = ([cell.replace("|", "\\|") for cell in cells] for cells in (heads, *rows))
     head, *body = (f"| {' | '.join(cells)} |" for cells in lines)

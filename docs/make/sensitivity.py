@@ -1,4 +1,4 @@
-"""What rows that fail depend on: resolution, running speed, heat into the wire, wear; tables of theory/emergence.md.
+"""Sensitivity of failing rows to resolution, running speed, heat into the wire, wear; tables of theory/emergence.md.
 
 python docs/make/sensitivity.py
 """
@@ -53,7 +53,7 @@ def rough() -> str:
 
 
 def tall() -> str:
-    """Return the figures that miss at height, at two resolutions."""
+    """Return the figures that fail at large heights, at two resolutions."""
     production = {
         mm: altered(Machine.load("production", generator="production", height_mm=mm), UNBREAKABLE)
         for mm in (DRUM_MM, 120.0)
@@ -72,7 +72,7 @@ def tall() -> str:
 
 
 def mori() -> str:
-    """Return in how many runs Mori's wire breaks, by its speed and the heat it takes."""
+    """Return the number of runs in which Mori's wire breaks, by its speed and its share of the heat."""
 
     def broken(speed_m_s: float, share: float) -> str:
         machine = altered(mori_rig().with_(wire_speed_m_s=speed_m_s), {HEAT: share})
@@ -85,7 +85,7 @@ def mori() -> str:
 
 
 def thin() -> str:
-    """Return the greatest stable rate of a wire of 0.1 mm by height, peak and the heat it takes."""
+    """Return the greatest stable rate of a wire of 0.1 mm, by height, peak and its share of the heat."""
 
     def rate(height_mm: float, peak_A: float, share: float) -> str:
         return f"{fmean(rates_mm2_min(altered(thin_rig(height_mm, peak_A), {HEAT: share}), SEARCHES[:4])):.0f}"
@@ -98,7 +98,7 @@ def thin() -> str:
 
 
 def worn() -> str:
-    """Return the greatest stable rate, and what three times the running speed adds, by the wire's wear."""
+    """Return the greatest stable rate, and that at `QUICKER` times the running speed, by the wire's wear."""
     usual, quick = [], []
     base = preset(FLUSHED_MM)
     for ratio in WEAR_RATIOS:

@@ -1,13 +1,13 @@
-"""Settings of the servo of a law on training machines: which cut fastest, and how far that differs.
+"""Settings of a law's servo on training machines: which cut fastest, and the effect of each value.
 
 python docs/make/servo_search.py MaxRateShift      # out/servo: some 18 h of machine time, an hour of one processor
 python docs/make/servo_search.py MaxRateShift-guarded                 # around the setting of `guarded-hold`, as long
 python docs/make/servo_search.py ThinWireShift     # some 21 h of machine time, 20 minutes of one processor
 
 Every machine is cut twice with all settings in random order, 9 s each: the law's own, single changes of it, those of
-an earlier policy, and random combinations. The rate of a segment counts over the median of those around it in time,
-as workpieces, water and the law's own adaptation change it. The first table has the settings, the second what each
-value adds, by a linear fit to all segments. Interrupted, the same command goes on.
+an earlier policy, and random combinations. The rate of a segment is divided by the median of those around it in
+time, because workpieces, water and the law's own adaptation change it. The first table has the settings, the second
+the effect of each value, by a linear fit to all segments. After an interruption the same command resumes.
 """
 
 import argparse
@@ -27,16 +27,15 @@ from edmsim.snapshots import Snapshots
 
 FIRST_SEED, PASSES = 21_002, 2
 FIRST_S, START_S, SEGMENT_S, SETTLE_S = 30.0, 5.0, 9.0, 2.0
-"""Cutting time with the law's own setting at first, and of a new wire; of a segment; its beginning, which is left
-out."""
-AROUND = 8  # segments before and after one that its rate is compared with
+"""Cutting time with the law's own setting at first, and of a new wire; of a segment; of its ignored beginning."""
+AROUND = 8  # segments before and after a segment to compare its rate with
 OWN_REPEATS, COMBINATIONS = 4, 66
-MOST_LEAD = 0.7  # a segment's rate may differ by no more (logarithm): it may cross to the next workpiece
+MOST_LEAD = 0.7  # clamps the logarithm of a segment's rate, because the next workpiece may begin in it
 Setting = dict[str, float]
 
 
 class Search(NamedTuple):
-    """What is searched for a task."""
+    """The search for a task."""
 
     law: str
     own: Setting  # the law's own values
@@ -46,7 +45,7 @@ class Search(NamedTuple):
 
     @property
     def settings(self) -> list[Setting]:
-        """The law's own setting some times, single changes, earlier ones, random combinations."""
+        """The law's own setting several times, single changes, earlier settings, random combinations."""
         rng = np.random.default_rng(7)
         single = [{**self.own, name: value} for name, values in self.single.items() for value in values]
         before = [{**self.own, **setting} for setting in self.before]
@@ -147,7 +146,7 @@ SEARCHES = {
 
 
 class Recorder(Snapshots):
-    """Cuts with the law, and changes its setting every few seconds; a lost wire ends a segment."""
+    """Cuts with the law, whose setting changes every few seconds; a lost wire restarts the segment."""
 
     name: ClassVar[str] = "recorder"
     STATE: ClassVar[tuple[str, ...]] = ("law", "left", "setting", "clock_s", "lost")
@@ -173,20 +172,20 @@ class Recorder(Snapshots):
         return self.law.reset(max_feed_um_s)
 
     def wire_lost(self) -> FeedCommand:
-        """Begin the next wire, then the same setting again."""
+        """Begin the next wire, and later the same setting again."""
         self.lost[self.setting] += self.clock_s >= 0.0
         self.clock_s = -START_S
         return self.law.wire_lost()
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        """Return the law's command with the setting in force."""
+        """Return the law's command with the present setting."""
         self.clock_s += window.duration_s
         self.law.override(self.settings[self.setting if self.clock_s >= 0.0 else 0])
         return self.law.update(window)
 
 
 def record(job: tuple[str, int, int]) -> dict[str, Any]:
-    """Return what a machine cut: rows of setting, seconds and area, in order of time; and lost wires."""
+    """Return the record of a machine: rows of setting, seconds and area, in order of time; and lost wires."""
     task, seed, number = job
     recorder = Recorder(SEARCHES[task], 1000 * seed + number)
     episode = Episode(Task(f"edmsim/{task.partition('-')[0]}-v0", test_s=0.0), recorder, seed, "recorder")
@@ -207,15 +206,15 @@ def record(job: tuple[str, int, int]) -> dict[str, Any]:
 
 
 class Gains(NamedTuple):
-    """What settings cut on a machine."""
+    """Rates of settings on a machine."""
 
-    means: np.ndarray  # logarithm of each setting's rate over the own one's
-    own_mm2_min: float  # and that rate
-    segments: list[tuple[int, float]]  # setting, and logarithm of the rate over that of the segments around
+    means: np.ndarray  # logarithm of each setting's rate over the own setting's
+    own_mm2_min: float  # rate of the own setting
+    segments: list[tuple[int, float]]  # setting, and logarithm of the rate over that of the segments around it
 
 
 def gains(passes: list[dict[str, Any]]) -> Gains:
-    """Return what settings cut on a machine."""
+    """Return the rates of settings on a machine, from its records."""
     found: list[list[float]] = [[] for _ in passes[0]["lost"]]
     own: list[float] = []
     for one in passes:
@@ -230,7 +229,7 @@ def gains(passes: list[dict[str, Any]]) -> Gains:
 
 
 def print_values(search: Search, each: list[Gains], lost: np.ndarray) -> None:
-    """Print what each value adds to the logarithm of the rate; fast machines count in proportion."""
+    """Print the contribution of each value to the logarithm of the rate; machines are weighted by their rates."""
     settings = search.settings
     values = [(name, value) for name, own in search.own.items()
               for value in sorted({setting[name] for setting in settings} - {own})]  # fmt: skip
@@ -250,7 +249,7 @@ def print_values(search: Search, each: list[Gains], lost: np.ndarray) -> None:
 
 
 def main() -> None:
-    """Record what is missing, and print the settings by what they cut in the sum over the machines."""
+    """Make the missing records, and print the settings in order of their rates, summed over the machines."""
     parser = argparse.ArgumentParser(description="Search settings of the servo.")
     parser.add_argument("task", choices=list(SEARCHES))
     parser.add_argument("--machines", type=int, default=32)
@@ -275,6 +274,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    from servo_search import main as run  # other processes find functions by the name of their module
+    from servo_search import main as run  # because other processes import functions by module
 
     run()

@@ -15,7 +15,7 @@ DRIVES = {"uhu": "UHU 3.00", "servo-module": "servo processor module"}
 
 
 def figure(tunings: dict[str, Tuning]) -> Figure:
-    """Draw a column for each drive, steps above moves."""
+    """Draw a column for each drive, with steps above moves."""
     drawn = Figure(figsize=(7.2, 4.4), dpi=110, facecolor="white", layout="constrained")
     for column, (name, tuning) in enumerate(tunings.items()):
         step, move = drawn.add_subplot(2, 2, column + 1), drawn.add_subplot(2, 2, column + 3)

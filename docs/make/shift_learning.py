@@ -1,9 +1,9 @@
-"""What `adaptive-hold` finds out in a shift: a picture for each of the two pages of docs/tasks that are of shifts.
+"""What `adaptive-hold` learns in a shift: a picture for each of the two pages of docs/tasks on shifts.
 
 python docs/make/shift_learning.py                 # both
 python docs/make/shift_learning.py MaxRateShift    # one
 
-The machine is one of training (seed 100 or as `SHOWN` says).
+The machine is a training machine, with the seed in `SHOWN`.
 """
 
 import sys
@@ -23,12 +23,12 @@ THIN = next(law for law in OF_TASK["ThinWireShift"].compared if law.startswith("
 SHOWN = {
     "MaxRateShift": ("max-rate-shift", 104, "adaptive-hold"), "ThinWireShift": ("thin-wire-shift", 106, THIN),
 }  # fmt: skip
-"""Name of the page, seed of the machine, one whose wires have a limit within reach of the supply, and the law."""
+"""Name of the page, seed of a machine whose wires have a limit within reach of the supply, and the law."""
 EVERY_S = 2.0
 
 
 def followed(task: str, seed: int, name: str) -> tuple[np.ndarray, list[float]]:
-    """Return rows of time, flux held, and the limit's 5, 50 and 95 % (n, 5); and when wires broke."""
+    """Return rows of time, held flux, and the limit's 5, 50 and 95 % (n, 5); and times when wires broke."""
     law = from_text(name)
     assert isinstance(law, ServoLaw)
     rule = law.period

@@ -1,9 +1,9 @@
 """A gas bubble in the slit between wire and metal: the equations of theory/gas.md, integrated.
 
 A gas bubble of radius R and pressure p drives the water out of the slit of width g between the wire's front half and
-the metal. Two shapes of the slit stand beside each other: a disc of radius W = pi d/4, a quarter of the girth, and
-the strip that the slit is, 2 W wide and endless along the wire, its pressure counted by the cosine of its place on
-the wire. Each becomes a few functions of x = R/W (`Slit`); the equations are the same.
+the metal. Two shapes of the slit are compared: a disc of radius W = pi d/4, a quarter of the circumference, and the
+actual strip, 2 W wide and infinite along the wire, whose pressure is weighted by the cosine of its place on the wire.
+Each is described by a few functions of x = R/W (`Slit`); the equations are the same.
 """
 
 import math
@@ -25,10 +25,10 @@ GAP_UM, WIRE_UM, RHO, P0 = (
 VISCOSITY_PA_S = 1.0e-3
 """Water at 20 C."""
 SEED_UM = 10.0
-"""Radius of the bubble at ignition (ours: a channel of some ten um)."""
+"""Radius of the bubble at ignition (ours: a channel of about ten um)."""
 _SHARE = Machine.load().base.discharge.bubble_share
 SHARE = _SHARE.value
-"""Share of the energy that goes into the gas, the machine's (`docs/theory/gas.md`)."""
+"""Share of the energy that goes into the gas, of the default machine (`docs/theory/gas.md`)."""
 assert _SHARE.range is not None
 LEAST_SHARE, GREATEST_SHARE = _SHARE.range
 
@@ -36,11 +36,11 @@ LEAST_SHARE, GREATEST_SHARE = _SHARE.range
 class Slit(NamedTuple):
     """Effect of a slit's shape on a bubble of radius x, in units of the slit's half width W.
 
-    The bubble's volume grows by 2 pi g K per time. The water has rho pi g K^2 L of kinetic energy (`inertia`; its
-    `slope` is dL/dx), carries rho (K / W)^2 e per volume out through the edges (`outflow`), could be started from
-    rest by an impulse of 2 pi rho K W^2 m (`momentum`), and pushes with the rate of that and rho pi K^2 b
-    (`bernoulli`). The gas reaches the edges when the circle is `full`; its projected area is then `gas_area` W^2, and
-    it escapes through edges of length `opening` W.
+    The bubble's volume grows by 2 pi g K per time. The water has a kinetic energy of rho pi g K^2 L (`inertia`; its
+    `slope` is dL/dx), carries rho (K / W)^2 e per volume out through the edges (`outflow`), and would be started
+    from rest by an impulse of 2 pi rho K W^2 m (`momentum`). It pushes with the rate of this impulse plus
+    rho pi K^2 b (`bernoulli`). The gas reaches the edges at x = `full`; its projected area is then `gas_area` W^2,
+    and it escapes through edges of length `opening` W.
     """
 
     inertia: Callable[[float], float]
@@ -54,7 +54,7 @@ class Slit(NamedTuple):
 
 
 class Gas(NamedTuple):
-    """What becomes of the discharge's energy: the share that goes into the gas, and how fast the gas escapes."""
+    """Share of the discharge's energy in the gas, speed of escape of the gas, and ratio of its heats."""
 
     share: float = SHARE
     escape_m_s: float = gas.ESCAPE_M_S
@@ -69,10 +69,11 @@ class Pulse(NamedTuple):
 
 
 class Push(NamedTuple):
-    """What a bubble did, and its history; ``energy`` in J is where that of the gas went.
+    """The effect of a bubble, its history, and its balance of ``energy`` in J.
 
-    ``given`` to the gas, with that of the seed: it is ``internal``, ``work`` done on the water, or ``vented``. The
-    work is ``kinetic`` when the gas reaches the edges, ``carried`` out, ``rubbed``, or ``displaced`` the ambient.
+    ``given`` is the energy of gas and seed; it becomes ``internal``, ``work`` on the water, or ``vented``.
+    The work becomes ``kinetic`` when the gas reaches the edges, is ``carried`` out, ``rubbed`` (friction), or
+    ``displaced`` (work against the ambient pressure).
     """
 
     impulse_Ns: float
@@ -90,21 +91,21 @@ DISC = Slit(
     outflow=lambda x: 0.5,
     momentum=lambda x: (1.0 - x * x) / 4.0,
     bernoulli=lambda x: 1.0 + math.log(x),
-    full=0.99,  # a thin ring of water bursts
+    full=0.99,  # a thin ring of water breaks
     gas_area=math.pi,
     opening=2.0 * math.pi,
 )
 
 
 def strip(poles: int = 12) -> Slit:
-    """Return the functions of the strip in front of a wire, its bubble held to a circle."""
+    """Return the functions of the strip in front of a wire, with the bubble constrained to a circle."""
     places = np.linspace(0.02, 0.94, 24)
     found = np.array([_strip_at(x, poles) for x in places])
 
     def smooth(values: NDArray[np.float64]) -> CubicSpline:
         return CubicSpline(np.concatenate([[0.0], places]), np.concatenate([values[:1], values]))
 
-    # L + ln x and b - ln x have limits at x = 0
+    # splines of L + ln x and b - ln x, because these have limits at x = 0
     rest, bare = smooth(found[:, 0] + np.log(places)), smooth(found[:, 3] - np.log(places))
     bend, outflow, momentum = rest.derivative(), smooth(found[:, 1]), smooth(found[:, 2])
     return Slit(
@@ -113,11 +114,11 @@ def strip(poles: int = 12) -> Slit:
         outflow=lambda x: float(outflow(x)),
         momentum=lambda x: float(momentum(x)),
         bernoulli=lambda x: float(bare(x)) + math.log(x),
-        # from here on a circle would need suction in the water, which has none between gas and edges under pressure:
-        # the bubble bulges instead, and its bulges are out
+        # a larger circle would need suction in the water, which is under pressure between gas and edges: the bubble
+        # bulges instead, and its bulges have reached the edges
         full=0.84,
         gas_area=4.0 * float(j1(math.pi / 2)),
-        opening=4.0,  # two edges, each as long as the bubble is wide
+        opening=4.0,  # two edges, each of the bubble's width
     )
 
 
@@ -125,13 +126,13 @@ def _strip_at(x: float, poles: int) -> tuple[float, float, float, float]:
     """Return L, e, m and b of a circle of radius x in the strip.
 
     The potential is that of a source between two edges at which it is zero, and of even poles whose strengths make
-    it constant on the circle. The wire's axis lies along the real axis, its girth along the imaginary one.
+    it constant on the circle. The real axis is along the wire, the imaginary one along its circumference.
     """
     images = np.arange(-6, 7)
-    signs = np.where(abs(images) < 6, 1.0, 0.5) * (-1.0) ** images  # half of the last: the rest alternates
+    signs = np.where(abs(images) < 6, 1.0, 0.5) * (-1.0) ** images  # half of the last, because the series alternates
 
     def basis(at: NDArray[np.complex128], derived: bool) -> NDArray[np.complex128]:
-        """Even poles, or their derivatives, with their images beyond the edges."""
+        """Return even poles, or their derivatives, with their images beyond the edges."""
         away = at[..., None] - 2j * images
         square = (x / away) ** 2
         terms, found = signs * (square / away if derived else square), []
@@ -141,7 +142,7 @@ def _strip_at(x: float, poles: int) -> tuple[float, float, float, float]:
         return np.stack(found, axis=-1)
 
     def speed(at: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Speed of the flow with K = 1."""
+        """Return the speed of the flow with K = 1."""
         return np.abs(math.pi / 2 / np.sinh(math.pi / 2 * at) - basis(at, True) @ strengths)
 
     angle = (np.arange(6 * poles) + 0.5) / (6 * poles) * math.pi / 2
@@ -150,11 +151,11 @@ def _strip_at(x: float, poles: int) -> tuple[float, float, float, float]:
     system = np.column_stack([basis(circle, False).real, -np.ones_like(angle)])
     solved = np.linalg.lstsq(system, -source, rcond=None)[0]
     strengths, inertia = solved[:-1], float(solved[-1])
-    wire = 2 / math.pi  # its radius in half widths
+    wire = 2 / math.pi  # radius in half widths
     normal = speed(circle)
     momentum = wire**2 * float((np.cos(circle.imag / wire) * normal).sum() / normal.sum())
     node, weight = np.polynomial.legendre.leggauss(24)
-    edge = speed(3.0 * (node + 1.0) + 1j)  # beyond 6 half widths nothing moves
+    edge = speed(3.0 * (node + 1.0) + 1j)  # beyond 6 half widths the flow is negligible
     outflow = 12.0 * float(weight @ edge**3) / (4 * math.pi)
     lifted = wire * 12.0 * float(weight @ edge**2) / 2
     turn = math.pi / 4 * (node + 1.0)
@@ -163,7 +164,7 @@ def _strip_at(x: float, poles: int) -> tuple[float, float, float, float]:
     squared = (speed(field) * np.abs(field)) ** 2 * np.cos(field.imag / wire) * spread
     drawn = math.pi / 4 * float(weight @ squared @ weight)
     inside = 2 * math.pi * x * wire * float(j1(x / wire))
-    risen = inside * float((normal**2).mean()) / 2  # the pressure on the circle by its growth: -dL/dx / 2x
+    risen = inside * float((normal**2).mean()) / 2  # pressure on the circle due to its growth: -dL/dx / 2x
     return inertia, outflow, momentum, (lifted + risen - drawn) / math.pi
 
 
@@ -171,9 +172,9 @@ def grow(
     pulse: Pulse, gap_um: float, gas: Gas, slit: Slit, diameter_um: float = WIRE_UM, *,
     seed_um: float = SEED_UM, drag: float = 1.0,
 ) -> Push:
-    """Integrate a bubble until its gas has escaped and the discharge has ended, or until it grows no more.
+    """Integrate a bubble until its gas has escaped and the discharge has ended, or until its growth ends.
 
-    `drag` multiplies the friction of laminar flow in the slit.
+    `drag` is a factor on the friction of laminar flow in the slit.
     """
     g, half = gap_um * 1e-6, math.pi / 4 * diameter_um * 1e-6
     rub = drag * 12 * VISCOSITY_PA_S / g**2
@@ -229,9 +230,9 @@ def grow(
 
 
 def _vent(push: Push, pulse: Pulse, gas: Gas, slit: Slit, g: float, half: float) -> Push:
-    """Let the gas escape through the slit's edges while the discharge still heats it.
+    """Integrate the escape of the gas through the slit's edges, while the discharge may still heat it.
 
-    Gas below the ambient pressure does not draw the wire here: what follows then is the refill.
+    Gas below the ambient pressure does not pull the wire here; `refill` computes what follows.
     """
     excess, edge_m2, area_m2 = gas.heat_ratio - 1.0, slit.opening * half * g, slit.gas_area * half**2
     per_Pa = push.energy["internal"] / push.pressure_Pa[-1]
@@ -266,9 +267,9 @@ def _vent(push: Push, pulse: Pulse, gas: Gas, slit: Slit, g: float, half: float)
 
 
 def refill() -> tuple[float, float, float]:
-    """Let the water come back into a disc of steam that condenses, out of a reservoir at ambient pressure.
+    """Integrate the return of the water from a reservoir at ambient pressure into a disc of condensing steam.
 
-    Returns the time in us until its sides meet, the impulse until then (suction), and that of their meeting.
+    Returns the time in us until the water meets, the impulse until then (suction), and that of the meeting.
     """
     half, rub = math.pi / 4 * WIRE_UM * 1e-6, 12 * VISCOSITY_PA_S / (GAP_UM * 1e-6) ** 2
 

@@ -1,8 +1,8 @@
-"""The greatest stable rate over height, pressure and a nozzle; writes the tables of theory/emergence.md.
+"""The greatest stable rate by height, by pressure, and without a nozzle; writes the tables of theory/emergence.md.
 
     python docs/make/stable_rates.py
 
-The searches are those of the validation, on the production machine as it is loaded.
+The searches are those of the validation, on the production machine with its defaults.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ OFF_HEIGHTS_MM = (20.0, 40.0, 60.0)
 
 
 def rates(head: str, machines: Mapping[float, Machine]) -> str:
-    """Return a table: rate and mean current of machines by the figure that differs, means of searches."""
+    """Return a table of rate and mean current, as means of searches; machines are by the value that differs."""
     found = {
         figure: [highest_stable_rate(one, seeds=(k,), hold_s=HOLD_S, approach_s=APPROACH_S) for k in SEEDS]
         for figure, one in machines.items()
@@ -34,7 +34,7 @@ def rates(head: str, machines: Mapping[float, Machine]) -> str:
 
 
 def main() -> None:
-    """Search, and put the tables into the page."""
+    """Search, and write the tables into the page."""
     base = preset(FLUSHED_MM)
     pressures = {
         bar: base.with_(flushing_lower_Pa=1e5 * bar, flushing_upper_Pa=1e5 * bar) for bar in PRESSURES_BAR

@@ -1,11 +1,11 @@
-"""The tables of the guide that the code itself tells; `python docs/make/tables.py` writes them.
+"""The tables of the guide that are made from the code; `python docs/make/tables.py` writes them.
 
-A page marks the place of a table with two comments; what stands between them is replaced::
+A page marks the place of a table with two comments; the text between them is replaced::
 
     <!-- begin table: parameters counts -->
     <!-- end table -->
 
-``tests/site`` refuses pages whose tables are not those of the code.
+``tests/site`` fails if a page's tables differ from the code.
 """
 
 import inspect
@@ -35,22 +35,22 @@ LINUXCNC = {
     "output_offset": "bias", "velocity_feed_forward": "FF1", "acceleration_feed_forward": "FF2",
     "jerk_feed_forward": "FF3",
 }  # fmt: skip
-"""Pins of LinuxCNC's component ``pid`` (its manual page) that do the same."""
+"""Equivalent pins of LinuxCNC's component ``pid`` (its manual page)."""
 VALUES = {str: "TEXT", int: "INTEGER", float: "NUMBER", Path: "PATH"}
 
 
 def refreshed(text: str) -> str:
-    """Return a page with its tables written again."""
+    """Return a page with its tables replaced."""
     return with_tables(text, TABLES)
 
 
 def pages() -> list[Path]:
-    """Return the pages with tables, but those of `validation.py`."""
+    """Return the pages with tables, except those of `validation.py`."""
     return [page for page in sorted(DOCS.rglob("*.md")) if page.parent.name != "theory" and has_tables(page)]
 
 
 def commands() -> str:
-    """Every command of ``edmsim``: what it does, arguments and options."""
+    """Return the section of every command of ``edmsim``: its text, arguments and options."""
     parts: list[str] = []
     for name, callback in every_command():
         parameters = inspect.signature(callback, eval_str=True).parameters.values()
@@ -63,7 +63,7 @@ def commands() -> str:
 
 
 def every_command() -> Iterator[tuple[str, Callable[..., Any]]]:
-    """Yield every command as it is typed, ``console servo``, with its function."""
+    """Yield every command's name on the command line, such as ``console servo``, and its function."""
     groups = ((f"{info.name} ", info.typer_instance) for info in cli.app.registered_groups)
     for words, group in (("", cli.app), *groups):
         for command in group.registered_commands:
@@ -72,12 +72,12 @@ def every_command() -> Iterator[tuple[str, Callable[..., Any]]]:
 
 
 def option(parameter: inspect.Parameter, info: Any) -> str:
-    """Return an option as it is typed."""
+    """Return an option's name on the command line."""
     return info.default if isinstance(info.default, str) else "--" + parameter.name.replace("_", "-")
 
 
 def word(parameter: inspect.Parameter, info: Any) -> str:
-    """Return what stands for a value."""
+    """Return the placeholder of a value."""
     if info.metavar:
         return str(info.metavar)
     if isinstance(info, ArgumentInfo):
@@ -94,7 +94,7 @@ def bare(parameter: inspect.Parameter) -> type:
 
 
 def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
-    """Return an argument's or option's row."""
+    """Return the row of an argument or option."""
     if isinstance(info, ArgumentInfo):
         name = word(parameter, info)
     elif bare(parameter) is bool:
@@ -111,7 +111,7 @@ def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
 
 
 def options(*names: str) -> str:
-    """Options of a set-up by name: meaning and limits."""
+    """Return the table of options of a set-up: meaning and limits."""
     body = []
     for name in names:
         field = SetUpOptions.model_fields[name]
@@ -122,13 +122,13 @@ def options(*names: str) -> str:
 
 
 def columns() -> str:
-    """Columns of ``windows.parquet``."""
+    """Return the table of columns of ``windows.parquet``."""
     columns = COLUMNS + EQUALISING_COLUMNS
     return table(("column", "unit", "meaning"), ((f"`{c.name}`", c.unit, c.meaning) for c in columns))
 
 
 def letters() -> str:
-    """The settings of the servo drives by name, with each one's letter, and what LinuxCNC's ``pid`` calls them."""
+    """Return the table of the servo drives' settings, with their letters and their names in LinuxCNC's ``pid``."""
     chips = [
         {row["name"]: row["letter"] for row in data_of(file)["parameter"]} for file in ("uhu", "servo_module")
     ]
@@ -141,10 +141,10 @@ def letters() -> str:
 
 
 def parameters(name: str, like: str = "") -> str:
-    """Parameters of a feed controller: default, value found by the search of gains, meaning.
+    """Return the table of a feed controller's parameters: default, value found by the search of gains, meaning.
 
-    ``servo`` are those all servos share; with a servo, only those of them are repeated that a search or the law has
-    set. With another law that it is `like`, the rows that both have are left out.
+    ``servo`` has those of all servos; the table of a servo law repeats only those that a search or the law has set.
+    Rows that the law `like` has as well are omitted.
     """
     same = described_parameters(like) if like else []
     rows = [row for row in described_parameters(name) if row not in same]
@@ -173,13 +173,13 @@ def described_parameters(name: str) -> list[tuple[str, ...]]:
 
 
 def meanings(kind: type) -> list[tuple[list[str], str]]:
-    """Return the parameters that a class itself declares, those described together as one."""
+    """Return the parameters that a class itself declares, with one entry for those described together."""
     own = (field for field in declared_fields(kind) if field.meaning and not field.is_state)
     return [(field.names, field.meaning.rstrip(".")) for field in own]
 
 
 def set_ups(kind: str) -> str:
-    """What there is of a kind under ``models/``: machines, materials, wires or generators."""
+    """Return the table of one kind of files in ``models/``: machines, materials, wires or generators."""
     head, row = SET_UPS[kind]
     return table(("name", "what", *head), (
         (f"`{name}`", *row(Machine.load(**{"name" if kind == "machines" else kind[:-1]: name})))

@@ -1,9 +1,9 @@
 """Pictures and tables of docs/tasks, the pages of the environments.
 
 python docs/make/tasks.py             # tables of reference lines, from docs/leaderboard.jsonl
-python docs/make/tasks.py pictures    # and what render() shows of each task
+python docs/make/tasks.py pictures    # also the output of render() in each task
 
-A picture is taken where a servo has cut for a while, on the machine that seed 1 draws.
+A picture is taken after a servo has cut for some time, on the machine of seed 1.
 """
 
 import argparse
@@ -27,15 +27,14 @@ TAKEN_S = {
     "GapFeed": 20.0, "HeightStep": 20.0, "Corner": 15.0, "Contour": 25.0, "MaxRate": 15.0, "ThinWire": 30.0,
     "Trim": 8.0, "Part": 1800.0, "MaxRateShift": 60.0, "ThinWireShift": 60.0,
 }  # fmt: skip
-"""Machine time at which a picture is taken, at the latest."""
+"""Latest machine time at which a picture is taken."""
 FURTHER = {
     "Corner": (0.0, 0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,), "Trim": (0.0, 0.0, 0.0),
     "Part": (0.0, 0.0, 0.0), "MaxRateShift": (0.0,), "ThinWireShift": (-0.5,),
 }  # fmt: skip
-"""What knobs and offset of a task are set to; MaxRate's wire would break at its first period."""
+"""Actions for knobs and offset of a task; MaxRate's wire would break at its first period."""
 FIRST = {"Trim": 0.4, "Part": 0.0}
-"""What entry 0 is set to where that is not the middle of a servo's targets: a feed of 80 um/s, or what the technology
-has."""
+"""Entry 0 of the action if not the middle of a servo's targets: a feed of 80 um/s, or the technology's value."""
 COLUMNS = {"score": "score", "rate_mm2_min": "net rate, mm2/min", "total_return": "return"}
 OF_PARTS = {
     "score": "score", "total_return": "return", "time_s": "s", "edge_error_um": "error, um", "ra_um": "Ra, um",
@@ -44,7 +43,7 @@ OF_PARTS = {
 
 
 def lines(comparison: Comparison) -> str:
-    """Return the reference lines, laws and policies of a task, the best score first."""
+    """Return the table of the reference lines, laws and policies of a task, with the best score first."""
     references = lines_of(comparison.env_id)
     ends = {references.reference: "the reference", references.blind: "score 0"}
     shows = OF_PARTS if is_part(comparison.env_id) else COLUMNS
@@ -73,7 +72,7 @@ def photograph(name: str) -> None:
 
 
 def main() -> None:
-    """Write the tables, and the pictures where they are asked for."""
+    """Write the tables, and the pictures if they are requested."""
     parser = argparse.ArgumentParser(description="Write tables and pictures of docs/tasks.")
     parser.add_argument("what", nargs="?", choices=["pictures"], help="the pictures, too")
     pictures = parser.parse_args().what is not None

@@ -1,4 +1,4 @@
-"""The picture of `docs/controller-1982.md`: the terminal's 24 lines, the monitor above the live view of a cut.
+"""The picture of `docs/controller-1982.md`: the terminal's 24 lines, with the monitor above the live view of a cut.
 
 python docs/make/terminal.py
 """
@@ -27,7 +27,7 @@ COLOURS = {"red": "#ff5d4a", "yellow": "#ffd24a", "green": PHOSPHOR}
 
 
 class _Screen:
-    """Types the lines one by one, keeps what is shown, and the live view as it is behind the last of them."""
+    """A terminal that types the lines of `TYPED`, and stores the output and the live view after the last line."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
@@ -37,7 +37,7 @@ class _Screen:
         self.view = panel([0] * 32, Operation(rig).status(), at_panel=False)
 
     def read(self, timeout_s: float | None) -> bytes:
-        """The next line."""
+        """Return the next line."""
         if self._lines:
             return f"{self._lines.pop(0)}\n".encode()
         operation = Operation(self._rig)
@@ -45,15 +45,15 @@ class _Screen:
         return b""
 
     def write(self, data: bytes) -> None:
-        """Keep what is shown."""
+        """Store the output."""
         self.shown += data.decode("ascii").replace("\r", "")
 
     def refresh(self, operation: Operation) -> None:
-        """A script has no live view but at its end."""
+        """Do nothing, because the live view is needed only at the end."""
 
 
 def screen() -> list[list[tuple[str, Style | None]]]:
-    """Return the last 24 lines, each as pieces of one style."""
+    """Return the last 24 lines, each as pieces of text with their styles."""
     rig = Rig(edmsim.Machine.load(height_mm=10.0), resolution="fast")
     display = _Screen(rig)
     Session(rig, display, Interrupts(), monitor=True).run()
@@ -64,7 +64,7 @@ def screen() -> list[list[tuple[str, Style | None]]]:
 
 
 def figure() -> Figure:
-    """Draw them."""
+    """Draw the lines."""
     drawn = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=110, facecolor=BACKGROUND)
     for row, line in enumerate(screen()):
         column = 0

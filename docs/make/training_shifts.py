@@ -1,10 +1,10 @@
-"""What controllers earn in whole shifts on training machines, beside the first of them.
+"""Returns of controllers in whole shifts on training machines, relative to the first controller.
 
 python docs/make/training_shifts.py MaxRateShift 22200 16 adaptive-hold policy:MaxRateShift-adapt
 python docs/make/training_shifts.py ThinWireShift 23000 12 climb:open_target_share=0.05 adaptive-hold:limit_share=0.2
 
-The numbers are the first seed and how many there are; laws are tried here, so that the held-back machines remain for
-the comparison. A shift takes some 15 s of a processor; shifts are noted in ``out/headroom`` and not cut again.
+The numbers are the first seed and the number of seeds. Laws are tried here, so that the held-back machines remain for
+the comparison. A shift takes about 15 s of processor time; shifts are stored in ``out/headroom`` and not cut again.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from edmsim.evaluation.episode import HELD_BACK
 
 
 def main() -> None:
-    """Cut the shifts that are missing, and print returns and lost wires."""
+    """Cut the missing shifts, and print returns and lost wires."""
     parser = argparse.ArgumentParser(description="Compare controllers in shifts on training machines.")
     parser.add_argument("task", choices=("MaxRateShift", "ThinWireShift"))
     parser.add_argument("first", type=int, help="seed of the first machine")

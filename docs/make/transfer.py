@@ -1,4 +1,4 @@
-"""What the shipped policy and two laws are worth at finer resolutions and on other machines.
+"""Returns of the shipped policy and two laws at finer resolutions and on other machines.
 
 python docs/make/transfer.py    # writes the table of docs/tasks/gap-feed.md
 """
@@ -21,13 +21,13 @@ from edmsim.runs import perform
 ENV_ID = "edmsim/GapFeed-v2"
 CONTROLLERS = ("policy:GapFeed-ppo", "delay", "counts")
 CUTS = 12
-"""As many as a comparison in GapFeed has."""
+"""Number of cuts, as in a comparison in GapFeed."""
 MORE, LESS = 1.5, 0.5
 """Factors on the upper and the lower end of an environment's ranges, for conditions beyond them (ours)."""
 
 
 def places() -> dict[str, dict[str, Any]]:
-    """Return resolutions and conditions beyond the environment's ranges, by name, as arguments of it."""
+    """Return arguments of the environment by name: resolutions, and conditions beyond its ranges."""
     family = make_family(ENV_ID)
     (low, high), slack = (ends_of(name, getattr(family, name)) for name in ("height_mm", "tension"))
     return {

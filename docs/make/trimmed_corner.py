@@ -1,8 +1,8 @@
-"""Why trims round an outer corner, and what spares it: `python docs/make/trimmed_corner.py` prints two tables.
+"""Why trims round an outer corner, and how to avoid it: `python docs/make/trimmed_corner.py` prints two tables.
 
-They are in theory/passes.md: how far the wire of the last pass is pushed from the wall beside the corner, and the
-error that it leaves at the corner, at several tensions; and that error by number of passes, with the longer period
-before corners that technologies have, and without it.
+They are in theory/passes.md. One has the displacement of the last pass's wire from the wall before the corner, and
+its error at the corner, at several tensions. The other has this error by number of passes, with and without the
+technologies' longer period before corners.
 """
 
 import numpy as np
@@ -14,17 +14,17 @@ from edmsim.validation.passes import CORNER_MM, HEIGHT_MM, cut_corner
 
 SIDE_MM, SEED = 0.8, 1
 NEAR_UM, FAR_UM = 150.0, 350.0
-"""Distances from the corner between which the wire is looked at: its push does not change there."""
+"""Distances from the corner between which the wire is measured, because its displacement is constant there."""
 CASES = ((2, 1.0), (3, 0.7), (3, 1.0), (3, 1.3))
 """Number of passes, and tension of the last one over the technology's."""
 
 
 MATERIALS, MATERIALS_SEED = {"tool-steel": 7, "aluminium": 4, "cemented-carbide": 4}, 11
-"""Materials with a technology, with the greatest number of passes of each; not the seed with which it was chosen."""
+"""Materials with a technology, and their greatest numbers of passes; another seed than the technologies' choice."""
 
 
 def careless(technology: Technology) -> Technology:
-    """Return a technology whose trims cut at corners as elsewhere."""
+    """Return a technology whose trims do not change their period before corners."""
     heights = tuple(
         at.model_copy(update={"passes": tuple(one.model_copy(update={"corner_before_um": 0.0}) for one in at.passes)})
         for at in technology.heights
@@ -33,7 +33,7 @@ def careless(technology: Technology) -> Technology:
 
 
 def tightened(technology: Technology, passes: int, share: float) -> Technology:
-    """Return a technology with another tension of the last of some passes."""
+    """Return a technology with another tension of the last of `passes` passes."""
     at = next(one for one in technology.heights if one.height_mm == HEIGHT_MM)
     last = at.passes[passes - 1]
     assert last.tension_N is not None
@@ -52,7 +52,7 @@ def measured(passes: int, share: float) -> tuple[float, float]:
         push = simulation.plant.deflections_um().mean(axis=0)
         pushes.extend(
             float(push[axis])
-            for axis, before in ((1, -x), (0, -y))  # the wire is above the first side, and to the right of the second
+            for axis, before in ((1, -x), (0, -y))  # the wire is above the first side, and right of the second
             if NEAR_UM <= before <= FAR_UM
         )
 

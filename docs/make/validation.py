@@ -3,7 +3,7 @@
     python docs/make/validation.py
 
 After an interruption the same command runs only the missing checks, as ``edmsim validate --out`` does. A page marks
-the place of a table with two comments; what stands between them is replaced::
+the place of a table with two comments; the text between them is replaced::
 
     <!-- begin table: constants gap discharge -->
     <!-- end table -->
@@ -32,7 +32,7 @@ TABLE = Path("out/validation.jsonl")  # of finished checks
 
 
 def write(folder: Path, rows: Sequence[Row]) -> None:
-    """Write the validation page into the docs' folder and refresh the tables of its theory pages."""
+    """Write the validation page into the docs' folder, and the tables of its theory pages."""
     (folder / "validation.md").write_text(validation_page(rows), encoding="utf-8")
     for page in sorted((folder / "theory").glob("*.md")):
         before = page.read_text(encoding="utf-8")
@@ -40,7 +40,7 @@ def write(folder: Path, rows: Sequence[Row]) -> None:
 
 
 def refreshed(text: str, rows: Sequence[Row] | None = None, page: Path | None = None) -> str:
-    """Return a page with its tables written again; without `rows` those of rows stay. Messages name the `page`."""
+    """Return a page with its tables replaced, except those of rows if `rows` is None; messages name the `page`."""
 
     def of_topic(*words: str) -> str:
         return "\n".join(rows_table([row for row in rows or () if row.topic == " ".join(words)], "docs/theory"))
@@ -50,7 +50,7 @@ def refreshed(text: str, rows: Sequence[Row] | None = None, page: Path | None = 
 
 
 def constants_table(*words: str, page: Path | None) -> str:
-    """Return a Markdown table of constants, of sections as ``gap`` or ``machine.gap``, or of what `_sections` has."""
+    """Return a Markdown table of constants of the named `_sections`, such as ``gap`` or ``machine.gap``."""
     rows = []
     for word in words:
         for label, part in _sections(word.removeprefix("machine."), page):

@@ -1,4 +1,4 @@
-"""Windows per second of the vector environment by numbers of environments and threads, for docs/environments.md.
+"""Windows per second of the vector environment, by numbers of environments and threads, for docs/environments.md.
 
 python docs/make/vector_envs.py
 """
@@ -21,7 +21,7 @@ from edmsim.bench.subject import spent_s
 COUNTS, THREADS = (1, 4, 16, 64, 256), (1, 2)
 """Numbers of environments and threads of the table."""
 ROUNDS = 8
-"""Spells of every row of the table; they take turns, as others use the machine too."""
+"""Timed spells of every row of the table, by turns, because other programs use the machine, too."""
 
 
 class VectorRate(NamedTuple):
@@ -34,7 +34,7 @@ class VectorRate(NamedTuple):
 
 
 def rates(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> list[VectorRate]:
-    """Measure straight cuts at ``fast``."""
+    """Return the rates of straight cuts at ``fast``."""
     kinds = [(count, many) for count in counts for many in threads]
     best_s, processor_best_s = np.full(len(kinds), np.inf), np.full(len(kinds), np.inf)
     with ExitStack() as opened:
@@ -52,14 +52,14 @@ def rates(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> l
 
 
 def processor() -> str:
-    """Return what the system calls its processors, and how many there are."""
+    """Return the number and name of the system's processors."""
     info = Path("/proc/cpuinfo")
     named = re.search(r"model name\s*: (.+)", info.read_text()) if info.exists() else None
     return f"{os.cpu_count()} processors, {named[1] if named else platform.processor() or platform.machine()}"
 
 
 def section(rows: list[VectorRate], comparison: dict[str, float]) -> str:
-    """Return the table, and the sentence below it."""
+    """Return the table, and the sentences below it."""
     most = max(row.environments for row in rows)
     heads = "environments", "threads", "windows per s", "processor time of a window, us"
     cells = [(f"{n}", f"{threads}", f"{per_s:,.0f}", f"{us:.0f}") for n, threads, per_s, us in rows]

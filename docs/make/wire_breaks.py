@@ -1,10 +1,10 @@
-"""How wires broke in shifts of training machines: how long they were dry before, and what had been unusual then.
+"""How wires broke in shifts of training machines: how long they were dry before, and what was unusual at drying.
 
 python docs/make/wire_breaks.py adaptive-hold      # writes the table of tasks/max-rate-shift.md
 
-The plant shows the temperature of the hottest place. It is dry if that is above the boiling point by the superheat at
-which steam covers the wire. What was unusual are the ignitions in a fifth of the height, over their mean of a second,
-in the window in which that began or the one before.
+The hottest place of the wire is dry if its true temperature is above the boiling point by the superheat at which
+steam covers the wire. The unusual figure is the greatest rate of ignitions in a fifth of the height over its mean of
+a second, in the window in which the place dried or the one before.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from edmsim.machine.parts import BOILING_K
 
 ENV_ID, LAW = "edmsim/MaxRateShift-v0", "adaptive-hold"
 SEEDS, SECONDS = range(22_002, 22_014), 600.0
-USUAL_S = 1.0  # time constant of the usual ignitions in each fifth
+USUAL_S = 1.0  # time constant of the mean ignitions in each fifth
 SHORT_S = 0.05  # time in which a short counts as just cleared
 
 
@@ -32,8 +32,8 @@ class Break(NamedTuple):
 
     seed: int
     time_s: float
-    dry_s: float  # before it broke
-    burst: float  # most ignitions of a fifth over the usual ones when it dried
+    dry_s: float  # time for which it was dry before it broke
+    burst: float  # greatest ignitions of a fifth over their mean when it dried
     after_short: bool
 
 

@@ -15,9 +15,9 @@ def measured(
     watch: Callable[[str], None], against: str | None, pairs: int | None, profile: bool, serial: bool, training: bool,
     figure: Path | None,
 ) -> dict[str, Measured]:
-    """Make the measurements that the options of ``edmsim bench`` name, by default that of the speed."""
+    """Make the measurements of these options of ``edmsim bench``, or of the speed if there are none."""
     if against is None and pairs is not None:
-        raise InputError("--pairs are those of a comparison: give the revision with --against")
+        raise InputError("--pairs is for a comparison: give the revision with --against")
     found: dict[str, Measured] = {}
     if profile or figure is not None:
         from edmsim.bench import profile as profiling
@@ -48,7 +48,7 @@ def measured(
 
 
 def _listed(figures: Mapping[str, float], title: str, text: Callable[[float], str]) -> Measured:
-    """Return figures with a table of them, a row each."""
+    """Return the figures, and a table with a row for each."""
     table = ScreenTable("figure", numbers=("value",), title=title)
     for name, value in figures.items():
         table.add_row(name, text(value))

@@ -38,41 +38,41 @@ from edmsim.program.path import CutPath, WireContour
 from edmsim.signals import noted
 
 SETTLE_WINDOWS = 1000
-"""Windows before timing, until the wire cuts a full kerf. At `default` the 800th takes a fifth longer than the
-first ones, and as long as any later one."""
+"""Windows before timing, until the wire cuts a full kerf. At `default` the 800th takes a fifth longer than the first
+ones, and as long as later ones."""
 TIMED_WINDOWS = 200
 REPEATS = 12
-"""Runs per figure, whose best counts, as other programs use the computer too."""
+"""Runs per figure; the fastest counts, because other programs use the computer, too."""
 MUJOCO_WINDOWS = 20
 THREAD_S = 1.0
 MEMORY_S = 60.0
-"""Machine time over which memory must not grow."""
+"""Machine time over which the growth of memory is measured."""
 _COLD = "import edmsim\nplant = edmsim.Plant(edmsim.Machine.load(), seed=0)\nplant.advance()\n"
 
 
 def best_s(run: Callable[[], object], times: int = 1) -> float:
-    """Return the shortest processor time that some calls together took, of `REPEATS`."""
+    """Return the processor time of `times` calls together, the shortest of `REPEATS`."""
     return min(spent_s(run, times) for _ in range(REPEATS))
 
 
 def pulses_per_s(resolution: str) -> tuple[float, Plant]:
-    """Pulses per second of one core in a straight cut, and the plant as it was left."""
+    """Return pulses per second of one core in a straight cut, and the plant after it."""
     plant = new_plant(resolution=resolution)
     return TIMED_WINDOWS * WINDOW_PULSES / best_s(straight_cut(plant, SETTLE_WINDOWS), TIMED_WINDOWS), plant
 
 
 def mujoco_realtime_factor() -> float:
-    """Machine time over processor time where MuJoCo moves wire and table, at the default resolution and 10 kHz."""
+    """Return machine time over processor time if MuJoCo moves wire and table, at `default` and 10 kHz."""
     plant = new_plant(mechanics="mujoco")
     return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / best_s(straight_cut(plant, 1), MUJOCO_WINDOWS)
 
 
 @compiled
 def _sum_rays(rays: Rays, law: GapLaw, sums: NDArray[np.float64], pulses: int) -> float:
-    """The one part of a pulse no plant of this kind can do without."""
+    """Compute the sums over rays, the part of a pulse that every plant of this kind needs; return a total."""
     total = 0.0
     for pulse in range(pulses):
-        for s in range(0, rays.distance.shape[0], PACK):  # the others in its block come with it
+        for s in range(0, rays.distance.shape[0], PACK):  # sums of `PACK` slices
             shift = 1e-3 * (pulse % 7)
             slice_sums(rays, s, shift, shift, law, sums)
             total += sums[s, 0] + sums[s, 2] + sums[s, 3]
@@ -80,7 +80,7 @@ def _sum_rays(rays: Rays, law: GapLaw, sums: NDArray[np.float64], pulses: int) -
 
 
 def ray_sums_per_s(plant: Plant) -> float:
-    """Pulses per second if a pulse were nothing but the sums over its rays: the bound of this design."""
+    """Return pulses per second if a pulse consisted only of the sums over its rays: the bound of this design."""
     law = gap_law(plant.machine, plant.resolution, timing(plant.machine).open_V)
     rays = plant.rays()
     sums = np.zeros((plant.resolution.slices, 4))
@@ -90,7 +90,7 @@ def ray_sums_per_s(plant: Plant) -> float:
 
 
 def _together(works: Sequence[Callable[[], object]]) -> float:
-    """Rounds per second that some kinds of work do side by side, each in a thread of its own."""
+    """Return the calls per second of all works together, each repeated in its own thread."""
     rounds = [0] * len(works)
     stop = threading.Event()
 
@@ -110,7 +110,7 @@ def _together(works: Sequence[Callable[[], object]]) -> float:
 
 
 def thread_scaling() -> tuple[float, float]:
-    """Gain of two threads over one: of two plants, and of two loops that only compute.
+    """Return the gain of two threads over one: of two plants, and of two loops that only compute.
 
     The second is the gain of the processors alone (1.2 if two share a core), for comparison with the first.
     """
@@ -127,7 +127,7 @@ def thread_scaling() -> tuple[float, float]:
 
 
 def memory_growth_MB() -> float:
-    """Growth of the process over a minute of machine time, less the tiles of the kerf field."""
+    """Return the growth of the process's memory over `MEMORY_S`, without the tiles of the kerf field."""
     plant = new_plant(resolution="fast")
     window = straight_cut(plant, SETTLE_WINDOWS)
     before, end = _resident_MB() - plant.field.tiles.nbytes * 1e-6, plant.time_ns + MEMORY_S * 1e9
@@ -137,7 +137,7 @@ def memory_growth_MB() -> float:
 
 
 def _resident_MB() -> float:
-    """Memory that this process uses, or 0 if the system does not report it."""
+    """Return the memory used by this process, or 0 if the system does not report it."""
     with suppress(OSError):
         import resource
 
@@ -147,7 +147,7 @@ def _resident_MB() -> float:
 
 
 def cold_start_s() -> float:
-    """Processor time from starting Python to the end of the first window, with the loop compiled before."""
+    """Return the processor time from the start of Python to the end of the first window, with the loop compiled."""
     command = [sys.executable, "-c", _COLD]
     subprocess.run(command, check=True)
     before = os.times()
@@ -157,21 +157,21 @@ def cold_start_s() -> float:
 
 
 def measure() -> dict[str, float]:
-    """Return all figures by name: of threads by the clock, of all else by processor time, which excludes others."""
+    """Return all figures by name, by processor time, which excludes other programs, but of threads by the clock."""
     comparison = half_cheetah_comparison()
     default, plant = pulses_per_s("default")
     bound = ray_sums_per_s(plant)
     plants, loops = thread_scaling()
     return {
         "pulses_per_s": default,
-        "realtime_factor": default * Machine.load().t_period_us * 1e-6,  # at the resolution default
+        "realtime_factor": default * Machine.load().t_period_us * 1e-6,  # at `default`
         "pulses_per_s_fast": pulses_per_s("fast")[0],
         "pulses_per_s_fine": pulses_per_s("fine")[0],
-        "ray_sums_per_s": bound,  # if a pulse were nothing else
+        "ray_sums_per_s": bound,  # if a pulse consisted only of them
         "ray_sum_share": default / bound,
         "mujoco_realtime_factor": mujoco_realtime_factor(),
         "servo_realtime_factor": min(drive_realtime_factor(name) for name in CHIPS),
-        "positioner_realtime_factor": drive_realtime_factor("eanpos"),  # at a sample of 1 ms
+        "positioner_realtime_factor": drive_realtime_factor("eanpos"),  # with samples of 1 ms
         **elcam_figures(),
         "env_steps_per_s": env_steps_per_s(),
         "vector_env_steps_per_s": vector_env_steps_per_s(),
@@ -192,18 +192,18 @@ def measure() -> dict[str, float]:
 STANDARD: dict[str, Any] = {
     "action": "speed", "randomise": None, "height_mm": None, "tension": None, "episode_s": None, "length_mm": 30.0,
 }
-"""The standard set-up, cut for as long as it takes to time it."""
+"""The standard set-up, without a limit of the episode's time."""
 NUM_ENVS = 64
 SETTLE_STEPS = 400
 """Steps before timing, until the wire cuts a full kerf."""
 KNOB_STEPS, RESETS, EPISODES = 100, 50, 4
 SLICE_S, SLICES = 0.05, 20
-"""Spells of timing per figure, whose best counts, equally long for every environment: a short spell finds a quiet
-moment of the computer more easily than a long one."""
+"""Length and number of timed spells per figure. The fastest counts; spells are short, because the computer is more
+often undisturbed for a short time."""
 
 
 def env_steps_per_s() -> float:
-    """Steps per second of processor time of one environment of `gymnasium.make`, in a straight cut."""
+    """Return steps per second of processor time of one environment of `gymnasium.make`, in a straight cut."""
     env = gym.make("edmsim/GapFeed-v2", **STANDARD)
     env.reset(seed=0)
     action = np.array([FEED_UM_S / MAX_FEED_UM_S], np.float32)
@@ -213,14 +213,14 @@ def env_steps_per_s() -> float:
 
 
 def vector_env_steps_per_s() -> float:
-    """Steps per second of all of the native vector environment together, in straight cuts on all processors."""
+    """Return steps per second of a native vector environment, all sub-environments together, on all processors."""
     with straight_cuts(NUM_ENVS, "default") as step:
         return NUM_ENVS * _best_rate(step, time.perf_counter)
 
 
 @contextmanager
 def straight_cuts(num_envs: int, resolution: str, threads: int | None = None) -> Iterator[Callable[[], object]]:
-    """Give the step of a vector environment at the feed of the benchmark."""
+    """Yield the step of a vector environment at the feed of the benchmark."""
     env = gym.make_vec(
         "edmsim/GapFeed-v2", num_envs=num_envs, vectorization_mode="vector_entry_point", resolution=resolution,
         threads=threads, **STANDARD,
@@ -232,9 +232,9 @@ def straight_cuts(num_envs: int, resolution: str, threads: int | None = None) ->
 
 
 def turned_knobs_cost() -> float:
-    """Processor time of a step in which two knobs of the generator turn at random, over that of one at rest.
+    """Return the processor time of steps that turn two knobs of the generator at random, over that of other steps.
 
-    Of 32 drawn machines at resolution ``fast``; the wire cuts in both.
+    On 32 drawn machines at resolution ``fast``; the wire cuts in both.
     """
     env = gym.make_vec(
         "edmsim/Corner-v3", num_envs=32, vectorization_mode="vector_entry_point", resolution="fast", action="change",
@@ -254,7 +254,7 @@ def turned_knobs_cost() -> float:
 
 
 def drawn_machines() -> dict[str, float]:
-    """Return the processor time of a reset that draws another machine, and its share of an episode's."""
+    """Return the processor time of a reset that draws another machine, and the ratio of episodes with and without."""
     drawn, reused = (gym.make("edmsim/GapFeed-v2", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
     for env in (drawn, reused):
         env.reset(seed=0)
@@ -283,9 +283,9 @@ def settled(step: Callable[[], object]) -> int:
 
 
 def half_cheetah_comparison() -> dict[str, float]:
-    """Steps per second of `NUM_ENVS` environments at ``fast`` and of as many HalfCheetah-v5, timed in turns.
+    """Return steps per second of `NUM_ENVS` environments at ``fast`` and of as many HalfCheetah-v5, by turns.
 
-    Raises `InputError` if ``gymnasium[mujoco]`` is not installed, which the extra ``test`` has.
+    Raises `InputError` if ``gymnasium[mujoco]`` is not installed, which is in the extra ``test``.
     """
     cheetahs = _half_cheetahs(NUM_ENVS)
     best = [np.inf, np.inf]
@@ -300,7 +300,7 @@ def half_cheetah_comparison() -> dict[str, float]:
 
 
 def _half_cheetahs(count: int) -> Callable[[], object]:
-    """Gymnasium's default vector environment of HalfCheetah-v5, which steps them one after another in one process."""
+    """Return the step of Gymnasium's default vector environment of HalfCheetah-v5: in turn, in one process."""
     with half_cheetahs():
         env: Any = gym.make_vec("HalfCheetah-v5", num_envs=count, max_episode_steps=-1)
     env.reset(seed=0)
@@ -310,9 +310,9 @@ def _half_cheetahs(count: int) -> Callable[[], object]:
 
 @contextmanager
 def half_cheetahs() -> Iterator[None]:
-    """Make HalfCheetah-v5 without MuJoCo's warnings about its model; where it is missing, say what to install.
+    """Suppress MuJoCo's warnings about HalfCheetah-v5's model; raise `InputError` if it is not installed.
 
-    Ctrl-C waits until it is made: raised in the callback of a warning, it would abort the process.
+    Ctrl-C is delayed to the end of the block, because it would abort the process in a warning's callback.
     """
     mujoco.set_mju_user_warning(lambda _: None)
     try:
@@ -335,7 +335,7 @@ _FROM_UM, _TO_UM = (30_000, 30_000), (36_000, 33_000)
 
 
 def _cut(controller: str, planner: str = "poscal") -> Simulation:
-    """Return a cut in progress, along an oblique line: both motors step."""
+    """Return a cut in progress along an oblique line, so that both motors step."""
     points_um = np.array([_FROM_UM, _TO_UM], np.int64)
     contour = WireContour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "bench")
@@ -345,9 +345,9 @@ def _cut(controller: str, planner: str = "poscal") -> Simulation:
 
 
 def controller_overhead() -> float:
-    """Share of a cut's processor time that the registers add: `mcu` over `counts`, less 1, at the default resolution.
+    """Return the increase of a cut's processor time by the registers: `mcu` over `counts`, less 1, at `default`.
 
-    Both cut the same, by turns.
+    Both make the same cut, alternately.
     """
     law, whole = _cut("counts"), _cut("mcu")
     times = [(spent_s(law.step, CUT_WINDOWS), spent_s(whole.step, CUT_WINDOWS)) for _ in range(REPEATS)]
@@ -355,25 +355,25 @@ def controller_overhead() -> float:
 
 
 def literal_realtime_factor() -> float:
-    """Simulated seconds per second of the processor in a cut whose steps the timers of 1982 make, at `default`."""
+    """Return machine time over processor time in a cut whose steps the timers of 1982 make, at `default`."""
     cut = _cut("mcu", "poscal-literal")
     return CUT_WINDOWS * cut.plant.window_ns * 1e-9 / best_s(cut.step, CUT_WINDOWS)
 
 
 def poscal_calls_per_s() -> float:
-    """Calls of POSCAL in a second of the processor, over displacements of all lengths."""
+    """Return calls of POSCAL per second of processor time, with displacements of all lengths."""
     rng = np.random.default_rng(0)
     places = rng.integers(0, 65_536, (CALLS, 2, 2)) >> rng.integers(0, 12, (CALLS, 1, 1))
     pairs = [((ax, ay), (bx, by)) for (ax, ay), (bx, by) in places.tolist()]
     return CALLS / best_s(lambda: [poscal(position, target, 127) for position, target in pairs])
 
 
-SPAN_S = 1.0  # simulated time of such a run
+SPAN_S = 1.0  # simulated time of a drive's run
 SERVO_REPEATS = 6  # runs per figure of a servo
 
 
 def drive_realtime_factor(name: str) -> float:
-    """Simulated seconds per second of the processor: a drive that moves an axis to and fro."""
+    """Return simulated time over processor time of a drive that moves an axis forwards and backwards."""
     bench = AxisBench({"x": tuned(name)})
     bench.run(0.1)
     least_s = float("inf")
@@ -385,13 +385,13 @@ def drive_realtime_factor(name: str) -> float:
 
 
 POINTS = 1_000_000
-"""Points of the table."""
+"""Points of the cam table."""
 LOOKUPS = 2000
-"""Places looked up."""
+"""Lookups of the cam table."""
 
 
 def elcam_figures() -> dict[str, float]:
-    """Processor time: seconds to load a table of a million points, microseconds of a cycle that follows it."""
+    """Return the processor time to load a cam table of a million points, in s, and of a cycle with it, in us."""
     points = np.column_stack([np.arange(POINTS, dtype=float), np.arange(POINTS) % 7.0])
     data, master = points.tobytes(), CamPlace()
     elcam = Elcam([CamPlace(), master], buffer_bytes=len(data))

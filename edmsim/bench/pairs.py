@@ -1,7 +1,7 @@
 """Two revisions timed in pairs: ``edmsim bench --against``.
 
-A computer is not equally fast all the time, and others use it too. So both revisions are timed by turns, by processor
-time (but for several threads, which the clock times), and the ratio is reported.
+A computer's speed varies, and other programs use it, too. So both revisions are timed alternately, by processor time
+(several threads by the clock), and the ratio is reported.
 """
 
 import io
@@ -28,17 +28,17 @@ from edmsim.files import locked
 from edmsim.screen import ScreenTable
 
 ROOT = Path(edmsim.__file__).resolve().parents[1]
-"""Folder that edmsim is imported from."""
+"""Folder from which edmsim is imported."""
 
 
 def commit_of(revision: str) -> str:
-    """Return the whole name of the commit that a revision is.
+    """Return the full name of a revision's commit.
 
     Raises `InputError` if there is no git, edmsim does not run from a checkout, or it has no such revision.
     """
     if shutil.which("git") is None:
-        raise InputError("--against looks a revision up with git, which is not on the path: install git")
-    if _git("rev-parse", "--show-prefix") != b"\n":  # elsewhere, or in a folder of another project's checkout
+        raise InputError("--against needs git, which is not on the path: install git")
+    if _git("rev-parse", "--show-prefix") != b"\n":  # no checkout, or a folder of another one
         raise InputError(
             f"--against needs edmsim installed from its git checkout (pip install -e .); it runs from {ROOT}"
         )
@@ -50,14 +50,14 @@ def commit_of(revision: str) -> str:
 
 @contextmanager
 def checkout(commit: str) -> Iterator[Path]:
-    """Yield a temporary folder with the files of a commit, for one comparison at a time."""
+    """Yield a temporary folder with the files of a commit, locked for one comparison at a time."""
     # its name and its files' times depend only on the commit, so later comparisons reuse the compiled code
     cached = (user_folder() / "revisions" / commit).resolve()
     with ExitStack() as last, locked(cached, "comparison"):
         last.callback(_remove_empty, cached)
         folder = cached / "files"
         try:
-            shutil.rmtree(folder, ignore_errors=True)  # of a comparison that was killed
+            shutil.rmtree(folder, ignore_errors=True)  # left by a comparison that was killed
             with tarfile.open(fileobj=io.BytesIO(_git("archive", commit))) as files:
                 files.extractall(folder, filter="data")
             yield folder
@@ -66,12 +66,12 @@ def checkout(commit: str) -> Iterator[Path]:
 
 
 def _remove_empty(folder: Path) -> None:
-    with suppress(OSError):  # another comparison has begun
+    with suppress(OSError):  # another comparison uses it
         folder.rmdir()
 
 
 def _git(*arguments: str) -> bytes:
-    """Return what git says of the checkout, nothing where it fails."""
+    """Return git's output for the checkout; empty if git fails."""
     return subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, check=False).stdout
 
 
@@ -80,24 +80,24 @@ SIZES = "0.1", "5", "1000", "64", "50"
 """Arguments of `subject`: seconds per spell, spells per figure, windows before timing (see `bench.figures`),
 environments, resets."""
 COMPILING = "0", "1", "1", "1", "1"
-"""The same for the first run of either, which only compiles."""
+"""Arguments for the first run of each revision, which only compiles."""
 
 
 @dataclass(frozen=True)
 class Pairs:
     """Speed of this checkout compared with a revision."""
 
-    commit: str  # the revision
+    commit: str  # commit of the revision
     here: dict[str, NDArray[np.float64]]  # rates of this checkout, one per pair
-    there: dict[str, NDArray[np.float64]]  # and of the revision
+    there: dict[str, NDArray[np.float64]]  # rates of the revision
 
     def ratio(self, name: str) -> Figure:
-        """Return a rate's ratio, here over there: median and interval over the pairs."""
+        """Return the ratio of a rate, this checkout's over the revision's: median and interval over the pairs."""
         return median(self.here[name] / self.there[name])
 
 
 def compare(revision: str, pairs: int = PAIRS, watch: Callable[[str], None] = lambda _: None) -> Pairs:
-    """Time this checkout, with uncommitted changes, against a revision; `watch` is called with a text before runs."""
+    """Time this checkout, with uncommitted changes, and a revision; `watch` is called with a text before each run."""
     commit = commit_of(revision)
     with checkout(commit) as folder:
         roots = {"this checkout": ROOT, commit[:10]: folder}
@@ -106,7 +106,7 @@ def compare(revision: str, pairs: int = PAIRS, watch: Callable[[str], None] = la
             _rates(name, root, COMPILING)
         found: dict[str, list[dict[str, float]]] = {name: [] for name in roots}
         for pair in range(pairs):
-            # A B, B A, A B: neither always has the warmer machine
+            # A B, B A, A B, so that neither always runs on the warmer machine
             for name in list(roots) if pair % 2 == 0 else reversed(roots):
                 watch(f"pair {pair + 1} of {pairs}: {name}")
                 found[name].append(_rates(name, roots[name], SIZES))
@@ -115,8 +115,8 @@ def compare(revision: str, pairs: int = PAIRS, watch: Callable[[str], None] = la
 
 
 def _rates(name: str, root: Path, sizes: tuple[str, ...]) -> dict[str, float]:
-    """Run `subject` with edmsim from a folder, in a process of its own."""
-    # of the folders that Python looks into by itself, that of the program has modules of the same names as packages
+    """Run `subject` in a new process, with edmsim from a folder."""
+    # safe path, because modules next to the program have the same names as packages
     environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONSAFEPATH": "1"}
     command = [sys.executable, str(PROGRAM), str(root), *sizes]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

@@ -1,7 +1,8 @@
-"""Shares of the parts of the model in the time of a pulse: ``edmsim bench --profile``.
+"""Shares of the model's parts in the time of a pulse: ``edmsim bench --profile``.
 
-The loop is compiled once more, with marks (`edmsim.compiled.specialised`), and a second thread looks again and
-again which part it is in. The loop without marks, whose time per pulse is shared out, runs by turns with it.
+A copy of the loop is compiled with marks (`edmsim.compiled.specialised`), and a second thread samples which part
+runs. It runs alternately with the loop without marks, whose time per pulse is divided by the shares
+among the parts.
 """
 
 import itertools
@@ -31,7 +32,7 @@ from edmsim.recording.figures import palette, style
 from edmsim.screen import ScreenTable
 
 PROFILED = ("fast", "default")
-"""Resolutions whose time is shared out."""
+"""Resolutions to profile."""
 PARTS: dict[str, tuple[str, ...]] = {
     "ray sums": ("gap.pulse_outcome.sum_rays",),
     "decide": ("gap.pulse_outcome.decide",),
@@ -48,25 +49,25 @@ PARTS: dict[str, tuple[str, ...]] = {
     "carve": ("kernel.fire._carve",),
     "rest": ("kernel.memory.fire_windows",),
 }  # fmt: skip
-"""Parts of a pulse, and the functions of `edmsim.plant` that make each. What a function calls is of its part, too,
-unless it is named itself; the rest is what is left of the loop: counters, axes, the log of pulses."""
+"""Parts of a pulse, and the functions of `edmsim.plant` that each consists of. Functions that these call belong to
+the same part unless they are listed themselves. The rest of the loop is counters, axes, the log of pulses."""
 BATCH = 50
-"""Windows per compiled call, which excludes Python from the timing; the wire stays within its tiles meanwhile."""
+"""Windows per compiled call: enough to exclude Python from the timing; the wire stays within its tiles."""
 ROUNDS = 40
-"""Turns of the loop with and without marks in one cut."""
+"""Alternations between the loops with and without marks in one cut."""
 LOOKS = 20_000
-"""Number of cuts: a share of a tenth is known to 0.4 of a percent (ours)."""
+"""Least number of samples: a share of a tenth is known to 0.4 percentage points (ours)."""
 LOOK_S = 200e-6
-"""Longest pause between two looks; each is drawn, so that they never keep step with windows (ours)."""
+"""Longest pause between two samples (ours); pauses are random, so that they are not in step with windows."""
 
 
 class LoopProfile(NamedTuple):
-    """Where the processor time of a straight cut's pulses goes, at one resolution."""
+    """The processor time of a straight cut's pulses, and its division among parts, at one resolution."""
 
-    ns_per_pulse: float  # of the loop as it is
+    ns_per_pulse: float  # of the loop without marks
     marked_ns_per_pulse: float  # of the loop with marks
-    shares: dict[str, float]  # of the time with marks, by `PARTS`; they add up to 1
-    looks: int  # how often was looked which part runs
+    shares: dict[str, float]  # of the time with marks, by `PARTS`; their sum is 1
+    looks: int  # number of samples
 
     def ns(self, part: str) -> float:
         """Return a part's time per pulse."""
@@ -74,7 +75,7 @@ class LoopProfile(NamedTuple):
 
 
 class _Watch:
-    """A thread that samples, within `looking`, which part the thread that made it is in."""
+    """Sampler, during `looking`, of the part that runs in the thread that made it."""
 
     def __init__(self, part: Callable[[], int]) -> None:
         self.spent_s = np.zeros(len(PARTS) + 1)
@@ -83,7 +84,7 @@ class _Watch:
 
     @contextmanager
     def looking(self) -> Iterator[None]:
-        """Look until the block ends."""
+        """Sample in a second thread until the block ends."""
         over = threading.Event()
         thread = threading.Thread(target=self._look, args=(over,), daemon=True)
         try:
@@ -91,11 +92,11 @@ class _Watch:
             yield
         finally:
             over.set()
-            if thread.is_alive():  # an interrupt may come before it is
+            if thread.is_alive():  # it is not if an interrupt came first
                 thread.join()
 
     def _look(self, over: threading.Event) -> None:
-        """Count the processor time since the last look for the part that runs now: none where the thread waited."""
+        """Add the processor time since the last sample to the part that runs; it is 0 if the thread waited."""
         before = time.clock_gettime(self._clock)
         while not over.is_set():
             time.sleep(random.random() * LOOK_S)
@@ -115,7 +116,7 @@ def _clock_of(thread: int) -> int:
 
 def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProfile]:
     """Return the time of each part of a pulse in a straight cut, at each resolution of `PROFILED`."""
-    named = dict(zip(RESOLUTIONS, shapes(), strict=False))  # the modal ones come first
+    named = dict(zip(RESOLUTIONS, shapes(), strict=False))  # shapes with modal mechanics come first
     names = tuple(tuple(f"edmsim.plant.{name}" for name in names) for names in PARTS.values())
     found = {}
     for resolution in PROFILED:
@@ -127,7 +128,7 @@ def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProf
 
 
 def _profile(plant: Plant, fire: Callable[[int, int], None], part: Callable[[], int]) -> LoopProfile:
-    """Run the loops with and without marks in turns, cut after cut."""
+    """Run the loops with and without marks alternately, in as many cuts as necessary."""
     look = _Watch(part)
     plain_s, marked_s = [], []
     for seed in itertools.count():
@@ -140,14 +141,14 @@ def _profile(plant: Plant, fire: Callable[[int, int], None], part: Callable[[], 
             plain_s.append(_fire(plant, plant.fire))
             with look.looking():
                 marked_s.append(_fire(plant, fire))
-    spent_s = look.spent_s[1:]  # the first is outside the loop
+    spent_s = look.spent_s[1:]  # the first entry is the time outside the loop
     shares = dict(zip(PARTS, (spent_s / spent_s.sum()).tolist(), strict=True))
     plain_ns, marked_ns = (1e9 * statistics.median(s) / (BATCH * WINDOW_PULSES) for s in (plain_s, marked_s))
     return LoopProfile(plain_ns, marked_ns, shares, look.looks)
 
 
 def _fire(plant: Plant, fire: Callable[[int, int], None]) -> float:
-    """Go on with the straight cut by a batch of windows; return its processor time."""
+    """Continue the straight cut by a batch of windows; return the processor time."""
     plant.make_tiles()
     interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / FEED_UM_S)
     edges_ns = plant.time_ns + plant.window_ns * np.arange(BATCH + 1)
@@ -170,7 +171,7 @@ def _fire(plant: Plant, fire: Callable[[int, int], None]) -> float:
 def measured(
     figure: Path | None, watch: Callable[[str], None]
 ) -> tuple[dict[str, object], ScreenTable]:
-    """Return profiles as numbers and texts only, and as a table for the terminal; draw them, if a file is named."""
+    """Return profiles as numbers and texts only, and as a table for the terminal; draw them if there is a file."""
     if figure is not None:
         style.check_figure(figure)
         make_writable(figure.parent)

@@ -1,4 +1,4 @@
-"""Response times and real-time factor of ``edmsim gap --serial``: figures of ``edmsim bench --serial``."""
+"""Figures of ``edmsim bench --serial``: response times and real-time factors of ``edmsim gap --serial``."""
 
 import os
 import re
@@ -15,14 +15,14 @@ from edmsim.errors import EdmsimError
 from edmsim.hil.boards import BOARDS, Rig
 
 ROUND_TRIPS, PAUSE_S = 1000, 0.003
-"""Questions, and the pause between two (ours: not a multiple of a frame, so that they meet it at any place)."""
+"""Queries, and the pause between two (ours: not a multiple of a frame, so that they come at any time in it)."""
 MACHINE_S, SETTLE_S = 20.0, 1.0
 FEED_UM_S = 4.0
 _WAIT_S = 10.0
 
 
 def measure(watch: Callable[[str], None]) -> dict[str, float]:
-    """Measure machine time over processor time of every board, and round trips of a line and of the axes' port."""
+    """Return every board's machine time over processor time, and round trips at a serial port and the axes' port."""
     found: dict[str, float] = {}
     for name in BOARDS:
         watch(f"{name}: {MACHINE_S:g} s of machine time")
@@ -39,7 +39,7 @@ def measure(watch: Callable[[str], None]) -> dict[str, float]:
 
 def _speed(name: str) -> float:
     rig = Rig(name, seed=1)
-    rig.send("w 1 1")  # a pulser begins off
+    rig.send("w 1 1")  # because a pulser is off at first
     rig.move(f"VEL {FEED_UM_S} 0")
     rig.run(SETTLE_S)
     began_s, from_s = rig.time_s, time.process_time()

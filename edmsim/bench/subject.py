@@ -1,7 +1,7 @@
-"""Program that ``edmsim bench --against`` runs with two revisions, in separate processes; prints rates as JSON.
+"""Program that ``edmsim bench --against`` runs with two revisions, in separate processes; it prints rates as JSON.
 
-It must run with revisions of years ago, so it uses only the public names that all have: `edmsim.Plant`,
-`edmsim.Machine`, and Gymnasium's environment ids. It imports no other module of its folder.
+It must also run with old revisions, so it uses only public names that all have: `edmsim.Plant`, `edmsim.Machine`, and
+Gymnasium's environment ids. It imports no other module of its folder.
 
     python subject.py ROOT SPELL_S SPELLS SETTLE_WINDOWS NUM_ENVS RESETS
 """
@@ -19,16 +19,16 @@ import numpy as np
 import edmsim
 
 FEED_UM_S, MAX_FEED_UM_S, STEP_UM = 28.0, 100.0, 2.0
-"""Feed of straight cuts, in which most pulses spark; scale of the environments' actions; step of the usual table."""
+"""Feed of straight cuts, with mostly sparks; scale of the environments' actions; step of the default table."""
 PULSES = 255
-"""Of a window."""
+"""Pulses of a window."""
 MUJOCO_SHARE, FLEET_SHARE = 50, 4
-"""Windows of a plant per window of MuJoCo and of the vector environment while they settle: those of MuJoCo take a
-hundred times as long, and those of `fast` soon take as long as later ones."""
+"""Divisors of the settling windows for MuJoCo, whose windows take a hundred times as long, and for the vector
+environment, whose windows at `fast` soon take as long as later ones."""
 
 
 def spent_s(run: Callable[[], object], times: int = 1, clock: Callable[[], float] = time.process_time) -> float:
-    """Return the processor time, or that of another clock, of some calls together."""
+    """Return the processor time, or the time by another clock, of `times` calls together."""
     started = clock()
     for _ in range(times):
         run()
@@ -38,10 +38,7 @@ def spent_s(run: Callable[[], object], times: int = 1, clock: Callable[[], float
 def rate(
     step: Callable[[], object], spell_s: float, spells: int, now_s: Callable[[], float] = time.process_time
 ) -> float:
-    """Return steps per second of processor time, or of another clock.
-
-    It is the best of some spells, as others use the machine too.
-    """
+    """Return steps per second of processor time, or by another clock, in the fastest of `spells` spells."""
     steps = 1
     while (first_s := spent_s(step, steps, now_s)) < 0.2 * spell_s:
         steps *= 2
@@ -50,12 +47,12 @@ def rate(
 
 
 def new_plant(**options: str) -> edmsim.Plant:
-    """Return a plant of the usual machine."""
+    """Return a plant of the default machine."""
     return edmsim.Plant(edmsim.Machine.load(), seed=0, **options)  # type: ignore[arg-type]
 
 
 def straight_cut(plant: edmsim.Plant, settle: int) -> Callable[[], None]:
-    """Return the next window of a straight cut, after some that settle it."""
+    """Return a function that makes the next window of a straight cut, after `settle` windows."""
     interval_ns = round(STEP_UM * 1e9 / FEED_UM_S)
     due_ns = plant.time_ns + interval_ns
 
@@ -72,13 +69,13 @@ def straight_cut(plant: edmsim.Plant, settle: int) -> Callable[[], None]:
 
 
 def gap_feed() -> str:
-    """Return the id of the environment in the revision's own version, the highest it has."""
+    """Return the environment's id with the highest version in this revision."""
     names = [name for name in gymnasium.registry if name.startswith("edmsim/GapFeed-v")]
     return max(names, key=lambda name: int(name.rpartition("v")[2]))
 
 
 def fleet(num_envs: int, settle: int, threads: int = 1) -> Callable[[], object]:
-    """Return the step of a vector environment in straight cuts."""
+    """Return the step of a vector environment in straight cuts, after `settle` steps."""
     envs = gymnasium.make_vec(
         gap_feed(), num_envs=num_envs, vectorization_mode="vector_entry_point", resolution="fast", threads=threads,
         action="speed", randomise=None, height_mm=None, tension=None, episode_s=None, length_mm=30.0,
@@ -91,7 +88,7 @@ def fleet(num_envs: int, settle: int, threads: int = 1) -> Callable[[], object]:
 
 
 def main() -> None:
-    """Measure, and print."""
+    """Measure and print the rates."""
     root = Path(sys.argv[1])
     spell_s, (spells, settle, num_envs, resets) = float(sys.argv[2]), map(int, sys.argv[3:])
     if root not in Path(edmsim.__file__).parents:

@@ -1,7 +1,7 @@
 """Speed of trainings: environment, network and update, compared with HalfCheetah-v5 for one learner (extra ``rl``).
 
-The learner is PPO of stable-baselines3 with the settings in docs/training.md. That library steps ours all in one
-compiled call, and HalfCheetah-v5 one after another in one process.
+The learner is PPO of stable-baselines3 with the settings in docs/training.md. It steps all environments of edmsim in
+one compiled call, and those of HalfCheetah-v5 in turn in one process.
 """
 
 import time
@@ -27,13 +27,13 @@ ENV_ID = "edmsim/GapFeed-v2"
 COUNTS = (64, 256)
 """Numbers of environments."""
 ROLLOUT, BATCH, EPOCHS = 64, 2048, 5
-"""Steps of each environment between two updates, and the size of an update."""
+"""Steps of each environment between two updates; batch size and epochs of an update."""
 SPELLS = 3
-"""Rollouts with their updates that are timed; the fastest counts, as others use the machine too."""
+"""Timed rollouts with their updates; the fastest counts, because other programs use the machine, too."""
 
 
 class _Timed(VecEnvWrapper):
-    """Sub-environments that sum up the time of their steps."""
+    """Sub-environments with the total time of their steps."""
 
     spent_s = 0.0
 
@@ -58,7 +58,7 @@ def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dic
         both = {"training": _Training(ours), "half_cheetah_training": _Training(cheetahs)}
         for spell in range(SPELLS):
             watch(f"{count} environments, {spell + 1} of {SPELLS}")
-            for training in both.values():  # by turns: neither always has the warmer machine
+            for training in both.values():  # by turns, so that neither always runs on the warmer machine
                 training.spell()
         for name, training in both.items():
             found[f"{name}_steps_per_s_{count}"] = training.steps_per_s
@@ -68,14 +68,14 @@ def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dic
 
 
 class _Training:
-    """A learner on a vector environment, after its first rollout; its best spell, and their share of it."""
+    """A learner after its first rollout: rate of its fastest spell, and the environments' share of its time."""
 
     def __init__(self, vec_env: Any) -> None:
         torch.set_num_threads(1)  # as in a training
         self.vec_env = _Timed(vec_env)
         around = VecNormalize(self.vec_env)
         self._model = PPO("MlpPolicy", around, n_steps=ROLLOUT, batch_size=BATCH, n_epochs=EPOCHS, device="cpu")
-        self._model.set_logger(Logger(None, []))  # its own leaves a folder
+        self._model.set_logger(Logger(None, []))  # the default logger leaves a folder
         self._steps = ROLLOUT * self.vec_env.num_envs
         self._model.learn(self._steps)
         self.steps_per_s = self.env_share = 0.0

@@ -1,1 +1,1 @@
-"""What a cut leaves behind: the table of windows, the wire's frames, report, figure and rerun recording."""
+"""The record of a cut: the table of windows, the wire's frames, report, figures and rerun recording."""

@@ -16,23 +16,23 @@ from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
 from edmsim.recording.scene import Scene, grid_triangles
 
-# The cut face of the part as a mesh for other programs: STL or glTF, its points found slice by slice.
+# The part's cut face as a mesh (STL or glTF). Its points are found slice by slice.
 
 
-FARTHEST_MM = 0.15  # further from the edge as drawn there is no wall of it (ours: half a kerf)
+FARTHEST_MM = 0.15  # greatest distance of a wall from its edge as drawn (ours: half a kerf)
 
 
 class Face(NamedTuple):
-    """The cut face along one contour, from the lower face of the workpiece to the upper one."""
+    """The cut face along one contour, from the workpiece's lower face to the upper one."""
 
-    # (rows, n, 3): row by row upwards: the lower face, the middle of every slice, the upper face. NaN where
-    # nothing was cut.
+    # (rows, n, 3): rows from below: the lower face, the middle of every slice, the upper face. NaN if nothing was
+    # cut there.
     points_mm: Floats
     error_um: Floats  # (rows, n): distance from the wall as drawn, in the plane of the row: positive is metal left
-    part_side: str  # side of the edge, looking along it, on which the part lies: left or right
+    part_side: str  # side of the part, looking along the edge: left or right
 
     def at(self, height_mm: float) -> list[Floats]:
-        """Return the lines (n, 2) of the face at a height; what was not cut separates them."""
+        """Return the lines (n, 2) of the face at a height, without the places that were not cut."""
         heights = np.nanmean(self.points_mm[:, :, 2], axis=1)
         k = min(max(int(np.searchsorted(heights, height_mm)) - 1, 0), len(heights) - 2)
         share = (height_mm - heights[k]) / (heights[k + 1] - heights[k])
@@ -43,7 +43,7 @@ class Face(NamedTuple):
 
 
 def cut_faces(scene: Scene) -> list[Face]:
-    """Return the cut face of every contour of which the profile error is known."""
+    """Return the cut face of every contour whose profile error is known."""
     from scipy.spatial import cKDTree
 
     count = len(scene.cut_edges_mm)
@@ -54,7 +54,7 @@ def cut_faces(scene: Scene) -> list[Face]:
     for lines in scene.cut_edges_mm:
         dense = [np.zeros((0, 2))]
         for line in lines:
-            if is_whole(line, scene):  # its points 2 um apart
+            if is_whole(line, scene):  # resampled every 2 um
                 passed = arc_lengths(line)
                 at = np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1)
                 dense.append(interpolated(at, passed, line))
@@ -76,7 +76,7 @@ def cut_faces(scene: Scene) -> list[Face]:
             wall[:, 2] = height
             rows.append(wall)
             errors.append(_signed_um(wall[:, :2], nominal, edge.part_side))
-        half = 0.5 / count  # from the outermost slices to the faces, in shares of the height
+        half = 0.5 / count  # from the outermost slices' middles to the faces, as share of the height
         low = _continued(rows[0], walls, shares, (half, 0.0))
         high = _continued(rows[-1], walls, shares, (1 - half, 1.0))
         rows = [low * (1, 1, 0), *rows, high * (1, 1, 0) + (0, 0, scene.height_mm)]
@@ -85,12 +85,12 @@ def cut_faces(scene: Scene) -> list[Face]:
 
 
 def is_whole(line: Floats, scene: Scene) -> bool:
-    """Whether a closed edge is more than a speck."""
+    """Return whether a closed edge is larger than a speck."""
     return abs(signed_area(line)) >= scene.speck_mm2
 
 
 def _stations(walls: tuple[Floats, ...]) -> Floats:
-    """Return places along two lines with as many points, as numbers of points and parts of them."""
+    """Return places along two lines with equal numbers of points, as fractional indices of points."""
     steps = np.max([np.hypot(*np.diff(line, axis=0).T) for line in walls], axis=0)
     counts = np.maximum(np.ceil(steps / PROFILE_STEP_MM), 1).astype(int)
     places = [k + np.arange(n) / n for k, n in enumerate(counts)]
@@ -98,13 +98,13 @@ def _stations(walls: tuple[Floats, ...]) -> Floats:
 
 
 def _on(walls: tuple[Floats, ...], shares: Floats, height_share: float) -> Floats:
-    """Return the points (n, 2) at such places and at a share of the height."""
+    """Return the points (n, 2) at places of `_stations` and at a share of the height."""
     line = (1 - height_share) * walls[0] + height_share * walls[1]
     return interpolated(shares, np.arange(len(line)), line)
 
 
 def _continued(row: Floats, walls: tuple[Floats, ...], shares: Floats, between: tuple[float, float]) -> Floats:
-    """Return a slice's points moved from one share of the height to another, along the walls as they are drawn."""
+    """Return a slice's points moved from one share of the height to another along the walls as drawn."""
     begin, end = between
     moved = np.zeros_like(row)
     moved[:, :2] = _on(walls, shares, end) - _on(walls, shares, begin)
@@ -118,7 +118,7 @@ def _signed_um(wall: Floats, nominal: Floats, part_side: str) -> Floats:
 
 def write_faces(scene: Scene, file: str | Path) -> None:
     """Write the cut faces of the part: ``.stl``, or ``.glb`` coloured by the profile error."""
-    # STL in mm of the program, z from the lower face; glTF in metres, y upwards, as its specification wants
+    # STL in mm of the program, z from the lower face; glTF in metres, y upwards, as its specification requires
     target = Path(file)
     suffix = check_suffix(target, "a cut face", ".stl", ".glb")
     try:
@@ -140,13 +140,13 @@ def write_faces(scene: Scene, file: str | Path) -> None:
 
 
 def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Return points (k, 3), triangles (m, 3) and errors (k,) of faces: normals point away from the part."""
+    """Return points (k, 3), triangles (m, 3) and errors (k,) of faces; normals point away from the part."""
     points, triangles, errors, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0)], 0
     for face in faces:
         rows, n = face.error_um.shape
         made = grid_triangles(rows, n)
         flat = face.points_mm.reshape(-1, 3)
-        known = np.asarray(np.isfinite(flat).all(axis=1))  # what was not cut has no triangles
+        known = np.asarray(np.isfinite(flat).all(axis=1))  # no triangles at places that were not cut
         if face.part_side == "right":
             made = made[:, ::-1]
         triangles.append(count + made[known[made].all(axis=1)])
@@ -156,17 +156,17 @@ def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
     return np.concatenate(points), np.concatenate(triangles), np.concatenate(errors)
 
 
-# The contour of a cut as a file for other programs: DXF, CSV or SVG, in the program's coordinates.
+# The contour of a cut as DXF, CSV or SVG, in the program's coordinates.
 
 _COLOURS = {"CUT": (1, "#d55e00"), "NOMINAL": (7, "#1f2933")}
-"""Of both layers: index of AutoCAD, and for SVG."""
+"""Colours of the layers: AutoCAD's index, and SVG's colour."""
 
 
 @refuses_wrong_types
 def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None) -> None:
     """Write the cut edges as ``.dxf``, ``.csv`` or ``.svg``, and the edges as drawn, in mm of the program."""
-    # at a height over the workpiece's lower face only the part's wall, between the slices next to it; by
-    # default all edges of the kerf at mid height
+    # by default all edges of the kerf at mid height; at a height over the workpiece's lower face only the part's
+    # wall, interpolated between the adjacent slices
     writers = {".dxf": _write_dxf, ".csv": _write_csv, ".svg": _write_svg}
     target = Path(file)
     write = writers[check_suffix(target, "a contour", *writers)]
@@ -233,6 +233,6 @@ def _write_svg(layers: Mapping[str, Sequence[Floats]], file: Path) -> None:
     for layer, lines in layers.items():
         style = f'class="{layer.lower()}" fill="none" stroke="{_COLOURS[layer][1]}" stroke-width="0.01"'
         for line in lines:
-            way = " L".join(f"{x:.5f},{-y:.5f}" for x, y in line)  # Y of a picture points down
+            way = " L".join(f"{x:.5f},{-y:.5f}" for x, y in line)  # Y points down in SVG
             text.append(f'<path {style} d="M{way}{" Z" if _is_closed(line) else ""}"/>')
     file.write_text("\n".join([*text, "</svg>\n"]), encoding="utf-8")

@@ -39,21 +39,21 @@ _CURVES = (
             ("/gap/error_um", "error", palette.PURPLE))),
     ("gas on the wire's front, share", (("/gas/coverage", "gas", palette.GAS),)),
 )  # fmt: skip
-"""Title and curves of every plot: entity, name, colour. No two curves beside each other share a colour.
-Feed has that of the path cut, lag that of the wire."""
+"""Title and curves of every plot: entity, name, colour. No two curves of a plot have the same colour.
+Feed has the colour of the path cut, lag that of the wire."""
 _WORKPIECE, _VERTICES = "/world/table/workpiece", ("positions", "normals")
-_FACES_UP = 0.5  # least z of the normal of an upper face
-_MOST_POINTS = 1500  # a curve is drawn with about as many points as it has pixels
+_FACES_UP = 0.5  # least z component of an upper face's normal
+_MOST_POINTS = 1500  # of a curve: about one per pixel
 
 
 class Film:
-    """Draws a recording at any time; `size` are the pictures' width and height in pixels, both even."""
+    """Draws a recording at any time; `size` is the pictures' width and height in pixels, both even."""
 
     def __init__(self, play: Playback, dpi: int) -> None:
         self._play = play
         self._sizes = play.sizes
         self._figure = Figure(figsize=SIZE_INCH, dpi=dpi, facecolor=GROUND)
-        self._canvas = cast("Any", FigureCanvasAgg(self._figure))  # its methods have no types
+        self._canvas = cast("Any", FigureCanvasAgg(self._figure))  # matplotlib does not annotate its methods
         self._moving: list[tuple[Axes, Any]] = []
         grid = self._figure.add_gridspec(
             12, 3, left=0.02, right=0.985, top=0.92, bottom=0.06, hspace=1.6, wspace=0.14, width_ratios=[1, 1, 1.15]
@@ -64,10 +64,10 @@ class Film:
         plots = [self._axes(grid[3 * i : 3 * i + 3, 2], title) for i, (title, _) in enumerate(_CURVES)]
         self._cursors = [self._plot(axes, curves) for axes, (_, curves) in zip(plots, _CURVES, strict=True)]
         for axes in plots[:-1]:
-            axes.tick_params(labelbottom=False)  # all have the axis of the last one
+            axes.tick_params(labelbottom=False)  # the last plot's labels serve all
         plots[-1].set_xlabel("machine time, s", color=TEXT, fontsize=8, labelpad=2)
         name = self._figure.text(0.02, 0.965, play.title, color=TEXT, fontsize=13, weight="bold", va="center")
-        shrink_to(name, 0.8 * self._figure.bbox.x1)  # the rest is the heading's
+        shrink_to(name, 0.8 * self._figure.bbox.x1)  # the heading needs the rest
         self._heading = self._figure.text(
             0.985, 0.965, "", color=TEXT, fontsize=12, va="center", ha="right", animated=True
         )
@@ -113,7 +113,7 @@ class Film:
         s = self._sizes
         middle = (s.x0_mm + s.x1_mm) / 2, (s.y0_mm + s.y1_mm) / 2
         side = max(s.x1_mm - s.x0_mm, s.y1_mm - s.y0_mm, 1.0)
-        reach = side / 2 + max(0.12 * side, 2e-3 * s.wire_diameter_um)  # small parts have their kerf outside as well
+        reach = side / 2 + max(0.12 * side, 2e-3 * s.wire_diameter_um)  # also shows the kerf around small parts
         axes.set_aspect("equal")
         axes.set_xlim(middle[0] - reach, middle[0] + reach)
         axes.set_ylim(middle[1] - reach, middle[1] + reach)
@@ -138,7 +138,7 @@ class Film:
         corners, normals = (self._play.points(_WORKPIECE, f"Mesh3D:vertex_{name}", t_s) for name in _VERTICES)
         faces = self._play.points(_WORKPIECE, "Mesh3D:triangle_indices", t_s)
         if len(faces):
-            # of a wire that leans every layer has an upper face, of which most lie inside the workpiece
+            # if the wire leans, every layer has an upper face, and most of these are inside the workpiece
             on_top = (normals[:, 2] > _FACES_UP) & np.isin(corners[:, 2], self._tops_mm)
             self._metal.set_verts(corners[faces[on_top[faces[:, 0]]]][:, :, :2])
         at = int(np.searchsorted(self._way[0], t_s, side="right"))
@@ -153,7 +153,7 @@ class Film:
         reach = radius + 70.0
         axes.set_aspect("equal")
         axes.set_xlim(-reach, reach)
-        axes.set_ylim(reach, -reach)  # recorded with y downwards
+        axes.set_ylim(reach, -reach)  # y is recorded downwards
         for ring in np.arange(50.0, reach, 50.0):
             axes.add_patch(Circle((0.0, 0.0), ring, fill=False, color="#2d3742", linewidth=0.7))
         self._round = self._move(axes, axes.add_patch(Circle((0.0, 0.0), radius, color="#7c5c1e")))
@@ -217,14 +217,14 @@ class Film:
         margin = 0.08 * ((high - low) or 1.0)
         axes.set_ylim(low - margin, high + margin)
         axes.set_xlim(0.0, self._play.end_s)
-        if len(curves) > 1:  # the title names a single one; beside the title a legend hides no curve
+        if len(curves) > 1:  # the title names a single curve; next to it, a legend hides no curve
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=7, ncols=len(curves), frameon=False,
                         labelcolor=TEXT, borderaxespad=0.1, handlelength=1.2, columnspacing=1.0)
         return self._move(axes, axes.axvline(0.0, color=TEXT, linewidth=0.9))
 
 
 def _thinned(line: Floats) -> Floats:
-    """Return about as many points (n, 2) of a line as it has pixels, and the NaN at which it breaks."""
+    """Return about one point (n, 2) of a line per pixel, and all NaN, at which it breaks."""
     step = max(1, len(line) // _MOST_POINTS)
     chosen = np.isnan(line[:, 1])
     chosen[::step] = True
@@ -232,14 +232,14 @@ def _thinned(line: Floats) -> Floats:
 
 
 def rgb01(colours: NDArray[Any]) -> Floats:
-    """Return recorded colours, 0xRRGGBBAA, as (n, 4) shares of 0 to 1."""
+    """Return recorded colours, 0xRRGGBBAA, as (n, 4) numbers from 0 to 1."""
     return np.asarray(colours, ">u4").view(np.uint8).reshape(-1, 4) / 255.0
 
 
 MP4, GIF = ".mp4", ".gif"
-FRAMES_PER_S = {MP4: 25, GIF: 10}  # a film is smooth, an animated picture small
+FRAMES_PER_S = {MP4: 25, GIF: 10}  # a film should be smooth, an animated picture small
 DPI = {MP4: 100, GIF: 60}  # of a figure of `edmsim.recording.film.SIZE_INCH`: 1280 x 720 and 768 x 432
-SECONDS = 12.0  # how long a whole cut takes in the film
+SECONDS = 12.0  # length of the film of a whole cut
 _GIF_COLOURS = 96
 
 
@@ -259,8 +259,8 @@ def render(recording: str | Path, out: str | Path, seconds: float = SECONDS) -> 
     Raises
     ------
     InputError
-        If the suffix is another, the length out of range, the file cannot be written, the recording has no windows,
-        or the writer of mp4 is not installed; or as `edmsim.recording.rerun.playback.find_recording`.
+        If the suffix is another, the length is out of range, the file cannot be written, the recording has no
+        windows, or the writer of mp4 is not installed; or as `edmsim.recording.rerun.playback.find_recording`.
     """
     target = Path(out)
     kind = check_film(target, seconds)
@@ -274,7 +274,7 @@ def render(recording: str | Path, out: str | Path, seconds: float = SECONDS) -> 
 
 
 def check_film(target: Path, seconds: float) -> str:
-    """Return a film's kind, `MP4` or `GIF`, after a look at what could go wrong; errors as `render`."""
+    """Return a film's kind, `MP4` or `GIF`, after checking length, folder and writer; errors as `render`."""
     kind = check_suffix(target, "a film", MP4, GIF)
     if not 0.5 <= seconds <= 600.0:
         raise InputError(f"a film of {seconds:g} s cannot be made: give 0.5 to 600 s")
@@ -306,10 +306,10 @@ def _write_mp4(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[in
 def _write_gif(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, int]) -> None:
     images = map(Image.fromarray, pictures)
     first = next(images).quantize(_GIF_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    # the first picture's colours serve all, or grey areas would flicker
+    # all pictures have the colours of the first, because grey areas would flicker otherwise
     others = [image.quantize(palette=first, dither=Image.Dither.NONE) for image in images]
     duration_ms = round(1000 / FRAMES_PER_S[GIF])
-    # optimised, what is as in the picture before is left transparent: less than half the bytes
+    # `optimize` makes unchanged pixels transparent, which saves more than half the bytes
     first.save(
         file, format="GIF", save_all=True, append_images=others, duration=duration_ms, loop=0, optimize=True,
         disposal=1,

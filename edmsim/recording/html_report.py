@@ -18,11 +18,11 @@ from edmsim.recording.figures.style import EmptyFigure, figure_png
 from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, settings_in_words, summary
 from edmsim.recording.scene import Scene
 
-# All figures of one cut, with their captions: what ``report.html`` holds and ``edmsim report`` writes.
+# All figures of a cut with their captions, for ``report.html`` and ``edmsim report``.
 
 
 class Picture(NamedTuple):
-    """One figure of a cut: its name, fit for a file, what it shows, and the figure itself."""
+    """One figure of a cut, with a caption and a name that can be a file's."""
 
     name: str
     caption: str
@@ -40,12 +40,12 @@ OF_CUT: dict[str, Callable[[Report, pa.Table, Scene], Figure]] = {
     "pulses": lambda report, windows, scene: cut.pulses_figure(windows),
     "short-open": lambda report, windows, scene: cut.plane_figure(windows),
 }
-"""Figures of a cut by name: functions of report, windows and scene."""
+"""Functions that draw a cut's figures, by name of the figure."""
 OF_SAMPLE: dict[str, Callable[[PulseSample, pa.Table, Report], Figure]] = {
     "ignition-delay": lambda sample, windows, report: cut.delay_figure(sample, windows),
     "wire-spectrum": lambda sample, windows, report: cut.spectrum_figure([sample], report.settings["resolution"]),
 }
-"""Figures of single pulses by name: functions of the sample, windows and report."""
+"""Functions that draw figures of single pulses, by name of the figure."""
 _CAPTIONS = {
     "profile": "The cut from above, the error along its edge drawn large, and the process over machine time.",
     "profile-error": "Profile error along the nominal edge.",
@@ -65,7 +65,7 @@ _CAPTIONS = {
 def pictures(
     report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, leave_out: Callable[[str], None]
 ) -> Iterator[Picture]:
-    """Draw the other figures of a cut; `leave_out` is called with those that cannot be made, and why."""
+    """Yield all figures of a cut but ``profile``; `leave_out` is called with a sentence for each omitted figure."""
     drawn = [
         (name, draw(report, windows, scene)) for name, draw in OF_CUT.items()
         if name != "profile" and (name != "corner" or scene.corners) and (name != "passes" or report.passes)
@@ -87,11 +87,11 @@ _COLUMNS = (
     "contour", "line", "element", "from X, mm", "Y, mm", "to X, mm", "Y, mm", "length, mm", "mean, µm", "least, µm",
     "greatest, µm",
 )
-_MOST = 200  # rows shown (ours): a drawing of that many has its worst ones named
+_MOST = 200  # rows shown (ours); a drawing with more elements has only its worst ones listed
 
 
 def elements_table(elements: Sequence[Element]) -> str:
-    """Return the table of the report's elements; of very many those with the largest error, in order."""
+    """Return the table of the elements in order; of more than `_MOST`, only those with the largest errors."""
     shown, more = list(elements), ""
     if len(shown) > _MOST:
         shown.sort(key=lambda row: -max(abs(row.low_um or 0.0), abs(row.high_um or 0.0)))
@@ -122,13 +122,13 @@ def _error(um: float | None) -> str:
 CARD_DPI = 80
 """Dots per inch of the picture in a notebook (ours: as wide as a notebook's column, a tenth of a megabyte)."""
 COLUMN_DPI = 320
-"""Dots per inch of the pictures in columns, as they are when enlarged (ours: 1120 dots wide)."""
+"""Dots per inch of the figures in columns, enough to enlarge them (ours: 1120 dots wide)."""
 
 
 def write_html(
     report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, file: str | Path
 ) -> bytes:
-    """Write the page of a cut, replacing a file of that name whole or not at all; return ``profile.png``."""
+    """Write the page of a cut, and return ``profile.png``; an existing file is replaced only when complete."""
     left_out: list[str] = []
     profile = profile_png(report, windows, scene)
     drawn = [*pictures(report, windows, scene, sample, left_out.append)]
@@ -143,11 +143,11 @@ def profile_png(report: Report, windows: pa.Table, scene: Scene) -> bytes:
 
 
 def page(report: Report, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str]) -> str:
-    """Return the page; its pictures are in it as PNG, the first as wide as the page, each enlarged by a click."""
+    """Return the page, with its pictures as PNG; the first is as wide as the page, and a click enlarges each."""
     notices = "".join(f"<li>{escape(notice)}</li>" for notice in (*report.notices, *left_out))
     first = _enlarged("profile", _CAPTIONS["profile"], _address(profile), *PROFILE_DOTS)
     others = "".join(_picture(picture) for picture in drawn)
-    # figures keep their white ground in the dark: they are the same ones as in a paper
+    # figures keep their white background on a dark page, because they are the same as for a paper
     style = (resources.files("edmsim.recording") / "report.css").read_text(encoding="utf-8")
     return "\n".join([
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
@@ -168,7 +168,7 @@ def page(report: Report, profile: bytes, drawn: Iterable[Picture], left_out: Ite
 
 
 def card(report: Report, figure: Figure) -> str:
-    """Return what a notebook shows of a cut: outcome, table, notices and one picture, in the notebook's own style."""
+    """Return the HTML of a cut in a notebook, in its style: outcome, table, notices and one picture."""
     rows = "".join(
         f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(text)}</td></tr>'
         for name, text in summary(report)
@@ -218,7 +218,7 @@ def _enlarged(name: str, words: str, address: str, width: int, height: int) -> s
 
 
 def _address(png: bytes) -> str:
-    """Return the address of an image that holds a picture."""
+    """Return the data URL of a picture."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 

@@ -1,4 +1,4 @@
-"""The report of a cut: a class whose figures have unit and meaning, its text for a terminal, and its folder."""
+"""The report of a cut: a class of figures with unit and meaning, their text for a terminal, and the cut's folder."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ SHORTS = FigureKind("%", "short pulses", column="short_share")
 OPENS = FigureKind("%", "open pulses", column="open_share")
 RA = FigureKind("µm", "Ra", 2, "ra_um")
 HOTTEST = FigureKind("K", "highest temperature of the wire", 0, "wire_temperature_K")
-"""Figures that a cut has as well as an episode of an environment."""
+"""Kinds of figures that both a cut and an episode of an environment have."""
 _Number = float | None
 
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
 class Figures(Mapping[str, Any]):
-    """A record, read by attribute, or by name as JSON has it: what is not known is None, never NaN."""
+    """A record that is read by attribute, or by name as in JSON; unknown values are None, never NaN."""
 
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, eq=False)(cls)
@@ -83,7 +83,7 @@ class Figures(Mapping[str, Any]):
         return len(_kinds(type(self)))
 
     def text(self, place: str, digits: int | None = None) -> str:
-        """Return the figure at a place, ``kerf_um.mean`` say, as a person reads it."""
+        """Return the text, with unit, of the figure at a place such as ``kerf_um.mean``."""
         return kinds_of(type(self))[place].text(attrgetter(place)(self), digits)
 
 
@@ -95,7 +95,7 @@ def _as_json(value: Any) -> Any:
 
 @cache
 def _kinds(record: type[Figures]) -> dict[str, type[Figures] | None]:
-    """Return the fields of a record, each with the record that its value is, or has in a list."""
+    """Return a record's fields, each with the record class of its value or of its list's entries, or None."""
 
     def kind_of(hint: Any) -> type[Figures] | None:
         if isinstance(hint, type) and issubclass(hint, Figures):
@@ -107,7 +107,7 @@ def _kinds(record: type[Figures]) -> dict[str, type[Figures] | None]:
 
 @cache
 def kinds_of(record: type) -> dict[str, FigureKind]:
-    """Return the figures that a record declares, by their places in it; of lists and of what may lack, none."""
+    """Return the figures that a record declares, by place, without those in lists and in optional records."""
     found: dict[str, FigureKind] = {}
     for name, hint in get_type_hints(record, include_extras=True).items():
         if isinstance(hint, type) and issubclass(hint, Figures):
@@ -136,7 +136,7 @@ def _plain(value: Any, kind: type[Figures] | None = None) -> Any:
 
 
 class Feed(Figures):
-    """Feed of the cut, and how much of it was held back by the greatest one of machine and planner."""
+    """Feed of the cut, and the share of the cut at the greatest feed of machine and planner."""
 
     mean: Annotated[_Number, FigureKind("µm/s", "mean feed", column="feed_um_s")] = None
     max: Annotated[_Number, FigureKind("µm/s", "greatest feed")] = None
@@ -147,7 +147,7 @@ class Feed(Figures):
 
 
 class PulseShare(Figures):
-    """Pulses of each class, of all that the generator gave."""
+    """Pulses of each class, as shares of all pulses of the generator."""
 
     spark: Annotated[_Number, FigureKind("%", "sparks of all pulses", column="spark_share")] = None
     arc: Annotated[_Number, FigureKind("%", "arcs", column="arc_share")] = None
@@ -172,7 +172,7 @@ class Wall(Figures):
 
 
 class KerfSlice(Figures):
-    """The kerf at one height over the lower face: places measured, the wall on the part's side and the one across."""
+    """The kerf at one height over the lower face: number of measured places, the part's wall and the opposite one."""
 
     height_mm: float
     places: int
@@ -181,7 +181,7 @@ class KerfSlice(Figures):
 
 
 class Spread(Figures):
-    """Of the magnitudes of errors."""
+    """Statistics of the magnitudes of errors."""
 
     max: Annotated[_Number, FigureKind("µm", "greatest")] = None
     rms: Annotated[_Number, FigureKind("µm", "root mean square")] = None
@@ -189,19 +189,19 @@ class Spread(Figures):
 
     @property
     def worst_and_rms(self) -> str:
-        """Both as a person reads them."""
+        """Greatest and rms error as text."""
         if self.max is None:
             return "not measured"
         return f"{self.text('max')} max, {self.text('rms')} rms"
 
     @property
     def in_words(self) -> str:
-        """All three as a person reads them."""
+        """All three figures as text."""
         return f"{self.worst_and_rms}, {self.text('p95')} for 95 %"
 
 
 class ErrorPlace(Figures):
-    """Where an error is largest in the program, and why: see `edmsim.metrology.shares.WorstPlace`."""
+    """The place of the largest error in the program, and its cause: see `edmsim.metrology.shares.WorstPlace`."""
 
     program_x_mm: _Number = None
     program_y_mm: _Number = None
@@ -228,13 +228,13 @@ _MADE_BY = {
 
 
 class ReachableError(Spread):
-    """The profile error without what the round wire leaves in inner corners."""
+    """The profile error without the metal that the round wire leaves in inner corners."""
 
     at: ErrorPlace = field(default_factory=ErrorPlace)
 
 
 class ProfileErrors(ReachableError):
-    """The profile error, what of it a wire could reach, and what made it; shares are None if it was not split."""
+    """The profile error, its part within the wire's reach, and its shares by cause (None if it was not split)."""
 
     max: Annotated[_Number, FigureKind("µm", "greatest profile error", column="error_max_um")] = None
     rms: Annotated[_Number, FigureKind("µm", "profile error rms", column="error_rms_um")] = None
@@ -244,7 +244,7 @@ class ProfileErrors(ReachableError):
 
 
 class Offset(Figures):
-    """The offset applied, None where contours have different ones, the mean error, and what to use instead."""
+    """The applied offset (None if contours have different ones), the mean error, and the offset to use instead."""
 
     applied_mm: Annotated[_Number, FigureKind("mm", "offset applied", 3)] = None
     mean_error_um: Annotated[_Number, FigureKind("µm", "mean error of the walls between corners")] = None
@@ -263,7 +263,7 @@ class Offset(Figures):
         return f"{applied}, {mean:+.1f} µm in the mean ({left}): {advice}"
 
 
-_RIGHT_UM = 0.5  # a mean error below half the path's resolution cannot be programmed away
+_RIGHT_UM = 0.5  # a mean error below half the path's resolution cannot be corrected by the offset
 
 
 class Element(Figures):
@@ -286,16 +286,16 @@ class Element(Figures):
 
 
 class TableShare(Figures):
-    """What the errors of the table's screws and ways do to the part."""
+    """Effect of the errors of the table's screws and ways on the part."""
 
     without_um: Spread  # displacement of the wall by the table alone
-    left_um: Spread  # what of that the compensation leaves
-    profile_without_um: Spread  # the profile error there would be without compensation
+    left_um: Spread  # the same after compensation
+    profile_without_um: Spread  # profile error without compensation
     compensated: bool
 
 
 class Corner(Figures):
-    """A corner of the nominal edge in the program and on the table; an unmeasured error is None."""
+    """A corner of the nominal edge, in the program and on the table; the error is None if it was not measured."""
 
     program_x_mm: float
     program_y_mm: float
@@ -314,9 +314,9 @@ class HeightError(Figures):
 
 
 class PassFigures(Figures):
-    """What a pass did, and the wall and face it left."""
+    """Figures of a pass, and of the wall and face after it."""
 
-    contour: int  # from 1, as the number
+    contour: int  # contour, number: counted from 1
     number: int
     piece: str
     reversed: bool  # whether it ran against the contour's direction
@@ -325,17 +325,17 @@ class PassFigures(Figures):
     length_mm: float
     rate_mm2_min: Annotated[_Number, RATE]
     offset_um: float
-    # with which its wall would have met the drawing, had it been the last
+    # offset with which its wall would be on the drawing, if it were the last pass
     offset_to_use_um: _Number
     left_um: Annotated[_Number, FigureKind("µm", "metal that its wall leaves on the drawing in the mean")]
     stock_um: Annotated[_Number, FigureKind("µm", "what it took of the pass before")]
-    # of the wall over the height: from the lowest to the highest, and middle over ends
+    # of the wall over the height: range, and mid height over the mean of both ends
     straightness_um: Annotated[_Number, FigureKind("µm", "straightness of the wall")]
     bow_um: _Number
     ripple_um: _Number  # scatter of the wall along the path
-    ripple_mm: _Number  # its wavelength
-    slices_um: list[float]  # the wall over the drawing at every height, from below
-    # of the face as the pass left it: what it took, and what of the passes before is still there
+    ripple_mm: _Number  # wavelength of that
+    slices_um: list[float]  # metal left on the drawing at every height, from below
+    # of the face after the pass, with the remaining marks of the passes before
     ra_um: Annotated[_Number, RA]
     heat_affected_um: _Number
     short_share: float
@@ -353,7 +353,7 @@ class WireFigures(Figures):
 
 
 class Following(Figures):
-    """Following error of the axes, both together."""
+    """Following error of both axes together."""
 
     max: Annotated[_Number, FigureKind("µm", "greatest following error of the axes", column="following_um")] = None
     rms: Annotated[_Number, FigureKind("µm", "following error of the axes, root mean square")] = None
@@ -367,7 +367,7 @@ class Coverage(Figures):
 
 
 class Surface(Figures):
-    """The cut face: roughness, the layer that heat has changed, and what the water has dissolved."""
+    """The cut face: roughness, the layer changed by heat, and the layer dissolved by the water."""
 
     ra_um: Annotated[_Number, RA] = None
     heat_affected_um: Annotated[_Number, FigureKind("µm", "heat-affected layer")] = None
@@ -375,7 +375,7 @@ class Surface(Figures):
 
 
 class Equalising(Figures):
-    """What equalising pulses leave of the mean voltage, and what they take."""
+    """The mean voltage that remains with equalising pulses, and their power and energy."""
 
     net_voltage_V: Annotated[_Number, FigureKind("V", "mean gap voltage left", 2)]
     power_W: Annotated[_Number, FigureKind("W", "mean power of the equalising pulses", 2)]
@@ -383,7 +383,7 @@ class Equalising(Figures):
 
 
 class Origin(Figures):
-    """Where the program's zero lies on the table, in mm."""
+    """The program's zero on the table, in mm."""
 
     x: float = 0.0
     y: float = 0.0
@@ -396,7 +396,7 @@ class Report(Figures):
     is plain JSON. Unknown values are None, never NaN. Means over machine time weight every window by its duration.
     """
 
-    outcome: str = ""  # "finished", or what stopped the machine, in a word or two
+    outcome: str = ""  # "finished", or one or two words for what stopped the machine
     reason: str | None = None  # why the machine stopped, as a sentence
     machining_time_s: Annotated[_Number, TIME] = None
     wall_time_s: Annotated[_Number, FigureKind("s", "time of the computer")] = None
@@ -413,7 +413,7 @@ class Report(Figures):
     kerf_section: list[KerfSlice] = field(default_factory=list)  # slice by slice, from the bottom
     profile_error_um: ProfileErrors = field(default_factory=ProfileErrors)
     offset: Offset = field(default_factory=Offset)
-    elements: list[Element] = field(default_factory=list)  # line by line and arc by arc of the program
+    elements: list[Element] = field(default_factory=list)  # lines and arcs in the order of the program
     table_error_um: TableShare | None = None  # None for a perfect table
     corners: list[Corner] = field(default_factory=list)
     heights: list[HeightError] = field(default_factory=list)  # slice by slice, from the bottom
@@ -426,10 +426,10 @@ class Report(Figures):
     removed_mm3: Annotated[_Number, FigureKind("mm³", "metal removed", 3, "removed_mm3")] = None
     mean_current_A: Annotated[_Number, FigureKind("A", "mean current", 2, "mean_current_A")] = None
     mean_voltage_V: Annotated[_Number, FigureKind("V", "mean voltage", column="mean_voltage_V")] = None
-    equalising: Equalising | None = None  # None for a generator without such pulses
+    equalising: Equalising | None = None  # None if the generator has no such pulses
     seed: int = 0
     settings: dict[str, Any] = field(default_factory=dict)  # the options the cut was made with
-    notices: list[str] = field(default_factory=list)  # what the user should know about this cut
+    notices: list[str] = field(default_factory=list)  # sentences for the user
     edmsim_version: str = ""
 
     @property
@@ -439,16 +439,16 @@ class Report(Figures):
 
 
 CLOCKS = "wall_time_s", "realtime_factor"
-"""Fields of a report that belong to the computer: they are left out where two cuts are compared."""
+"""Fields that depend on the computer, and so are ignored when two cuts are compared."""
 
 
 @dataclass(frozen=True)
 class Totals:
-    """What was counted and summed over the whole cut; NaN where it is unknown."""
+    """Counts and sums over the whole cut; NaN if unknown."""
 
     machining_time_s: float
     wall_time_s: float
-    sums: Sums  # over all pulses of the generator, also those the analyser did not count
+    sums: Sums  # over all pulses of the generator, also those that the analyser did not count
     path_length_mm: float
     # of the cut alone (`edmsim.recording.windows`): path length times the local height of the workpiece, and time
     cut_area_mm2: float
@@ -462,7 +462,7 @@ def build_report(
     part: Report, windows: pa.Table, totals: Totals, *, outcome: str, reason: str | None, notices: Iterable[str],
     seed: int, settings: Mapping[str, Any], version: str,
 ) -> Report:
-    """Return the report of a cut: `part` has the figures that were measured on the part."""
+    """Return the report of a cut; `part` has the figures measured on the part."""
     sums, pulses = totals.sums, totals.sums.pulses
     timing = "t_s", "t_period_us", "short", "open", "spark", "arc"
     took_s = durations_s({name: column(windows, name) for name in timing})
@@ -510,7 +510,7 @@ def _ratio(value: float, by: float) -> float | None:
 
 
 def _rate(area_mm2: float, seconds: float) -> float | None:
-    """Return an area per minute; what was never cut has no rate."""
+    """Return an area per minute; None if nothing was cut."""
     return 60.0 * area_mm2 / seconds if area_mm2 > 0 else None
 
 
@@ -522,27 +522,27 @@ def _most(windows: pa.Table, name: str) -> float | None:
 
 def _weighted(values: Floats, weights: Floats) -> float | None:
     total = float(weights.sum())
-    # not by `@`, whose order of adding depends on the number of threads; rounding may leave the span of equal values
+    # not `@`, because its order of additions depends on the number of threads; rounding may exceed the range of values
     mean = float((values * weights).sum()) / total if total > 0 else None
     return None if mean is None else float(np.clip(mean, values.min(), values.max()))
 
 
 def cut_id(report: Report) -> str:
-    """Return which cut a report is of: a digest of all it says but the computer's time."""
+    """Return the identity of a report's cut: a digest of all fields but `CLOCKS`."""
     figures = {name: value for name, value in report.items() if name not in CLOCKS}
     return hashlib.sha256(json.dumps(figures, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def write_json(report: Report, file: str | Path) -> None:
-    """Write a report; a file of that name is replaced whole or not at all."""
+    """Write a report; an existing file is replaced only when complete."""
     text = json.dumps(dict(report), allow_nan=False, indent=2, ensure_ascii=False)
     with replacing(file) as partial:
-        # what no encoding has, of a file name that is not UTF-8, stands in JSON behind a backslash
+        # surrogates, from file names that are not UTF-8, become escapes of JSON
         partial.write_bytes((text + "\n").encode("utf-8", "backslashreplace"))
 
 
 def duration_text(seconds: float | None) -> str:
-    """Return a duration as a person says it: ``48.2 s``, ``12 min 05 s``, ``3 h 20 min``."""
+    """Return a duration as text: ``48.2 s``, ``12 min 05 s``, ``3 h 20 min``."""
     if seconds is None:
         return "unknown"
     if round(seconds, 1) < 60:
@@ -560,12 +560,12 @@ def figure_text(value: float | None, unit: str, digits: int = 1) -> str:
 
 
 def place_text(of: Corner | ErrorPlace) -> str:
-    """Return where something is in the program."""
+    """Return the text of a place in the program."""
     return f"X {mm_text(of.program_x_mm or 0.0)} Y {mm_text(of.program_y_mm or 0.0)} mm"
 
 
 def mm_text(mm: float) -> str:
-    """Return a coordinate to the um; just below zero it does not read -0.000."""
+    """Return a coordinate as text, rounded to um, without the sign of -0.000."""
     return f"{round(mm, 3) + 0.0:.3f}"
 
 
@@ -593,12 +593,12 @@ def outcome_text(report: Report) -> str:
 
 
 def rate_text(report: Report) -> str:
-    """Return the rate over the cut alone as a heading has it."""
+    """Return the rate over the cut alone as text for a heading."""
     return "no cutting rate" if report.cutting_rate_mm2_min is None else report.text("cutting_rate_mm2_min")
 
 
 def summary(report: Report) -> list[tuple[str, str]]:
-    """Return the key figures of a report as a person reads them: names and texts."""
+    """Return the key figures of a report: names and texts."""
     say, profile = report.text, report.profile_error_um
     simulated, computed = duration_text(report.machining_time_s), duration_text(report.wall_time_s)
     shares = (f"{kind} {report.pulse_share.text(kind)}" for kind in report.pulse_share)
@@ -645,7 +645,7 @@ _NO_EDGE = f"no edge was cut {BLANK_EDGE_MM:g} mm or more from start holes, so p
 
 
 def settings_in_words(report: Report) -> Iterator[tuple[str, str]]:
-    """Yield the names and values of a cut's settings as a person reads them, without those that were not set."""
+    """Yield the names and texts of a cut's settings, without those that were not set."""
     for name, value in report.settings.items():
         if value is not None and value != []:
             yield name, f"{value:g}" if isinstance(value, float) else str(value)
@@ -678,7 +678,7 @@ def _rate_line(report: Report) -> str:
 
 
 def _limit_text(feed: Feed) -> str:
-    """Say for how long the machine's greatest feed held the cut back, if for a tenth of the time or more."""
+    """Return the share of the cut that the machine's greatest feed limited, as text; empty below a tenth."""
     if feed.share_at_limit is None or feed.limit is None or feed.share_at_limit < 0.1:
         return ""
     share = feed.text("share_at_limit")
@@ -686,7 +686,7 @@ def _limit_text(feed: Feed) -> str:
 
 
 def _table_lines(found: TableShare | None) -> list[tuple[str, str]]:
-    """Say what the table's errors do, if it has any."""
+    """Return the lines on the effect of the table's errors, if it has any."""
     if found is None or found.without_um.max is None:
         return []
     text = f"moves the wall by {found.without_um.worst_and_rms}"
@@ -706,9 +706,9 @@ def _corner_line(corners: Sequence[Corner]) -> str:
     return f"{len(corners)}, worst {worst.error_um:+.1f} µm at {place_text(worst)} ({worst.turn_deg:+.0f}°)"
 
 
-# The folder of a cut, read back.
+# Reading the folder of a cut.
 
-RECORDING = "cut.rrd"  # name of the recording for rerun in it
+RECORDING = "cut.rrd"  # file name of the recording for rerun
 
 
 class RecordedCut(NamedTuple):
@@ -719,7 +719,7 @@ class RecordedCut(NamedTuple):
     scene: Scene
 
     def __repr__(self) -> str:
-        """Say which cut it is and how it ended: report and windows fill pages."""
+        """Return title, outcome and number of windows only, because report and windows would fill pages."""
         return f"<RecordedCut of {self.report.title}: {outcome_text(self.report)}, {self.windows.num_rows} windows>"
 
 
@@ -755,5 +755,5 @@ def _read_report(file: Path) -> Report:
         return Report(**report)
     except (FileNotFoundError, NotADirectoryError):
         raise InputError("no such file, the folder of a cut is needed", file) from None
-    except (OSError, ValueError, TypeError, RecursionError) as error:  # brackets within brackets, too
+    except (OSError, ValueError, TypeError, RecursionError) as error:  # also for deeply nested brackets
         raise InputError(f"not the report of a cut ({error})", file) from None

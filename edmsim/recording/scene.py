@@ -1,6 +1,6 @@
-"""The geometry that figures and recording draw: the drawing, the remaining metal, the error between them.
+"""The geometry of figures and recordings: the drawing, the remaining metal, the error between them.
 
-``part.npz`` holds it, so that figures can be made again from a cut's folder.
+It is stored in ``part.npz``, so that figures can be made again from a cut's folder.
 """
 
 import json
@@ -23,7 +23,7 @@ from edmsim.metrology.shares import SHARES
 from edmsim.plant.workpiece.height_steps import Relief, middle_slice
 from edmsim.plant.workpiece.kerf_field import Stock
 
-SPECK_SHARE = 0.01  # of the wire's cross-section: specks are less (ours: a crater or two; any kerf is larger)
+SPECK_SHARE = 0.01  # of the wire's cross-section; less is a speck (ours: a crater or two; any kerf is larger)
 Polylines = tuple[Floats, ...]  # lines of shape (n, 2) in mm on the table
 
 
@@ -60,7 +60,7 @@ class ErrorMap:
         return np.asarray(self.points_mm + self.outward() * (self.reached_um() * factor / 1000.0)[:, None])
 
     def pieces(self, factor: float) -> tuple[Floats, Floats]:
-        """Return that edge between neighbours (m, 2, 2) and the error of each piece (m,): no corner, nothing NaN."""
+        """Return the pieces (m, 2, 2) of `exaggerated_mm` and their errors (m,), without corners and NaN."""
         shown, normal, error = self.exaggerated_mm(factor), self.outward(), self.reached_um()
         begin = np.arange(len(shown) if np.allclose(self.nominal_mm[0], self.nominal_mm[-1]) else len(shown) - 1)
         end = (begin + 1) % max(len(shown), 1)  # a closed edge ends where it begins
@@ -94,8 +94,8 @@ class PassFace:
     contour: int  # number of its map, from 0
     time_s: float  # time_s, path_um: machine time and length of path at its end
     path_um: float
-    points_mm: Floats  # (n, 2): places of the nominal edge; of a wall that leans, at mid height
-    error_um: Floats  # (slices, n): profile error there, from the lowest slice: positive is metal left
+    points_mm: Floats  # (n, 2): places of the nominal edge, at mid height if the wall leans
+    error_um: Floats  # (slices, n): profile error, from the lowest slice: positive is metal left
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,16 +134,16 @@ class Scene:
         return np.stack([share * u, share * v], axis=2)
 
     def axis_um(self, guides_um: Floats, path_um: Floats) -> Floats:
-        """Return the guides' axis at mid height in um (n, 2), by places of the lower guide and lengths of path."""
+        """Return the guides' axis at mid height in um (n, 2), from places of the lower guide and lengths of path."""
         return np.asarray(guides_um + 1e3 * self.lead_mm(path_um, np.array([0.5 * self.height_mm]))[:, 0])
 
     @property
     def speck_mm2(self) -> float:
-        """A smaller area is a speck: a single crater beside the kerf, or a crumb of metal in it."""
+        """Areas below this are specks: single craters next to the kerf, or crumbs of metal in it."""
         return SPECK_SHARE * math.pi / 4 * (self.wire_diameter_um * 1e-3) ** 2
 
     def __repr__(self) -> str:
-        """Say how much there is of everything, not all its points."""
+        """Return counts and the blank's size instead of all points."""
         x0, y0, x1, y1 = self.stock_mm
         return (
             f"<Scene: {len(self.maps)} contours, {len(self.corners)} corners, {len(self.cut_edges_mm)} slices, "
@@ -176,7 +176,7 @@ class Scene:
         return shapely.union_all([shapely.Point(x, y).buffer(radius) for x, y, radius in self.holes_mm])
 
     def kerf(self) -> shapely.Geometry:
-        """Return the area that was cut at mid height: what lies between its edges, counted even-odd."""
+        """Return the area cut at mid height: within the edges of `middle_edges_mm`, by the even-odd rule."""
         return filled(shapely.MultiLineString([line for line in self.middle_edges_mm() if len(line) > 1]))
 
     def axis_labels(self) -> tuple[str, str]:
@@ -199,20 +199,20 @@ class Scene:
         return max(x1 - x0, y1 - y0, self.height_mm)
 
     def middle_slice(self) -> int:
-        """Return the slice at half the lowest height: it has metal everywhere."""
+        """Return the number of the slice at half the lowest level's height, which has metal everywhere."""
         lowest_mm = self.terraces[0].height_mm if self.terraces else self.height_mm
         return middle_slice(lowest_mm, self.height_mm, len(self.cut_edges_mm))
 
     def middle_edges_mm(self) -> Polylines:
-        """Return the edges of the remaining metal in that slice."""
+        """Return the edges of the remaining metal in the `middle_slice`."""
         return self.cut_edges_mm[self.middle_slice()] if self.cut_edges_mm else ()
 
     def middle_mm(self) -> float:
-        """Return the height in mm of the middle of that slice over the workpiece's bottom."""
+        """Return the height in mm of the middle of the `middle_slice` over the workpiece's bottom."""
         return (self.middle_slice() + 0.5) * self.height_mm / max(len(self.cut_edges_mm), 1)
 
     def known_errors(self) -> Floats:
-        """Return all profile errors in um within the wire's reach, contour by contour."""
+        """Return the profile errors of all contours in um within the wire's reach."""
         known = [m.reached_um() for m in self.maps]
         return np.concatenate([np.zeros(0), *(error[np.isfinite(error)] for error in known)])
 
@@ -228,7 +228,7 @@ class Scene:
 
 
 def terraces(relief: Relief | None, stock_mm: tuple[float, float, float, float]) -> tuple[Terrace, ...]:
-    """Return the levels of a stepped workpiece from the lowest up; none if it is as high everywhere."""
+    """Return the levels of a stepped workpiece from the lowest up; none if its height is constant."""
     if relief is None:
         return ()
     blank = shapely.box(*stock_mm)
@@ -244,7 +244,7 @@ def holes_mm(stock: Stock) -> Floats:
 
 
 def polylines(geometry: shapely.Geometry | Sequence[shapely.Geometry]) -> Polylines:
-    """Return the lines of a geometry in mm, thinned within half a um; polygons give their rings."""
+    """Return the lines of a geometry in mm, simplified within half a um; of polygons, their rings."""
     parts = shapely.get_parts(np.atleast_1d(np.asarray(geometry, dtype=object)))
     polygons = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     lines = np.concatenate([parts[~polygons], shapely.get_rings(parts[polygons])])
@@ -253,14 +253,14 @@ def polylines(geometry: shapely.Geometry | Sequence[shapely.Geometry]) -> Polyli
 
 
 def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
-    """Return the triangles (n, 3) between the points of a grid, counted row by row."""
+    """Return the triangles (n, 3) of a grid, as indices of its points row by row."""
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     return np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
 
 
 def round_factor(values_um: Floats, shown_mm: float) -> float:
-    """Return 1, 2 or 5 times a power of ten, 1 or more, that draws the 99th percentile about `shown_mm` long."""
+    """Return the round factor, at least 1, with which the 99th percentile is drawn about `shown_mm` long."""
     finite = np.abs(values_um[np.isfinite(values_um)])
     large = float(np.percentile(finite, 99)) if len(finite) else 0.0
     if large == 0.0:
@@ -269,7 +269,7 @@ def round_factor(values_um: Floats, shown_mm: float) -> float:
 
 
 def round_number(limit: float) -> float:
-    """Return the largest of 1, 2 or 5 times a power of ten that is not above `limit`, a positive number."""
+    """Return the largest number not above `limit`, a positive number, that is 1, 2 or 5 times a power of ten."""
     decade = 10.0 ** np.floor(np.log10(limit))
     return float(max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= limit * (1 + 1e-12)))
 
@@ -279,7 +279,7 @@ _FIELDS = "stock_mm", "height_mm", "guides_z_mm", "wire_diameter_um", "stop_mm",
 
 
 def write_scene(scene: Scene, file: str | Path) -> None:
-    """Write a scene, making the folder; a file of that name is replaced whole or not at all."""
+    """Write a scene and make its folder; an existing file is replaced only when complete."""
     document = {
         "version": VERSION, **{name: getattr(scene, name) for name in _FIELDS},
         "part_sides": [edge.part_side for edge in scene.maps],
@@ -310,7 +310,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
 
 
 def _columns(edge: ErrorMap) -> Floats:
-    """Places, error and what made it, side by side; contours that were not split have the same columns."""
+    """Return places, error and shares by cause as columns; shares of contours that were not split are NaN."""
     unknown = np.full((len(SHARES), len(edge.points_mm)), np.nan)
     return np.column_stack([edge.points_mm, edge.error_um, *(unknown if edge.shares_um is None else edge.shares_um)])
 
@@ -363,7 +363,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> S
 
 
 def _flat(name: str, groups: Sequence[Sequence[Floats]]) -> dict[str, NDArray[Any]]:
-    """Groups of lines as three arrays: all points, points of each line, lines of each group."""
+    """Return groups of lines as three arrays: all points, number of points per line, number of lines per group."""
     lines = [line for group in groups for line in group]
     return {
         f"{name}.points": np.concatenate(lines) if lines else np.zeros((0, 2)),

@@ -1,13 +1,13 @@
-"""What is kept of a cut: the table of windows, a row per 255 counted pulses; frames of the wire; close-ups.
+"""The record of a cut: the table of windows, a row per 255 counted pulses; frames of the wire; close-ups.
 
-A *pause* lies between two windows: the wire is threaded, and brought to where the next contour begins by a way in
-air. No pulse is fired, so it has no windows, and lines over time or along the path break there. A *stretch* is what
-lies between two pauses.
+A *pause* is between two windows: the wire is threaded and moved through air to the begin of the next contour. No
+pulse is fired, so a pause has no windows, and lines over time or along the path are interrupted. A *stretch* is the
+windows between two pauses.
 
-*The cut alone* is, of every stretch, the time from when the wire's centre leaves the start hole, and with its whole
-width is in metal, to the last discharge. What comes before is a way in air and the bite into the hole's wall; behind
-it, the wire runs in its own kerf. Threading, ways between contours and start holes are no part of it; retracts,
-shorts and dwells are. Every picture, figure and table takes that from here.
+*The cut alone* is, of every stretch, the time from when the wire's centre leaves the start hole, so that its whole
+width is in metal, to the last discharge. Before, the wire moves in air and cuts into the hole's wall; afterwards, it
+moves in its own kerf. Threading, moves between contours and start holes do not belong to the cut alone; retracts,
+shorts and dwells do. All pictures, figures and tables use this definition.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ if TYPE_CHECKING:
 
 
 _KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
-THREADING_S = 1.0  # least time that it takes to thread a wire (ours)
+THREADING_S = 1.0  # least time for threading a wire (ours)
 _JUMP_UM = 20.0
-"""A way longer than the path cut meanwhile by more than this is one between contours (ours: rounding is 1 um)."""
+"""A move that is longer by this than the path cut meanwhile is between contours (ours: rounding is 1 um)."""
 
 
 class CutAlone(NamedTuple):
-    """The cut alone: of the windows, of the time, and of the path."""
+    """The windows, time and path of the cut alone."""
 
-    rows: NDArray[np.bool_]  # (n,): whether a window belongs to it
+    rows: NDArray[np.bool_]  # (n,): whether a window belongs to the cut alone
     time_s: float
-    # from and to which place along the path the wire has cut, stretch by stretch
+    # places along the path between which the wire has cut, per stretch
     ways_um: tuple[tuple[float, float], ...]
 
 
 def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
-    """Return what of a cut's windows, by their columns, is the cut alone; start holes are centres and radii."""
+    """Return the cut alone, from the columns of a cut's windows; start holes are centres and radii."""
     t_s, path_um, ignited = values["t_s"], values["path_um"], values["spark"] + values["arc"]
     away = np.hypot(values["x_um"][:, None] - holes_um[:, 0], values["y_um"][:, None] - holes_um[:, 1])
     in_hole: NDArray[np.bool_] = np.any(away <= holes_um[:, 2], axis=1)
@@ -69,16 +69,16 @@ def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
 
 def pause_rows(t_s: Floats) -> NDArray[np.intp]:
     """Return the rows of the table of windows, times (n,), before which a wire was threaded."""
-    # windows may be long, of long periods or thinned; a pause is longer than those beside it
+    # a pause is longer than its neighbours; windows may be long, too, because of long periods or thinning
     took = np.diff(t_s)
     neighbours = np.concatenate([t_s[:1], took, [np.inf]])
     return np.flatnonzero(took > THREADING_S + 2.0 * np.minimum(neighbours[: len(took)], neighbours[2:])) + 1
 
 
 def durations_s(values: Mapping[str, Floats]) -> Floats:
-    """Return how long windows took, from their columns: longer than their periods where pulses last longer.
+    """Return the windows' durations, from their columns; longer than their periods if pulses last longer.
 
-    The first window after a pause counts with its periods, as its begin is not in the table.
+    The first window after a pause counts with its periods, because its begin is not in the table.
     """
     pulses = values["short"] + values["open"] + values["spark"] + values["arc"]
     took, after = np.diff(values["t_s"], prepend=0.0), pause_rows(values["t_s"])
@@ -87,24 +87,24 @@ def durations_s(values: Mapping[str, Floats]) -> Floats:
 
 
 def jump_rows(place_um: Floats, path_um: Floats) -> NDArray[np.intp]:
-    """Return the rows of a thinned way, places (n, 2) and lengths of path (n,), before which a wire was threaded."""
+    """Return the rows before which a wire was threaded, from thinned places (n, 2) and lengths of path (n,)."""
     way = np.hypot(*np.diff(place_um, axis=0).T)
     return np.flatnonzero(way > np.abs(np.diff(path_um)) + _JUMP_UM) + 1
 
 
 def stretches(count: int, breaks: NDArray[np.intp]) -> list[slice]:
-    """Return the rows between breaks, stretch by stretch."""
+    """Return the rows of each stretch between breaks."""
     edges = [0, *breaks.tolist(), count]
     return [slice(a, b) for a, b in pairwise(edges) if b > a]
 
 
 def broken(values: Floats, breaks: NDArray[np.intp]) -> Floats:
-    """Return values (n, ...) with NaN before every break, so that a line drawn through them stops there."""
+    """Return values (n, ...) with NaN before every break, which interrupts a line drawn through them."""
     return np.insert(values, breaks, np.nan, axis=0)
 
 
 def group_means(values: Floats, starts: NDArray[np.integer]) -> Floats:
-    """Return the mean of every group of neighbours; `starts` are their first rows. NaN is left out."""
+    """Return the mean of every group of successive values, without NaN; `starts` are the groups' first rows."""
     known = np.isfinite(values)
     counts = np.add.reduceat(known.astype(float), starts)
     sums = np.add.reduceat(np.where(known, values, 0.0), starts)
@@ -112,7 +112,7 @@ def group_means(values: Floats, starts: NDArray[np.integer]) -> Floats:
 
 
 class Column(NamedTuple):
-    """What one column of the table holds: its name, its unit ("1" if none) and its meaning."""
+    """A column of the table: its name, its unit ("1" if none) and its meaning."""
 
     name: str
     unit: str
@@ -151,14 +151,14 @@ EQUALISING_COLUMNS: tuple[Column, ...] = (
     Column("net_voltage_V", "V", "gap voltage averaged over the window with its sign, equalising pulses included"),
     Column("equalising_W", "W", "power that the supply of the equalising pulses gives"),
 )
-"""Columns behind those, of a generator with equalising pulses."""
+"""Columns after those, if the generator has equalising pulses."""
 
 CUT_KEY = b"edmsim_cut"
-"""Under which the metadata of ``windows.parquet`` say which cut they are of: `edmsim.recording.report.cut_id`."""
+"""Key of the cut's identity, `edmsim.recording.report.cut_id`, in the metadata of ``windows.parquet``."""
 
 NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)  # names of all columns, in order
 ROW_NAMES: tuple[str, ...] = NAMES[:-1]
-"""What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
+"""Columns of a row for `WindowTable.append`: all but ``error_um``, which is known only after the cut."""
 
 
 _Pair = tuple[float, float]
@@ -203,7 +203,7 @@ class WindowTable(ArraySnapshots, Observer):
 
     @property
     def rows(self) -> Floats:
-        """A copy of all rows, columns as `append` takes them."""
+        """A copy of all rows, with columns as in `append`."""
         return np.array(self._values).reshape(-1, self._width)
 
     @rows.setter
@@ -221,7 +221,7 @@ class WindowTable(ArraySnapshots, Observer):
         return *(values[:, k : k + 2] for k in (x, following, lag)), values[:, time], values[:, path]
 
     def to_arrow(self, error_um: Floats | None = None) -> pa.Table:
-        """Return the table as `windows.parquet` holds it; the metadata of each field say ``unit`` and ``meaning``."""
+        """Return the table of `windows.parquet`; each field's metadata have ``unit`` and ``meaning``."""
         import pyarrow as pa
 
         values = self.rows
@@ -246,11 +246,11 @@ class WindowTable(ArraySnapshots, Observer):
 
 
 def write_windows(table: pa.Table, file: str | Path) -> None:
-    """Write a table of windows as Parquet, making the folder; a file of that name is replaced whole or not at all."""
+    """Write a table of windows as Parquet and make its folder; an existing file is replaced only when complete."""
     import pyarrow.parquet as pq
 
     make_writable(Path(file).parent)
-    # by a name, only folders whose names are UTF-8 could be written to
+    # opened here, because pyarrow opens only paths that are UTF-8
     with replacing(file) as partial, partial.open("wb") as opened:
         pq.write_table(table, opened)
 
@@ -270,7 +270,7 @@ def read_windows(file: str | Path) -> pa.Table:
     try:
         with Path(file).open("rb") as opened:
             table = pq.read_table(opened)
-        assert table.column_names is not None  # which are decoded only here
+        assert table.column_names is not None  # decodes the names, which may raise UnicodeError
     except FileNotFoundError:
         raise InputError("no such file, a windows.parquet written by a cut is needed", file) from None
     except (pa.ArrowException, OSError, UnicodeError):
@@ -287,14 +287,14 @@ def column(table: pa.Table, name: str) -> Floats:
 
 
 def columns(table: pa.Table, *names: str) -> Floats:
-    """Return some columns of a table of windows side by side, as `column` has them: (n, names)."""
+    """Return columns of a table of windows as a float64 array (n, names)."""
     return np.column_stack([column(table, name) for name in names])
 
 
 def travel_direction(table: pa.Table) -> Floats:
-    """Return the direction of travel in every window, unit vectors (n, 2); zero where the wire has not moved."""
-    # the chord over 25 um of path on either side: steps of 1 um on two axes say nothing about direction
-    # one by one; it never reaches over a pause, to another contour
+    """Return the direction of travel in every window, unit vectors (n, 2); zero if the wire has not moved."""
+    # the chord over 25 um of path on either side, because single steps of 1 um have only the axes' directions;
+    # it does not extend over a pause to another contour
     path = np.maximum.accumulate(column(table, "path_um"))
     place = columns(table, "x_um", "y_um")
     chord = np.zeros((len(path), 2))
@@ -306,12 +306,12 @@ def travel_direction(table: pa.Table) -> Floats:
 
 
 def lag_along_um(table: pa.Table) -> Floats:
-    """Wire lag of every window in um along the direction of travel: positive against the feed."""
+    """Return the wire's lag in every window in um along the direction of travel: positive against the feed."""
     return np.asarray(np.einsum("ij,ij->i", columns(table, "lag_x_um", "lag_y_um"), travel_direction(table)))
 
 
 def quantity(table: pa.Table, name: str) -> Floats:
-    """Return a series as it is shown: a column, ``lag_um`` along the feed, or a class of pulses in percent."""
+    """Return a series to draw: a column, ``lag_um`` along the feed, or a class of pulses in percent."""
     if name == "lag_um":
         return lag_along_um(table)
     if name not in _KINDS.values():
@@ -322,20 +322,20 @@ def quantity(table: pa.Table, name: str) -> Floats:
 
 # Stores of bounded size for a cut of any length: frames of wire and gas, and windows pulse by pulse.
 #
-# The more is shown, the fewer frames are kept. Close-ups are a thinned run of windows over the whole cut, and all
-# windows around events. What is kept depends on the windows seen alone, so equal cuts keep equal frames and
-# close-ups.
+# The longer the cut, the larger the part of the frames that is dropped. Close-ups are windows at equal intervals over
+# the whole cut, and all windows around events. The selection depends only on the windows, so equal cuts have equal
+# frames and close-ups.
 
 Bytes = NDArray[np.uint8]  # rows as bytes, (size,) or (n, size)
 
 
 def bytes_of(rows: NDArray[np.void]) -> Bytes:
-    """Look at rows (..., n) as bytes (..., n, size): numpy copies records field by field, twenty times as slowly."""
+    """Return a view of rows (..., n) as bytes (..., n, size), which numpy copies twenty times as fast as records."""
     return rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)
 
 
 class Thinned(ArraySnapshots):
-    """Every `stride`-th row; the stride doubles whenever the store is full, so equal cuts keep equal rows."""
+    """Store of every `stride`-th row. The stride doubles whenever it is full, so equal cuts store equal rows."""
 
     STATE = ("rows", "_offered", "stride")
 
@@ -352,15 +352,15 @@ class Thinned(ArraySnapshots):
 
     @property
     def wants_next(self) -> bool:
-        """Whether the next row's turn has come; if not, it may as well be passed over with `skip`."""
+        """Whether the next row will be stored; if not, `skip` does the same as `offer`."""
         return self._offered % self.stride == 0
 
     def skip(self) -> None:
-        """Let a row pass whose turn has not come."""
+        """Count a row that will not be stored."""
         self._offered += 1
 
     def offer(self, row: Bytes) -> None:
-        """Show one row, its bytes; it is kept if its turn has come."""
+        """Store a row, as bytes, if its number is a multiple of the stride."""
         if self.wants_next and self._used == len(self._rows):
             self._halve()
         if self.wants_next:
@@ -376,7 +376,7 @@ class Thinned(ArraySnapshots):
 
     @property
     def rows(self) -> NDArray[np.void]:
-        """Rows kept, (n,)."""
+        """Stored rows, (n,)."""
         return self._rows[: self._used]
 
     @rows.setter
@@ -391,7 +391,7 @@ class Thinned(ArraySnapshots):
 
 
 class Frames(ArraySnapshots, Observer):
-    """Every `stride`-th window's wire shape and gas, thinned as `Thinned` does."""
+    """The wire's shape and gas in every `stride`-th window, stored in a `Thinned`."""
 
     name: ClassVar[str] = "frames"
     STATE = ("_thinned",)
@@ -411,11 +411,11 @@ class Frames(ArraySnapshots, Observer):
 
     @property
     def stride(self) -> int:
-        """Windows from one kept frame to the next."""
+        """Windows from one stored frame to the next."""
         return self._thinned.stride
 
     def window(self, turn: Turn, plant: PlantView) -> None:
-        """See a window; it is kept if its turn has come."""
+        """Store a window if its number is a multiple of the stride."""
         if self._thinned.wants_next:
             place = plant.commanded_um, turn.path_um
             self.offer(turn.time_ns * 1e-9, *place, plant.deflections_um(), plant.coverage())
@@ -423,22 +423,22 @@ class Frames(ArraySnapshots, Observer):
             self._thinned.skip()
 
     def offer(self, *row: object) -> None:
-        """Show one window: what `rows` have of it."""
+        """Store a frame, the values of `rows`, if its number is a multiple of the stride."""
         self._row[0] = row
         self._thinned.offer(bytes_of(self._row)[0])
 
     @property
     def rows(self) -> NDArray[np.void]:
-        """Frames stored, (n,): machine time, guides on the table, place along the path, wire minus guides, gas."""
+        """Stored frames, (n,): machine time, guides on the table, place along the path, wire minus guides, gas."""
         return self._thinned.rows.copy()
 
 
-PULSES = 96  # the last pulses of a window, which are what is kept of it
-REGULAR = 600  # most close-ups of the run over the whole cut
-AROUND = 20  # windows kept before and after an event: half a second on either side at a period of 100 us
-BLOCKS = 40  # most events of a kind around which all is kept
+PULSES = 96  # number of a window's last pulses that are stored
+REGULAR = 600  # most close-ups at equal intervals over the whole cut
+AROUND = 20  # windows stored before and after an event: half a second each at a period of 100 us
+BLOCKS = 40  # most events of a kind with close-ups around them
 NOTHING, RETRACT, TURN = 0, 1, 2
-"""Events that are worth all detail: the wire begins to run back; it passes a corner or begins a contour."""
+"""Events with close-ups around them: the wire begins to retract; it passes a corner or begins a contour."""
 
 
 def row_type(slices: int, rays: int) -> np.dtype[np.void]:
@@ -454,13 +454,13 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
 
 
 def turns_um(points_um: NDArray[np.int64]) -> list[float]:
-    """Return the lengths along a polyline (n, 2) at which it turns by `CORNER_DEG` or more, its begin included."""
+    """Return the lengths along a polyline (n, 2) at which it turns by `CORNER_DEG` or more, and 0 for its begin."""
     line = Polyline(points_um.astype(np.float64), closed=False)
     return [0.0, *line.s[line.corners(CORNER_DEG)].tolist()]
 
 
 class Blocks(ArraySnapshots):
-    """Rows around events, a block each; if there are too many, every second block goes and they are spaced wider."""
+    """Blocks of rows around events; if there are too many, every second one is deleted and the spacing doubled."""
 
     STATE = ("_lengths", "rows", "_spacing", "_free_from", "_rows_left")
 
@@ -473,7 +473,7 @@ class Blocks(ArraySnapshots):
         self._rows_left = 0
 
     def offer(self, number: int, row: Bytes, before: Bytes, happened: bool) -> None:
-        """Show row `number`, its bytes; `before` are the rows before it, `happened` says whether it has an event."""
+        """Store row `number`, as bytes, if it is near an event; `happened` is whether it has one itself."""
         if self._rows_left > 0:
             self._add(row)
             self._rows_left -= 1
@@ -509,7 +509,7 @@ class Blocks(ArraySnapshots):
 
 
 class Closeups(ArraySnapshots, Observer):
-    """Windows of a cut kept in full, with the wall of one slice."""
+    """Windows of a cut stored in full, with the wall of one slice."""
 
     name: ClassVar[str] = "closeups"
     STATE = ("_last", "_windows", "_turns_passed", "_feed_um_s", "_run", "_blocks")
@@ -527,15 +527,15 @@ class Closeups(ArraySnapshots, Observer):
         self._turns_passed, self._feed_um_s = 0, 0.0
 
     def begin(self, plant: PlantView) -> None:
-        """Have the plant keep its pulses."""
+        """Make the plant store its pulses."""
         plant.watch_pulses()
 
     def leg(self, points_um: NDArray[np.int64], start_um: float) -> None:
-        """Note where along the path the leg turns."""
+        """Set the places along the path at which the leg turns."""
         self._turns_um, self._turns_passed = [start_um + turn for turn in turns_um(points_um)], 0
 
     def window(self, turn: Turn, plant: PlantView) -> None:
-        """Keep a window, and say what happened in it."""
+        """Store a window, with its event if it has one."""
         row, timing = self.row, plant.timing
         row["t_s"], row["guides_um"], row["path_um"] = turn.time_ns * 1e-9, plant.commanded_um, turn.path_um
         row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
@@ -553,19 +553,19 @@ class Closeups(ArraySnapshots, Observer):
 
     @property
     def row(self) -> np.void:
-        """The row to fill with the window just over, before it is `keep`-ed."""
+        """The row to fill with the latest window, before `keep`."""
         row: np.void = self._last[self._windows % len(self._last)]
         return row
 
     def _fill_pulses(self, pulses: NDArray[np.void]) -> None:
-        """Fill the last pulses of the window just over (rows of `PULSE`) into `row`."""
+        """Write the last pulses of the latest window (rows of `PULSE`) to `row`."""
         last = pulses[-PULSES:]
         at, begin = self._windows % len(self._last), self._pulses_at
         self._bytes[at, begin : begin + last.nbytes] = last.view(np.uint8)
         self._last[at]["count"] = len(last)
 
     def keep(self, event: int = NOTHING) -> None:
-        """Take the filled `row` in; `event` is what happened in its window."""
+        """Store the filled `row`; `event` is that of its window."""
         at = self._windows % len(self._last)
         row = self._bytes[at]
         self._run.offer(row)
@@ -577,11 +577,11 @@ class Closeups(ArraySnapshots, Observer):
 
     @property
     def stride(self) -> int:
-        """Windows from one close-up of the run over the whole cut to the next."""
+        """Windows from one close-up to the next, away from events."""
         return self._run.stride
 
     def table(self) -> NDArray[np.void]:
-        """Return all close-ups in order of time, (n,) rows of `row_type`: run, events, and the cut's last windows."""
+        """Return all close-ups in order of time, (n,) rows of `row_type`, with those of the cut's last windows."""
         last = self._last[self._last["t_s"] > 0.0]
         everything = np.concatenate([self._run.rows, *(blocks.rows for blocks in self._blocks.values()), last])
         _, first = np.unique(everything["t_s"], return_index=True)
@@ -618,7 +618,7 @@ class Closeups(ArraySnapshots, Observer):
                 writer.write_table(pa.Table.from_arrays([*arrays, coded], schema=schema))
 
 
-# Gap voltage and current of the pulses that close-ups keep: corners of the traces, and samples of them in a file.
+# Gap voltage and current of the close-ups' pulses: corners of the traces, and samples of them in a file.
 
 _TICK_US = 1e-3  # the plant's clock
 _TOGETHER = 32  # windows written at once (ours: some half a million samples, a few MB)
@@ -626,9 +626,9 @@ _TOGETHER = 32  # windows written at once (ours: some half a million samples, a 
 
 def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floats]:
     """Return time, voltage and current of the last pulses of every close-up, each (n, count, 7 or 9) corners."""
-    # voltage is open until ignition, then burns; a pulse without ignition shows it for as long as it was waited, a
-    # short circuit none. An equalising pulse follows at once, of the other polarity; the last pulse shows none, as it
-    # ends before its pause. Where a close-up has fewer pulses, its first one is repeated in front
+    # open-circuit voltage until ignition, then burning voltage; an open pulse has it for its whole delay, a short
+    # circuit has none. An equalising pulse of the other polarity follows at once, but not after the last pulse,
+    # because the window ends before its pause. If a close-up has fewer pulses, its first one is repeated in front
     last = np.maximum(closeups["count"][:, None] - count + np.arange(count), 0)
     pulses = np.take_along_axis(closeups["pulses"], last, axis=1)
     start, delay, on = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))
@@ -653,7 +653,7 @@ def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floa
 
 
 def _last_us(start_us: Floats, busy_us: Floats) -> Floats:
-    """Return how long the last pulse of every close-up took, (n, 1), by its period or its pause: what is the same."""
+    """Return the duration of every close-up's last pulse, (n, 1), from period or pause, whichever varies less."""
     period_us = np.diff(start_us, axis=1)
     if period_us.shape[1] == 0:
         return busy_us
@@ -663,7 +663,7 @@ def _last_us(start_us: Floats, busy_us: Floats) -> Floats:
 
 
 def _opposite_us(closeups: NDArray[np.void]) -> Floats:
-    """Length of the equalising pulse behind every pulse kept, (n, pulses); 0 behind the last, which has no pause."""
+    """Return the duration of the equalising pulse after every stored pulse, (n, pulses); 0 after the last one."""
     pulses = closeups["pulses"]
     start, delay, on, open_V = (
         pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us", "open_V")
@@ -687,7 +687,7 @@ def _samples(closeup: NDArray[np.void], every_us: float) -> tuple[Floats, ...]:
     corners = shown[0].shape[-1]
     time, voltage, current = (values[0].ravel() for values in shown)
     at = np.arange(0.0, time[-1], every_us)
-    # the last corner at or before a sample: where an edge is upright, its later end
+    # the last corner at or before a sample: of a vertical edge, its later end
     place = np.searchsorted(time, at, side="right") - 1
     pulse = place // corners
     return (

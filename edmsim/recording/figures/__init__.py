@@ -1,6 +1,6 @@
-"""The figures of a cut: ``profile.png``, and the ones for a paper, one function each.
+"""The figures of a cut: ``profile.png``, and those for a paper, one function each.
 
-Each takes what a cut leaves, ``result.scene``, ``result.windows`` and ``result.report``, and returns a matplotlib
-figure with an Agg canvas, for a paper one column wide; ``figure.savefig("name.pdf")`` writes it. No global state of
-matplotlib is touched, and no display is needed.
+The functions take ``result.scene``, ``result.windows`` or ``result.report`` and return a matplotlib figure with an
+Agg canvas, one column wide if it is for a paper; ``figure.savefig("name.pdf")`` writes it. They do not change
+matplotlib's global state, and need no display.
 """

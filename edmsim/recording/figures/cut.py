@@ -38,7 +38,7 @@ from edmsim.recording.scene import ErrorMap, Scene
 from edmsim.recording.windows import column, columns, quantity
 
 _COLOURS = palette.SKY, palette.PURPLE, palette.GREEN, palette.BLUE, palette.ORANGE
-_SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
+_SHOWN = 99.0  # percentile of the errors that sets the axes' limits; single corners may exceed them (ours)
 
 
 @style.in_style
@@ -70,7 +70,7 @@ def shares_figure(scene: Scene) -> Figure:
 
 
 def _joined(split: list[ErrorMap]) -> tuple[Floats, Floats, Floats]:
-    """Way along the edges, error and shares of several contours in a row, NaN between them."""
+    """Return distance along the edges, error and shares of all contours in a row, with NaN between contours."""
     ways, errors, shares, begin = [], [], [], 0.0
     for edge in split:
         assert edge.shares_um is not None
@@ -82,10 +82,8 @@ def _joined(split: list[ErrorMap]) -> tuple[Floats, Floats, Floats]:
     return np.concatenate(ways), np.concatenate(errors), np.concatenate(shares, axis=1)
 
 
-CORNER_REACH_MM = 0.4  # half the width of what a corner's detail shows (ours: kerf and wire are in it whole)
-
-
-LABELLED = 6  # corners whose error is written beside them: the worst ones
+CORNER_REACH_MM = 0.4  # half the width of a corner's detail (ours: shows the whole kerf and wire)
+LABELLED = 6  # most corners labelled with their errors, the largest ones
 
 
 @style.in_style
@@ -110,7 +108,7 @@ def error_figure(scene: Scene) -> Figure:
     axes.set_aspect("equal")
     axes.set_xlim(x0 - margin, x1 + margin)
     axes.set_ylim(y0 - margin, y1 + margin)
-    axes.apply_aspect()  # labels are placed by what they would cover
+    axes.apply_aspect()  # sets the scale, which the labels' places depend on
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
     label_corners(axes, scene, LABELLED, style.TICK_PT, box, 5)
     style.colour_bar(figure, lines, f"profile error, µm: − undercut, + metal left; drawn × {factor:g}")
@@ -121,7 +119,7 @@ def error_figure(scene: Scene) -> Figure:
 def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) -> Figure:
     """Draw one corner: above, metal and paths to scale; below, the deviations along the corner.
 
-    The wire's path is that of its middle between the faces, averaged over windows.
+    The wire's path is drawn at mid height, averaged over windows.
 
     Parameters
     ----------
@@ -182,7 +180,7 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
     following = columns(windows, "following_x_um", "following_y_um")
     guides = _axis_um(scene, windows) - following - 1000 * place_mm
     wire = guides - columns(windows, "lag_x_um", "lag_y_um")
-    away = np.abs(guides).max(axis=1) > 2 * reach  # the lines break between two visits
+    away = np.abs(guides).max(axis=1) > 2 * reach  # breaks the lines between two passages
     guides[away], wire[away] = np.nan, np.nan
     axes.plot(*guides.T, color=palette.ORANGE, linewidth=0.9, zorder=5, label="guides")
     axes.plot(*wire.T, color=palette.BLUE, linewidth=0.6, zorder=6, label="wire")
@@ -198,7 +196,7 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) 
 
 
 def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) -> None:
-    """How far wire and metal edge are off, over the distance from the corner along the nominal edge."""
+    """Draw the deviations of wire and metal edge over the distance from the corner along the nominal edge."""
     style.dress(axes, "along the nominal edge from the corner, µm", "off, µm")
     axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
     axes.axvline(0.0, color=palette.GRID, linewidth=0.8)
@@ -226,7 +224,7 @@ def _axis_um(scene: Scene, windows: pa.Table) -> Floats:
 def _draw_lag(
     axes: Axes, windows: pa.Table, guides: Floats, edge_mm: Floats, s: Floats, place_mm: Floats, outward: Floats
 ) -> None:
-    """The wire's displacement from its guides, away from the part, at the nearest place of the edge."""
+    """Draw the wire's displacement from its guides, positive away from the part, at the nearest place of the edge."""
     from scipy.spatial import cKDTree
 
     near = np.hypot(*(guides - place_mm).T) < 2 * CORNER_REACH_MM
@@ -244,8 +242,8 @@ def _draw_lag(
 def kerf_figure(report: Report) -> Figure:
     """Draw the kerf's cross-section over the workpiece's height, averaged along the cut.
 
-    The band covers nine tenths of the measured places. The gap between wire and walls is enlarged, and the wire left
-    out.
+    The band covers nine tenths of the measured places. The gap between wire and walls is enlarged, and the wire is
+    omitted.
     """
     slices = report.kerf_section
     section = [row for row in slices if row.places]
@@ -262,10 +260,10 @@ def kerf_figure(report: Report) -> Figure:
         panel.fill_betweenx(z, low, high, color=palette.BLUE, alpha=0.18, linewidth=0)
         panel.plot(mean, z, color=palette.BLUE, linewidth=1.3, marker="o", markersize=2.5)
         style.dress(panel, f"wire to wall of the {side}, µm", "")
-    reach = max(np.ptp(panel.get_xlim()) for panel in panels) / 2  # on one scale, trims leave the walls far apart
+    reach = max(np.ptp(panel.get_xlim()) for panel in panels) / 2  # common scale; trims leave the walls far apart
     for panel, outwards in zip(panels, (-1, 1), strict=True):
         middle = np.mean(panel.get_xlim())
-        panel.set_xlim(middle - outwards * reach, middle + outwards * reach)  # the wire stands between both walls
+        panel.set_xlim(middle - outwards * reach, middle + outwards * reach)  # the wire is between the panels
         panel.xaxis.set_major_locator(MaxNLocator(4))
     panels[0].set_ylabel("height over the lower face, mm", fontsize=style.LABEL_PT, color=palette.MUTED)
     panels[0].set_ylim(0, slices[-1].height_mm + slices[0].height_mm)
@@ -278,10 +276,10 @@ def kerf_figure(report: Report) -> Figure:
 
 # Figures of the pulses: statistics over time, the plane of short and open, the distribution of ignition delays.
 
-BINS = 250  # most points a series is drawn with: two a pixel at one column's width
-PATH_STEPS = 120  # points of the controller's path (ours: few enough to be followed by eye)
-TAIL_US = 10.0  # from this delay on only the long branch of breakdowns is left (see `edmsim.validation.ignition`)
-LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: its slope is known to some 20 %)
+BINS = 250  # most points of a drawn series: two per pixel at one column's width
+PATH_STEPS = 120  # points of the controller's path (ours: few enough to follow by eye)
+TAIL_US = 10.0  # longer delays are all of the long branch of breakdowns (see `edmsim.validation.ignition`)
+LEAST_TAIL = 20  # least breakdowns in the tail for a fitted line (ours: its slope is known to some 20 %)
 
 
 @style.in_style
@@ -303,7 +301,7 @@ def pulses_figure(windows: pa.Table) -> Figure:
     current = panels[1].twinx()
     if "net_voltage_V" in windows.column_names:
         _draw_band(panels[1], t, t_s, column(windows, "net_voltage_V"), SKY, "voltage, V", "with equalising pulses")
-        panels[1].set_zorder(current.get_zorder() + 1)  # the legend before the current
+        panels[1].set_zorder(current.get_zorder() + 1)  # draws the legend over the current
         panels[1].patch.set_visible(False)
         style.legend(panels[1])
         panels[1].get_legend().set_frame_on(False)
@@ -401,20 +399,20 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
 
 
 def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
-    """Share of pulses not yet ignited; open ones never do."""
+    """Draw the share of pulses that have not ignited yet; open pulses never ignite."""
     ordered = np.sort(delay_us)
     pulses = len(ordered) + open_
     style.dress(axes, "", "not yet ignited, %")
     axes.set_yscale("log")
     axes.plot(ordered, 1.0 - np.arange(1, len(ordered) + 1) / (pulses + 1), color=BLUE, linewidth=1.2, label="pulses")
-    few_ignite = open_ > 0.2 * pulses  # within a decade 1, 2 and 5 may be two ticks, or one
+    few_ignite = open_ > 0.2 * pulses  # the axis is shorter than a decade, so ticks at 1, 2 and 5 may be too few
     axes.yaxis.set_major_locator(MaxNLocator(5) if few_ignite else LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
     tail = ordered[ordered > TAIL_US]
     if len(tail) >= LEAST_TAIL:
         end = float(ordered[-1])
-        # open pulses have waited to the end: they count as time without breakdown (censored exponential)
+        # open pulses count as time without breakdown, to the longest delay (censored exponential)
         mean = float((tail - TAIL_US).sum() + open_ * (end - TAIL_US)) / len(tail)
         t = np.array([TAIL_US, end])
         left = (len(tail) + open_) / pulses
@@ -426,10 +424,10 @@ def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
     style.legend(axes)
 
 
-# The figure of the wire's vibration: modes over tension, and what a simulated cut shows of them.
+# The figure of the wire's vibration: modes over tension, and spectra of simulated cuts.
 
-TENSIONS = 5  # tensions the modes are computed at; between them they are interpolated
-SEGMENTS = 8  # stretches of a sample whose spectra are averaged (Welch): lines are smoother, and wider
+TENSIONS = 5  # tensions at which modes are computed, to be interpolated between
+SEGMENTS = 8  # segments of a sample whose spectra are averaged (Welch): more give smoother, wider lines
 
 
 def wire_frequencies_hz(machine: Machine, resolution: str) -> Floats:
@@ -438,13 +436,13 @@ def wire_frequencies_hz(machine: Machine, resolution: str) -> Floats:
 
 
 def folded_hz(frequency_hz: Floats, sampling_hz: float) -> Floats:
-    """Return where frequencies appear when looked at once a pulse: between 0 and half the pulse frequency."""
+    """Return the aliases of frequencies sampled once per pulse: between 0 and half the pulse frequency."""
     return np.asarray(np.abs((frequency_hz + sampling_hz / 2) % sampling_hz - sampling_hz / 2))
 
 
 def spectrum(sample: PulseSample) -> tuple[Floats, Floats, Floats]:
     """Return frequencies in Hz, and power spectra along and across the feed in um^2/Hz, averaged over the slices."""
-    # Welch's method of matplotlib: to load scipy.signal takes longer than to draw the whole figure
+    # Welch's method of matplotlib, because loading scipy.signal takes longer than drawing the whole figure
     length = max(len(sample.deflection_um) // SEGMENTS, 2)
     window = 0.5 - 0.5 * np.cos(2 * np.pi / length * np.arange(length))
     per_place = [
@@ -503,12 +501,12 @@ def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution:
         folded = np.where(line > sampling_hz / 2, folded_hz(line, sampling_hz), np.nan)
         axes.plot(tension, below / 1e3, color=INK, linewidth=1.0, label="mode" if number == 0 else None)
         thin: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (3, 3)), "alpha": 0.6}
-        # only the first few: the higher ones crowd, and hardly move
+        # only the first few, because the others are crowded and hardly depend on the tension
         if number < 4 and np.isfinite(folded).any():
             axes.plot(tension, folded / 1e3, **thin)
         if np.isfinite(below).sum() > 1:
             last = int(np.flatnonzero(np.isfinite(below))[-1])
-            through_the_top = last < len(tension) - 1  # where the legend is
+            through_the_top = last < len(tension) - 1  # towards the legend
             axes.annotate(
                 f"{number + 1}", (tension[last], below[last] / 1e3), xytext=(3, -6) if through_the_top else (2, 3),
                 textcoords="offset points", fontsize=style.TICK_PT, color=INK, va="center",
@@ -519,16 +517,16 @@ def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution:
 
 
 def _modes_over_tension(machine: Machine, resolution: str) -> tuple[Floats, Floats]:
-    """Return tensions in N up to what the wire holds, and the modes' frequencies there, (tensions, modes) in Hz."""
+    """Return tensions in N below the breaking force, and the modes' frequencies there, (tensions, modes) in Hz."""
     known = np.linspace(0.25, min(1.75, 0.99 * machine.breaking_force / machine.tension), TENSIONS) * machine.tension
     frequency = np.array([wire_frequencies_hz(machine.with_(tension=float(n)), resolution) for n in known])
     tension = np.linspace(known[0], known[-1], 200)
-    # a string's frequency squared is proportional to its tension: lines between the squares are next to exact
+    # a string's frequency squared is proportional to its tension, so interpolating the squares is almost exact
     return tension, np.sqrt(interpolated(tension, known, frequency**2))
 
 
 def _draw_waterfall(axes: Axes, samples: Sequence[PulseSample]) -> None:
-    """Spectra along the feed over tension, in decades of power."""
+    """Draw the spectra over tension, in decades of power along and across the feed together."""
     ordered = sorted(samples, key=lambda s: s.machine.tension)
     tension = np.array([s.machine.tension for s in ordered])
     spectra = [spectrum(s) for s in ordered]
@@ -547,12 +545,12 @@ def _draw_spectrum(axes: Axes, sample: PulseSample, sampling_hz: float, resoluti
             axes.axhline(hz / 1e3, color=GRID, linewidth=1.2, zorder=1)
     for power, colour, name in ((along, BLUE, "along feed"), (across, ORANGE, "across")):
         axes.semilogx(power[1:], frequency[1:] / 1e3, color=colour, linewidth=0.9, label=name, zorder=2)
-    axes.xaxis.set_minor_formatter("")  # a short span would label them, beyond the column
+    axes.xaxis.set_minor_formatter("")  # on a short axis they would have labels, wider than the column
     axes.grid(axis="y", visible=False)
     style.legend(axes, above=True, title=f"{sample.machine.tension:.3g} N, {sampling_hz / 1e3:.3g} kHz pulses")
 
 
-# Figures of passes: the wall after each over the height, what each took, and the face of the part.
+# Figures of passes: the wall after each over the height, their time, stock and roughness, and the part's face.
 
 @style.in_style
 def passes_figure(report: Report) -> Figure:

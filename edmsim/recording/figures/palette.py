@@ -1,4 +1,4 @@
-"""Colours shared by figure and recording: distinct with every common colour blindness, and in grey."""
+"""Colours of figures and recordings: distinct with every common colour blindness, and in grey."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ MUTED = "#6b7785"
 LINE = "#d9dde2"
 GRID = "#e3e7eb"
 METAL = "#f3f1ec"
-# From the palette of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/
+# From the palette of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/.
 BLUE = "#0072b2"
 ORANGE = "#e69f00"
 GREEN = "#009e73"
@@ -16,17 +16,17 @@ VERMILION = "#d55e00"
 PURPLE = "#cc79a7"
 SKY = "#56b4e9"
 YELLOW = "#f0e442"
-# Ours: gas is pale, so that its bubbles differ from sparks
+# Ours: pale, so that bubbles of gas differ from sparks.
 GAS = "#cfe8f4"
 SHARE_COLOURS = {"spark": BLUE, "arc": PURPLE, "short": VERMILION, "open": "#c9d1d9"}
-"""Classes of pulses, in the order they are stacked."""
+"""Colours of the classes of pulses, in stacking order."""
 
 CLASS_COLOURS = {"spark": SKY, "open": MUTED, "short": VERMILION, "arc": PURPLE}
-"""The same in a recording, whose ground is dark."""
-PASS_COLOURS = INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE  # of passes, from the rough one on
+"""Colours of the classes in a recording, whose background is dark."""
+PASS_COLOURS = INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE  # by pass, the rough pass first
 
 ERROR_STOPS = ("#00467f", "#3f8fc4", "#a3abb3", "#e58a3c", "#a83200")
-"""Profile error from too much removed (blue) over none (grey) to metal left (orange)."""
+"""Colours of the profile error: too much removed (blue), none (grey), metal left (orange)."""
 
 
 def pass_colour(number: int) -> str:
@@ -40,7 +40,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def error_rgb(error_um: NDArray[np.float64], limit_um: float) -> NDArray[np.uint8]:
-    """Return the colours (n, 3) of profile errors; beyond ``limit_um`` either way the ends of the scale."""
+    """Return the colours (n, 3) of profile errors, clamped to +-`limit_um`."""
     stops = np.array([rgb(stop) for stop in ERROR_STOPS], float)
     place = np.linspace(-limit_um, limit_um, len(stops))
     return (np.column_stack([np.interp(error_um, place, stops[:, k]) for k in range(3)]).round().astype(np.uint8))

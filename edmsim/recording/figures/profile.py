@@ -23,11 +23,11 @@ from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, round_number
 from edmsim.recording.windows import column, group_means, pause_rows, quantity, stretches
 
-BINS = 800  # most points a series is drawn with
+BINS = 800  # most points of a drawn series
 
 
 class Band(NamedTuple):
-    """A series in bins: where each bin lies, and the mean, least and largest value in it."""
+    """A series in bins: the place of each bin, and its mean, least and largest value."""
 
     x: Floats
     mean: Floats
@@ -36,7 +36,7 @@ class Band(NamedTuple):
 
 
 def binned(x: Floats, values: Floats, bins: int = BINS) -> Band:
-    """Put a series into at most `bins` bins of equally many rows, without NaN; a bin with nothing else is NaN."""
+    """Return a series in at most `bins` bins of equal numbers of rows. NaN is ignored unless a bin has only NaN."""
     edges = np.linspace(0, len(x), min(len(x), bins) + 1).astype(int)
     starts, known = edges[:-1], np.isfinite(values)
     if len(starts) == 0:
@@ -50,7 +50,7 @@ def binned(x: Floats, values: Floats, bins: int = BINS) -> Band:
 
 
 def bands(t: Floats, values: Floats, t_s: Floats, bins: int = BINS) -> list[Band]:
-    """Put a series into bins, stretch by stretch between the pauses in times `t_s`: nothing crosses one."""
+    """Return a series in bins, separately for each stretch between two pauses in the times `t_s`."""
     share = bins / max(len(t_s), 1)
     return [
         binned(t[part], values[part], max(1, round(share * (part.stop - part.start))))
@@ -59,7 +59,7 @@ def bands(t: Floats, values: Floats, t_s: Floats, bins: int = BINS) -> list[Band
 
 
 def mark_pauses(axes: Axes, t_s: Floats, seconds: float, label: str | None = None) -> None:
-    """Hatch the pauses of an axis over machine time, `seconds` long units; the first has a label."""
+    """Hatch the pauses on an axis of machine time, whose unit is `seconds` long; the first has the label."""
     for number, row in enumerate(pause_rows(t_s)):
         axes.axvspan(
             t_s[row - 1] / seconds, t_s[row] / seconds, facecolor="none", edgecolor=palette.LINE, hatch="////",
@@ -68,7 +68,7 @@ def mark_pauses(axes: Axes, t_s: Floats, seconds: float, label: str | None = Non
 
 
 def draw_series(panels: list[Axes], windows: pa.Table) -> None:
-    """Draw the main series of the windows over machine time, one of `PANELS` on each of the axes."""
+    """Draw the main series of the windows over machine time: one of `PANELS` on each of the axes."""
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
     for axes, (label, lines) in zip(panels, PANELS.items(), strict=True):
@@ -93,14 +93,14 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
 
 
 def say_unknown(axes: Axes) -> None:
-    """Write on the axes of a series that it has no value, in place of a scale."""
+    """Write "not measured" on the axes of a series without values, instead of a scale."""
     axes.set_yticks([])
     centred: dict[str, Any] = {"transform": axes.transAxes, "ha": "center", "va": "center"}
     axes.text(0.5, 0.5, "not measured", fontsize=8, color=palette.MUTED, **centred)
 
 
 def time_unit(longest_s: float) -> tuple[str, float]:
-    """Return the unit a time axis of that length is drawn in, and its length in s."""
+    """Return the unit for a time axis of this length: its name, and its length in s."""
     if longest_s < 180:
         return "s", 1.0
     return ("min", 60.0) if longest_s < 3 * 3600 else ("h", 3600.0)
@@ -114,7 +114,7 @@ def _draw_bands(axes: Axes, t: Floats, windows: pa.Table, lines: Sequence[tuple[
 
 
 def draw_shares(axes: Axes, t: Floats, windows: pa.Table, bins: int = BINS) -> None:
-    """Draw what became of the pulses in percent, one class on the other."""
+    """Draw the percentages of the classes of pulses, stacked."""
     t_s = column(windows, "t_s")
     of_kinds = [bands(t, quantity(windows, kind), t_s, bins) for kind in palette.SHARE_COLOURS]
     for number, stretch in enumerate(zip(*of_kinds, strict=True)):
@@ -140,20 +140,20 @@ PANELS = {
     "profile error\nµm": [("error_um", palette.VERMILION, "error")],
     "wire temp.\nK": [("wire_temperature_K", palette.VERMILION, "wire")],
 }  # fmt: skip
-"""Panels over machine time by their labels, from above: quantity, colour and name of each line; or shares."""
+"""Panels over machine time by label, from above: quantity, colour and name of each line; without lines, shares."""
 
 
 Box = tuple[float, float, float, float]
 _BLANK: dict[str, Any] = {"facecolor": palette.METAL, "edgecolor": palette.MUTED, "linewidth": 0.8, "zorder": 0}
 _LABEL_FONT_PT = 8.5
 _LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in heights of its font
-_LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner that are tried, in heights of its font
-NAMED_LEVELS = 4  # levels of a stepped workpiece up to which the legend names each
-LABELLED_CORNERS = 12  # corners whose error is written beside them: the worst ones
+_LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner to try, in heights of its font
+NAMED_LEVELS = 4  # up to this number of levels of a stepped workpiece, the legend names each
+LABELLED_CORNERS = 12  # most corners labelled with their errors, the largest ones
 
 
 def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
-    """Draw part, kerf and the error between, in the program's coordinates; `within_mm` is a box on the table."""
+    """Draw part, kerf and profile error in the program's coordinates; `within_mm` is a box on the table."""
     box, (dx, dy) = within_mm or scene.extent_mm(), scene.origin_mm or (0.0, 0.0)
     scene = scene.in_program()
     factor = scene.error_factor()
@@ -163,7 +163,7 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
     if lines is not None:
         axes.plot([], [], color=lines.cmap(0.85), linewidth=1.7, label=f"profile error drawn × {factor:g}")
         _colour_bar(axes, lines)
-    # no error is drawn where the round wire leaves metal even on its exact path
+    # drawn instead of an error: there the round wire leaves metal even on its exact path
     if runs := [run for edge in scene.maps for run in edge.out_of_reach_mm()]:
         label = "out of the wire's reach"
         _draw_lines(axes, runs, color=palette.PURPLE, linewidth=2.2, capstyle="round", zorder=5, label=label)
@@ -181,9 +181,9 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
 
 def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
     x0, y0, x1, y1 = shown_mm
-    margin = max(0.12 * max(x1 - x0, y1 - y0, 1.0), 2e-3 * scene.wire_diameter_um)  # the kerf is seen whole
+    margin = max(0.12 * max(x1 - x0, y1 - y0, 1.0), 2e-3 * scene.wire_diameter_um)  # shows the whole kerf
     box = axes.get_window_extent()
-    # Half the width shown: whatever needs more room, so that a millimetre is as long on both axes.
+    # half the width shown: the larger of what both sides need, because a millimetre is equally long on both axes
     half = max((x1 - x0) / 2 + margin, ((y1 - y0) / 2 + margin) * box.width / box.height)
     axes.set_xlim((x0 + x1) / 2 - half, (x0 + x1) / 2 + half)
     axes.set_ylim((y0 + y1) / 2 - half * box.height / box.width, (y0 + y1) / 2 + half * box.height / box.width)
@@ -236,7 +236,7 @@ def draw_errors(
     axes: Axes, scene: Scene, factor: float, widths: tuple[float, float] = (0.5, 1.7), alpha: float = 0.35,
     zorder: int = 5,
 ) -> LineCollection | None:
-    """Draw the profile error away from the edge, by a factor and in colours; returns the last lines, if any."""
+    """Draw the profile error from the edge outwards, enlarged and in colours; return the last lines, if any."""
     limit = scene.error_limit_um()
     style: dict[str, Any] = {"cmap": ERROR_COLOURS, "norm": Normalize(-limit, limit)}
     lines = None
@@ -270,7 +270,7 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
 
 
 def label_corners(axes: Axes, scene: Scene, most: int, font_pt: float, box: dict[str, Any], zorder: int) -> None:
-    """Write the errors of the worst corners beside them, where there is room."""
+    """Write the errors of corners next to them, the `most` largest ones, if there is room."""
     known = [c for c in scene.corners if np.isfinite(c.error_um)]
     worst = sorted(known, key=lambda c: -abs(c.error_um))[:most]
     if not worst:
@@ -288,8 +288,8 @@ def label_corners(axes: Axes, scene: Scene, most: int, font_pt: float, box: dict
 def label_places(
     axes: Axes, corners: Sequence[CornerError], middle: Floats, font_pt: float
 ) -> Iterator[tuple[CornerError, tuple[float, float]]]:
-    """Choose places of labels, in points from their corners, that cover neither each other nor a corner."""
-    # best toward the middle of the part: outside, the exaggerated error is drawn; one without room has no label
+    """Yield places of labels, in points from their corners, so that they cover neither each other nor a corner."""
+    # best towards the part's middle, because the exaggerated error is drawn outside; no label if there is no room
     point = axes.figure.dpi / 72.0
     at = axes.transData.transform([(c.x_mm, c.y_mm) for c in corners]) / point
     centre = axes.transData.transform(middle) / point
@@ -332,7 +332,7 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
     length = round_number((high - low) * 0.12)
     bars = [(0.034, f"{length:g} mm")]
     if factor is not None:
-        apart = max(0.044, 16.0 / axes.get_window_extent().height)  # a line of text has room on small pictures, too
+        apart = max(0.044, 16.0 / axes.get_window_extent().height)  # room for a line of text on small pictures, too
         bars = [(0.034 + apart, f"{length:g} mm"), (0.034, f"{length * 1000.0 / factor:g} µm of error")]
     for bottom, text in bars:
         span = length / (high - low)
@@ -348,7 +348,7 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
 
 PROFILE_DPI = 160
 PROFILE_DOTS = 1600, 1920  # width and height of `profile.png` (ours)
-REASON_LETTERS = 130  # letters of a line in which it is said why a cut stopped
+REASON_LETTERS = 130  # most letters in a line of the stop reason
 
 
 @in_style
@@ -369,7 +369,7 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) 
 
 
 def mark_passes(panels: list[Axes], windows: pa.Table, report: Report) -> None:
-    """Draw where passes begin, with their numbers over the uppermost of panels over machine time."""
+    """Draw where passes begin in panels over machine time, with their numbers over the uppermost panel."""
     t_s = column(windows, "t_s")
     _, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
     for row in report.passes:
@@ -401,9 +401,9 @@ def _heading(figure: Figure, report: Report, title: str) -> None:
         figure.text(0.085, 0.9455, "\n".join(lines), fontsize=8.5, color=palette.VERMILION, va="top", linespacing=1.1)
 
 
-# The wire's path before the cut: edges as drawn, the kerf it is to make, start holes and blank.
+# The wire's path before the cut: edges as drawn, the planned kerf, start holes and blank.
 
-_ARROWS = 4  # arrows on a contour: enough to see which way it is cut
+_ARROWS = 4  # arrows on a contour: enough to see its direction
 _WIRES = 150  # places at which a leaning wire is drawn
 
 
@@ -412,7 +412,7 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     """Draw a path in the program's coordinates; the kerf is wire and twice the gap."""
     above_zero("kerf_um", kerf_um)
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
-    two_rows = path.leans or any(contour.passes for contour in path.contours)  # of the legend
+    two_rows = path.leans or any(contour.passes for contour in path.contours)  # the legend has two rows
     axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if two_rows else 0.82))
     quiet(axes)
     axes.grid(visible=False)
@@ -446,7 +446,7 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
 
 
 def _faces(contour: WireContour) -> list[tuple[str, tuple[str, str], WireContour]]:
-    """Return names, colours of edge and way, and contours of the faces on which a contour is drawn."""
+    """Return the faces on which a contour is drawn: name, colours of edge and wire's path, and contour."""
     if contour.lean is None:
         return [("", (palette.INK, palette.BLUE), contour)]
     return [
@@ -456,7 +456,7 @@ def _faces(contour: WireContour) -> list[tuple[str, tuple[str, str], WireContour
 
 
 def _draw_wires(axes: Axes, below: Floats, above: Floats) -> None:
-    """Draw the wire in some places, from the lower face to the upper one."""
+    """Draw the wire at `_WIRES` places, from the lower face to the upper one."""
     passed = arc_lengths((below + above) / 2)
     at = np.linspace(0.0, passed[-1], _WIRES)
     ends = [interpolated(at, passed, way) for way in (below, above)]
@@ -465,7 +465,7 @@ def _draw_wires(axes: Axes, below: Floats, above: Floats) -> None:
 
 
 def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool) -> None:
-    """Draw the wire's centre on a face, of every pass in its colour; a tab's passes are dashed."""
+    """Draw the path of the wire's centre on a face, each pass in its colour; a tab's passes are dashed."""
     where, colour = face
     if not contour.passes:
         way, label = contour.points_um / 1e3 - path.origin_mm, f"wire's centre{where}" if labelled else None
@@ -497,7 +497,7 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
 
 
 def _draw_arrows(axes: Axes, way: Floats) -> None:
-    """Point along the cut."""
+    """Draw arrows in the direction of the cut."""
     line = shapely.LineString(way)
     for share in (np.arange(_ARROWS) + 0.5) / _ARROWS:
         at = share * line.length

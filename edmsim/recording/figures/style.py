@@ -24,7 +24,7 @@ from edmsim.errors import refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.recording.figures.palette import ERROR_STOPS, GRID, INK, LINE, MUTED
 
-FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
+FORMATS = ("pdf", "svg", "png")  # file formats of figures
 WIDTH_IN = 3.5  # width of one column of a journal (89 mm)
 DPI = 200
 ERROR_COLOURS = LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
@@ -35,14 +35,14 @@ _Result = TypeVar("_Result")
 
 @contextmanager
 def own_style() -> Iterator[None]:
-    """Draw on matplotlib's defaults, whatever style the user has set."""
+    """Use matplotlib's defaults in the block instead of the user's style."""
     with rc_context():
         rcdefaults()
         yield
 
 
 def in_style(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Let a function draw in `own_style`, and name its wrong arguments."""
+    """Decorate a function to draw in `own_style`, with its arguments checked by `refuses_wrong_types`."""
     checked = refuses_wrong_types(draw)
 
     @wraps(draw)
@@ -54,7 +54,7 @@ def in_style(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Resul
 
 
 class NotebookFigure(Figure):
-    """A figure that shows by itself in a notebook, as else only pyplot's do; without pyplot and a display."""
+    """A figure that a notebook displays as it does pyplot's figures, without pyplot and a display."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -65,10 +65,10 @@ class NotebookFigure(Figure):
 
 
 class ColumnFigure(NotebookFigure):
-    """A figure one column wide, whose left margin has room for the labels of its axes."""
+    """A figure one column wide, whose left margin grows if labels need it."""
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the figure; where labels would be cut off on the left, its axes begin further right."""
+        """Draw the figure; if labels would be cut off on the left, move the axes to the right."""
         boxes = [box for axes in self.axes if (box := axes.yaxis.get_tightbbox(renderer)) is not None]
         if (least := min((box.x0 for box in boxes), default=0.0)) < 0:
             self.subplots_adjust(left=self.subplotpars.left - least / self.bbox.width)
@@ -77,20 +77,20 @@ class ColumnFigure(NotebookFigure):
 
 @in_style
 def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> bytes:
-    """Return a figure as PNG, the same bytes each time."""
+    """Return a figure as PNG, always the same bytes."""
     written = io.BytesIO()
     figure.savefig(written, format="png", dpi=dpi, metadata={"Software": "edmsim"})
     return written.getvalue()
 
 
 def check_figure(file: pathlib.Path) -> str:
-    """Return what kind of file a figure is to be, one of `FORMATS`; raises `InputError` for another."""
+    """Return the format in which a figure is written, one of `FORMATS`; raises `InputError` for another suffix."""
     return check_suffix(file, "a figure", *(f".{kind}" for kind in FORMATS)).removeprefix(".")
 
 
 @in_style
 def write_figure(figure: Figure, file: str | pathlib.Path) -> None:
-    """Write a figure as its file's suffix says; replaces an existing file only when complete."""
+    """Write a figure in the format of the file's suffix; an existing file is replaced only when complete."""
     file = pathlib.Path(file)
     kind = check_figure(file)
     make_writable(file.parent)
@@ -102,7 +102,7 @@ def write_figure(figure: Figure, file: str | pathlib.Path) -> None:
 
 
 def quiet(axes: Axes) -> None:
-    """Take from axes what does not speak of the data."""
+    """Remove the axes' right and upper border, and draw the others and the grid in pale colours."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
@@ -113,7 +113,7 @@ def quiet(axes: Axes) -> None:
 
 
 def shrink_to(text: Text, right: float) -> None:
-    """Write a text smaller where it would come near to a place on its right, in dots."""
+    """Reduce a text's size if it would come near `right`, a place in dots."""
     place = text.get_window_extent()
     room = right - place.x0 - 2 * place.height
     if place.width > room:
@@ -121,7 +121,7 @@ def shrink_to(text: Text, right: float) -> None:
 
 
 def fill(axes: Axes, region: shapely.Geometry, colour: str = "white", label: str | None = None) -> None:
-    """Fill the polygons of a region, except for their holes."""
+    """Fill the polygons of a region, without their holes."""
     for polygon in shapely.get_parts(region):
         if polygon.geom_type == "Polygon":
             rings = [Path(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
@@ -131,16 +131,16 @@ def fill(axes: Axes, region: shapely.Geometry, colour: str = "white", label: str
 
 
 def column_figure(height_in: float, *, top_in: float = 0.1, left_in: float = 0.48, right_in: float = 0.1) -> Figure:
-    """Return an empty figure of one column's width, with an Agg canvas; pyplot is not touched."""
-    # margins are arguments: to have them found by matplotlib takes as long as to draw the figure
-    # a layout engine of the user's own rcParams would move the margins
+    """Return an empty figure of one column's width, with an Agg canvas, without pyplot."""
+    # margins are arguments, because matplotlib would need as long to find them as to draw the figure
+    # no layout engine: one in the user's rcParams would move the margins
     figure = ColumnFigure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor="white", layout="none")
     figure.subplots_adjust(left_in / WIDTH_IN, 0.38 / height_in, 1 - right_in / WIDTH_IN, 1 - top_in / height_in)
     return figure
 
 
 def colour_bar(figure: Figure, lines: ScalarMappable, label: str) -> None:
-    """Draw the scale of colours along the figure's upper edge; it takes 0.46 inches."""
+    """Draw the colour bar along the figure's upper edge; it takes 0.46 inches."""
     height_in = figure.get_figheight()
     margins = figure.subplotpars
     place = figure.add_axes((margins.left, 1 - 0.41 / height_in, margins.right - margins.left, 0.05 / height_in))
@@ -164,7 +164,7 @@ def legend(
     axes: Axes, *, above: bool = False, columns: int = 1, loc: Literal["best", "upper right"] = "best",
     title: str | None = None,
 ) -> None:
-    """Explain what is drawn: inside the axes, or in a row above them."""
+    """Draw the legend inside the axes, or in rows above them."""
     style: dict[str, Any] = {
         "fontsize": TICK_PT, "labelcolor": INK, "handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0,
         "labelspacing": 0.3, "borderaxespad": 0.3, "title": title, "title_fontsize": TICK_PT,
@@ -177,7 +177,7 @@ def legend(
 
 
 class EmptyFigure(NotebookFigure):
-    """A low figure that says why it has nothing to show."""
+    """A low figure with the reason `why` there is nothing to draw."""
 
     def __init__(self, why: str) -> None:
         super().__init__(figsize=(WIDTH_IN, 1.0), dpi=DPI, facecolor="white", layout="none")

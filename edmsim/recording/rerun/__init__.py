@@ -1,1 +1,1 @@
-"""Recordings for rerun: written, laid out, played back."""
+"""Recordings for rerun: writing, layout, playback."""

@@ -1,6 +1,6 @@
 """Machine and gap in the recording: bodies, the workpiece with the growing kerf, wire, drawing, errors, discharges.
 
-The world is the machine: wire and guides stand still, the table with the workpiece moves.
+The frame of reference is the machine's base: wire and guides are fixed, the table with the workpiece moves.
 """
 
 import math
@@ -27,7 +27,7 @@ from edmsim.recording.windows import Frames, column, jump_rows, stretches, trace
 
 
 def indexes(t_s: Floats, path_um: Floats) -> list[rr.TimeColumn]:
-    """Return both timelines of rows."""
+    """Return rows' times on both timelines."""
     return [rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))]
 
 
@@ -35,7 +35,7 @@ def log_changing(
     recording: rr.RecordingStream, entity: str, look: rr.AsComponents, when: list[rr.TimeColumn],
     columns: rr.ComponentColumnList,
 ) -> None:
-    """Log what stays of an entity, its look, and what changes."""
+    """Log an entity's look as static data, and its other data over time."""
     recording.log(entity, look, static=True)
     recording.send_columns(entity, when, columns)
 
@@ -49,18 +49,18 @@ def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:
 
 
 def faded(colours: NDArray[np.uint8], left: Floats) -> NDArray[np.uint8]:
-    """Return colours (n, 3) sunk into the ground to a share `left` (n,) of 0 to 1."""
+    """Return colours (n, 3) blended into the background, with their opacities `left` (n,) from 0 to 1."""
     ground = np.array(palette.rgb(palette.INK), float)
     return np.asarray(np.round(ground + (colours - ground) * left[:, None]), np.uint8)
 
 
 def turned(points: Floats) -> Floats:
-    """Return points (..., 2) as a view of two dimensions needs them: rerun counts y downwards there."""
+    """Return points (..., 2) with y reversed, because y points down in rerun's 2D views."""
     return np.asarray(points * np.array([1.0, -1.0]), np.float64)
 
 
 def on_screen(points: float) -> list[float]:
-    """Return a radius in points of the screen, which rerun tells from a length by its sign."""
+    """Return a radius in points of the screen, which rerun distinguishes from a length by its negative sign."""
     return [-points]
 
 
@@ -70,7 +70,7 @@ def at_height(lines: Iterable[Floats], z_mm: float) -> list[Floats]:
 
 
 def log_lines(recording: rr.RecordingStream, entity: str, strips: list[Floats], colour: str) -> None:
-    """Log lines in space that stay."""
+    """Log static lines in space."""
     if strips:
         lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(0.8))
         recording.log(entity, lines, static=True)
@@ -80,15 +80,15 @@ def log_points(
     recording: rr.RecordingStream, entity: str, places: list[tuple[float, float, float]], labels: list[str],
     colour: str,
 ) -> None:
-    """Log labelled points that stay."""
+    """Log static points with labels."""
     if places:
         points = rr.Points3D(places, labels=labels, colors=[palette.rgb(colour)], radii=on_screen(4.0))
         recording.log(entity, points, static=True)
 
 
 KERF_FRAMES = 300  # most steps in which the kerf grows
-KERF_STEP_UM = 50.0  # it grows by no less than this at a time: less would not be seen
-KERF_POINTS = 600  # most points of its edge; a longer one is drawn more coarsely
+KERF_STEP_UM = 50.0  # least growth per step; less would be invisible
+KERF_POINTS = 600  # most points of the kerf's edge; a longer edge is simplified more
 _FINEST_MM = 0.004
 _SIDES = 24  # sides of a drawn cylinder
 
@@ -149,20 +149,20 @@ def _walls(ring: Floats, low_mm: float, high_mm: float) -> Mesh:
 
 
 def box(half_mm: Floats) -> Mesh:
-    """Return a box around the origin, of half sides (3,) in mm."""
+    """Return a box around the origin with half sides (3,) in mm."""
     x, y, z = half_mm
     return prism(shapely.box(-x, -y, x, y), -z, z)
 
 
 def cylinder(radius_mm: float, half_length_mm: float) -> Mesh:
-    """Return a cylinder around the origin, its axis along z."""
+    """Return a cylinder around the origin with its axis along z."""
     angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
     rim = radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
     return prism(shapely.Polygon(rim), -half_length_mm, half_length_mm)
 
 
 def moved(mesh: Mesh, rotation: Floats, to_mm: Floats) -> Mesh:
-    """Return a mesh turned by a matrix (3, 3) and shifted."""
+    """Return a mesh rotated by a matrix (3, 3) and then shifted."""
     return Mesh(
         (mesh.positions @ rotation.T + to_mm).astype(np.float32),
         (mesh.normals @ rotation.T).astype(np.float32),
@@ -171,17 +171,17 @@ def moved(mesh: Mesh, rotation: Floats, to_mm: Floats) -> Mesh:
 
 
 class Growth(NamedTuple):
-    """The workpiece while it is cut: its solid from each of some times on."""
+    """The workpiece during the cut: a sequence of solids."""
 
-    rows: NDArray[np.int64]  # (n,): row of the table of windows from which on each solid holds
+    rows: NDArray[np.int64]  # (n,): first row of the table of windows for which each solid is valid
     solids: tuple[Mesh, ...]
-    tolerance_mm: float  # within which the kerf's edge was drawn
+    tolerance_mm: float  # of the simplified edge of the kerf
 
 
 def growing_kerf(scene: Scene, places_um: Floats, path_um: Floats) -> Growth:
     """Return the workpiece's solid at up to `KERF_FRAMES` times of a cut."""
-    # the kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has
-    # been; that of a leaning wire is drawn slice by slice
+    # the finished cut's kerf at mid height, as far as it was within reach of the wire's rays so far; if the wire
+    # leans, the kerf of every slice
     faces, reach = _faces(scene), scene.wire_diameter_um / 2000.0 + RAY_RANGE_UM / 1000.0
     layers = _layers(scene)
     known = [_kerf(scene, layer.number, KERF_POINTS // len(layers)) for layer in layers]
@@ -194,7 +194,7 @@ def growing_kerf(scene: Scene, places_um: Floats, path_um: Floats) -> Growth:
             led_um = 1e3 * scene.lead_mm(path_um[part], np.array([layer.middle_mm]))[:, 0]
             line = _way(places_um[part] + led_um, path_um[part])
             swept[k] = swept[k].union(line.simplify(0.002).buffer(reach, quad_segs=4)).simplify(0.001)
-            # again from the whole kerf: taken piece by piece it would leave slivers
+            # cut from the whole kerf every time, because taking it piece by piece would leave slivers
             cut = kerf.intersection(swept[k])
             uncut = [(face.difference(cut), height) for face, height in faces]
             parts.append(_solid(uncut, layer.low_mm, layer.high_mm))
@@ -204,7 +204,7 @@ def growing_kerf(scene: Scene, places_um: Floats, path_um: Floats) -> Growth:
 
 
 class _Layer(NamedTuple):
-    """A part of the workpiece's height that is drawn with the kerf of one slice."""
+    """A layer of the workpiece, drawn with the kerf of one slice."""
 
     number: int
     low_mm: float
@@ -216,7 +216,7 @@ class _Layer(NamedTuple):
 
 
 def _layers(scene: Scene) -> list[_Layer]:
-    """Return the layers: one where the wire is vertical, else a slice each."""
+    """Return the layers: one if the wire is vertical, or else one per slice."""
     if scene.lead is None:
         return [_Layer(scene.middle_slice() if scene.cut_edges_mm else 0, 0.0, scene.height_mm)]
     edges = np.linspace(0.0, scene.height_mm, len(scene.cut_edges_mm) + 1).tolist()
@@ -224,7 +224,7 @@ def _layers(scene: Scene) -> list[_Layer]:
 
 
 def _way(places_um: Floats, path_um: Floats) -> shapely.Geometry:
-    """Return where the wire has been in mm, without the ways between contours."""
+    """Return the wire's path in mm, without the moves between contours."""
     parts = [places_um[part] / 1000.0 for part in stretches(len(path_um), jump_rows(places_um, path_um))]
     return shapely.GeometryCollection([
         shapely.LineString(way) if len(way) > 1 else shapely.Point(way[0]) for way in parts
@@ -232,7 +232,7 @@ def _way(places_um: Floats, path_um: Floats) -> shapely.Geometry:
 
 
 def _steps(ahead_um: Floats, most: int) -> list[tuple[int, int]]:
-    """Return the first and last window of each piece of path; at most `most` pieces, about equally long."""
+    """Return the first and last window of each piece of path: at most `most` pieces of about equal length."""
     if len(ahead_um) == 0 or ahead_um[-1] <= ahead_um[0]:
         return []
     steps = int(np.clip((ahead_um[-1] - ahead_um[0]) / KERF_STEP_UM, 1, most))
@@ -242,7 +242,7 @@ def _steps(ahead_um: Floats, most: int) -> list[tuple[int, int]]:
 
 
 def _kerf(scene: Scene, number: int, most_points: int) -> tuple[shapely.Geometry, float]:
-    """Return what was cut in a slice, thinned to a number of points that can be drawn often."""
+    """Return the kerf of a slice, simplified to about `most_points` points, and the tolerance in mm."""
     if not scene.cut_edges_mm:
         return shapely.Polygon(), _FINEST_MM
     rings = [line for line in scene.cut_edges_mm[number] if len(line) > 3]
@@ -256,7 +256,7 @@ def _kerf(scene: Scene, number: int, most_points: int) -> tuple[shapely.Geometry
 
 
 def _faces(scene: Scene) -> list[tuple[shapely.Geometry, float]]:
-    """Return the workpiece's upper faces before the cut, its start holes drilled, each with its height."""
+    """Return the workpiece's upper faces before the cut, with start holes, and their heights."""
     levels = [(filled(shapely.MultiLineString(list(t.outlines_mm))), t.height_mm) for t in scene.terraces]
     faces = levels or [(shapely.box(*scene.stock_mm), scene.height_mm)]
     holes = scene.bored()
@@ -264,7 +264,7 @@ def _faces(scene: Scene) -> list[tuple[shapely.Geometry, float]]:
 
 
 def _solid(faces: Sequence[tuple[shapely.Geometry, float]], low_mm: float = 0.0, high_mm: float = np.inf) -> Mesh:
-    """Return the solid under faces with their heights, between two heights."""
+    """Return the solid below faces with their heights, between two heights."""
     solids = []
     for face, height in faces:
         if height <= low_mm:
@@ -276,22 +276,22 @@ def _solid(faces: Sequence[tuple[shapely.Geometry, float]], low_mm: float = 0.0,
 
 
 BASE, CROSS, TABLE = "base", "cross", "table"
-"""What a body of the machine goes with: nothing, the x carriage, the y carriage with the workpiece."""
+"""Groups of the machine's bodies: fixed, on the x carriage, on the y carriage with the workpiece."""
 _CARRIED = {"x_carriage": CROSS, "y_rotor": CROSS, "y_carriage": TABLE}
-_PLATE = "workpiece"  # the drawn workpiece, in whose place the recording draws the one that is cut
+_PLATE = "workpiece"  # the MJCF's workpiece; the recording draws the cut workpiece instead
 
 
 class Bodies(NamedTuple):
-    """Drawn bodies of a machine, in mm from the lower guide's axis and the workpiece's lower face, at X0 Y0."""
+    """Bodies of a machine to draw, in mm from the lower guide's axis and the workpiece's lower face, at X0 Y0."""
 
     solids: dict[str, Mesh]  # by `BASE`, `CROSS` and `TABLE`
-    colours: dict[str, NDArray[np.uint8]]  # (n, 3): a colour for every vertex
-    # opposite corners of the plate the MJCF draws as workpiece
+    colours: dict[str, NDArray[np.uint8]]  # (n, 3): colours of the vertices
+    # opposite corners of the MJCF's workpiece
     plate_mm: tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def bodies_of(model: mujoco.MjModel, lower_guide_mm: float) -> Bodies:
-    """Return the drawn bodies of a machine; the lower guide is below the workpiece's lower face, so negative."""
+    """Return the bodies of a machine; `lower_guide_mm` is negative, below the workpiece's lower face."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     shift = np.array([0.0, 0.0, lower_guide_mm])
@@ -319,18 +319,18 @@ def bodies_of(model: mujoco.MjModel, lower_guide_mm: float) -> Bodies:
     )
 
 
-STEEL = (142, 152, 172, 140)  # colour of the workpiece; a little of what is in the kerf shines through
+STEEL = (142, 152, 172, 140)  # of the workpiece; translucent, to show what is in the kerf
 _PLACES = {BASE: "world/base", CROSS: "world/cross/carriage", TABLE: "world/table/carriage"}
 
 
 def shapes_of(frames: Frames, closeups: NDArray[np.void]) -> NDArray[np.void]:
-    """Return the wire and the gas on it over the cut: the rows of frames and close-ups, in order of time."""
+    """Return the wire's shape and gas over the cut: rows of frames and close-ups, in order of time."""
     rows = np.concatenate([frames.rows, closeups[list(frames.rows.dtype.names or ())]])
     return np.asarray(rows[np.unique(rows["t_s"], return_index=True)[1]])
 
 
 def log_bodies(recording: rr.RecordingStream, bodies: Bodies) -> None:
-    """Log the machine's bodies, and the edges of the plate its drawing has for a workpiece."""
+    """Log the machine's bodies, and the edges of the MJCF's workpiece."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for carrier, solid in bodies.solids.items():
         mesh = rr.Mesh3D(
@@ -347,7 +347,7 @@ def log_bodies(recording: rr.RecordingStream, bodies: Bodies) -> None:
 
 
 def log_workpiece(recording: rr.RecordingStream, growth: Growth, t_s: Floats, path_um: Floats) -> None:
-    """Log the workpiece as a solid while the kerf grows; `t_s` and `path_um` are the windows'."""
+    """Log the workpiece as a solid with the growing kerf; `t_s` and `path_um` are the windows'."""
     recording.log("world/table/workpiece", rr.Mesh3D.from_fields(albedo_factor=STEEL), static=True)
     t_s, path_um = (values[growth.rows] if len(values) else np.zeros(1) for values in (t_s, path_um))
     t_s = np.where(np.arange(len(t_s)) == 0, 0.0, t_s)
@@ -358,7 +358,7 @@ def _send_meshes(
     recording: rr.RecordingStream, entity: str, when: list[rr.TimeColumn], meshes: Sequence[Mesh],
     colours: Sequence[NDArray[np.uint8]] | None = None,
 ) -> None:
-    """Log one mesh after the other, perhaps with colours for every vertex."""
+    """Log meshes over time, with colours of the vertices if they are not None."""
     per_vertex = rr.Mesh3D.columns(
         vertex_positions=np.concatenate([mesh.positions for mesh in meshes]),
         vertex_normals=np.concatenate([mesh.normals for mesh in meshes]),
@@ -380,7 +380,7 @@ def log_drawing(recording: rr.RecordingStream, scene: Scene) -> None:
         drawn = [wall[face] for wall in scene.walls_mm] or nominal
         log_lines(recording, f"world/table/nominal/{name}", at_height(drawn, z_mm), palette.GREEN)
     last, middle = len(scene.cut_edges_mm) - 1, scene.middle_slice()
-    # The outer slices are drawn on the faces, to lie in one plane with the drawing.
+    # the outer slices are drawn on the faces, in one plane with the drawing
     for name, index, z_mm in (("bottom", 0, 0.0), ("middle", middle, scene.middle_mm()), ("top", last, height)):
         if last >= 0:
             edges = at_height(scene.cut_edges_mm[index], z_mm)
@@ -399,11 +399,11 @@ def log_errors(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 FACE_OFF_MM = 0.02
-"""The face of a pass is drawn so far before the metal (ours: the workpiece's own wall would cover it)."""
+"""Distance of a pass's drawn face from the metal (ours: the workpiece's wall would cover it otherwise)."""
 
 
 def log_faces(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the cut face as every pass left it, coloured by how far it lies off its own mean."""
+    """Log the cut face after every pass, coloured by its deviation from its own mean."""
     for contour in sorted({face.contour for face in scene.pass_faces}):
         faces = [face for face in scene.pass_faces if face.contour == contour]
         meshes = [face_mesh(scene, face) for face in faces]
@@ -413,7 +413,7 @@ def log_faces(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, Floats]:
-    """Return the mesh of a face, just before its metal, and for every vertex how many um it is off the mean."""
+    """Return the mesh of a face, just off its metal, and every vertex's deviation from the mean in um."""
     edge, count = scene.maps[face.contour], len(face.error_um)
     error = np.concatenate([face.error_um[:1], face.error_um, face.error_um[-1:]])
     heights = np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]]) * scene.height_mm
@@ -441,10 +441,10 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, Floats]:
 
 
 def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> None:
-    """Log corners with their errors, start holes, where the machine stopped, and the guides."""
+    """Log corners with their errors, start holes, the place where the machine stopped, and the guides."""
     known = [c for c in scene.corners if np.isfinite(c.error_um)]
     corners = [(c.x_mm, c.y_mm, scene.height_mm) for c in known]
-    errors = [f"{c.error_um:+.1f}" for c in known]  # short: the viewer lets labels cover each other
+    errors = [f"{c.error_um:+.1f}" for c in known]  # short, because labels may cover each other in the viewer
     log_points(recording, "world/table/corners", corners, errors, palette.ORANGE)
     starts = [(float(x), float(y), scene.height_mm) for x, y in scene.starts_mm]
     log_points(recording, "world/table/starts", starts, ["start"] * len(starts), palette.GREEN)
@@ -473,7 +473,7 @@ def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.v
     top = at + np.array([0.0, 0.0, scene.height_mm])
     top[:, :2] += scene.lead_mm(shapes["path_um"], np.array([scene.height_mm * (1 - 0.5 / slices)]))[:, 0]
     steps = np.stack([np.vstack([top[:1], top[:-1]]), top], axis=1)
-    threaded = jump_rows(shapes["guides_um"], shapes["path_um"])  # nothing is cut on the way to the next contour
+    threaded = jump_rows(shapes["guides_um"], shapes["path_um"])  # no cut on moves between contours
     steps[threaded, 0] = top[threaded]
     log_changing(recording, "world/table/done", look, when, rr.LineStrips3D.columns(strips=steps))
 
@@ -491,7 +491,7 @@ def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: NDArray
 
 
 def wire_strips(scene: Scene, shapes: NDArray[np.void], factor: float) -> NDArray[np.float32]:
-    """Return the wire of every shape, from guide to guide, (n, slices + 2, 3) in mm; deflection times `factor`."""
+    """Return the wire's lines from guide to guide, (n, slices + 2, 3) in mm, with `factor` times the deflection."""
     n = shapes["deflection_um"].shape[1]
     z_mm = np.concatenate(
         [[scene.guides_z_mm[0]], scene.height_mm * (np.arange(n) + 0.5) / n, [scene.guides_z_mm[1]]]
@@ -503,25 +503,25 @@ def wire_strips(scene: Scene, shapes: NDArray[np.void], factor: float) -> NDArra
     return strips
 
 
-# The gap in the recording: the wall round the wire in um, discharges in their places, voltage and current, gas.
+# The gap in the recording: the wall around the wire in um, places of discharges, voltage and current, gas.
 #
-# The model knows a share of gas per slice and no bubbles: those drawn, one for a slice, only show it.
+# The model has a share of gas per slice and no bubbles; one bubble per slice is drawn to show this share.
 
 Closeups = NDArray[np.void]  # rows of `edmsim.recording.windows.row_type`
-AGES = 6  # a discharge is still to be seen in this many close-ups, ever fainter
+AGES = 6  # close-ups for which a discharge stays visible, while it fades
 SCOPE_PULSES = 12  # pulses on the oscilloscope
 SCOPE_WIDTH, VOLTAGE_HEIGHT, CURRENT_HEIGHT, SCOPE_SPACE = 420.0, 50.0, 32.0, 10.0
-"""The oscilloscope's screen, in units of its view: width, heights of both traces, what lies between them."""
-WALL_UM = 6.0  # half the width in um of the line that stands for the metal; its inner side is the metal's edge
+"""The oscilloscope's screen, in units of its view: width, heights of both traces, space between them."""
+WALL_UM = 6.0  # half the width in um of the line drawn for metal; its inner side is the metal's edge
 _WIRE = (124, 92, 30)
-_NARROW_UM = 10.0  # a ray with a gap up to this is drawn in the colour of shorts; near the critical gap a spark finds
+_NARROW_UM = 10.0  # rays with smaller gaps have the colour of shorts; near a spark's critical gap
 
 
 # --- discharges ---------------------------------------------------------------------------------------------
 
 
 def discharges(closeups: Closeups, radius_um: float) -> tuple[NDArray[np.bool_], Floats]:
-    """Return which pulses have a place (n, pulses), and where on the metal it is: (n, pulses, 2) in um."""
+    """Return whether pulses have a place (n, pulses), and their places on the metal, (n, pulses, 2) in um."""
     pulses = closeups["pulses"]
     known = (np.arange(pulses.shape[1]) < closeups["count"][:, None]) & (pulses["slice"] >= 0)
     angle = 2 * np.pi * pulses["ray"] / max(closeups["walls_um"].shape[1], 1)
@@ -531,7 +531,7 @@ def discharges(closeups: Closeups, radius_um: float) -> tuple[NDArray[np.bool_],
 
 
 def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
-    """Log discharges and contacts where they were on the workpiece, in mm; the last `AGES` close-ups of them."""
+    """Log discharges and contacts of the last `AGES` close-ups at their places on the workpiece, in mm."""
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
     n_slices = closeups["deflection_um"].shape[1]
     z_mm = scene.height_mm * (closeups["pulses"]["slice"] + 0.5) / n_slices
@@ -558,7 +558,7 @@ def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeu
 
 
 def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
-    """Log the middle slice's wall round the wire in um; the origin is the guides' axis."""
+    """Log the middle slice's wall around the wire in um; the origin is the guides' axis."""
     when = indexes(closeups["t_s"], closeups["path_um"])
     wire = turned(closeups["wire_um"] - closeups["guides_um"])
     look = rr.Points2D.from_fields(colors=[_WIRE], radii=[scene.wire_diameter_um / 2], draw_order=10.0)
@@ -576,7 +576,7 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
 
 
 def log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log what stands still in the top view: a cross, circles of 50 um, and on the part its drawn edge."""
+    """Log static lines of the top view: a cross, circles every 50 um, and the part's edge as drawn."""
     angle = np.linspace(0.0, 2 * np.pi, 73)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     rings = [radius * circle for radius in (50.0, 100.0, 150.0, 200.0, 250.0)]
@@ -600,7 +600,7 @@ def log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, wire: Floats) -> None:
-    """Log every ray that meets metal, and the metal's edge as a line through their ends."""
+    """Log every ray that meets metal, and the metal's edge as lines between their ends."""
     gaps = closeups["walls_um"].astype(np.float64)
     angle = 2 * np.pi * np.arange(gaps.shape[1]) / max(gaps.shape[1], 1)
     way = np.column_stack([np.cos(angle), -np.sin(angle)])
@@ -614,7 +614,7 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     lines = np.stack([starts[meets], ends[meets]], axis=1)
     rays = rr.LineStrips2D.columns(strips=lines, colors=colours.astype(np.uint8))
     recording.send_columns("top/rays", when, rays.partition(meets.sum(axis=1)))
-    # a piece of wall between two neighbouring rays that both meet metal; the jump to another wall is left out
+    # a piece of wall for two neighbouring rays that both meet metal, unless one meets another wall
     after = np.roll(np.arange(gaps.shape[1]), -1)
     wall = meets & meets[:, after] & (np.abs(gaps - gaps[:, after]) < radius)
     behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * way
@@ -646,7 +646,7 @@ def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
 
 
 def _feet(spans: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
-    """Yield where the 0 of each trace lies on the screen, and its scale, from its least and greatest value."""
+    """Yield the place of each trace's zero on the screen, and its scale, from its least and greatest value."""
     lowest = VOLTAGE_HEIGHT, VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
     for (least, most), height, low in zip(spans, (VOLTAGE_HEIGHT, CURRENT_HEIGHT), lowest, strict=True):
         scale = height / max(most - least, 1e-9)
@@ -675,7 +675,7 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, spans: Sequence[t
 
 
 def _ticks(most: float, count: int, least: float = 0.0) -> list[float]:
-    """Return round values from `least`, 0 or below, up to `most`, some `count` of them above 0."""
+    """Return round values from `least`, which is 0 or below, to `most`; about `count` of them are above 0."""
     if not most > 0.0:
         return [0.0]
     decade = 10.0 ** math.floor(math.log10(most / count))
@@ -683,7 +683,7 @@ def _ticks(most: float, count: int, least: float = 0.0) -> list[float]:
     return [step * k for k in range(int(least / step * (1 + 1e-9)), int(most / step * (1 + 1e-9)) + 1)]
 
 
-SMALLEST = 0.05  # slices of which gas covers less than this have no bubble: it would not be seen (ours)
+SMALLEST = 0.05  # least share of gas for which a bubble is drawn; less would be invisible (ours)
 _OPACITY = 150  # of 255
 
 
@@ -708,7 +708,7 @@ def log_bubbles(
     recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], travel: Floats, factor: float
 ) -> None:
     """Log a bubble for every slice on the front of the drawn wire, in mm."""
-    # in a slice covered wholly it is as wide as the slice is high; the area of others is that share of its
+    # in a fully covered slice it is as wide as the slice is high; otherwise its area is smaller by the share
     slices = shapes["coverage"].shape[1]
     centre = wire_strips(scene, shapes, factor)[:, 1:-1]
     centre[..., :2] += travel[:, None] * (scene.wire_diameter_um / 2000.0)
@@ -723,9 +723,9 @@ def log_bubbles(
 
 
 def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void]) -> None:
-    """Log a bubble for every slice, at the last discharge that burned there, in um in the top view."""
-    # as wide as the share of the wire's front half that gas covers in its slice, from the wire to the metal at
-    # mid height
+    """Log a bubble for every slice, at its last discharge, in um in the top view."""
+    # along the wire as long as the covered share of its front half in the slice; across, from the wire to the
+    # metal at mid height
     radius, covered, pulses = scene.wire_diameter_um / 2, closeups["coverage"], closeups["pulses"]
     burned = discharges(closeups, radius)[0] & np.isin(pulses["kind"], (SPARK, ARC))
     here = burned[..., None] & (pulses["slice"][..., None] == np.arange(covered.shape[1]))
@@ -736,11 +736,11 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
     angle, gap = 2 * np.pi * ray[shown] / closeups["walls_um"].shape[1], gap[shown]
     long = covered[shown] * (np.pi * radius)
     width, middle = np.minimum(gap, long), radius + gap / 2
-    half = np.maximum(long - width, 0.1) / 2 / middle  # its round ends add the width
+    half = np.maximum(long - width, 0.1) / 2 / middle  # without the round ends
     arc = angle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 9)
     wire = np.repeat(closeups["wire_um"] - closeups["guides_um"], shown.sum(axis=1), axis=0)
     strips = wire[:, None] + middle[:, None, None] * np.stack([np.cos(arc), np.sin(arc)], axis=-1)
-    # sunk into the ground and below the rays: lines of this view are never translucent
+    # blended and drawn below the rays, because lines of this view cannot be translucent
     pale = faded(np.array([palette.rgb(palette.GAS)], np.uint8), np.array([0.65]))
     look = rr.LineStrips2D.from_fields(colors=pale, draw_order=15.0)
     columns = rr.LineStrips2D.columns(strips=turned(strips).astype(np.float32), radii=width / 2)

@@ -1,4 +1,4 @@
-"""Reads a recording: whether it is complete and of this version, and its contents at a time."""
+"""Reading a recording: checks of completeness and version, and its contents at a time."""
 
 import json
 import warnings
@@ -15,12 +15,12 @@ from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import folder_of
 from edmsim.recording.report import RECORDING
 
-APPLICATION = "edmsim"  # application the recording belongs to in the viewer
+APPLICATION = "edmsim"  # application id of recordings in the viewer
 TIME = "machine_time"  # timeline of machine time, a duration
 PATH = "path_um"  # timeline of the place along the wire path, in whole um
-FORMAT = 2  # number of the recording's layout, raised whenever what reads it back would read it wrongly
-MADE_BY = "made_by"  # entity that says, as JSON, the recording's format, who wrote it, and the sizes its views need
-_MARK = b"RRF2"  # a recording begins with this, the version of rerun that wrote it behind it
+FORMAT = 2  # of the recording's layout, incremented with every change that an older reader would misread
+MADE_BY = "made_by"  # entity with JSON: format, version that wrote the recording, and sizes for its views
+_MARK = b"RRF2"  # first bytes of a recording; then follows the version of rerun that wrote it
 _MADE = (f"/{MADE_BY}", "TextDocument:text")
 
 
@@ -56,7 +56,7 @@ def read_chunks(recording: Path) -> list[Chunk]:
     _check_rerun(recording)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # a file cut short between two messages is only warned about
+            warnings.simplefilter("error")  # if a file ends early between two messages, rerun only warns
             reader = RrdReader(recording)
             found = reader.recordings()
             chunks = list(reader.stream().to_chunks()) if found else []
@@ -70,7 +70,7 @@ def read_chunks(recording: Path) -> list[Chunk]:
 
 
 def _check_rerun(recording: Path) -> None:
-    """Refuse a file of a newer rerun: it would be read, with a warning, and perhaps wrongly."""
+    """Refuse a file of a newer rerun, which this one might misread with only a warning."""
     try:
         with recording.open("rb") as file:
             head = file.read(8)
@@ -79,8 +79,8 @@ def _check_rerun(recording: Path) -> None:
     here = tuple(int(number) for number in version("rerun-sdk").split(".")[:2])
     if head[:4] == _MARK and tuple(head[4:6]) > here:
         raise InputError(
-            f"this recording was written by rerun {head[4]}.{head[5]}, here is {here[0]}.{here[1]}; run the cut "
-            "again",
+            f"this recording was written by rerun {head[4]}.{head[5]}, and {here[0]}.{here[1]} is installed; "
+            "run the cut again",
             recording,
         )
 
@@ -89,7 +89,7 @@ def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> No
     if application != APPLICATION:
         raise InputError(f"this is a recording of {application}, one that `edmsim cut` wrote is needed", recording)
     found = [chunk.to_record_batch() for chunk in chunks if chunk.entity_path == _MADE[0]]
-    made = json.loads(found[0].column(_MADE[1])[0].as_py()[0]) if found else {"format": 1}  # the first wrote none
+    made = json.loads(found[0].column(_MADE[1])[0].as_py()[0]) if found else {"format": 1}  # format 1 wrote none
     if made["format"] != FORMAT:
         by = f", written by edmsim {made['version']}" if "version" in made else ""
         raise InputError(
@@ -99,18 +99,16 @@ def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> No
 
 
 class Sizes(NamedTuple):
-    """What the views need to know of a cut; the recording stores it, so that it can be laid out again."""
+    """Sizes of a cut for the views; the recording stores them, so that its layout can be made again."""
 
-    # size_mm, height_mm, wire_diameter_um: the largest of the drawing's sides and the workpiece's height, that
-    # height, the wire
-    size_mm: float
-    height_mm: float
+    size_mm: float  # largest of the drawing's sides and the workpiece's height
+    height_mm: float  # of the workpiece
     wire_diameter_um: float
     x0_mm: float  # x0_mm, y0_mm, x1_mm, y1_mm: box around the drawing
     y0_mm: float
     x1_mm: float
     y1_mm: float
-    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are drawn
+    # deflection_factor, error_factor: scale at which the wire's deflection and the profile error are drawn
     deflection_factor: float
     error_factor: float
     end_s: float  # machine time at the end
@@ -119,12 +117,12 @@ class Sizes(NamedTuple):
 class Rows(NamedTuple):
     """A component of an entity over time, rows in order of time."""
 
-    t_s: NDArray[np.float64]  # t_s, path_um: machine time and place along the path; 0 for what stays
+    t_s: NDArray[np.float64]  # t_s, path_um: machine time and place along the path; 0 for static data
     path_um: NDArray[np.float64]
     values: pa.Array  # a list per row
 
     def at(self, t_s: float) -> int:
-        """Return the row that holds at a time; -1 before the first."""
+        """Return the row that is valid at a time; -1 before the first."""
         return int(np.searchsorted(self.t_s, t_s, side="right")) - 1
 
 
@@ -148,7 +146,7 @@ class Playback:
         parts: dict[tuple[str, str], list[Rows]] = {}
         for chunk in read_chunks(self.recording):
             if chunk.timeline_names and TIME not in chunk.timeline_names:
-                continue  # a curve once more, on the timeline of its pass
+                continue  # copy of a curve on the timeline of its pass
             batch = chunk.to_record_batch()
             times, path = np.zeros(batch.num_rows), np.zeros(batch.num_rows)
             if TIME in batch.schema.names:
@@ -160,7 +158,7 @@ class Playback:
         self._rows = {key: _in_order(found) for key, found in parts.items()}
 
     def __contains__(self, key: tuple[str, str]) -> bool:
-        """Say whether there is a component, by entity and name."""
+        """Return whether there is a component, by entity and name."""
         return key in self._rows
 
     def rows(self, entity: str, component: str) -> Rows:
@@ -196,7 +194,7 @@ class Playback:
 
     @property
     def sizes(self) -> Sizes:
-        """What views need to know of the cut."""
+        """Sizes of the cut for the views."""
         return Sizes(*json.loads(self.rows(*_MADE).values[0].as_py()[0])["sizes"])
 
     @property

@@ -1,6 +1,6 @@
-"""Playing cuts back: the native rerun viewer where there is a screen, the web viewer otherwise.
+"""Playback of cuts: in the native rerun viewer if there is a screen, in the web viewer otherwise.
 
-Also two cuts side by side, a viewer that shows what comes while it comes, and screenshots without screen and GPU.
+Also two cuts side by side, a viewer of live data, and screenshots without screen and GPU.
 """
 
 import os
@@ -27,23 +27,23 @@ from edmsim.recording.rerun.playback import APPLICATION, PATH, TIME, Playback, S
 from edmsim.signals import noted
 
 SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
-"""Each cut's place in the recording, its letter and the colour of its curves."""
+"""Of each cut: its origin in the recording, its letter, and the colour of its curves."""
 CURVES = (
     ("pulses/short", "short, %"), ("pulses/open", "open, %"), ("feed/feed_um_s", "feed, µm/s"),
     ("gap/gap_um", "gap, µm"), ("gap/lag_um", "wire lag, µm"), ("gap/error_um", "profile error, µm"),
     ("gas/coverage", "gas on the wire's front, share"),
 )
-"""Curves in which the cuts are compared, and the titles of their views."""
+"""Curves to compare the cuts with, and the titles of their views."""
 OF_EPISODES = tuple(
     (f"{place}/{write.TOTAL}", f"{what} so far")
     for place, what in ((write.RETURN, "return"), (write.COST, "cost"))
 )
-"""Those that episodes of environments have besides; without them where neither is one."""
+"""Further curves, which only episodes of environments have."""
 
 
 @write.releasing
 def write_comparison(file: Path, a: Path, b: Path) -> None:
-    """Write two recordings as one that shows them side by side."""
+    """Write two recordings into one that shows them side by side."""
     plays = [Playback(a), Playback(b)]
     folders = [play.recording.resolve().parent.name for play in plays]
     names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
@@ -58,7 +58,7 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
             recording.send_chunks([chunk.with_entity_path(f"/{place}{chunk.entity_path}") for chunk in shown])
             line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
             for entity, _ in curves:
-                if f"/{entity}" in known:  # see `write`: a curve without a value hides the others
+                if f"/{entity}" in known:  # because a curve without values would hide the others
                     recording.log(f"{place}/{entity}", line, static=True)
 
 
@@ -85,9 +85,9 @@ def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, st
 
 
 RERUN = (sys.executable, "-c", "import sys; from rerun_cli.__main__ import main; sys.exit(main())")
-"""Starts rerun's command line with this interpreter; ``-m rerun_cli`` would lose the exit status."""
-HERE = "127.0.0.1"  # what viewers serve is for this machine only
-PORT, WEB_PORT = 9876, 9090  # rerun's own; a free one where one is taken
+"""Command that starts rerun with this interpreter; ``-m rerun_cli`` would lose the exit status."""
+HERE = "127.0.0.1"  # viewers serve only this machine
+PORT, WEB_PORT = 9876, 9090  # rerun's defaults; if one is in use, a free port is used
 
 
 def view(directory: str | Path, web_port: int = WEB_PORT, grpc_port: int = PORT) -> int:
@@ -139,19 +139,19 @@ def _show(recording: Path, web_port: int, grpc_port: int) -> int:
 
 
 def _warnings_only() -> dict[str, str]:
-    """Return the environment of a viewer that says only what is wrong, unless its user wants more."""
+    """Return environment variables with which a viewer prints only warnings, unless the user has set RUST_LOG."""
     return {"RUST_LOG": "warn", **os.environ}
 
 
 def has_screen(environment: Mapping[str, str], platform: str) -> bool:
-    """Say whether a window can be opened: always on macOS and Windows, elsewhere if X or Wayland is there."""
+    """Return whether a window can be opened: always on macOS and Windows, elsewhere if X or Wayland is running."""
     if platform in ("darwin", "win32"):
         return True
     return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
 
 
 def free_port(port: int) -> int:
-    """Return a port of this machine that nothing listens on: the one wanted, or another."""
+    """Return `port` if it is free on this machine, or else another that is."""
     with socket.socket() as probe:
         try:
             probe.bind((HERE, port))
@@ -161,7 +161,7 @@ def free_port(port: int) -> int:
 
 
 def viewer_command(recording: Path, on_screen: bool, web_port: int, grpc_port: int) -> list[str]:
-    """Return the command line that shows `recording`; what it serves is bound to 127.0.0.1 only."""
+    """Return the command line that shows `recording`; its servers are bound to 127.0.0.1."""
     command = [*RERUN, str(recording.resolve()), "--bind", HERE]
     if on_screen:
         return [*command, "--port", "auto"]
@@ -169,22 +169,22 @@ def viewer_command(recording: Path, on_screen: bool, web_port: int, grpc_port: i
 
 
 def web_address(web_port: int, grpc_port: int) -> str:
-    """Return the address of the page that shows what `viewer_command` serves."""
+    """Return the address of the page that `viewer_command` serves."""
     return f"http://{HERE}:{web_port}?url={quote(_source(grpc_port), safe='')}"
 
 
 def _source(port: int) -> str:
-    """Return the address at which a viewer takes what it shows."""
+    """Return the address at which a viewer receives data."""
     return f"rerun+http://{HERE}:{port}/proxy"
 
 
-_TO_BEGIN_S = 30.0  # for a viewer to start (ours): ten times what one took here
+_TO_BEGIN_S = 30.0  # longest start of a viewer (ours: ten times the measured time)
 _MEMORY = "500MB"
-"""What a viewer keeps before it forgets the oldest (ours): hours of a drive's curves, a hundred episodes."""
+"""Memory of a viewer, which then drops the oldest data (ours: hours of a drive's curves, a hundred episodes)."""
 
 
 def _started(*options: str) -> subprocess.Popen[bytes]:
-    """Start a viewer in a process of its own, silent, and bound to this machine."""
+    """Start a viewer in its own process, without output, and bound to this machine."""
     return subprocess.Popen(
         [*RERUN, "--bind", HERE, *options], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, start_new_session=True,
@@ -193,12 +193,12 @@ def _started(*options: str) -> subprocess.Popen[bytes]:
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
-        os.killpg(process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
+        os.killpg(process.pid, signal.SIGTERM)  # the group, because the viewer is a child of the interpreter
         process.wait()
 
 
 class LiveViewer:
-    """A viewer in a process of its own, which takes what is drawn from this machine only."""
+    """A viewer in its own process, which receives data only from this machine."""
 
     def __init__(self, what: str, instead: str) -> None:
         port, web_port = free_port(PORT), free_port(WEB_PORT)
@@ -223,13 +223,13 @@ class LiveViewer:
         raise InputError(f"rerun's viewer did not start, so there is no {what.removeprefix('the ')}; {instead}")
 
     def close(self) -> None:
-        """Leave a window to its user; a page ends with what it shows."""
+        """Stop serving a web page; a window stays open until its user closes it."""
         if not self._window:
             _end(self._process)
 
     @write.releasing
     def show(self, recording: Path) -> None:
-        """Open a recording that is whole, beside those it shows."""
+        """Open a complete recording in addition to those already shown."""
         stream = rr.RecordingStream(APPLICATION, recording_id=f"show-{recording.parent.name}", send_properties=False)
         stream.set_sinks(rr.GrpcSink(self.source))
         stream.log_file_from_path(recording)
@@ -238,9 +238,9 @@ class LiveViewer:
 
 
 SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)  # shares of the machine time at which pictures are taken
-_TO_DRAW_S = 60.0  # how long the viewer may take to start, and to read the recording
+_TO_DRAW_S = 60.0  # longest time for the viewer to start and to read the recording
 _OPENED_S, _SETTLED_S = 4.0, 0.8
-"""The viewer moves its cameras into place after opening, and draws what a new time needs over some frames."""
+"""Waiting times: after opening, the viewer moves its cameras; after a new time, it draws for several frames."""
 
 
 def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, ...] = SHARES) -> list[Path]:
@@ -269,7 +269,7 @@ def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, .
     end_s = Playback(recording).end_s
     written = []
     with _headless(recording) as client:
-        target = make_writable(folder)  # not earlier: without a driver an empty folder would be left
+        target = make_writable(folder)  # only here, because without a driver an empty folder would remain
         time.sleep(_OPENED_S)
         for share in shares:
             client.set_time(TIME, duration=share * end_s, play_state="paused")
@@ -281,7 +281,7 @@ def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, .
 
 
 def _picture(client: ViewerClient) -> bytes:
-    """Take a screenshot; a busy machine may miss the viewer's own deadline."""
+    """Return a screenshot; repeat it if a busy machine misses the viewer's own deadline."""
     until = time.monotonic() + _TO_DRAW_S
     while True:
         try:
@@ -293,9 +293,9 @@ def _picture(client: ViewerClient) -> bytes:
 
 @contextmanager
 def _headless(recording: Path) -> Iterator[ViewerClient]:
-    """Run the viewer without a window, bound to this machine, and give a client of it."""
+    """Run the viewer without a window, bound to this machine, and yield a client of it."""
     port = free_port(0)
-    with noted() as interrupts:  # a viewer of its own session would outlast a command that SIGTERM ends
+    with noted() as interrupts:  # because the viewer, in its own session, would outlive a command ended by SIGTERM
         process = _started(str(recording.resolve()), "--headless", "--port", str(port))
         try:
             interrupts.at_once()

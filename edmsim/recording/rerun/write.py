@@ -50,11 +50,11 @@ from edmsim.recording.windows import (
 
 # The layout of a recording in the viewer: views, curves and cameras.
 
-PLAYED_S = 60.0  # how long playing the whole cut back takes at the speed the recording opens with
+PLAYED_S = 60.0  # about the time for playing the whole cut at the initial speed
 
 
 class Series(NamedTuple):
-    """One curve: its column in the table of windows, the name and colour it is shown with."""
+    """One curve: its column in the table of windows, its name and its colour."""
 
     entity: str
     name: str
@@ -62,7 +62,7 @@ class Series(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """One view of curves: where they are logged, and its title with the unit."""
+    """One view of curves: their origin in the recording, and the title with the unit."""
 
     origin: str
     title: str
@@ -99,13 +99,13 @@ ELECTRICAL: tuple[Plot, ...] = (
         Series("following_x_um", "X", palette.SKY), Series("following_y_um", "Y", palette.VERMILION),
     )),
 )  # fmt: skip
-"""Views of the second tab; ``net_voltage_V`` is there of generators with equalising pulses only."""
+"""Views of the second tab; only generators with equalising pulses have ``net_voltage_V``."""
 
 
 def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
-    """Return the layout of one cut; `steps`, what an environment adds, are in a tab that is shown first."""
-    # left the workpiece and the machine, below them the gap from above and the whole part, at the foot the
-    # oscilloscope; right the series and the events
+    """Return the layout of one cut; `steps`, the views that an environment adds, are in the first tab."""
+    # left: workpiece and machine, below them the gap and the whole part from above, at the bottom the oscilloscope;
+    # right: series and events
     factor = sizes.deflection_factor
     left = rrb.Vertical(
         rrb.Horizontal(
@@ -134,7 +134,7 @@ def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
 
 
 def playback_speed(end_s: float) -> float:
-    """Return the speed at which the whole cut plays in about `PLAYED_S`: 1, 2 or 5 times a power of ten."""
+    """Return the speed, a round number, at which the whole cut plays in about `PLAYED_S`."""
     return round_number(max(end_s / PLAYED_S, 1.0))
 
 
@@ -143,7 +143,7 @@ def _plots(plots: tuple[Plot, ...], name: str) -> rrb.Vertical:
 
 
 def plot_view(origins: Sequence[str], title: str) -> rrb.TimeSeriesView:
-    """Return a view of the curves logged under some places, over all of the time."""
+    """Return a view of the curves logged under some origins, over the whole time."""
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     return rrb.TimeSeriesView(
         origin="/", contents=[f"/{origin}/**" for origin in origins], name=title,
@@ -181,7 +181,7 @@ def _machine_view(sizes: Sizes) -> rrb.Spatial3DView:
 def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
     x0, y0, x1, y1 = sizes.x0_mm, sizes.y0_mm, sizes.x1_mm, sizes.y1_mm
     middle = ((x0 + x1) / 2, (y0 + y1) / 2)
-    # the kerf round the drawing is seen whole
+    # shows the whole kerf around the drawing
     away = sizes.height_mm + max(x1 - x0, y1 - y0, 1.0) + 4e-3 * sizes.wire_diameter_um
     hidden = ("carriage", "plate", "workpiece", "nominal/bottom", "cut/bottom", "cut/middle", "discharges")
     name = (
@@ -199,7 +199,7 @@ def _space_view(
     look_target: tuple[float, float, float], *, eye_up: tuple[float, float, float] = (0.0, 0.0, 1.0),
     more: Sequence[str] = (), overrides: Any = None,
 ) -> rrb.Spatial3DView:
-    """Return a view of what is logged under a place but for what is hidden, and of more."""
+    """Return a view of the entities under an origin, without `hidden` and with `more`."""
     return rrb.Spatial3DView(
         origin=origin, contents=[f"{origin}/**", *more, *(f"- {origin}/{part}" for part in hidden)], name=name,
         background=rrb.Background(color=palette.rgb(palette.INK)), line_grid=rrb.LineGrid3D(visible=False),
@@ -227,15 +227,15 @@ def scope_view(prefix: str, name: str) -> rrb.Spatial2DView:
 
 
 def _history() -> rrb.VisibleTimeRanges:
-    """Draw all of the path that was cut up to the time shown, not only its latest piece."""
+    """Return the time range for drawing all of the path that was cut so far, not only its latest piece."""
     start, now = rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.cursor_relative()
     return rrb.VisibleTimeRanges([rr.VisibleTimeRange(name, start=start, end=now) for name in (TIME, PATH)])
 
 
-# Steps of an environment in the recording: what was commanded, and what it earned and cost.
+# Steps of an environment in the recording: actions, rewards and costs.
 
-RETURN, COST = "return", "cost"  # where what was earned and what it cost stand in a recording
-TOTAL = "total"  # curve of their sums from the beginning on
+RETURN, COST = "return", "cost"  # origins of rewards and costs in a recording
+TOTAL = "total"  # curve of their sums since the beginning
 _COLOURS = (
     palette.SKY, palette.ORANGE, palette.GREEN, palette.VERMILION, palette.PURPLE, palette.MUTED, palette.BLUE,
     palette.GAS,
@@ -243,20 +243,20 @@ _COLOURS = (
 
 
 class Steps(NamedTuple):
-    """What an environment adds to the recording of its cut, step by step."""
+    """Data that an environment adds to the recording of its cut, per step."""
 
     plots: tuple[Plot, ...]  # views, whose curves are logged under their origins
-    values: Mapping[str, Floats]  # of every curve, by ``origin/entity``, its values (n,)
+    values: Mapping[str, Floats]  # values (n,) of every curve, by ``origin/entity``
     t_s: Floats  # t_s, path_um: machine time and place along the path at the end of every step
     path_um: Floats
-    notes: Sequence[str]  # how the cut was thinned, for the text about the recording
+    notes: Sequence[str]  # on the thinning of the cut, for the text about the recording
 
 
 def steps_of(
     groups: Sequence[tuple[str, str, Sequence[str], Floats]], t_s: Floats, path_um: Floats, notes: Sequence[str],
 ) -> Steps:
-    """Lay out curves in views: of each its origin, title with unit, names of curves, and values (n, curves)."""
-    # NaN is not drawn, and curves that are 0 throughout are left out
+    """Return curves in views; a group has origin, title with unit, names of curves, and values (n, curves)."""
+    # NaN is not drawn, and curves that are always 0 are omitted
     plots, values = [], {}
     for origin, title, names, lines in groups:
         shown = [
@@ -272,14 +272,14 @@ def steps_of(
     return Steps(tuple(plots), values, t_s, path_um, notes)
 
 
-MOST = 300  # most events of a kind that are listed; of more, evenly spaced ones
-_AT_CORNER_MM = 0.5  # the wire passes a corner of the drawing at most this far away
+MOST = 300  # most listed events of a kind; if there are more, evenly spaced ones
+_AT_CORNER_MM = 0.5  # greatest distance at which the wire passes a corner of the drawing
 _LEVELS = {words.report: words.level for words in WORDS.values()}
 _ALARM = WORDS[StopCause.PERSISTENT_SHORT].report
 
 
 class Event(NamedTuple):
-    """One event: the row of the table of windows it belongs to, its weight, and what happened."""
+    """One event: its row in the table of windows, its level, and its text."""
 
     row: int
     level: str
@@ -287,7 +287,7 @@ class Event(NamedTuple):
 
 
 def events(windows: pa.Table, scene: Scene, report: Report) -> list[Event]:
-    """Return the events of a cut in order of time, places in the program's coordinates."""
+    """Return the events of a cut in order of time, with places in the program's coordinates."""
     if len(windows) == 0:
         return []
     origin_um = 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
@@ -312,7 +312,7 @@ def _thinned(found: list[Event]) -> list[Event]:
 
 
 def _evenly(count: int, most: int) -> NDArray[np.intp]:
-    """Return numbers of 0 to ``count - 1`` evenly spaced, the ends among them; of many, `most`."""
+    """Return at most `most` evenly spaced numbers from 0 to ``count - 1``, with both ends."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
@@ -365,20 +365,20 @@ def _corners(scene: Scene, place: Floats) -> list[Event]:
     return _thinned(found)
 
 
-# The file of a recording: what is logged, written whole.
+# Writing of a recording.
 
 _Args = ParamSpec("_Args")
 
 
 def releasing(write: Callable[_Args, None]) -> Callable[_Args, None]:
-    """Let a function release the recordings that it makes and disconnects, with their threads, when it is over."""
+    """Decorate a function to release the recordings it has disconnected, and their threads, when it returns."""
 
     @wraps(write)
     def released(*args: _Args.args, **options: _Args.kwargs) -> None:
         try:
             write(*args, **options)
         finally:
-            with suppress(RuntimeError):  # a forked process cannot flush what its parent records, and need not
+            with suppress(RuntimeError):  # a forked process cannot flush its parent's recordings, and need not
                 bindings.flush_and_cleanup_orphaned_recordings()
 
     return released
@@ -386,8 +386,8 @@ def releasing(write: Callable[_Args, None]) -> Callable[_Args, None]:
 
 @contextmanager
 def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint) -> Iterator[None]:
-    """Write what is logged inside to a file, which is replaced whole or not at all; the recording is disconnected."""
-    # rerun's own file sink waits for ever on a full disk, and takes no names that are not UTF-8
+    """Write all that is logged in the block to a file, which is replaced only when complete; then disconnect."""
+    # rerun's own file sink waits forever on a full disk, and accepts only names that are UTF-8
     memory = recording.memory_recording()
     try:
         _send_blueprint(recording, layout)
@@ -400,7 +400,7 @@ def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint
 
 
 def _send_blueprint(recording: rr.RecordingStream, layout: rrb.Blueprint) -> None:
-    """Make a layout the default one, as rerun does, and disconnect the stream for it, which rerun keeps for ever."""
+    """Make a layout the default, as rerun does, but disconnect its stream, which rerun would keep forever."""
     name = rr.get_application_id(recording)
     assert name is not None
     made = bindings.new_blueprint(name, make_default=False, make_thread_default=False, default_enabled=True)
@@ -412,7 +412,7 @@ def _send_blueprint(recording: rr.RecordingStream, layout: rrb.Blueprint) -> Non
     stream.disconnect()
 
 
-MAX_ROWS = 20_000  # most rows of a series; a longer table is averaged in groups
+MAX_ROWS = 20_000  # most rows of a series; longer tables are averaged in groups of rows
 
 
 @releasing
@@ -420,11 +420,11 @@ def write_recording(
     file: str | Path, scene: Scene, windows: pa.Table, frames: Frames, closeups: Closeups, machine: Machine,
     report: Report, title: str, steps: Steps | None = None,
 ) -> None:  # fmt: skip
-    """Write the recording; equal cuts give equal recordings, whatever the computer took for them."""
+    """Write the recording; equal cuts give equal recordings, independent of computing time."""
     closeup_rows = closeups.table()
     shapes = logs.shapes_of(frames, closeup_rows)
     factor = round_factor(np.hypot(*np.moveaxis(shapes["deflection_um"], -1, 0)).ravel(), 0.05 * scene.size_mm())
-    # batches cut off by a clock would differ from run to run
+    # no batches by time, because they would differ from run to run
     recording = rr.RecordingStream(
         APPLICATION, recording_id=recording_id(report), send_properties=False,
         batcher_config=rr.ChunkBatcherConfig.NEVER(),
@@ -460,7 +460,7 @@ def write_recording(
 
 
 def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]:
-    """Return close-ups of a wire that leans with the guides' axis and all discharges at mid height."""
+    """Return close-ups; if the wire leans, their guides' axis and discharges are shifted to mid height."""
     if scene.lead is None:
         return closeups
     found, slices, path_um = closeups.copy(), closeups["deflection_um"].shape[1], closeups["path_um"]
@@ -476,7 +476,7 @@ def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]
 def _log_machine(
     recording: rr.RecordingStream, scene: Scene, windows: pa.Table, machine: Machine, factor: float
 ) -> float:
-    """Log machine, workpiece and what stands still; return within how many mm the growing kerf is drawn."""
+    """Log machine, workpiece and static entities; return the tolerance in mm of the growing kerf's edge."""
     t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
     model = build_model(wire_setup(machine), machine.base.model)
     logs.log_bodies(recording, logs.bodies_of(model, scene.guides_z_mm[0]))
@@ -491,7 +491,7 @@ def _log_machine(
 
 
 def _thinning(frames: Frames, closeups: Closeups) -> str:
-    """Say what of the cut's windows is in the recording and what was left out."""
+    """Say how the cut's windows are thinned in the recording."""
     return (
         f"The wire's shape and its gas: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
         f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
@@ -509,13 +509,13 @@ def _drawn(group: int, tolerance_mm: float) -> str:
 
 
 def recording_id(report: Report) -> str:
-    """Return the recording's identity: a digest of version, seed and settings."""
+    """Return the identity of the recording: a digest of version, seed and settings."""
     made_with = {key: report[key] for key in ("edmsim_version", "seed", "settings")}
     return hashlib.sha256(json.dumps(made_with, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def about(scene: Scene, report: Report, title: str, factor: float, thinning: list[str]) -> str:
-    """Return what a viewer of the recording needs to know, as Markdown."""
+    """Return the text about the recording, as Markdown."""
     lines = [
         f"# {title}",
         f"**{report.outcome}**" + (f": {report.reason}" if report.reason else ""),
@@ -557,7 +557,7 @@ def _log_events(recording: rr.RecordingStream, windows: pa.Table, shown: list[Ev
 def _log_series(
     recording: rr.RecordingStream, windows: pa.Table, event_rows: NDArray[np.int64], passes: Sequence[PassFigures]
 ) -> int:
-    """Log every series; return how many windows each of its points is the mean of, away from events."""
+    """Log every series; return the number of windows per point away from events."""
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
     if rows:
@@ -572,7 +572,7 @@ def _log_series(
 
 
 def _log_steps(recording: rr.RecordingStream, steps: Steps) -> None:
-    """Log what an environment adds; a long episode as the means of neighbouring steps."""
+    """Log the steps of an environment; of a long episode, the means of groups of steps."""
     starts = np.arange(0, len(steps.t_s), max(1, -(-len(steps.t_s) // MAX_ROWS)))
     if len(starts):
         entities = ((f"{plot.origin}/{series.entity}", series) for plot in steps.plots for series in plot.series)
@@ -584,29 +584,29 @@ def _log_curves(
     recording: rr.RecordingStream, curves: Iterable[tuple[str, Series, Floats]], t_s: Floats, path_um: Floats,
     starts: NDArray[np.int64], passes: Sequence[PassFigures] = (),
 ) -> None:
-    """Log curves as the means of groups of rows: entity, look and values of each, of which NaN is left out."""
-    # each pass has a timeline of its own besides, from its begin on
+    """Log curves (entity, look, values) as means of groups of rows, without NaN."""
+    # each pass also has its own timeline, which starts with the pass
     pauses = pause_rows(t_s)
-    starts = np.union1d(starts, pauses)  # no mean reaches over a pause
+    starts = np.union1d(starts, pauses)  # no mean over a pause
     threaded = logs.indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
     mean_t_s, mean_path_um = group_means(t_s, starts), group_means(path_um, starts)
     for entity, series, values in curves:
         mean = group_means(values, starts)
         known = np.isfinite(mean)
-        if not known.any():  # beside a curve without a value the viewer draws no other
+        if not known.any():  # it would hide the other curves of its view
             continue
         look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
         when = logs.indexes(mean_t_s[known], mean_path_um[known])
         logs.log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
         _log_by_pass(recording, entity, passes, mean_t_s, mean)
-        if len(pauses):  # a viewer draws no line over what is cleared
+        if len(pauses):  # cleared values interrupt the drawn line
             recording.send_columns(entity, threaded, rr.Clear.columns(is_recursive=[False] * len(pauses)))
 
 
 def _log_by_pass(
     recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], t_s: Floats, values: Floats
 ) -> None:
-    """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
+    """Log a curve on the timeline of each pass, such as ``pass_1``, or ``tab_1`` for a tab's."""
     for row in passes:
         mine = (t_s > row.begin_s) & (t_s <= row.end_s) & np.isfinite(values)
         contour = "" if row.contour == 1 else f"_of_contour_{row.contour}"
@@ -617,8 +617,8 @@ def _log_by_pass(
 
 
 def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the first row of every group: `size` rows each, but one only up to `AROUND` rows from an event."""
-    # of many events only as many evenly spaced ones count as make `MAX_ROWS` rows
+    """Return the first row of every group: `size` rows each, but single rows up to `AROUND` rows from an event."""
+    # at most `MAX_ROWS` rows around events; if there are more, evenly spaced events are chosen
     most = MAX_ROWS // (2 * AROUND + 1)
     chosen = event_rows[_evenly(len(event_rows), most)]
     near = (chosen[:, None] + np.arange(-AROUND, AROUND + 2)).ravel()
