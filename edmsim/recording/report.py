@@ -522,7 +522,7 @@ def _most(windows: pa.Table, name: str) -> float | None:
 
 def _weighted(values: Floats, weights: Floats) -> float | None:
     total = float(weights.sum())
-    # not `@`, because its order of additions depends on the number of threads; rounding may exceed the range of values
+    # not `@`, because its order of additions depends on the number of threads; rounding may leave the values' range
     mean = float((values * weights).sum()) / total if total > 0 else None
     return None if mean is None else float(np.clip(mean, values.min(), values.max()))
 
