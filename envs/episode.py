@@ -35,7 +35,7 @@ from edmsim.recording.windows import PULSES, Closeups, Frames, WindowTable, row_
 
 CLOSEUP_EVERY = 12
 """Every `CLOSEUP_EVERY`-th window is recorded pulse by pulse, with the wire's shape (ours: three a second of machine
-time suffice, because playback is several times faster than the cut; and this takes a twelfth of the time)."""
+time suffice, because playback is several times faster than the cut; and all would take twelve times as long)."""
 EVERY = 100  # ours: recording then takes a few per mille of the time, with episodes of a thousand steps
 _NAME = "episode-"  # of a recording's folder, before the number of its episode
 _ONLY = np.zeros(1, np.int64)
@@ -70,7 +70,7 @@ def as_action(
 
 
 def check_acts(family: Family, name: str) -> None:
-    """Raise `InputError` if the commands of a controller are not actions of the environment."""
+    """Raise `InputError`, before a controller acts, if its commands are not actions of the environment."""
     controller = from_text(name)
     if family.action == "servo":
         target_share(controller)

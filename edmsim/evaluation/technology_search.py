@@ -72,7 +72,7 @@ START_OF = 1.6  # the search begins at this many times the period that gives the
 MOST_BREAKS = 6  # most times that a period that broke the wire is lengthened (ours)
 POWER = 1.8
 """Metal that a trim's pulses would remove if all of them ignited, over its stock (ours: half stay open)."""
-STOCK_SHARE, STOCK_UM = 0.15, 1.5  # tolerance of the stock: a share of it, or um (ours)
+STOCK_SHARE, STOCK_UM = 0.15, 1.5  # tolerance of the stock: a share of it, at least these um (ours)
 SHALLOWER_UM = 3.0  # a trim that jammed is repeated farther off the wall by this distance (ours)
 MOST_TRIES = 4  # cuts per trim: the last one counts even if it removes too much or too little (ours)
 CORNER_BEFORE_UM = 200.0  # path before its outer corners on which trims have a longer period; not searched
