@@ -2,7 +2,7 @@
 
 ``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v3``,
 ``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1``, ``edmsim/MaxRateShift-v0``,
-``edmsim/ThinWireShift-v0`` and ``edmsim/Part-v0``, which is decided on pass by pass; the environment class of each
+``edmsim/ThinWireShift-v0`` and ``edmsim/Part-v0``, whose actions decide on passes; the environment class of each
 describes action, observation and reward.
 """
 
@@ -47,9 +47,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used: registering the environments loads none of them."""
+    """Import a public name at its first use, because registering the environments needs none of them."""
     task, is_vector, _ = name.partition("VectorEnv")
-    if is_vector and task in _HOMES:  # where Gymnasium looks for the vector environment of a registered id
+    if is_vector and task in _HOMES:  # the vector entry point of a registered id
         return partial(__getattr__("EdmVectorEnv"), task)
     if name not in _HOMES:
         raise AttributeError(f"module 'edmsim.envs' has no attribute '{name}'")

@@ -1,4 +1,4 @@
-"""Arguments of the environments: how JSON writes them, and their checks."""
+"""Arguments of the environments: their declaration, their form in JSON, and their checks."""
 
 import functools
 import math
@@ -26,7 +26,7 @@ _Kind = TypeVar("_Kind", bound=type)
 
 
 def argument(default: _Value, unit: str, meaning: str) -> _Value:
-    """Return a field of a dataclass that says its unit and meaning; a subclass may give just another default."""
+    """Return a dataclass field with a unit and a meaning; a subclass may override only its default."""
     return field(default=default, metadata={"unit": unit, "meaning": meaning})
 
 
@@ -40,7 +40,7 @@ class Argument(NamedTuple):
 
 
 def arguments_of(kind: type) -> list[Argument]:
-    """Return the fields of a dataclass, each with the unit and the meaning that it, or the nearest base, says."""
+    """Return the fields of a dataclass, with the unit and meaning that the class or its nearest base declares."""
     said = {
         f.name: f.metadata
         for base in reversed(kind.__mro__) if is_dataclass(base) for f in fields(base) if f.metadata
@@ -50,8 +50,8 @@ def arguments_of(kind: type) -> list[Argument]:
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def record_of_arguments(kind: _Kind) -> _Kind:
-    """Make a frozen dataclass; its docstring lists what it adds to its bases, at ``{parameters}`` or the end."""
-    dataclass(frozen=True, kw_only=True)(kind)  # changes the class itself
+    """Make a frozen dataclass whose docstring lists its own arguments, at ``{parameters}`` or at the end."""
+    dataclass(frozen=True, kw_only=True)(kind)  # modifies the class in place
     inherited = {f.name for base in kind.__bases__ if is_dataclass(base) for f in fields(base)}
     own = [one for one in arguments_of(kind) if one.name not in inherited]
     if kind.__doc__ is not None and own:  # it is None with python -OO
@@ -66,7 +66,7 @@ _SAID = {
     float: "a number", int: "a whole number", tuple[float, float]: "two numbers", Sequence[str]: "a list of texts",
     str: "a text", Path: "a path", NoneType: "None",
 }  # fmt: skip
-"""What may be declared of an argument, as a refusal says it; others are said by their names."""
+"""Names of declared types in error messages; other types have their own names."""
 
 
 def _fits(value: Any, kind: Any) -> bool:
@@ -83,14 +83,14 @@ def _fits(value: Any, kind: Any) -> bool:
 
 @functools.cache
 def _declared(kind: type) -> list[tuple[Argument, Any]]:
-    """Return the arguments that edmsim declares, and their kinds; those of a user's class may be anything."""
+    """Return the arguments that edmsim declares, with their types; those that a user's class adds are not checked."""
     base = next(one for one in kind.__mro__ if one.__module__.startswith(f"{__package__}."))
     hints = get_type_hints(base)
     return [(one, hints[one.name]) for one in arguments_of(base)]
 
 
 def check_kinds(record: object) -> None:
-    """Make numbers among the arguments Python's own, and refuse arguments that are not what is declared of them."""
+    """Convert numbers to Python's own, and raise `InputError` if an argument does not have its declared type."""
     numeric.keep_plain(record)
     for (name, _, _, meaning), hint in _declared(type(record)):  # type: ignore[arg-type]
         value = getattr(record, name)
@@ -105,7 +105,7 @@ def check_kinds(record: object) -> None:
 
 
 def ends_of(name: str, value: Range) -> tuple[float, float]:
-    """Return the ends of a range given as an argument; a number is a range of its own."""
+    """Return both ends of an argument that is a range, or twice the value of a number."""
     low, high = map(numeric.real, value if isinstance(value, Sequence) and len(value) == 2 else (value, value))
     if low is None or high is None or not 0 < low <= high < math.inf:
         raise InputError(f"{name} is {value!r}: give a number above 0, or the ends of a range, the lower first")
@@ -113,7 +113,7 @@ def ends_of(name: str, value: Range) -> tuple[float, float]:
 
 
 def machine_of(value: Any) -> Any:
-    """Return the machine of a name, a file, a mapping of arguments of `Machine.load`, or `plain` of one."""
+    """Return a machine from a name, a file, a mapping of arguments of `Machine.load`, or the result of `plain`."""
     if isinstance(value, str | Path):
         return Machine.load(str(value))
     if not isinstance(value, Mapping):
@@ -130,7 +130,7 @@ def machine_of(value: Any) -> Any:
 
 
 def record_of(name: str, value: Any, own: _Record) -> Any:
-    """Return a record of a mapping, which replaces what it names of `own`; anything else as it is."""
+    """Return a copy of `own` with the values of a mapping; return any other value unchanged."""
     if not isinstance(value, Mapping):
         return value
     values = {f.name: getattr(own, f.name) for f in fields(own)}  # type: ignore[arg-type]
@@ -162,18 +162,18 @@ def _only_known(refusal: str, value: Mapping[str, Any], known: Sequence[str]) ->
 def _array(values: Any) -> NDArray[Any]:
     try:
         return np.asarray(values)
-    except ValueError:  # lists of several lengths
+    except ValueError:  # lists of different lengths
         return np.array(None)
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return actions as an array of their space's shape, all numbers; beyond -1..1 they are clipped later."""
+    """Return actions as an array with the shape of their space, all finite; the caller clips them to -1..1."""
     array = _array(actions)
     if array.dtype.kind not in "fiu":
         raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
     if array.shape != shape:
         raise InvalidAction(f"an action has the shape {shape}, not {array.shape}")
-    with np.errstate(over="ignore"):  # of float64, greater than float32 can be
+    with np.errstate(over="ignore"):  # float64 above float32's range becomes infinite
         taken = array.astype(np.float32, copy=False)
     if not np.isfinite(taken).all():
         raise InvalidAction(f"an action is finite numbers from -1 to 1, not {array.tolist()}")
@@ -181,7 +181,7 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
 
 
 def checked_mask(mask: Any, count: int) -> NDArray[np.bool_]:
-    """Return which of some sub-environments are to be reset: all for None."""
+    """Return the mask of the sub-environments to reset: all for None."""
     array = np.ones(count, np.bool_) if mask is None else _array(mask)
     if array.shape != (count,) or array.dtype != np.bool_ or not array.any():
         raise InputError(f"reset_mask must be {count} truth values, at least one of them true")
@@ -189,7 +189,7 @@ def checked_mask(mask: Any, count: int) -> NDArray[np.bool_]:
 
 
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
-    """Return the options of a reset, all of them known."""
+    """Return the options of a reset; raises `InputError` for an unknown one."""
     if not isinstance(options, Mapping | None):
         raise InputError(f"the options of a reset are {options!r}: give a mapping, as {{'{known[0]}': ...}}")
     found = dict(options or {})

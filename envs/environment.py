@@ -1,7 +1,7 @@
 """Gymnasium's two kinds of environment, single and vector, and a wrapper that records episodes.
 
-Sub-environments step window by window, parts pass by pass. Parts are loaded where they are made: what cuts programs
-takes longer to load than sub-environments.
+Sub-environments step window by window, parts pass by pass. The code of parts is imported only when they are made,
+because its import takes longer.
 """
 
 import copy
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def engine_of(family: EnvArguments, count: int, threads: int) -> "Engine":
-    """Return what runs `count` episodes side by side."""
+    """Return the engine that runs `count` episodes in parallel."""
     if isinstance(family, Family):
         return Batch(family, count, threads)
     from edmsim.envs.part_task import Part, Parts
@@ -41,17 +41,17 @@ def engine_of(family: EnvArguments, count: int, threads: int) -> "Engine":
 
 
 def sub_envs_of(engine: "Engine") -> SubEnvs:
-    """Return the sub-environments that step window by window; raises `InputError` where there are none."""
+    """Return the sub-environments that step window by window; raises `InputError` for Part, which has none."""
     if isinstance(engine, Batch):
         return engine.sub_envs
     raise InputError(
-        "Part is decided on pass by pass: no feed controller can look on, and no recorder; edmsim cut --passes "
+        "Part is decided on pass by pass: no feed controller or recorder can be attached; edmsim cut --passes "
         "records the same part"
     )
 
 
 def _spaces_of(family: EnvArguments) -> tuple[gym.spaces.Box[np.float32], ...]:
-    """Return the spaces of actions, observations and rewards: of these as many as objectives, or one."""
+    """Return the spaces of actions, observations and rewards; rewards have an entry per objective, or one."""
     low, high = (np.array([getattr(e, end) for e in family.entries()], np.float32) for end in ("low", "high"))
     return (
         gym.spaces.Box(-1.0, 1.0, (len(family.action_names),), np.float32),
@@ -75,14 +75,14 @@ RENDER_FPS = 39  # pictures per second at the machine's own pace: a window of th
 
 
 def _check_render_mode(mode: str | None) -> str | None:
-    """Raise `InputError` for a render mode there is not."""
+    """Return a render mode; raises `InputError` if it is unknown."""
     if mode is not None:
         refuse_unknown("render_mode", mode, RENDER_MODES)
     return mode
 
 
 class _Common:
-    """What a single and a vector environment have in common: arguments that `change` replaces, and pictures."""
+    """Base of single and vector environments: arguments that `change` replaces, and pictures."""
 
     family: EnvArguments
     spec: gym.envs.registration.EnvSpec | None
@@ -90,18 +90,18 @@ class _Common:
     _renderer: Any = None  # a `Renderer`, loaded with the first picture
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Keep the specification in a form that JSON can write."""
+        """Store the specification with arguments that JSON can write."""
         if name == "spec" and value is not None:
             value.kwargs = plain(value.kwargs)
         super().__setattr__(name, value)
 
     def change(self, **options: Any) -> None:
-        """Change arguments of the next episodes, for a curriculum; an episode that runs keeps its own.
+        """Change arguments of the next episodes, for a curriculum; a running episode keeps its own.
 
         Parameters
         ----------
         **options
-            Arguments to change; those that make spaces or plants cannot change (see `EnvArguments.changed`).
+            Arguments to change; those of spaces or plants cannot change (see `EnvArguments.changed`).
         """
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
@@ -132,7 +132,7 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         A `Family` or `Part`, its short name or the id of an environment; by default that of the class.
     render_mode : {"rgb_array", "human"}, optional
     **options
-        Its arguments, in the forms of `EnvArguments.of`.
+        Arguments of the task, in the forms of `EnvArguments.of`.
 
     Attributes
     ----------
@@ -216,7 +216,7 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return batch.observations()[0], reward_out, terminated, truncated, self._info()
 
     def _info(self) -> dict[str, Any]:
-        """Return the info of a step or a reset, which have the same keys: records of Minari want that."""
+        """Return the info of a step or a reset; both have the same keys, because Minari's records need that."""
         info = _first(self._batch.infos())
         return info | self._of_episode | {"drawn": dict(self._of_episode["drawn"])}
 
@@ -260,16 +260,16 @@ class EdmEnv(_Common, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 # The native vector environment: the plants of all sub-environments run in one compiled call.
 
-# A sub-environment of a vector environment as the single environment that it stands for.
+# Arguments that only vector environments have.
 
 _OF_VECTORS = "num_envs", "vectorization_mode", "autoreset_mode", "threads", "max_episode_steps"
 
 
 class SubEnvView:
-    """What a single `EdmEnv` has, of a sub-environment; all step, end and close together, in one vector environment.
+    """A sub-environment as a single `EdmEnv`, without `reset`, `step` and `close`, which its vector environment has.
 
-    Other attributes may be set, and are the sub-environment's own. The seed is -1 if the generator was set, as
-    Gymnasium has it.
+    Other attributes may be set, and are the sub-environment's own. The seed is -1 if the generator was set, as in
+    Gymnasium.
     """
 
     def __init__(self, env: "EdmVectorEnv", index: int) -> None:
@@ -288,7 +288,7 @@ class SubEnvView:
 
     @property
     def spec(self) -> gym.envs.registration.EnvSpec | None:
-        """Specification of a single environment like it."""
+        """Specification of a single environment with the same arguments."""
         spec = copy.deepcopy(self._env.spec)
         if spec is not None:
             spec.kwargs = {name: value for name, value in spec.kwargs.items() if name not in _OF_VECTORS}
@@ -296,7 +296,7 @@ class SubEnvView:
         return spec
 
     def take(self, name: str, value: Any) -> None:
-        """Set an attribute; refuse what all sub-environments share."""
+        """Set an attribute; raises `InputError` if all sub-environments share it."""
         shared = getattr(type(self), name, None)
         fixed = isinstance(shared, property) and shared.fset is None
         if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:
@@ -307,12 +307,12 @@ class SubEnvView:
         setattr(self, name, value)
 
     def begin_draws(self, seed: int | None) -> None:
-        """Seed the sub-environment's draws; without a seed, at random."""
+        """Seed the sub-environment's random draws; without a seed, at random."""
         self._random, self._seed = gym.utils.seeding.np_random(seed)
 
     @property
     def np_random(self) -> np.random.Generator:
-        """Generator of what is drawn."""
+        """Generator of the sub-environment's random draws."""
         if self._random is None:
             self.begin_draws(None)
         assert self._random is not None
@@ -324,12 +324,12 @@ class SubEnvView:
 
     @property
     def np_random_seed(self) -> int:
-        """Seed of that generator."""
-        _ = self.np_random  # it begins if it has not
+        """Seed of `np_random`."""
+        _ = self.np_random  # creates the generator if there is none
         return self._seed
 
     def attach_controller(self, controller: FeedController) -> AttachedController:
-        """Return a feed controller's place at the sub-environment: see `AttachedController`."""
+        """Attach a feed controller to the sub-environment: see `AttachedController`."""
         return self._env.attach_controller(self._index, controller)
 
     def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
@@ -368,7 +368,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
     threads : int, optional
         Threads that share a step; by default one per processor. Results do not depend on it.
     **options
-        Its arguments, in the forms of `EnvArguments.of`.
+        Arguments of the task, in the forms of `EnvArguments.of`.
 
     Attributes
     ----------
@@ -502,7 +502,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         if self.watch is not None:
             self.watch(actions, infos, self._ended)
         if others is not None:
-            infos.update(self._begin(others))  # the names of resets' infos are other than those of steps
+            infos.update(self._begin(others))  # resets and steps have infos with different names
         elif self._ended.any() and self.autoreset_mode is gym.vector.AutoresetMode.SAME_STEP:
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":
@@ -519,7 +519,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         return EpisodeRecorder(sub_envs_of(self._batch), self._checked(index), actions)
 
     def _checked(self, index: int) -> int:
-        """Return the number of a sub-environment, checked."""
+        """Return the number of a sub-environment; raises `InputError` if it does not exist."""
         return whole_within("index", index, 0, self.num_envs - 1)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
@@ -534,7 +534,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         return tuple(value(*args, **kwargs) if callable(value) else value for value in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of every sub-environment: spaces, generator and so on are a single environment's."""
+        """Return an attribute of every sub-environment, as of a single environment: spaces, generator and so on."""
         return tuple(getattr(view, name) for view in self.views)
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -552,7 +552,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
             view.take(name, value)
 
     def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:
-        """Begin the next episodes in the same step; final_obs and final_info keep what the last ones showed."""
+        """Begin the next episodes in the same step; final_obs and final_info are those of the ended ones."""
         last = self._batch.observations()
         final = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(ended):
@@ -586,7 +586,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
 
 
 def _masked(values: dict[str, Any], mask: Flags, others: Flags | None) -> dict[str, Any]:
-    """Return infos, each with the sub-environments that have it; the others, if any, have 0 or None."""
+    """Return infos, each with the mask of the sub-environments that have it; the others have 0 or None."""
     infos: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, dict):
@@ -598,7 +598,7 @@ def _masked(values: dict[str, Any], mask: Flags, others: Flags | None) -> dict[s
 
 
 def _only(infos: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return infos of which only some sub-environments' values count; the arrays of values are shared."""
+    """Return infos with their masks limited to some sub-environments; the arrays of values are not copied."""
     masked: dict[str, Any] = {}
     for name, values in infos.items():
         if not name.startswith("_"):

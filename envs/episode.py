@@ -1,4 +1,4 @@
-"""Episodes and who follows them: `Task` runs one for a controller; attached controllers and recorders look on."""
+"""Episodes: `Task` runs one for a controller; attached controllers and recorders receive every window."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -34,10 +34,10 @@ from edmsim.recording.report import RECORDING, ProfileErrors, Report
 from edmsim.recording.windows import PULSES, Closeups, Frames, WindowTable, row_of
 
 CLOSEUP_EVERY = 12
-"""Windows per window that is recorded pulse by pulse, with the wire's shape (ours: three a second of machine time, as
-playback shows a cut some times faster than it was; and a twelfth of the time they take)."""
-EVERY = 100  # ours: with episodes of a thousand steps recording then takes some per mille of the time
-_NAME = "episode-"  # of a recording's folder, before its number
+"""Every `CLOSEUP_EVERY`-th window is recorded pulse by pulse, with the wire's shape (ours: three a second of machine
+time suffice, because playback is several times faster than the cut; and all would take twelve times as long)."""
+EVERY = 100  # ours: recording then takes a few per mille of the time, with episodes of a thousand steps
+_NAME = "episode-"  # of a recording's folder, before the number of its episode
 _ONLY = np.zeros(1, np.int64)
 
 
@@ -45,7 +45,7 @@ def as_action(
     family: Family, controller: FeedController, command: FeedCommand, first_us: Sequence[float],
     now_us: Sequence[float], feed_um_s: float,
 ) -> NDArray[np.float32]:
-    """Return the action within -1..1 for what a controller wants; refuse where the environment has none."""
+    """Return the action, within -1..1, of a controller's command; raises `InputError` if there is no such action."""
     if family.action == "servo":
         low, high = family.servo_target_share
         entries = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]
@@ -70,7 +70,7 @@ def as_action(
 
 
 def check_acts(family: Family, name: str) -> None:
-    """Refuse a controller before it acts whose commands are no actions of the environment."""
+    """Raise `InputError`, before a controller acts, if its commands are not actions of the environment."""
     controller = from_text(name)
     if family.action == "servo":
         target_share(controller)
@@ -87,7 +87,7 @@ def _has_no(controller: FeedController, what: str) -> InputError:
 
 
 def target_share(controller: FeedController) -> float:
-    """Return the share of open pulses that a controller holds; raises `InputError` where it holds none."""
+    """Return a controller's target share of open pulses; raises `InputError` if it has none."""
     target: float | None = getattr(controller, "open_target_share", None)
     if target is None:
         raise InputError(f"{controller.name} holds no share of open pulses: the environment's servo asks for one")
@@ -95,14 +95,14 @@ def target_share(controller: FeedController) -> float:
 
 
 class AttachedController:
-    """A feed controller that is shown every window until `stop`; whether its commands are run is up to the caller."""
+    """A feed controller that receives every window until `stop`; the caller decides whether to run its commands."""
 
     def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
         self._sub_envs, self._index, self._controller = sub_envs, index, check_is_controller(controller)
-        # asked once, as it takes a tenth of a window
+        # checked once, because the check takes a tenth of a window's time
         self._seer = controller if isinstance(controller, SeesTruth) else None
         self._leg = self._lost = 0
-        self.latest = FeedCommand(0.0)  # what it answered to the last window, on the leg and with the wire of then
+        self.latest = FeedCommand(0.0)  # its command after the last window, for that leg and wire
         sub_envs.watchers.append((index, self._see))
 
     def stop(self) -> None:
@@ -124,7 +124,7 @@ class AttachedController:
         return self.latest
 
     def command(self) -> FeedCommand:
-        """Return what it commands for the next window, after all that the sub-environment has had."""
+        """Return its command for the next window, which may be the first of a leg or wire."""
         sub_envs, index = self._sub_envs, self._index
         if self._leg != sub_envs.leg[index]:
             return self.begin()
@@ -134,15 +134,15 @@ class AttachedController:
         return self.latest
 
     def action(self) -> NDArray[np.float32]:
-        """Return the action of the environment that commands what it wants: see `as_action`."""
+        """Return the environment's action with the same command: see `as_action`."""
         row, machine = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index).machine
         first_us = machine.t_on_us, machine.t_period_us
         now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
         return as_action(self._family, self._controller, self.command(), first_us, now_us, feed_um_s)
 
     def _see(self) -> None:
-        """Show it the window that the sub-environment has just had."""
-        self.command()  # a leg or wire that the last window ended is over before this one
+        """Pass the sub-environment's last window to the controller."""
+        self.command()  # the window before may have ended a leg or wire
         window = self._sub_envs.fleet.plants[self._index].window()
         if window.pulses != WINDOW_PULSES:
             return
@@ -155,7 +155,7 @@ class AttachedController:
 
 
 class EpisodeRecorder:
-    """Records the episode that a sub-environment has just begun, until `stop`, and changes nothing of it."""
+    """Records the episode that a sub-environment has just begun, until `stop`, without changing it."""
 
     def __init__(self, sub_envs: SubEnvs, index: int, actions: Sequence[str] | None) -> None:
         plant, own = sub_envs.fleet.plants[index], sub_envs.families[index].action_names
@@ -177,16 +177,16 @@ class EpisodeRecorder:
         return len(self._windows)
 
     def stop(self) -> None:
-        """Watch no more."""
+        """Stop recording."""
         watchers, own = self._sub_envs.watchers, (self._index, self._window)
-        if own in watchers:  # not in a copy's: see `SubEnvs.watchers`
+        if own in watchers:  # a copy has none: see `SubEnvs.watchers`
             watchers.remove(own)
 
     def _window(self) -> None:
-        """See a window of the sub-environment."""
+        """Record the sub-environment's last window."""
         here, fleet, rows = self._index, self._sub_envs.fleet, self._sub_envs.rows
         leg, plant = self._sub_envs.leg[here], fleet.plants[here]
-        # as bytes: to read the records takes a tenth of a step, and can wait until the recording is written
+        # as bytes, because reading the records takes a tenth of a step's time; `write` reads them
         window, row, state = (record.tobytes() for record in self._records)
         self._windows.append((window, row, state))
         if self._leg != leg:
@@ -209,12 +209,12 @@ class EpisodeRecorder:
     def step(
         self, action: Sequence[float], terms: Mapping[str, float], cost: float, error_um: float, area_mm2: float
     ) -> None:
-        """Note a step that is just over; cost, error and area as in ``info``."""
+        """Record a step that has just ended; cost, error and area as in ``info``."""
         self._steps.append((*action, *(terms[name] for name in reward.TERMS), cost, error_um, area_mm2))
         self._rows.append(len(self._windows) - 1)
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
-        """Write the recording of the episode so far, before another begins; `settings` are for the text about it."""
+        """Write the recording of the episode so far, before another begins; its report has the `settings`."""
         from edmsim.envs.render import scene_of
         from edmsim.metrology.profile import error_stats
         from edmsim.recording.rerun.write import COST, RETURN, TOTAL, steps_of, write_recording
@@ -251,7 +251,7 @@ class EpisodeRecorder:
     def _report(
         self, settings: Mapping[str, Any], outcome: str, errors: Mapping[str, Any], values: NDArray[Any]
     ) -> Report:
-        """Return of a cut's report what its recording tells."""
+        """Return a report with those figures of a cut that an episode has."""
         row, scenario = self._sub_envs.rows[self._index], self._sub_envs.scenario(self._index)
         cutting_s = float(row["elapsed_ns"]) * 1e-9
         area_mm2 = sum(step[-1] for step in self._steps)
@@ -265,7 +265,7 @@ class EpisodeRecorder:
 
 
 def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, float]]:
-    """Return the turn that was kept of a window, and the generator's on-time and period in us."""
+    """Return the turn of a recorded window, and the generator's on-time and period in us."""
     window, row = read_window(memoryview(window_bytes)), np.frombuffer(row_bytes, path_follower.SUB_ENV)[0]
     on_us, period_us = row["setting_us"].tolist()
     path_um = float(row["before_um"] + row["path_um"])
@@ -273,7 +273,7 @@ def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, flo
 
 
 def _scene_slice(sub_envs: SubEnvs, index: int) -> int:
-    """Return the slice at mid height of the lowest place, as `Scene.middle_slice`: it has metal everywhere."""
+    """Return the slice at half the least height, as `Scene.middle_slice` does: it has metal everywhere."""
     scenario, slices = sub_envs.scenario(index), sub_envs.fleet.plants[index].resolution.slices
     machine = scenario.machine
     lowest_mm = min([step.height_mm for step in scenario.stock.steps], default=machine.height_mm)
@@ -286,7 +286,7 @@ class RecordedEpisodes:
     def __init__(self, folder: str | Path, every: int, hint: str | None) -> None:
         self._every = whole_from("every", every, 1)
         self.folders: list[Path] = []  # written so far
-        self.recorder: EpisodeRecorder | None = None  # of the episode under way, if it is recorded
+        self.recorder: EpisodeRecorder | None = None  # of the running episode, if it is recorded
         self._folder = make_writable(folder)
         self._viewer: Any = None
         if hint is not None:
@@ -304,7 +304,7 @@ class RecordedEpisodes:
         return max((int(number) + 1 for number in numbers if number.isdecimal()), default=0)
 
     def end(self, settings: dict[str, Any]) -> None:
-        """Write the recording, if there is one, and watch no more."""
+        """Stop recording, and write the recording if there is one."""
         recorder, self.recorder = self.recorder, None
         if recorder is None:
             return
@@ -319,12 +319,12 @@ class RecordedEpisodes:
             self._viewer.show(folder / RECORDING)
 
     def close(self) -> None:
-        """Let the viewer go."""
+        """End a viewer in a page; the window of a viewer stays open."""
         if self._viewer is not None:
             self._viewer.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; the recording under way and the viewer stay with the original."""
+        """Return the state of a copy, which has neither the running recording nor the viewer."""
         return {**self.__dict__, "recorder": None, "_viewer": None}
 
 
@@ -484,7 +484,7 @@ class Task:
         Raises
         ------
         InputError
-            If a feed, setting or offset is no finite number, before `reset`, or after the episode's end.
+            If a feed, setting or offset is not a finite number, before `reset`, or after the episode's end.
         """
         self.scenario  # noqa: B018 - refuses to go on before the first reset
         sub_envs = self._sub_envs

@@ -28,7 +28,7 @@ from edmsim.program.path import CutPath, plan_path
 
 @record_of_arguments
 class GapFeed(Family):
-    """A straight cut from a begun slot."""
+    """A straight cut from the end of a slot."""
 
     # ours: longer than the standard episode, so that time ends it and the return grows with the cutting rate
     length_mm: float = argument(3.0, "mm", "length of the cut")
@@ -38,12 +38,12 @@ class GapFeed(Family):
         within("length_mm", self.length_mm, self.least_mm, self.reach_mm)
 
     def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
-        """Lay a straight path into the slot's end; nothing is drawn for it."""
+        """Lay out a straight path from the slot's end; nothing is drawn for it."""
         stock = started_slot(machine, self.start_um(machine))
         return Scenario(machine, stock, (self.path_um(machine),), even_height(machine), seed, drawn)
 
     def start_um(self, machine: Machine) -> tuple[float, float]:
-        """Return the first place of the wire: the middle of the table."""
+        """Return the wire's first position: the middle of the table."""
         return machine.base.table.centre_um
 
     def path_um(self, machine: Machine) -> Floats:
@@ -72,10 +72,10 @@ class GapFeedEnv(EdmEnv):
 
 
 LEAST_MM = 0.05  # least length of a band or wave (ours: some cells of the kerf field)
-LEAST_SHARE = 0.2  # least height of a band that may be asked for, as a share of the greatest (ours)
+LEAST_SHARE = 0.2  # least value of the argument ``low_share`` (ours)
 MOST_BANDS = 2000
-"""Most bands of a cut (ours: ten times those of a shift; to draw them takes a second)."""
-_MARGIN_UM = 2e3  # how far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)
+"""Most bands of a cut (ours: ten times those of a shift; drawing them takes a second)."""
+_MARGIN_UM = 2e3  # how far bands extend past the sides and the end of the path (ours: well beyond the eroded metal)
 
 
 @record_of_arguments
@@ -93,7 +93,7 @@ class HeightStep(GapFeed):
         within("low_share", self.low_share, LEAST_SHARE, 1.0)
 
     def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
-        """Draw where the height jumps, and to what: uniformly, band by band."""
+        """Draw the lengths of the bands, and the heights of all but the first, uniformly."""
         total, band_mm = self.length_mm * 1e3, ends_of("band_mm", self.band_mm)
         starts, heights, at = [0.0], [machine.height_mm], float(rng.uniform(*band_mm)) * 1e3
         while at < total:
@@ -102,7 +102,7 @@ class HeightStep(GapFeed):
             at += float(rng.uniform(*band_mm)) * 1e3
         ends = [*starts[1:], total + _MARGIN_UM]
         x, y = start = self.start_um(machine)
-        x += machine.wire_diameter_um / 2 + SLOT_GAP_UM  # where the wire's front meets a jump
+        x += machine.wire_diameter_um / 2 + SLOT_GAP_UM  # the metal's front before the wire at the start of the path
         steps = [
             LowerRegion(shapely.box(x + a, y - _MARGIN_UM, x + b, y + _MARGIN_UM), h)
             for a, b, h in zip(starts[1:], ends[1:], heights[1:], strict=True)
@@ -138,11 +138,11 @@ class HeightStepEnv(EdmEnv):
 
 
 PERIOD_US = 50.0
-"""Period with which every wire begins, and from which the knob is turned (ours: two octaves to either side go from
-where the gap takes no more to where hardly a wire breaks)."""
+"""First period of every wire, which an action multiplies (ours: two octaves either way reach from periods at which
+the gap takes no more pulses to those at which hardly a wire breaks)."""
 KNOWN_TO_SHARE = 0.15
-"""How well a shop knows what of its machine decides on the wire's limit (ours): drawn from their whole ranges, these
-constants leave no period at which no wire of any machine breaks."""
+"""Relative error with which a shop knows the constants that decide on its wire's limit (ours): with draws from their
+whole ranges, every period would break the wire of some machine."""
 KNOWN = (
     "cooling.wire_heat_share", "cooling.convection_W_m2K", "cooling.critical_W_m2", "cooling.critical_stream",
     "cooling.film_W_m2K", "material.removal_mm3_J",
@@ -173,7 +173,7 @@ class MaxRate(HeightStep):
     locates_discharges: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be used, the pressures by the name of their argument."""
+        """Raise `InputError` for a value that cannot be used; it names pressures by their argument."""
         if self.flushing_Pa is not None:
             limit = LIMITS["flushing_lower_Pa"]
             for pressure_Pa in ends_of("flushing_Pa", self.flushing_Pa):
@@ -313,7 +313,7 @@ class Contour(Family):
         return Stock((x0, y0, x1, y1), holes), path
 
     def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
-        """Take the program's contours, one leg each; nothing is drawn for them."""
+        """Lay out the program's contours, one leg each; nothing is drawn for them."""
         stock, path = self._cut
         legs = tuple(c.points_um.astype(np.float64) for c in path.contours)
         return Scenario(machine, stock, legs, even_height(machine), seed, drawn, path.contours)
@@ -337,7 +337,7 @@ class ContourEnv(EdmEnv):
 
 
 SHARPEST_DEG = 160.0
-"""Sharpest turn that may be asked for (ours: beyond it the second leg runs back in the first one's kerf)."""
+"""Sharpest turn that is accepted (ours: beyond it the second leg runs back in the first one's kerf)."""
 
 
 @record_of_arguments
@@ -352,7 +352,7 @@ class Corner(Family):
     tension: Range | None = (6.0, 12.0)
     action: Literal["change", "speed", "servo"] = "servo"
     knobs: Sequence[str] = ("on_time", "duty_factor")
-    servo_target_share: tuple[float, float] = (0.0, 0.8)  # ours: the best constant holds more than half of them open
+    servo_target_share: tuple[float, float] = (0.0, 0.8)  # ours: the best constant keeps more than half open
     detents_us: tuple[float, float] = (0.1, 0.5)  # ours: as in MaxRate
     offset_um: float | None = 60.0  # ours: the slackest wires lag by as much
     decision_s: float | None = 0.25
@@ -361,8 +361,8 @@ class Corner(Family):
     energy_bound_mJ: float | None = 13.5  # ours: a quarter above the 10.8 mJ of the generator's setting
 
     knows_corners: ClassVar[bool] = True
-    # ours: an error of 5 um costs what the cut earns there. A second costs three times that of v2, as this machine
-    # cuts about three times as fast.
+    # ours: an error of 5 um costs as much as the cut gains there. A second costs three times that of v2, because this
+    # machine cuts about three times as fast.
     own_weights: ClassVar[Weights] = Weights(profile=2.0, roughness=4.0, time=0.3)
 
     def __post_init__(self) -> None:
@@ -373,7 +373,7 @@ class Corner(Family):
 
     @staticmethod
     def own_machine() -> Machine:
-        """Return a rough cut of stainless steel: no magnetic force takes back a part of the wire's lag."""
+        """Return a rough cut of stainless steel, in which no magnetic force reduces the wire's lag."""
         return Machine.load("production", material="stainless-steel", generator="production")
 
     def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
@@ -425,10 +425,10 @@ class CornerEnv(EdmEnv):
 
 
 GAP_UM = 28.0
-"""Gap beside the wire for which the path is laid out (ours: what the standard set-up leaves at 100 um/s)."""
+"""Side gap for which the path is laid out (ours: that of the standard set-up at 100 um/s)."""
 LEAST_RATIO = 4.0
-"""Length of a wave over its height, at the least: its arcs are flat, and meet in ridges."""
-ROOM_UM = 1.0  # least gap that the highest ridge must leave at first (ours)
+"""Least ratio of a wave's length to its height: its arcs are flat, and meet in ridges."""
+ROOM_UM = 1.0  # least gap at the highest ridge before the pass (ours)
 
 
 @record_of_arguments
@@ -453,7 +453,7 @@ class Trim(GapFeed):
     own_weights: ClassVar[Weights] = Weights(short=0.0, open=0.0, profile=4.0, roughness=4.0, time=0.5)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be used."""
+        """Raise `InputError` for a value that cannot be used."""
         super().__post_init__()
         highest_um = ends_of("wave_um", self.wave_um)[1]
         for length in ends_of("wave_mm", self.wave_mm):
@@ -471,7 +471,7 @@ class Trim(GapFeed):
         return Machine.load(t_on_us=10.0, t_period_us=60.0)
 
     def draw_cut(self, rng: np.random.Generator, machine: Machine, seed: int, drawn: Drawn) -> Scenario:
-        """Draw allowance and waves, and where they begin: uniformly."""
+        """Draw the allowance, the waves and the place where they begin, uniformly."""
         names = "allowance_um", "wave_um", "wave_mm"
         drawn |= {name: float(rng.uniform(*ends_of(name, getattr(self, name)))) for name in names}
         allowance_um, wave_um, wave_mm = (float(drawn[name]) for name in names)
@@ -533,17 +533,17 @@ class Shift(HeightStep):
     """Workpieces in a row on one machine whose water changes."""
 
     test_s: float = argument(60.0, "s", "duration of the test cut, with a reward of 0")
-    # ours: within the range of the machine's file, as the resin of the deioniser is used up
+    # ours: within the range of the machine's file, while the resin of the deioniser is used up
     conductivity_uS_cm: Range | None = argument(
         (5.0, 20.0), "uS/cm", "final value of the water, or (low, high); None: no change"
     )
-    # ours: a worn nozzle, or a filter that fills, takes up to half
+    # ours: a worn nozzle or a clogged filter halves the pressure at most
     flushing_left: Range = argument((0.5, 1.0), "", "final share of the pressures at the workpiece")
 
     counts_threading: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be used."""
+        """Raise `InputError` for a value that cannot be used."""
         super().__post_init__()
         within("test_s", self.test_s, 0.0, 1e6)
         if self.conductivity_uS_cm is not None:
@@ -601,7 +601,7 @@ class MaxRateShift(MaxRate, Shift):
 
     @staticmethod
     def own_machine() -> Machine:
-        """Return that of `MaxRate`, on a table of 400 mm."""
+        """Return the machine of `MaxRate`, with a table of 400 mm."""
         return on_a_large_table(MaxRate.own_machine())
 
 
@@ -624,7 +624,7 @@ class ThinWireShift(ThinWire, Shift):
 
     @staticmethod
     def own_machine() -> Machine:
-        """Return that of `ThinWire`, on a table of 400 mm."""
+        """Return the machine of `ThinWire`, with a table of 400 mm."""
         return on_a_large_table(ThinWire.own_machine())
 
 

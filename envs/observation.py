@@ -1,7 +1,7 @@
 """The observation: a fixed list of entries that a machine can measure or its operator knows.
 
-An entry is declared here with its value; the values of the entries of a step are in `show`, which is compiled.
-`sub_envs.ObservationBuilder` puts them together.
+Entries are declared here. The compiled function `show` computes the entries of a step, `Entry.value` the others, and
+`sub_envs.ObservationBuilder` combines them.
 """
 
 import math
@@ -37,7 +37,7 @@ class Sensors:
     delay_steps: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be used."""
+        """Raise `InputError` for a value that cannot be used."""
         keep_plain(self)
         within("noise_share", self.noise_share, 0.0, 1.0)
         whole_within("bits", self.bits, 0, 16)
@@ -49,26 +49,26 @@ class Sensors:
         return 1.0 / (2**self.bits - 1) if self.bits else 0.0
 
 
-EXACT = Sensors(noise_share=0.0, bits=0)  # sensors that show what is
+EXACT = Sensors(noise_share=0.0, bits=0)  # sensors without errors
 
 
 class Entry(NamedTuple):
     """One entry of the observation."""
 
     name: str
-    # what it is clipped to
+    # range to which it is clipped
     low: float
     high: float
-    # what it is, and by what it is divided
+    # the measured quantity, and its divisor
     quantity: str
     divisor: str
-    # returns it of a `Machine` if it is a dial, of the `Known` (n,) if it stands behind the dials. Those of a step
-    # have theirs in `show`
+    # returns the value: of a dial from a `Machine`, of an entry after the dials (n,) from `Known`; None for an entry
+    # of a step, which `show` computes
     value: Callable[..., Any] | None = None
 
     @property
     def meaning(self) -> str:
-        """What it is, and by what it is divided, as policies' files say it."""
+        """Quantity and divisor, as in the files of policies."""
         return f"{self.quantity} / {self.divisor}".replace("`", "")
 
 
@@ -84,47 +84,47 @@ MEASURED = (
     Entry("t_on", 0.0, 1.0, "log10 of the on-time in us", "3"),
     Entry("t_period", 0.0, 1.0, "log10 of the pulse period in us", "4"),
 )
-"""Entries of every step; `history` steps stand one behind the other, the last one first. All are 0 where no
-window has been fired yet."""
+"""Entries of every step; an observation has those of `history` steps, the latest first. They are 0 for steps before
+the first window."""
 FIFTHS = tuple(
     Entry(f"fifth_{k}", 0.0, 1.0, f"ignitions in fifth {k} of the height, from below", "ignitions of the step")
     for k in range(1, 6)
 )
-"""Entries behind those of a step, where discharges are located (`Family.locates_discharges`)."""
+"""Further entries of a step if discharges are located (`Family.locates_discharges`)."""
 DIALS = (
     Entry("tension", 0.0, 10.0, "tension of the wire, N", "10 N", lambda m: m.tension / 10.0),
     Entry("wire_diameter", 0.0, 4.0, "diameter of the wire, um", "100 um", lambda m: m.wire_diameter_um / 100.0),
     Entry("height", 0.0, 8.0, "height of the workpiece, the greatest, mm", "50 mm", lambda m: m.height_mm / 50.0),
-    # a gauge at the nozzle shows what a stand-off leaves, too
+    # pressures after the loss of a stand-off, which a gauge at the nozzle shows, too
     Entry("flushing_lower", 0.0, 30.0, "pressure of the lower nozzle, Pa", "1 bar", lambda m: faces_Pa(m)[0] * 1e-5),
     Entry("flushing_upper", 0.0, 30.0, "pressure of the upper nozzle, Pa", "1 bar", lambda m: faces_Pa(m)[1] * 1e-5),
     Entry("wire_speed", 0.0, 15.0, "speed of the running wire, m/s", "1 m/s", wire_speed_m_s),
 )
-"""Entries behind all steps: what the operator has set up and knows."""
+"""Entries after those of all steps: the settings of the machine that the operator knows."""
 
 
 @dataclass
 class Known:
-    """What is known behind the dials, of n episodes."""
+    """Data of n episodes from which the entries after the dials are computed."""
 
     rows: NDArray[np.void]
-    # (n, most): length of path up to each corner, infinite for the filling, and its turn
+    # (n, most): length of path up to each corner, padded with infinity, and the corner's turn
     corner_um: Floats
     corner_deg: Floats
     age_s: Floats  # (n,): time of cutting with the present wire
-    broke_at: Floats  # (n,): longest period per on-time at which a wire broke; 0 where none did
+    broke_at: Floats  # (n,): longest period per on-time at which a wire broke; 0 if none did
     offset_um: float | None  # argument of the environment
     scales: NDArray[np.void]
 
     @cached_property
     def ahead(self) -> tuple[Floats, Floats]:
-        """Path to the next corner, 1 for `LOOK_UM` or more, and the corner's turn, 0 from there on."""
+        """Path to the next corner, 1 for `LOOK_UM` or more, and the corner's turn, 0 beyond `LOOK_UM`."""
         way_um = self.corner_um - self.rows["path_um"][:, None]
         return self._nearest(np.where(way_um > 0, way_um, np.inf))
 
     @cached_property
     def behind(self) -> tuple[Floats, Floats]:
-        """The same of the last corner."""
+        """The same for the last corner."""
         way_um = self.corner_um - self.rows["path_um"][:, None]
         return self._nearest(np.where(way_um <= 0, -way_um, np.inf))
 
@@ -143,12 +143,12 @@ CORNERS = (
     Entry("corner_turned", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees",
           lambda k: k.behind[1]),
 )  # fmt: skip
-"""Entries behind the dials, where the program is known."""
+"""Entries after the dials if the program is known."""
 OFFSET = Entry(
     "offset", -1.0, 1.0, "offset from the path, left positive, um", "``offset_um``",
     lambda k: k.rows["offset_um"] / k.offset_um,
 )  # fmt: skip
-"""Entry behind those, where an action leads the guides beside the path."""
+"""Entry after the dials and corners if an action offsets the guides from the path."""
 WIRES = (
     Entry("wires_lost", 0.0, 1.0, "wires that broke in the episode", "``wires``",
           lambda k: k.rows["wires_lost"] / k.scales["wires"]),
@@ -158,10 +158,10 @@ WIRES = (
     Entry("broke_at", 0.0, 1.0, "log2 of the longest period/on-time that broke", "10",
           lambda k: np.log2(np.maximum(k.broke_at, 1.0)) / 10.0),
 )  # fmt: skip
-"""Entries behind all others, where an operator remembers the wires of the episode."""
+"""Last entries, if an operator remembers the wires of the episode."""
 WIRE_AGE_S = 60.0  # age of a wire at which its entry is 1 (ours: the time to thread one)
 LOOK_UM = 1000.0
-"""How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
+"""Length of path within which corners are observed (ours: well beyond the wire's lag and a slowdown's length)."""
 
 
 _LOW = np.array([entry.low for entry in MEASURED])
@@ -173,42 +173,42 @@ SHOWN = np.dtype(
         ("short", "i8"),
         ("open", "i8"),
         ("ignited", "i8"),
-        ("arc", "i8"),  # of those that ignited; no machine tells them apart
+        ("arc", "i8"),  # ignited pulses that were arcs; a machine cannot tell them from sparks
         ("ignitions", "i8"),
         ("duration_ns", "i8"),
         ("voltage_V_us", "f8"),  # gap voltage, summed over the time
         ("charge_A_us", "f8"),  # gap current, summed over the time
         ("delay_us", "f8"),  # sum of the ignitions' delays
-        ("travel_um", "f8"),  # along the path, by the counters
-        ("feed_um_s", "f8"),  # commanded for the last window
-        ("t_on_us", "f8"),  # of the last window
+        ("travel_um", "f8"),  # travel along the path, by the counters
+        ("feed_um_s", "f8"),  # feed commanded for the last window
+        ("t_on_us", "f8"),  # on-time and period of the last window
         ("t_period_us", "f8"),
-        ("fifths", "i8", 5),  # ignitions by where they were located (`edmsim.plant.kernel.discharge.locate`)
+        ("fifths", "i8", 5),  # ignitions by their measured place (`edmsim.plant.kernel.discharge.locate`)
     ]
 )
-"""What the windows of a step showed."""
+"""Sums over the windows of a step."""
 SCALE = np.dtype(
     [
-        ("open_V", "f8"),  # by what voltage, current and delay are divided
+        ("open_V", "f8"),  # divisors of voltage, current and delay
         ("limit_A", "f8"),
         ("wait_us", "f8"),
-        ("noise_share", "f8"),  # noise and the converters' step, as shares of that (`Sensors`)
+        ("noise_share", "f8"),  # noise and the converters' step, as shares of these divisors (`Sensors`)
         ("step", "f8"),
-        ("key", "u8"),  # of the noise's draws
-        ("draws", "u8"),  # how many there were
-        ("max_feed_um_s", "f8"),  # arguments of the episode by which others are divided
+        ("key", "u8"),  # key of the noise's random draws
+        ("draws", "u8"),  # number of draws so far
+        ("max_feed_um_s", "f8"),  # arguments of the episode that are divisors of other entries
         ("wires", "f8"),
-        ("episode_s", "f8"),  # infinite for none
+        ("episode_s", "f8"),  # infinite without a limit
     ]
 )
-"""How what is observed is measured."""
+"""Divisors and errors of the measurements."""
 
 
 @exactly_compiled
 def gather(
     indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void]
 ) -> None:
-    """Add the last window of some sub-environments (m,) to what their step showed."""
+    """Add the last window of some sub-environments (m,) to the sums of their step."""
     for j in range(indices.shape[0]):
         i = indices[j]
         row, window, sums = rows[i], windows[i], shown[i]
@@ -234,9 +234,9 @@ def show(
     indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void],
     history: NDArray[np.float32], values: Floats,
 ) -> None:
-    """Put what the steps of some sub-environments (m,) showed before what the steps before did; forget the oldest.
+    """Insert the last step of some sub-environments (m,) at the front of their history, and drop the oldest step.
 
-    `values` is room for the entries `MEASURED` of one of them.
+    `values` is a buffer for the entries `MEASURED` of one of them.
     """
     for j in range(indices.shape[0]):
         i = indices[j]
@@ -271,7 +271,7 @@ def show(
 
 
 def values_of(entries: Sequence[Entry], of: Any, count: int) -> NDArray[np.float32]:
-    """Return entries of a machine, or of what is `Known`, (count, entries)."""
+    """Return the values of entries (count, entries) from a machine or from `Known`."""
     values = np.empty((count, len(entries)))
     for k, entry in enumerate(entries):
         assert entry.value is not None
@@ -280,7 +280,7 @@ def values_of(entries: Sequence[Entry], of: Any, count: int) -> NDArray[np.float
 
 
 def window_of(window: WindowObservation) -> NDArray[np.void]:
-    """Return what a machine shows of a window as a record of it, (1,) `kernel.state.WINDOW`; arcs look as sparks."""
+    """Return an observed window as a record (1,) of `kernel.state.WINDOW`, in which arcs count as sparks."""
     found: NDArray[np.void] = np.zeros(1, WINDOW)
     row, us = found[0], window.duration_s * 1e6
     ignited = WINDOW_PULSES - window.short - window.open

@@ -1,4 +1,4 @@
-"""Pages of the environments: their classes' docstrings, whose tables are made of what the code declares.
+"""Pages of the environments: docstrings of their classes, with tables made from the declarations in the code.
 
 >>> print(table(("Name", "Unit"), [("feed", "um/s"), ("wires", "")]))
 =====  ====
@@ -65,19 +65,19 @@ wire earns nothing; dials are observed and not drawn.
 v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
 withdrawn.""",
 )
-"""What the versions up to 0, 1 or 2 have changed, of environments that say nothing else of theirs."""
+"""Default text about versions, by an environment's latest version: 0, 1 or 2."""
 
 
 def page(env: _Class) -> _Class:
-    """Complete the docstring of an environment's class, which says under its headings what is particular to it."""
+    """Complete the docstring of an environment's class, which has only what is particular to it, under headings."""
     return page_by(written)(env)
 
 
 def page_by(write: Callable[[Any, str], str]) -> Callable[[_Class], _Class]:
-    """Return what completes such a docstring by a function of the environment's arguments at their defaults."""
+    """Return a decorator that completes such a docstring by `write`, from the environment's default arguments."""
 
     def complete(env: _Class) -> _Class:
-        if env.__doc__ is not None:  # as it is with python -OO
+        if env.__doc__ is not None:  # it is None with python -OO
             env.__doc__ = _Page(env.task, env.__doc__, write)  # type: ignore[attr-defined, assignment]
         return env
 
@@ -85,7 +85,7 @@ def page_by(write: Callable[[Any, str], str]) -> Callable[[_Class], _Class]:
 
 
 class _Page:
-    """A docstring that is written when it is first read: that takes a machine, which an import should not load."""
+    """A docstring that is written at its first use, because it needs a machine, which an import should not load."""
 
     def __init__(self, kind: type[EnvArguments], particular: str, write: Callable[[Any, str], str]) -> None:
         self._kind, self._particular, self._write = kind, particular, write
@@ -99,7 +99,7 @@ class _Page:
 
 
 def written(family: Family, particular: str) -> str:
-    """Return the page of a family at its defaults, given what is particular to it."""
+    """Return the page of a family with default arguments, completed from the text that is particular to it."""
     summary, own = own_sections(particular)
     version = int(registry.env_id_of(type(family).__name__).rpartition("v")[2])
     sections = {
@@ -226,7 +226,7 @@ def observations(family: Family, particular: str) -> str:
 
 
 def symbols(family: Family) -> list[tuple[str, str]]:
-    """Return what the symbols in the reward's terms are."""
+    """Return the symbols in the reward's terms, each with its meaning."""
     error = "distance of the wire's true position from the path, um"
     if family.finishes_wall:
         error = (
@@ -316,7 +316,7 @@ def ends(family: Family) -> str:
 
 
 def arguments(family: EnvArguments) -> str:
-    """Return the section on arguments: the family's own before those that all have."""
+    """Return the section on arguments: the family's own before the common ones."""
     common = [f.name for f in fields(Family)]
     listed = sorted(arguments_of(type(family)), key=lambda f: f.name in common)  # sorted() keeps the order of equals
     rows = [(f.name, f"``{f.default!r}``".replace("'", '"'), f.unit, f.meaning) for f in listed]

@@ -1,4 +1,4 @@
-"""Part: a cut that waits before every pass for a decision; its machine, draws and reward; and parts side by side."""
+"""Part: a cut that waits for a decision before every pass; its machine, draws and reward; and parts in parallel."""
 
 import math
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ from edmsim.program.path import CutPath, load_program
 
 
 class Choice(NamedTuple):
-    """What is decided of a pass, against the technology's; these are its own constants."""
+    """Decisions on a pass, relative to the technology; the defaults are the technology's own settings."""
 
     set_point: float = 1.0  # factor of the rough pass' share of open pulses, of a trim's feed
     pause: float = 1.0  # factor of the pause between two pulses
@@ -48,17 +48,17 @@ class Choice(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a step did: a pass, or the part of one up to a broken wire or behind it."""
+    """Result of a step: a pass, or the part of one before or after a wire break."""
 
     sums: Sums  # pulses and energy
-    seconds: float  # of cutting: the time for threading is not in it
+    seconds: float  # time of cutting, without threading
     travel_um: float  # length of path
-    face_mm2: float  # of the part's face, cut by the rough pass; the trims cut it again, and that does not count
-    broke: bool  # whether it ended by a broken wire
+    face_mm2: float  # face of the part that the rough pass cut; trims, which cut it again, do not count
+    broke: bool  # whether it ended because the wire broke
 
 
 class PartCut:
-    """One part under way: a program of one contour, with `passes` and drawn constants, up to `stops_after`."""
+    """A part in progress: a program of one contour, cut in passes with drawn constants, up to pass `stops_after`."""
 
     def __init__(
         self, program: Program, settings: CutSettings, tension_share: float, stops_after: int | None = None
@@ -74,9 +74,9 @@ class PartCut:
         ]
         self.table: PassTable = found.table._replace(settings=tuple(rows))
         self.simulation: Simulation | None = None  # None before the first step
-        self.number, self.wires_lost = 1, 0  # of the pass decided on next
-        self.setting, self.offset_um = rows[0], found.table.offsets_mm[0] * 1e3  # of the last pass, as its offset
-        # why the last choice was not made as asked for; empty where it was
+        self.number, self.wires_lost = 1, 0  # `number` is the pass of the next decision
+        self.setting, self.offset_um = rows[0], found.table.offsets_mm[0] * 1e3  # of the last pass
+        # `refused`: why the last choice was changed; empty if it was not
         self.cause, self.refused = StopCause.RUNNING, ""
         self.settings, self._path, self._stops_after = found.settings, found.path, stops_after or len(rows)
         self._offsets_mm = list(found.table.offsets_mm)
@@ -85,18 +85,18 @@ class PartCut:
 
     @property
     def passes(self) -> int:
-        """How many passes there are, rough and trims."""
+        """Number of passes, rough and trims."""
         return len(self._setups)
 
     def begin_count(self) -> None:
-        """Count time of cutting and lost wires from here on."""
+        """Start to count time of cutting and lost wires."""
         self.wires_lost = 0
         if self.simulation is not None:
             self._threaded_ns = self.simulation.plant.time_ns
 
     @property
     def path(self) -> CutPath:
-        """The path as it is planned now."""
+        """The path by its latest plan."""
         return self._path if self.simulation is None else self.simulation.path
 
     @property
@@ -111,7 +111,7 @@ class PartCut:
 
     @property
     def broken(self) -> bool:
-        """Whether the rest of a pass is decided on next, as its wire broke."""
+        """Whether the wire broke, so the next decision is on the rest of its pass."""
         return self.cause is StopCause.WIRE_BREAK
 
     @property
@@ -123,7 +123,7 @@ class PartCut:
 
     @property
     def path_um(self) -> float:
-        """Length of path behind the wire."""
+        """Path length the wire has travelled."""
         return 0.0 if self.simulation is None else self.simulation.path_um
 
     @property
@@ -133,12 +133,12 @@ class PartCut:
 
     @property
     def cutting_s(self) -> float:
-        """Machine time without that for threading."""
+        """Machine time without threading, since `begin_count`."""
         return self.time_s - self._threaded_ns * 1e-9
 
     @property
     def rest_share(self) -> float:
-        """Share that is left of the leg that is decided on: 1, but where a wire broke."""
+        """Remaining share of the leg of the next decision: 1 unless a wire broke."""
         if self.simulation is None or not self.broken:
             return 1.0
         simulation = self.simulation
@@ -147,22 +147,22 @@ class PartCut:
         return min(max(1.0 - done_um / float(along_um[-1] - along_um[0]), 0.0), 1.0)
 
     def target_um(self, number: int) -> int:
-        """Return the metal that a pass is to leave on the drawing, by the technology."""
+        """Return the thickness of metal that the technology lets a pass leave on the drawing."""
         offset_mm, setting = self.table.offsets_mm[number - 1], self.table.settings[number - 1]
         return round(offset_mm * 1e3) - round(setting.last_offset_um)
 
     @property
     def _records(self) -> list[PassRecord]:
-        """What is known of the passes so far."""
+        """Records of the passes so far."""
         return [] if self.simulation is None else self.simulation.passes.records
 
     def wall(self, number: int) -> WallError | None:
-        """Return the wall that a pass of the profile left; None before it is over, or where none was measured."""
+        """Return the wall that a pass of the profile left; None before its end, or if the wall was not measured."""
         walls = [one.wall for one in self._records if one.number == number and one.piece == "profile"]
         return walls[0] if walls and walls[0] is not None and walls[0].places else None
 
     def run(self, choice: Choice, until_s: float) -> Step:
-        """Cut until the next decision, or until so much time of cutting is over."""
+        """Cut until the next decision, or until the time of cutting is `until_s`."""
         before, before_s, before_um, before_mm2 = self._sums(), self.cutting_s, self.path_um, self._face_mm2()
         self._begin(choice)
         simulation = self.simulation
@@ -192,7 +192,7 @@ class PartCut:
         return Sums() if self.simulation is None else replace(self.simulation.sums)
 
     def _goes_on(self) -> bool:
-        """Say whether the next pass is one of the tab, which follows by itself; else it is decided on, or the end."""
+        """Return whether a pass of the tab follows, without a decision; if not, take the next pass or end the cut."""
         assert self.simulation is not None
         if self.number == self.passes == self._stops_after:
             return True
@@ -203,7 +203,7 @@ class PartCut:
         return False
 
     def _begin(self, choice: Choice) -> None:
-        """Go on from where the last step ended, as the choice has it."""
+        """Continue from the end of the last step, with the settings of the choice."""
         simulation, settings = self.simulation, self.settings
         number = self.number
         if simulation is not None and self.broken:
@@ -229,7 +229,7 @@ class PartCut:
         )  # fmt: skip
 
     def _chosen(self, number: int, choice: Choice) -> PassSetup:
-        """Return the set-up of a choice; where the generator refuses it, with the technology's pause, then pulses."""
+        """Return the set-up of a choice; if it is refused, that with the technology's pause, or also its on-time."""
         self.refused = ""
         for tried in (choice, choice._replace(pause=1.0), choice._replace(pause=1.0, on_time=1.0)):
             self.setting = _changed(self.table.settings[number - 1], tried)
@@ -240,7 +240,7 @@ class PartCut:
         raise InputError(f"the technology's setting of pass {number} is refused: {self.refused}")
 
     def _planned(self, number: int, shift_um: float) -> CutPath:
-        """Plan the passes with another offset of the one to come; none is beyond that of the pass before."""
+        """Plan the path with the next pass's offset shifted; no offset may exceed that of the pass before."""
         target_mm = self.table.offsets_mm[number - 1] + round(shift_um) * 1e-3
         before_mm = self._offsets_mm[number - 2] if number > 1 else math.inf
         self._offsets_mm[number - 1] = round(min(target_mm, before_mm), 6)
@@ -253,14 +253,14 @@ class PartCut:
         plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, "stop")
         try:
             return planned(self._program, settings, [one.machine for one in self._setups], plan)
-        except InputError as error:  # a slot too narrow for the wire so far from its wall
+        except InputError as error:  # a slot that is too narrow for the wire at this offset
             self.refused = self.refused or str(error)
         self._offsets_mm = [one.offset_um * 1e-3 for one in self.path.contours[0].passes[: self.passes]]
         self.offset_um = self._offsets_mm[number - 1] * 1e3
         return self.path
 
     def error_um(self) -> float:
-        """Return the part's error, root mean square over contour and height; of a single pass that of its wall."""
+        """Return the part's rms error over contour and height, or that of its wall if the last pass is not cut."""
         simulation = self.simulation
         assert simulation is not None
         if self._stops_after == self.passes:
@@ -269,7 +269,7 @@ class PartCut:
         return math.nan if wall is None else math.hypot(wall.mean_um - self.target_um(self._stops_after), wall.rms_um)
 
     def ra_um(self) -> float:
-        """Return Ra of the face behind the last pass of the profile; by its craters where it has no wall."""
+        """Return Ra of the face after the last pass of the profile; from its craters if no wall was measured."""
         assert self.simulation is not None
         figures = [one for one in pass_figures(self.simulation) if one.piece == "profile"]
         if figures[-1].ra_um is not None:
@@ -280,7 +280,7 @@ class PartCut:
 
 
 def _changed(one: PassSetting, choice: Choice) -> PassSetting:
-    """Return a setting of the technology as a choice has it."""
+    """Return a setting of the technology with the changes of a choice."""
     more_us = one.t_on_us * (choice.on_time - 1.0)
     longer_us = (one.t_period_us - one.t_on_us) * (choice.pause - 1.0)
     changes = {"t_on_us": one.t_on_us + more_us, "t_period_us": one.t_period_us + more_us + longer_us}
@@ -297,9 +297,9 @@ ACTIONS = {
     "on_time": ("on-time, log2", "``on_time_octaves``"),
     "offset": ("offset from the drawing, um; above 0 farther from the part", "``offset_um``"),
 }
-"""Entries of an action with their meaning and the unit of 1; 0 is what the technology has."""
+"""Entries of an action with their meaning and the unit of 1; 0 is the technology's setting."""
 LEFT_UM = 20.0
-"""Metal left beyond what is wanted that its entry shows as 1 (ours: five times the error of a part)."""
+"""Metal left beyond the target for which its entry is 1 (ours: five times the error of a part)."""
 ENTRIES = (
     Entry("short", 0.0, 1.0, "short pulses", "pulses of the step"),
     Entry("open", 0.0, 1.0, "open pulses", "pulses of the step"),
@@ -317,9 +317,9 @@ ENTRIES = (
     Entry("height", 0.0, 8.0, "height of the workpiece, mm", "50 mm"),
     Entry("tension", 0.0, 4.0, "tension of the wire", "the technology's"),
 )
-"""Entries of an observation; the first eight, and the last action, are of the last step, 0 before there is one."""
+"""Entries of an observation; the first eight, and the last action, are of the last step, 0 before the first."""
 MOST_OFFSET_UM = 50.0
-"""Greatest change of an offset (ours: what a trim takes)."""
+"""Greatest change of an offset (ours: the stock of a trim)."""
 MOST_OCTAVES = 2.0
 """Greatest reach of a factor (ours: beyond it the generator refuses most settings)."""
 
@@ -335,7 +335,7 @@ class PartWeights(WeightsOfTerms):
     limit: float = 50.0  # cost of an unfinished part: its last wire broke, or a limit ended it
 
 
-TERMS = tuple(f.name for f in fields(PartWeights))  # names of the reward's terms, in order: those of their weights
+TERMS = tuple(f.name for f in fields(PartWeights))  # names of the reward's terms, in the order of their weights
 
 
 @record_of_arguments
@@ -364,7 +364,7 @@ class Part(EnvArguments):
     passes: int = argument(4, "", "number of passes, rough and trims, 2 or more")
     only_pass: int | None = argument(None, "", "pass that is the episode; None: all passes")
     tab_mm: float = argument(0.6, "mm", "length of the edge that holds the part; 0: none")
-    # ours: about the height of the shop's table, within what the technology is interpolated for
+    # ours: around the height of the shop's table, within the heights of the technology
     height_mm: Range = argument((18.0, 36.0), "mm", "height, or (low, high)")
     tension_share: Range = argument((0.85, 1.05), "", "tension over the technology's, or (low, high)")  # ours
     randomise: Sequence[str] | None = argument((), "", "constants to draw; ``()`` for all, None for none")
@@ -383,7 +383,7 @@ class Part(EnvArguments):
     lasting: ClassVar[tuple[str, ...]] = ("objectives",)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be used, before anything is built."""
+        """Raise `InputError` for a value that cannot be used, before anything is built."""
         check_kinds(self)
         resolution(self.resolution)
         whole_within("passes", self.passes, 2, 100)
@@ -401,7 +401,7 @@ class Part(EnvArguments):
         above_zero("episode_s", self.episode_s, MOST_TIME_S)
         self._check_reward(TERMS)
         self.drawn_constants  # noqa: B018 - refuses unknown names
-        # what is drawn at most is refused here, and not at a reset
+        # refuse the greatest values that can be drawn here, and not at a reset
         heights, shares = (ends_of(name, getattr(self, name)) for name in ("height_mm", "tension_share"))
         PartCut(self.read, self._settings(heights[1], seed=0), shares[1], self.only_pass)
 
@@ -464,28 +464,28 @@ class Part(EnvArguments):
 
 
 MOST_DRAWS = 20
-"""Machines drawn before giving up on one that takes the technology's settings (ours)."""
+"""Most draws of a machine until one accepts the technology's settings (ours)."""
 
 
 NO_STEP = Step(Sums(), 0.0, 0.0, 0.0, False)
-"""What has been done before the first step."""
+"""Result before the first step."""
 
 
 @dataclass
 class PartEpisode:
-    """An episode, and what its last step did."""
+    """An episode, and the results of its last step."""
 
     family: Part  # its arguments
     cut: PartCut
-    random: np.random.Generator  # of what is drawn during the episode: the gauge's errors
+    random: np.random.Generator  # for the draws during the episode: the gauge's errors
     tension_share: float
     step: Step = NO_STEP
     action: Floats = field(default_factory=lambda: np.zeros(len(ACTIONS)))
-    number: int = 0  # of the pass that was cut
-    # what the gauge says of the metal left, less what is wanted; NaN where nothing was measured
+    number: int = 0  # pass that was cut
+    # measured metal left, less its target; NaN if it was not measured
     left_um: float = math.nan
     terms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(TERMS, 0.0))  # of the reward
-    # the last two of the whole part, NaN before its end
+    # error_um, ra_um: of the whole part, NaN before its end
     cost: float = 0.0
     error_um: float = math.nan
     ra_um: float = math.nan
@@ -497,17 +497,17 @@ class PartEpisode:
 
     @property
     def goes_on(self) -> bool:
-        """Whether a wire broke and another is there."""
+        """Whether a wire broke and another is left."""
         return self.cut.broken and self.cut.wires_lost < self.family.wires
 
     @property
     def late(self) -> bool:
-        """Whether its time is over, to the nanosecond, as `PartCut.run` counts it."""
+        """Whether the time limit is reached, in whole nanoseconds as in `PartCut.run`."""
         return round(self.cut.cutting_s * 1e9) >= round(self.family.episode_s * 1e9)
 
 
 class Parts:
-    """Parts of one environment side by side, `threads` at the same time; what `Batch` is to sub-environments."""
+    """Parts of one environment, cut in parallel by `threads` threads; the counterpart of `Batch`."""
 
     def __init__(self, family: Part, count: int, threads: int = 1) -> None:
         self.family = family
@@ -516,14 +516,14 @@ class Parts:
         self._pool: ThreadPoolExecutor | None = None
 
     def change(self, family: EnvArguments) -> None:
-        """Let episodes begun from now on have other arguments."""
+        """Use other arguments in the episodes that begin after this call."""
         assert isinstance(family, Part)
         self.family = family
 
     # --- beginning ---
 
     def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool) -> dict[str, Any]:
-        """Begin an episode; of one pass only, the passes before it are cut now. Returns the info of the reset."""
+        """Begin an episode and return the info of the reset; if it is one pass, cut the passes before it first."""
         if machine is not None:
             raise InputError(
                 "Part cuts with the machine of its technology: make it with height_mm and tension_share of one value "
@@ -543,7 +543,7 @@ class Parts:
         return {"drawn": drawn, "plant_seed": cut.settings.seed, "total_um": cut.total_um}
 
     def _drawn(self, rng: np.random.Generator, drawn: Drawn) -> PartCut:
-        """Draw a machine that takes the settings of the technology."""
+        """Draw a machine that accepts the settings of the technology."""
         refused: InputError | None = None
         for _ in range(MOST_DRAWS):
             drawn.clear()
@@ -556,7 +556,7 @@ class Parts:
         raise refused
 
     def _prepared(self, one: PartEpisode) -> bool:
-        """Cut the passes before the one that is the episode, as the technology has them; say if they were cut."""
+        """Cut the passes before the episode's with the technology's settings; return whether they were finished."""
         cut, only = one.cut, one.family.only_pass
         while only is not None and cut.number < only:
             self._cut(one, np.zeros(len(ACTIONS)))
@@ -568,7 +568,7 @@ class Parts:
     # --- a step ---
 
     def clear(self) -> None:
-        """Forget what the last step earned and cost."""
+        """Set the rewards and costs of the last step to 0."""
         for one in self.episodes:
             if one is not None:
                 one.terms, one.cost = dict.fromkeys(TERMS, 0.0), 0.0
@@ -599,7 +599,7 @@ class Parts:
         self._pay(one)
 
     def _cut(self, one: PartEpisode, action: Floats) -> None:
-        """Cut a pass, and gauge its wall."""
+        """Cut a pass, and measure its wall with the gauge's error."""
         family, cut = one.family, one.cut
         one.number, one.action, one.left_um = cut.number, action, math.nan
         octaves = action[:3] * (family.set_point_octaves, family.pause_octaves, family.on_time_octaves)
@@ -612,7 +612,7 @@ class Parts:
             one.left_um = wall.mean_um - cut.target_um(one.number) + error_um
 
     def _pay(self, one: PartEpisode) -> None:
-        """Work out what a step earned and cost."""
+        """Compute the reward's terms and the cost of a step."""
         cut, weights = one.cut, one.family.reward_weights
         one.terms["time"] = -weights.time * one.step.seconds / 60.0
         if one.step.broke:
@@ -634,13 +634,13 @@ class Parts:
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
-        """Which sub-environments (n,) have cut for as long as an episode lasts."""
+        """Which sub-environments (n,) have reached the time limit of an episode."""
         return np.array([one is not None and one.late for one in self.episodes])
 
     # --- what is shown ---
 
     def observations(self) -> NDArray[np.float32]:
-        """Return every sub-environment's observation, in a fresh array; 0 where no episode has begun."""
+        """Return every sub-environment's observation, in a new array; 0 if no episode has begun."""
         rows = [np.zeros(len(ENTRIES)) if one is None else self._observation(one) for one in self.episodes]
         low, high = (np.array([getattr(entry, end) for entry in ENTRIES]) for end in ("low", "high"))
         return np.asarray(np.clip(np.array(rows), low, high), np.float32)
@@ -663,9 +663,9 @@ class Parts:
         ]  # fmt: skip
 
     def infos(self) -> dict[str, Any]:
-        """Return what `info` tells at every step, in fresh arrays (n,); -1 where an error or Ra is not known.
+        """Return the infos of a step, in new arrays (n,); -1 for an unknown error or Ra.
 
-        Texts say why the episode ended and what the generator refused, and are empty where nothing did.
+        Texts are the reasons of an episode's end and of a setting that the generator refused, or empty.
         """
         episodes = [self.episode(k) for k in range(len(self.episodes))]
         rows = [self._info(one) for one in episodes]
@@ -697,5 +697,5 @@ class Parts:
             self._pool = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs: it starts threads of its own."""
+        """Return the state of a copy, which starts its own threads."""
         return {**self.__dict__, "_pool": None}

@@ -30,7 +30,7 @@ class PassLaw(Protocol):
 
 @dataclass
 class Constant:
-    """The same for every pass: entries of an action by name, from -1 to 1; all 0 is what the technology has."""
+    """The same action for every pass: its entries by name, from -1 to 1; 0 is the technology's setting."""
 
     set_point: float = 0.0
     pause: float = 0.0
@@ -38,12 +38,12 @@ class Constant:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is beyond an action's range."""
+        """Raise `InputError` for an entry beyond an action's range."""
         for name in ACTIONS:
             within(name, getattr(self, name), -1.0, 1.0)
 
     def begin(self) -> None:
-        """Begin a part: nothing is kept."""
+        """Begin a part; there is no state to reset."""
 
     def act(self, _: NDArray[np.float32]) -> Floats:
         """Return the constants."""
@@ -52,25 +52,25 @@ class Constant:
 
 @dataclass
 class Corrected(Constant):
-    """The technology's constants, corrected by what was measured of the pass before.
+    """The technology's constants, corrected by measurements of the pass before.
 
-    Offsets: a pass that left more or less than it was to leave, its own path's move taken off, says by how much the
-    next one will; that moves its path. What the rough pass left says nothing of the first trim. Set-points: a trim is
-    fast if few pulses of the pass before shorted. Pauses: every wire that breaks lengthens them for the rest of the
-    pass, and of the same pass along the tab. The numbers are ours: fits to some of the training machines
-    (`edmsim.evaluation.episode`).
+    Offsets: the excess of metal that a pass left, less the shift of its own path, predicts the excess of the next
+    pass, whose path is shifted against it. The excess of the rough pass does not predict that of the first trim.
+    Set-points: a trim is fast if few pulses of the pass before were shorts. Pauses: every wire that breaks lengthens
+    them for the rest of the pass, and for the same pass along the tab. The numbers are ours: fits to some of the
+    training machines (`edmsim.evaluation.episode`).
     """
 
     fast: float = 0.7  # set-point of a fast trim
-    short_share: float = 0.05  # share of shorts from which on it is not fast
-    # what a pass is expected to leave beyond what it is to leave: gain times that of the pass before, and bias
+    short_share: float = 0.05  # share of shorts from which a trim is not fast
+    # predicted excess of metal of a pass: gain times that of the pass before, plus bias
     gain: float = 1.0
     bias_um: float = -4.0
-    # the same of the last pass
+    # the same for the last pass
     last_gain: float = 0.6
     last_bias_um: float = 2.5
     calm: float = 0.5  # added to the pause for every wire that broke in the pass
-    offset_um: float = 20.0  # reach of an offset's action, as the environment has it
+    offset_um: float = 20.0  # the environment's argument: reach of the offsets
 
     _number: int = 0
     _moved_um: float = 0.0
@@ -81,7 +81,7 @@ class Corrected(Constant):
         self._last = np.zeros(4)
 
     def act(self, observation: NDArray[np.float32]) -> Floats:
-        """Return the constants with what is corrected."""
+        """Return the constants with the corrections."""
         entries = {name: float(observation[k]) for name, k in _AT.items()}
         action = super().act(observation)
         if entries["broke"]:
@@ -101,11 +101,11 @@ class Corrected(Constant):
 
 
 LAWS: dict[str, type[Constant]] = {"technology": Constant, "constant": Constant, "corrected": Corrected}
-"""Laws by name; the technology has no numbers of its own."""
+"""Laws by name; ``technology`` has no parameters."""
 
 
 def from_text(text: str) -> PassLaw:
-    """Make a law as it is named on the command line: with numbers, ``corrected:gain=0.4``; or ``policy:FILE``.
+    """Make a law from its text on the command line: with numbers, as ``corrected:gain=0.4``, or ``policy:FILE``.
 
     >>> from_text("constant:pause=-0.5").act(np.zeros(len(ENTRIES)))
     array([ 0. , -0.5,  0. ,  0. ])

@@ -1,6 +1,6 @@
-"""Compiled motion of sub-environments: steps by their planners, and the place of each wire along its path.
+"""Compiled motion of sub-environments: motor steps from their planners, and the wire's position along its path.
 
-Nothing here knows the plant; sub-environments do not touch each other, so that their order and number do not matter.
+This module does not use the plant. Sub-environments are independent, so their order and number do not matter.
 """
 
 import math
@@ -15,11 +15,11 @@ from edmsim.controllers.planner.registry import next_steps
 from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0
-"""How far along the path, either way, the nearest place of it is looked for (ours: deflections stay below)."""
-SHORTED_SHARE = 0.9  # share of short pulses from which on a window counts as shorted (ours)
+"""Length of path, either way, in which the point nearest to the wire is searched (ours: more than deflections)."""
+SHORTED_SHARE = 0.9  # share of short pulses from which a window counts as shorted (ours)
 SHORTED_S = 2.0
-"""Time of nothing but shorted windows after which the machine stops (ours: a retract at 10 um/s has led 20 um away by
-then, more than a gap)."""
+"""Time with shorted windows only after which the machine stops (ours: a retract at 10 um/s moves the wire by 20 um in
+it, more than a gap)."""
 
 SETTLING_NS = 250_000_000
 """Time after threading for which nothing counts as cut (ours): the field pulls a wire 6 to 9 um towards the metal in
@@ -28,52 +28,52 @@ its first windows, whatever is commanded."""
 RUNNING, DONE, WIRE_BREAK, OUT_OF_RANGE = (
     int(cause) for cause in (StopCause.RUNNING, StopCause.FINISHED, StopCause.WIRE_BREAK, StopCause.OUT_OF_RANGE)
 )
-"""Why an episode ended, if it did, as numbers for compiled code."""
+"""Causes of an episode's end, as numbers for compiled code."""
 
 SUB_ENV = np.dtype(
     [
         ("units", "i8"),  # feed in the planner's units, negative backwards
-        ("units_before", "i8"),  # feed until the new one counts
-        ("latency_ns", "i8"),  # a new feed counts so long after the window's begin
-        ("longest_ns", "i8"),  # longest window of the setting
+        ("units_before", "i8"),  # feed until the new one takes effect
+        ("latency_ns", "i8"),  # delay of a new feed from the window's start
+        ("longest_ns", "i8"),  # longest possible window with the setting
         ("elapsed_ns", "i8"),  # time of cutting in the episode
         ("step_ns", "i8"),  # time since the last action
-        ("drifts_ns", "i8"),  # elapsed time from which on the machine is another
-        ("scrap_ns", "i8"),  # elapsed time up to which what is cut is scrap, and at which the episode is out of time
-        ("ends_ns", "i8"),
-        ("settling_ns", "i8"),  # for how long a fresh wire settles yet
+        ("drifts_ns", "i8"),  # elapsed time of the machine's next change by drift
+        ("scrap_ns", "i8"),  # elapsed time up to which the cut is scrap
+        ("ends_ns", "i8"),  # elapsed time at which the episode is truncated
+        ("settling_ns", "i8"),  # remaining time for which a new wire settles
         ("steps", "i8"),  # motor steps planned
-        ("beside", "i8", 2),  # steps by which the motors are beside the path, where offset_um leads them
+        ("beside", "i8", 2),  # steps by which the motors are off the path because of `offset_um`
         ("cause", "i8"),  # why the episode ended
         ("broke", "i8"),  # whether the wire broke in the window
         ("wires_lost", "i8"),
         ("step_um", "f8"),  # travel of a motor step
         ("table_um", "f8"),  # the table's travel
         ("feed_um_s", "f8"),  # feed commanded
-        ("offset_um", "f8"),  # of the guides, to the left of the path
-        ("path_um", "f8"),  # length of the leg behind the sub-environment by its planner
-        ("travel_um", "f8"),  # of the last window, along the path
-        ("reached_um", "f8"),  # length of the leg up to where the wire really is: metal bends it and holds it back
-        # the length of the leg that was cut follows the wire by the share of pulses that ignite, so that a wire
-        # pushed into metal, or led through air, cuts nothing until it sparks
+        ("offset_um", "f8"),  # offset of the guides to the left of the path
+        ("path_um", "f8"),  # length of the leg travelled, by the planner
+        ("travel_um", "f8"),  # travel along the path in the last window
+        ("reached_um", "f8"),  # length of the leg up to the wire's true position: metal bends it and holds it back
+        # length of the leg that was cut: it follows `reached_um` by the share of pulses that ignite, so a wire pushed
+        # into metal, or moved through air, cuts nothing until it sparks
         ("cut_um", "f8"),
-        ("progress_um", "f8"),  # of the cut, in the last window
-        ("area_mm2", "f8"),  # that, times the local height
-        ("error_um", "f8"),  # distance of the wire's true place from the path
+        ("progress_um", "f8"),  # length cut in the last window
+        ("area_mm2", "f8"),  # `progress_um` times the local height
+        ("error_um", "f8"),  # distance of the wire's true position from the path
         ("before_um", "f8"),  # length of the legs before
         ("total_um", "f8"),  # length of all legs
-        ("shorted_s", "f8"),  # for how long there have been nothing but shorts
+        ("shorted_s", "f8"),  # time of the shorted windows since the last other one
         ("setting_us", "f8", 2),  # on-time and period
-        ("first_setting_us", "f8", 2),  # those at the begin
+        ("first_setting_us", "f8", 2),  # on-time and period at the start
         ("open_V", "f8"),  # the generator's open voltage
         ("limit_A", "f8"),  # its limit of the mean current
         ("wait_us", "f8"),  # longest wait for an ignition
-        ("energy_mJ", "f8"),  # of a discharge of the setting
-        ("threading_s", "f8"),  # what a lost wire costs the machine
+        ("energy_mJ", "f8"),  # energy of a discharge with the setting
+        ("threading_s", "f8"),  # time to thread another wire
         ("near_um", "f8"),  # distance along the path from a corner up to which errors count
     ]
 )
-"""Numbers of one sub-environment."""
+"""State of one sub-environment."""
 
 
 @exactly_compiled
@@ -81,7 +81,7 @@ def _run(
     advance: int, planner: Any, points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
     start_ns: int, end_ns: int, row: Any, out: NDArray[np.int64],
 ) -> int:
-    """Run a planner through a window: at the feed before until the new one counts; see `run.advance`."""
+    """Run a planner through a window: at the previous feed until the new one takes effect; see `kinds.advance`."""
     turn_ns, made = start_ns + row.latency_ns, 0
     if turn_ns > end_ns:
         turn_ns = end_ns
@@ -101,11 +101,11 @@ def plan(
     points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64], states: NDArray[np.void],
     out: NDArray[np.int64],
 ) -> tuple[int, bool]:
-    """Command feeds, negative backwards, and plan motor steps (n, room, 3) for the longest window there can be.
+    """Set feeds, negative backwards, and plan motor steps `out` (n, room, 3) for the longest possible window.
 
-    Feeds are in the planners' units; with `counts` a feed is shown as it is counted. The planners themselves stay,
-    `ahead` runs. Returns the most steps of a sub-environment, and whether any is or shall go beside its path; if
-    `out` has too little room for the steps, plan again with more.
+    Feeds are rounded to the planners' units; with `counts` the recorded feed is rounded, too. The planners do not
+    change: their copy in `ahead` runs. Returns the greatest number of steps of a sub-environment, and whether any is
+    or will be off its path; if `out` is too small for the steps, call again with a larger one.
     """
     most, sideways = 0, False
     for j in range(indices.shape[0]):
@@ -130,7 +130,7 @@ def lead_sideways(
     indices: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], points: NDArray[np.float64],
     along: NDArray[np.float64], states: NDArray[np.void], out: NDArray[np.int64],
 ) -> None:
-    """Put steps that lead sub-environments beside their paths before the planned ones; see `next_steps`."""
+    """Insert steps to the offsets of sub-environments before the planned ones; see `next_steps`."""
     for j in range(indices.shape[0]):
         i = indices[j]
         more = next_steps(
@@ -151,7 +151,7 @@ def lead_sideways(
 def _look(
     row: Any, start: int, last: int, points: NDArray[np.float64], along: NDArray[np.float64], x: float, y: float
 ) -> None:
-    """Find the point of an environment's path that is nearest to its wire, looking near the environment's place."""
+    """Find the point of a sub-environment's path that is nearest to its wire, near the planner's position."""
     here = row.path_um
     k = segment_at(along, last, here, start)
     while k > 0 and along[k] > here - _SEARCH_UM:
@@ -178,11 +178,11 @@ def follow(
     height_from: NDArray[np.float64], heights: NDArray[np.float64], states: NDArray[np.void],
     windows: NDArray[np.void], nowhere: NDArray[np.int64],
 ) -> bool:
-    """Move every environment on by the window it has had: its place, where its wire is, whether it has ended.
+    """Update every sub-environment after a window: its planner, the position of its wire, and why it ended.
 
-    Returns whether any has ended, or its machine is another from now on. ``cause`` tells `DONE` at the end of a leg,
-    and knows nothing of `OUT_OF_RANGE`. `nowhere` (0, 3) is room for no steps: those of the window are made.
-    `heights` hold from `height_from` on. For the first three numbers see `kinds.Addresses`.
+    Returns whether any leg or episode has ended, or a drift is due. ``cause`` is `DONE` at the end of a leg, never
+    `OUT_OF_RANGE`. `nowhere` (0, 3) has no room for steps: those of the window were already made. `heights`
+    begin at the path lengths `height_from`. For `advance`, `path_um` and `done` see `kinds.Addresses`.
     """
     due = False
     for j in range(indices.shape[0]):
@@ -204,7 +204,7 @@ def follow(
         if row.settling_ns > 0 and ahead_um > 0.0:
             row.cut_um, ahead_um = row.reached_um, 0.0
         progress_um = (counts[1] + counts[2]) / pulses * ahead_um if ahead_um > 0.0 else 0.0
-        # height of the workpiece where the wire is
+        # height of the workpiece at the wire
         k, here = 0, row.before_um + row.cut_um
         while k + 1 < height_from.shape[1] and height_from[i, k + 1] <= here:
             k += 1

@@ -1,4 +1,4 @@
-"""Environments by name, edmsim's and the user's; each is loaded when it is used."""
+"""Environments by name, edmsim's and the user's; each is imported at its first use."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     Parameters
     ----------
     env_id : str
-        ``"lab/Bend-v0"``; an own environment that is there under this id is replaced.
+        ``"lab/Bend-v0"``; an own environment with this id is replaced.
     family : type
         `GapFeed`, `HeightStep`, `Corner`, `Contour` or another of edmsim's, or a subclass of one.
     **arguments
@@ -55,7 +55,8 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     Raises
     ------
     InputError
-        The id is another's, the family derives from none of edmsim, or an argument is unknown or cannot be used.
+        If another environment has the id, the family derives from none of edmsim's, or an argument is unknown or
+        cannot be used.
     """
     short, there = env_id.removeprefix("edmsim/").partition("-v")[0], gym.registry.get(env_id)
     if short in _REGISTERED or (there is not None and "task" not in there.kwargs):
@@ -94,7 +95,7 @@ def family_of(name: str) -> type[EnvArguments]:
 
 
 def find(name: str | type[EnvArguments]) -> tuple[type[EnvArguments], dict[str, Any]]:
-    """Return the record of an environment's arguments, by name, id or itself, and those it was registered with."""
+    """Return the class of an environment's arguments, by name, id or class, and those it was registered with."""
     if isinstance(name, type):
         from edmsim.envs.task import EnvArguments
 
@@ -114,13 +115,13 @@ def find(name: str | type[EnvArguments]) -> tuple[type[EnvArguments], dict[str, 
 
 
 def arguments_with(name: str | type[EnvArguments], **options: Any) -> EnvArguments:
-    """Return the arguments of an environment (see `find`), those given before those it was registered with."""
+    """Return the arguments of an environment (see `find`); `options` override those it was registered with."""
     family, arguments = find(name)
     return family.of(**{**arguments, **options})
 
 
 def make_family(name: str | type[EnvArguments], **options: Any) -> Family:
-    """Return `arguments_with` of an environment that is decided on window by window; refuses Part."""
+    """Return `arguments_with`; raises `InputError` for Part, which is not decided on window by window."""
     from edmsim.envs.task import Family
 
     made = arguments_with(name, **options)
@@ -141,8 +142,8 @@ def base_of(family: type[EnvArguments]) -> str:
 def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return the environment of edmsim, and arguments, with the same observations and actions as a family.
 
-    A policy trained in a user's environment is described by it, so that the policy can be used without the user's
-    file. Arguments are kept as far as that environment knows them; weights and machine have no effect on a policy.
+    The file of a policy that was trained in a user's environment names this one, so the policy can be used without
+    the user's file. Arguments unknown to it are left out, as are weights and machine, which do not affect a policy.
     """
     base = base_of(family)
     known = family_of(base)
@@ -169,10 +170,10 @@ def registered_ids() -> tuple[str, ...]:
 
 
 def env_id_of(name: str) -> str:
-    """Return the whole id of an environment: ``"edmsim/GapFeed-v2"`` of ``"GapFeed"``."""
+    """Return the whole id of an environment: ``"edmsim/GapFeed-v2"`` for ``"GapFeed"``."""
     return f"edmsim/{name}-v{_REGISTERED[name].version}" if name in _REGISTERED else name
 
 
 def _class_of(name: str) -> str:
-    """Return where the single environment of edmsim is."""
+    """Return the entry point of a single environment of edmsim."""
     return f"edmsim.envs.{_REGISTERED[name].file}:{name}Env"

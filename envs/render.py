@@ -1,7 +1,7 @@
-"""Pictures of environments: the machine by MuJoCo where there is a GL backend, else the cut as in ``profile.png``.
+"""Pictures of environments: the machine by MuJoCo if there is a GL backend, else the cut as in ``profile.png``.
 
-Below either, a strip says what the last step did: feed, shares of pulses, reward; of a part also what passes left.
-The geometry that they draw is that of recordings, too.
+A strip below shows feed, shares of pulses and reward of the last step; for a part also the metal that passes left.
+Recordings use the same geometry.
 """
 
 import os
@@ -26,17 +26,17 @@ from edmsim.recording.scene import ErrorMap, Polylines, Scene, holes_mm, polylin
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]  # (height, width, 3)
 HEIGHT, WIDTH = 480, 640
-STRIP = 64  # height of the strip below, part of the picture's
+STRIP = 64  # height of the strip at the bottom, included in `HEIGHT`
 DPI = 80
 BELOW = 120
-"""Height of what is below the drawing of a part: the passes, and the strip of the last step."""
-SHOWN_DIAMETERS = 12  # wire diameters across what is drawn of a longer cut
+"""Height of the area below the drawing of a part: the passes, and the strip of the last step."""
+SHOWN_DIAMETERS = 12  # width of the view of a longer cut, in wire diameters
 _SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
-"""What MuJoCo takes MUJOCO_GL to mean when nothing is to be drawn."""
+"""Values of MUJOCO_GL that switch MuJoCo's drawing off."""
 
 
 def has_gl() -> bool:
-    """Whether MuJoCo has a way to draw: MUJOCO_GL off screen, or a display."""
+    """Whether MuJoCo can draw: off screen by MUJOCO_GL, or on a display."""
     if os.environ.get("MUJOCO_GL", "").lower() in ("egl", "osmesa"):
         return True
     headless = sys.platform.startswith("linux") and not (
@@ -46,7 +46,7 @@ def has_gl() -> bool:
 
 
 class Renderer:
-    """Draws sub-environments, and shows what it drew."""
+    """Draws sub-environments, and shows the pictures in a window."""
 
     def __init__(self) -> None:
         self._gl: Any = None  # MuJoCo's renderer, and the set-up that it draws
@@ -55,7 +55,7 @@ class Renderer:
         self._drawn_only = False
 
     def picture(self, engine: Batch | Parts, index: int) -> Picture:
-        """Return a sub-environment's picture (480, 640, 3): the machine by MuJoCo if it draws, else the cut."""
+        """Return a sub-environment's picture (480, 640, 3): the machine by MuJoCo if it can draw, else the cut."""
         from edmsim.recording.figures.style import own_style
 
         with own_style():
@@ -67,7 +67,7 @@ class Renderer:
         if not self._drawn_only and has_gl():
             try:
                 return self._machine(sub_envs.fleet.plants[index])
-            except Exception:  # what a GL backend raises that is there in name only is nobody's to foresee
+            except Exception:  # a GL backend that does not work may raise any error
                 self._drawn_only = True
         return _drawing(sub_envs, index)
 
@@ -90,7 +90,7 @@ class Renderer:
         return np.asarray(self._gl.render(), np.uint8)
 
     def show(self, picture: Picture) -> None:
-        """Show a picture in a window; where there is no display, nothing can be shown and nothing fails."""
+        """Show a picture in a window; do nothing if there is no display."""
         from matplotlib import pyplot
 
         if pyplot.get_backend().lower() == "agg":
@@ -107,7 +107,7 @@ class Renderer:
         figure.canvas.flush_events()
 
     def close(self) -> None:
-        """Let window and GL context go."""
+        """Close the window and the GL context."""
         self._close_gl()
         if self._shown is not None:
             from matplotlib import pyplot
@@ -130,7 +130,7 @@ class Renderer:
 
 
 def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
-    """Return a cut quickly, for a picture at every step: the wire's path, and the edges at mid height."""
+    """Return a scene that is quick to make, for a picture at every step: the wire's path, and edges at mid height."""
     scenario, plant = sub_envs.scenario(index), sub_envs.fleet.plants[index]
     machine, none = scenario.machine, np.zeros((0, 2))
     x0, y0, x1, y1 = (v * 1e-3 for v in scenario.stock.rectangle_um)
@@ -149,7 +149,7 @@ def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
 
 
 def scene_of(sub_envs: SubEnvs, index: int) -> Scene:
-    """Return a cut, measured: every slice's edges, and where a program is cut its drawing with the errors."""
+    """Return the measured scene: edges of every slice, and of a program also the drawing with the errors."""
     scene = path_scene(sub_envs, index)
     scenario, plant = sub_envs.scenario(index), sub_envs.fleet.plants[index]
     field, (x_um, y_um) = plant.field, plant.commanded_um
@@ -165,9 +165,9 @@ def scene_of(sub_envs: SubEnvs, index: int) -> Scene:
 
 
 def _drawing(sub_envs: SubEnvs, index: int) -> Picture:
-    """Draw what was cut of a sub-environment's workpiece, its path and its wire."""
+    """Draw the cut edges of a sub-environment's workpiece, its path and its wire."""
     scene, place_mm = path_scene(sub_envs, index), _wire_mm(sub_envs.fleet.plants[index])
-    # what a sub-environment has of a drawing is the path of its wire
+    # a sub-environment has no drawing, so the path of its wire is drawn as nominal edge
     return _draw_cut(
         scene, place_mm, HEIGHT - STRIP, (0.12, 0.13, 0.84, 0.77), _around(place_mm, scene),
         {"nominal edge": "path of the wire"},
@@ -175,12 +175,12 @@ def _drawing(sub_envs: SubEnvs, index: int) -> Picture:
 
 
 def _wire_mm(plant: Plant) -> Floats:
-    """Return where the wire is, its deflection averaged over the height."""
+    """Return the position of the wire, with its deflection averaged over the height."""
     return np.asarray((np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3, np.float64)
 
 
 def _around(place_mm: Floats, scene: Scene) -> tuple[float, float, float, float]:
-    """Return what of a cut is drawn: all of it, or what is near the wire, which would be a dot in a long one."""
+    """Return the limits of the view: the whole cut, or near the wire if the cut is so long that it would be a dot."""
     x0, y0, x1, y1 = scene.extent_mm()
     half_mm = SHOWN_DIAMETERS * scene.wire_diameter_um * 0.5e-3
     if max(x1 - x0, y1 - y0) <= 2 * half_mm:
@@ -193,7 +193,7 @@ def _draw_cut(
     scene: Scene, place_mm: Floats, height: int, box: tuple[float, float, float, float],
     view: tuple[float, float, float, float] | None = None, names: Mapping[str, str] | None = None,
 ) -> Picture:
-    """Draw a cut from above with its wire, and its parts by other names where `names` has some."""
+    """Draw a cut from above with its wire; `names` replaces names in the legend."""
     from matplotlib.patches import Circle
 
     from edmsim.recording.figures.profile import draw_map
@@ -213,7 +213,7 @@ def _draw_cut(
 
 
 def _strip(facts: Sequence[str], counts: Mapping[str, int]) -> Picture:
-    """Draw facts of a step, and below them what became of its pulses."""
+    """Draw facts of a step, and below them a bar with its pulses by class."""
     figure = _canvas(STRIP)
     figure.text(0.02, 0.68, "   ".join(facts).replace("-", "−"), fontsize=9, color=INK, va="center")
     axes = figure.add_axes((0.02, 0.14, 0.96, 0.24))
@@ -234,13 +234,13 @@ def _canvas(height: int) -> Any:
 
 
 def _pixels(figure: Any) -> Picture:
-    """Return what is drawn on a figure of `_canvas`."""
+    """Return the pixels of a figure of `_canvas`."""
     figure.canvas.draw()
     return np.array(figure.canvas.buffer_rgba())[..., :3].copy()
 
 
 def _step(batch: Batch, index: int) -> Picture:
-    """Draw what a sub-environment's last step did: feed, what became of the pulses, reward, machine time."""
+    """Draw the last step of a sub-environment: machine time, feed, pulses by class, reward."""
     info = batch.infos()
     counts = {name: int(info[name][index]) for name in SHARE_COLOURS}
     facts = [f"{float(info['time_s'][index]):.2f} s", f"feed {float(info['feed_um_s'][index]):.1f} µm/s"]
@@ -258,7 +258,7 @@ def _of_part(episode: PartEpisode) -> Picture:
 
 
 def _part_scene(cut: PartCut) -> tuple[Scene, Floats]:
-    """Return what is drawn of the part, with its edges at mid height, and where the wire is."""
+    """Return the scene of a part with its edges at mid height, and the wire's position."""
     contour, stock_mm = cut.path.contours[0], cut.path.stock_mm
     machine, simulation = cut.machine, cut.simulation
     place_mm, points, error = contour.points_um[0] * 1e-3, np.zeros((0, 2)), np.zeros(0)
@@ -284,7 +284,7 @@ def _part_scene(cut: PartCut) -> tuple[Scene, Floats]:
 
 
 def _passes(episode: PartEpisode) -> Picture:
-    """Draw what every pass so far left beyond what it was to leave."""
+    """Draw the metal that every pass so far left, less its target."""
     cut, figure = episode.cut, _canvas(BELOW - STRIP)
     walls = [cut.wall(number) for number in range(1, cut.passes + 1)]
     left = [np.nan if wall is None else wall.mean_um - cut.target_um(k) for k, wall in enumerate(walls, 1)]
@@ -308,7 +308,7 @@ def _named(number: int, left_um: float) -> str:
 
 
 def _last_step(episode: PartEpisode) -> Picture:
-    """Draw what the last step did: pass, time, offset, reward, what became of the pulses."""
+    """Draw the last step of a part: pass, time, offset, reward, pulses by class."""
     sums, cut = episode.step.sums, episode.cut
     facts = [f"{cut.time_s:.0f} s"]
     if sums.pulses:

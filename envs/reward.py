@@ -15,15 +15,15 @@ REFERENCE_S = 0.0255  # the reference window: 255 pulses of 100 us, the standard
 REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S  # area cut in a reference window at the reference rate
 MOST_WEIGHT = 1e9  # greatest weight of a term (ours: beyond all use; rewards stay finite)
 ERROR_UM = 10.0
-"""Profile error that costs as much as the progress made with it earns, at equal weights (ours: what rounds a sharp
-corner at the standard setting)."""
+"""Profile error whose cost equals the gain of the progress made with it, at equal weights (ours: the rounding of a
+sharp corner at the standard setting)."""
 
 @dataclass(frozen=True, kw_only=True)
 class WeightsOfTerms:
     """Weights of a reward's terms, each a number from 0 to `MOST_WEIGHT`."""
 
     def __post_init__(self) -> None:
-        """Refuse any other weight."""
+        """Raise `InputError` for any other weight."""
         for f in fields(self):
             within(f"the weight {f.name}", getattr(self, f.name), 0.0, MOST_WEIGHT)
         keep_plain(self)
@@ -54,16 +54,16 @@ class Weights(WeightsOfTerms):
     done: float = 0.0  # gain for reaching the path's end
 
 
-TERMS = tuple(f.name for f in fields(Weights))  # names of the reward's terms, in order: those of their weights
+TERMS = tuple(f.name for f in fields(Weights))  # names of the reward's terms, in the order of their weights
 _ACCOUNT = np.dtype(
     [(name, "f8") for name in TERMS]
     + [
         ("total", "f8"),  # sum of the terms
-        ("cost", "f8"),  # a lost wire and an end by a limit count 1 each, and so does every second beyond a bound
+        ("cost", "f8"),  # 1 for a lost wire, 1 for an end by a limit, and 1 for every second beyond a bound
         ("area_mm2", "f8"),
     ]
 )
-"""What a step of a sub-environment earned and cost."""
+"""Terms of the reward, and cost, of a step of a sub-environment."""
 _WEIGHTS = np.dtype([(name, "f8") for name in TERMS] + [("error_um", "f8"), ("energy_mJ", "f8")])
 """Weights of the terms, and bounds beyond which time costs."""
 
@@ -78,7 +78,7 @@ class StepRewards:
     def weigh(
         self, index: int, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None
     ) -> None:
-        """Weigh the steps of a sub-environment's next episode."""
+        """Set weights and bounds for the next episode of a sub-environment."""
         bounds = (np.inf if bound is None else bound for bound in (error_bound_um, energy_bound_mJ))
         self._weights[index] = (*(getattr(weights, name) for name in TERMS), *bounds)
 
@@ -98,13 +98,13 @@ class StepRewards:
         return np.asarray(self.rows["cost"])
 
     def begin(self) -> None:
-        """Begin a step of all sub-environments; the records of the last one stay with those who were shown them."""
+        """Begin a step of all sub-environments in new records, because callers may hold those of the last step."""
         self.rows = np.zeros(len(self.rows), _ACCOUNT)
 
     def add(
         self, indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void]
     ) -> None:
-        """Add a window of some sub-environments (m,); `near` (n,) says where path errors count."""
+        """Add a window of some sub-environments (m,); `near` (n,) says whose path errors count."""
         _add(indices, rows, near, windows, self._weights, self.rows)
 
 

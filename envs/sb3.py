@@ -26,7 +26,7 @@ except ImportError as error:
 Indices = int | Iterable[int] | None  # which sub-environments: one, some, or all
 
 
-# untyped where the extra is missing
+# untyped if the extra is not installed
 class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     """An `EdmVectorEnv` in mode ``SAME_STEP`` for the learners of stable-baselines3.
 
@@ -72,7 +72,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         return observations
 
     def step_async(self, actions: Any) -> None:
-        """Keep the actions for `step_wait`."""
+        """Store the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> Any:
@@ -124,11 +124,11 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         return [None] * len(views)
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Indices = None) -> list[bool]:
-        """No sub-environment has a wrapper of its own; the `Monitor`'s figures are in the infos."""
+        """Return True for `Monitor`, whose figures are in the infos; sub-environments have no other wrappers."""
         return [wrapper_class is Monitor for _ in self._views(indices)]
 
     def _views(self, indices: Indices) -> list[SubEnvView]:
-        """Return sub-environments by their numbers: of one, of some, or all."""
+        """Return the sub-environments with these numbers, or all for None."""
         if indices is None:
             return list(self.env.views)
         one = whole(indices)
@@ -143,7 +143,8 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
 class StepInfo(MutableMapping[str, Any]):
     """The info of one sub-environment, read from a vector environment's: an entry is computed when it is read.
 
-    A training reads few: computing all takes longer than anything else in Python. It is a dictionary once changed.
+    Training reads few entries, and computing all takes longer than all other Python code. A changed info becomes a
+    dictionary.
     """
 
     __slots__ = ("_changed", "_index", "_infos")
@@ -160,7 +161,7 @@ class StepInfo(MutableMapping[str, Any]):
         return default if there is None or not there[self._index] else self._value(name)
 
     def __getitem__(self, name: str) -> Any:
-        value = self.get(name, self)  # no entry is the info itself
+        value = self.get(name, self)  # no entry has the info itself as value
         if value is self:
             raise KeyError(name)
         return value
@@ -232,14 +233,14 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
         env_id_of(env_id), num_envs=num_envs, vectorization_mode="vector_entry_point",
         autoreset_mode=gym.vector.AutoresetMode.SAME_STEP, **options,
     )
-    assert isinstance(made, EdmVectorEnv)  # as all that are found
+    assert isinstance(made, EdmVectorEnv)  # `find` accepts no other environments
     env = EdmVecEnv(made)
     if seed is not None:
         env.seed(seed)
     return env
 
 
-# untyped where the extra is missing
+# untyped if the extra is not installed
 class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
     """Record every n-th episode of the first sub-environment; the training stays the same, bit for bit.
 
@@ -292,7 +293,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         self._begin()
 
     def _see(self, actions: NDArray[Any], infos: dict[str, Any], ended: NDArray[Any]) -> None:
-        """Note a step of the first sub-environment, before its next episode begins."""
+        """Record a step of the first sub-environment, before its next episode begins."""
         self._over = bool(ended[0])
         if self._recorded.recorder is None:
             return

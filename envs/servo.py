@@ -1,7 +1,7 @@
 """The servo of the action `servo`: it holds a share of open pulses, and retracts from shorts.
 
-It is the law of the controller `counts` without its processor: the error is the share of open pulses less that of
-short ones less the target; a low-passed error, a proportional and an integral part make the feed.
+It is the law of the controller `counts` without its processor. The error is the share of open pulses, less that of
+short pulses, less the target. The feed is a proportional plus an integral part of the low-passed error.
 """
 
 import math
@@ -15,25 +15,25 @@ from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 GAINS = (10.0, 30.0)  # feed in um/s per unit of the error, and its growth in um/s per s: those of `counts`
 TARGET_SHARE = (0.0, 0.3)
-"""Shares of open pulses that actions of -1 and 1 ask for (ours: from a gap at its narrowest to a wide one)."""
+"""Target shares of open pulses for actions of -1 and 1 (ours: from the narrowest gap to a wide one)."""
 FILTER_S = 0.1
 SHORTED_SHARE, PATIENCE_S = 0.5, 0.15
-"""From which share of short pulses on a window is shorted, and for how long before the wire retracts: as `counts`."""
-RETRACT_UM_S = 20.0  # greatest speed backwards, as `counts` has it
+"""Share of short pulses from which a window is shorted, and time after which the wire retracts; as in `counts`."""
+RETRACT_UM_S = 20.0  # greatest speed backwards, as in `counts`
 INTEGRAL_SHARE = 0.5
-"""What is left of the integral after a retract, as the classic servos have it (`controllers.feed.law`)."""
+"""Share of the integral that remains after a retract, as in the classic servos (`controllers.feed.law`)."""
 
 SERVO = np.dtype(
     [
-        ("target", "f8"),  # share of open pulses less shorts that is held
-        ("error", "f8"),  # low-passed
+        ("target", "f8"),  # target share of open pulses less shorts
+        ("error", "f8"),  # low-passed error
         ("integral_um_s", "f8"),  # integral part of the feed
         ("shorted_s", "f8"),  # time shorted
         ("retracting", "i8"),
-        ("feed_um_s", "f8"),  # feed asked for
+        ("feed_um_s", "f8"),  # commanded feed
     ]
 )
-"""What changes of a servo."""
+"""State of a servo."""
 
 
 def begin(row: Any, feed_um_s: float) -> None:
@@ -43,7 +43,7 @@ def begin(row: Any, feed_um_s: float) -> None:
 
 
 def target_of(action: Any, bounds: tuple[float, float]) -> Any:
-    """Return the targets that actions -1..1 ask for: the ends of the range at -1 and 1."""
+    """Return the targets for actions within -1..1: the ends of the range at -1 and 1."""
     low, high = bounds
     return low + (high - low) * (action + 1.0) / 2.0
 
@@ -53,7 +53,7 @@ def respond(
     indices: NDArray[np.int64], servos: NDArray[np.void], windows: NDArray[np.void], limit_um_s: float,
     proportional: float, integral: float,
 ) -> None:
-    """Let the servos of some sub-environments (m,) answer a window each (n,), by the shares of its pulses."""
+    """Update the servos of some sub-environments (m,) after a window each (n,), by the shares of its pulses."""
     for j in range(indices.shape[0]):
         i = indices[j]
         counts, duration_s = windows[i].counts, windows[i].duration_ns * 1e-9

@@ -1,8 +1,8 @@
-"""Sub-environments: episodes side by side, every one with a plant, a path and a generator setting of its own.
+"""Sub-environments: parallel episodes, each with its own plant, path and generator setting.
 
 `SubEnvs` runs their windows, `Batch` their steps: it turns actions into commands, and makes observations, rewards and
-infos. Everything is done for all sub-environments at once, in compiled calls or on arrays. A sub-environment's bits
-depend on nothing but its own scenario and commands.
+infos. Everything is done for all sub-environments at once, in compiled calls or on arrays. A sub-environment's
+results depend, bit for bit, on its own scenario and commands only.
 """
 
 import functools
@@ -33,12 +33,12 @@ from edmsim.snapshots import Snapshots
 Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
 FINISHED_UM = 80.0
-"""Distance behind the wire from which on it takes no more from a wall (ours: half of what its rays see of one)."""
+"""Distance behind the wire from which it erodes a wall no more (ours: half the length of wall in its rays' range)."""
 STRETCH_UM = 24.0  # length of wall that is measured at every window (ours: four columns of cells)
 NEVER_NS = np.iinfo(np.int64).max
 _NO_STEPS: Ints = np.zeros((0, 3), np.int64)
 _CAUSES = np.array(["" if cause is StopCause.RUNNING else WORDS[cause].info for cause in StopCause], object)
-"""Texts of `info` for what ended an episode, by the numbers of causes."""
+"""Texts of `info` for the causes of an episode's end, by their numbers."""
 
 
 class SubEnvs:
@@ -46,7 +46,7 @@ class SubEnvs:
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family  # of the next episodes
-        self.families = [family] * count  # of the present one of each
+        self.families = [family] * count  # of the present episode of each
         self.count = count
         centre_um = family.base.base.table.centre_um
         plants = [
@@ -55,25 +55,25 @@ class SubEnvs:
         ]
         self.fleet = Fleet(plants, threads)
         self.rows: NDArray[np.void] = np.zeros(count, path_follower.SUB_ENV)
-        # (n,): what makes motor steps of every sub-environment's feed
+        # (n,): planners that turn every sub-environment's feed into motor steps
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
-        # called after each window of a sub-environment, before a fresh wire is threaded; a copy has none
+        # called after each window of a sub-environment, before a new wire is threaded; a copy has none
         self.watchers: list[tuple[int, Callable[[], None]]] = []
         self._planner = kind_of(family.planner)
         self._other_planner: NDArray[np.void] = np.zeros(1, PLANNER)
-        # the present episode of each; None before its first one
+        # present episode of each; None before the first
         self.scenarios: list[Scenario | None] = [None] * count
-        # (n,): why the generator refused the setting last asked for; empty where it did not
+        # (n,): why the generator refused the last setting; empty if it did not
         self.refused: NDArray[np.object_] = np.full(count, "", object)
-        # (n, most): length of the present leg up to each corner, infinite for the filling
+        # (n, most): length of the present leg up to each corner, padded with infinity
         self.corner_um: Floats = np.full((count, 1), np.inf)
         self.corner_deg: Floats = np.zeros((count, 1))
-        # (n,): whether path errors of the last window count, as `Family.near_corner_um` says; at a wall to finish,
-        # whether some is behind the wire
+        # (n,): whether path errors of the last window count (`Family.near_corner_um`); if a wall is finished, whether
+        # its finished part is long enough to measure
         self.near = np.ones(count, np.bool_)
-        # which sub-environments lost a wire in the last window, and at which on-time and period
+        # sub-environments that lost a wire in the last window, with its on-time and period
         self.lost: list[tuple[int, tuple[float, float]]] = []
-        self.leg = [0] * count  # which leg of its path each is on
+        self.leg = [0] * count  # number of the present leg of each
         self._points: Floats = np.zeros((count, 2, 2))
         self._along: Floats = np.zeros((count, 2))
         self._lengths: Ints = np.zeros((count, 2), np.int64)
@@ -153,18 +153,18 @@ class SubEnvs:
 
     @property
     def path_um(self) -> Floats:
-        """Length of path behind each sub-environment by its planner, over all its legs."""
+        """Path length (n,) that each sub-environment has travelled by its planner, over all its legs."""
         return np.asarray(self.rows["before_um"] + self.rows["path_um"])
 
     def observation(self, index: int) -> WindowObservation:
-        """Return what a machine shows of a sub-environment's last window, as feed controllers see it."""
+        """Return the observation of a sub-environment's last window for feed controllers."""
         window, row = self.fleet.plants[index].window(), self.rows[index]
-        end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
+        end_ns = window.start_ns + window.duration_ns  # a new wire may have been threaded since
         path_um = float(row["before_um"] + row["path_um"])
         return WindowObservation.of(window, end_ns, float(row["feed_um_s"]), path_um)
 
     def set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
-        """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
+        """Set the generator to the nearest detents; if it refuses, nothing changes, and `refused` has the reason."""
         setting = self.families[index].to_detents(t_on_us, t_period_us)
         self.refused[index] = ""
         if setting == tuple(self.rows[index]["setting_us"]):
@@ -179,10 +179,10 @@ class SubEnvs:
     def advance(self, indices: Ints, feeds_um_s: Floats) -> None:
         """Fire 255 pulses in some of them, each moving along its path at its feed (n,) in um/s, negative backwards.
 
-        The guides go to the sub-environment's ``offset_um`` beside the path, which stays until it is set again.
+        The guides move to the sub-environment's ``offset_um`` from the path, which holds until it is set again.
 
-        A planner that counts takes the feed in its units, and no more than its greatest; `exact` shows it as it was
-        given, finer than its 1 nm/s.
+        A planner that counts rounds the feed to its units and limits it to its greatest feed; with `exact` the
+        recorded feed is not rounded to the planner's 1 nm/s.
         """
         fleet, rows = self.fleet, self.rows
         kind = self._planner
@@ -213,7 +213,7 @@ class SubEnvs:
             self._go_on(indices)
 
     def _go_on(self, indices: Ints) -> None:
-        """Begin what follows where a leg or a wire has come to its end, or where the machine is another by now."""
+        """Continue after the end of a leg or a wire, and update machines whose drift is due."""
         rows = self.rows
         for index in indices[rows["cause"][indices] == path_follower.DONE]:
             self._end_leg(int(index))
@@ -223,7 +223,7 @@ class SubEnvs:
             self._drift(int(index))
 
     def _drift(self, index: int) -> None:
-        """Let a sub-environment's machine become what it is by now, and say when it will be another."""
+        """Update a sub-environment's machine to its drift, and set the time of the next update."""
         scenario, elapsed_ns = self.scenario(index), int(self.rows[index]["elapsed_ns"])
         assert scenario.drift is not None
         self.fleet.plants[index].drift(scenario.drift.machine(scenario.machine, elapsed_ns * 1e-9))
@@ -238,7 +238,7 @@ class SubEnvs:
             self.near = (way_um <= near_um[:, None]).any(axis=1)
 
     def _measure_wall(self, index: int) -> None:
-        """Let the sub-environment's error be that of the wall just finished; none counts before there is one."""
+        """Set the sub-environment's error to that of the wall just finished; before that, no error counts."""
         row, wall = self.rows[index], self.scenario(index).wall
         assert wall is not None
         behind_um = wall.x_um + float(row["reached_um"]) - FINISHED_UM
@@ -251,7 +251,7 @@ class SubEnvs:
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
-        """Which sub-environments (n,) have cut for as long as an episode lasts."""
+        """Which sub-environments (n,) have reached the time limit of an episode."""
         return np.asarray(self.rows["elapsed_ns"] >= self.rows["ends_ns"])
 
     def _lose_wire(self, index: int) -> None:
@@ -271,7 +271,7 @@ class SubEnvs:
         self._reset_setting(index)
 
     def _end_leg(self, index: int) -> None:
-        """Go on with the path's next piece, if there is one."""
+        """Begin the path's next leg, if there is one."""
         legs_um, plant, row = self.scenario(index).legs_um, self.fleet.plants[index], self.rows[index]
         following = self.leg[index] + 1
         if following == len(legs_um):
@@ -286,22 +286,22 @@ class SubEnvs:
         self._begin_leg(index, following)
 
     def _reset_setting(self, index: int) -> None:
-        """Set the generator as it was set up: so every leg begins, and every wire."""
+        """Set the generator to the episode's first setting, with which every leg and every wire begins."""
         machine, plant = self.scenario(index).machine, self.fleet.plants[index]
         if plant.machine is not machine:
             plant.set_generator(machine.t_on_us, machine.t_period_us)
             self._take_setting(index)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; watchers stay with the original."""
+        """Return the state of a copy, which has no watchers."""
         return {**self.__dict__, "watchers": []}
 
 
-@functools.lru_cache(maxsize=256)  # episodes of many families have one path
+@functools.lru_cache(maxsize=256)  # in many families all episodes have the same path
 def _laid(
     planner: str, table_um: float, step_um: float, points: bytes, shape: tuple[int, int]
 ) -> tuple[Course, Floats, Floats]:
-    """Course along a leg's points in um, and length of the leg up to each of its corners with its turn."""
+    """Return the course along a leg's points in um, the leg's length up to each of its corners, and their turns."""
     points_um = np.frombuffer(points).reshape(shape)
     kind, unit = kind_of(planner), position_unit(planner, table_um, step_um)
     course = Course.of(kind.number, points_um, kind.speed_unit_nm_s, unit, step_um)
@@ -309,7 +309,7 @@ def _laid(
 
 
 def _with_row(table: NDArray[_Number], index: int, row: NDArray[_Number], filling: float) -> NDArray[_Number]:
-    """Return the table with one row replaced, made wider if it must be."""
+    """Return the table with one row replaced, widened if necessary."""
     if len(row) > table.shape[1]:
         wider = np.full((table.shape[0], len(row), *table.shape[2:]), filling, table.dtype)
         wider[:, : table.shape[1]] = table
@@ -329,7 +329,7 @@ class ObservationBuilder(Snapshots):
         width = len(family.step_entries)
         self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
         self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
-        # (n,) `SHOWN`: what the windows of the present step showed
+        # (n,) `SHOWN`: sums over the windows of the present step
         self.sums: NDArray[np.void] = np.zeros(count, observation.SHOWN)
         self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
         self._take_arguments(slice(None))
@@ -349,38 +349,38 @@ class ObservationBuilder(Snapshots):
         self._threaded_ns[i] = row["elapsed_ns"]
 
     def _take_arguments(self, which: int | slice) -> None:
-        """Divide by what the arguments are at the episode's begin."""
+        """Set the divisors that are arguments, for episodes that begin."""
         for name in ("max_feed_um_s", "wires"):
             self._scales[name][which] = getattr(self.family, name)
         self._scales["episode_s"][which] = self.family.episode_s or np.inf
 
     def take_scale(self, i: int, row: np.void) -> None:
-        """Divide by what belongs to the generator's setting from now on."""
+        """Set the divisors that depend on the generator's setting, and the sensors' errors."""
         scale = self._scales[i]
         for name in ("open_V", "limit_A", "wait_us"):
             scale[name] = row[name]
         scale["noise_share"], scale["step"] = self.sensors.noise_share, self.sensors.step
 
     def lose_wire(self, i: int, row: np.void, setting_us: tuple[float, float]) -> None:
-        """Note the setting at which a wire broke, and begin with the next one."""
+        """Store the setting at which a wire broke, and the time at which the next one begins."""
         on_us, period_us = setting_us
         self._broke_at[i] = max(self._broke_at[i], period_us / on_us)
         self._threaded_ns[i] = row["elapsed_ns"]
 
     def begin_step(self) -> None:
-        """Begin a step, of which nothing has been seen yet."""
-        self.sums.view(np.int64)[:] = 0  # as records it would take ten times as long
+        """Begin a step: set its sums to 0."""
+        self.sums.view(np.int64)[:] = 0  # as integers, because records take ten times as long
 
     def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
         """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
         observation.gather(active, rows, windows, self.sums)
 
     def end_step(self, active: NDArray[np.int64]) -> None:
-        """Put the steps of some episodes before those that came earlier."""
+        """Insert the last step of some episodes at the front of their history."""
         observation.show(active, self.sums, self._scales, self._history, self._values)
 
     def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
-        """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
+        """Return all observations, (n, entries), in a new array; corners as in `Known`."""
         parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
         if known := self.family.known_entries:
             age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
@@ -394,21 +394,21 @@ class ObservationBuilder(Snapshots):
 STEP_INFO = np.dtype(
     [
         ("time_s", "f8"),  # machine time at the end of the step
-        ("dt_s", "f8"),  # that of the step
-        ("path_um", "f8"),  # length of path behind the wire by the planner, over all legs
+        ("dt_s", "f8"),  # machine time of the step
+        ("path_um", "f8"),  # path length travelled by the planner, over all legs
         ("feed_um_s", "f8"),
         ("offset_um", "f8"),
         ("t_on_us", "f8"),
         ("t_period_us", "f8"),
-        ("energy_mJ", "f8"),  # of a discharge of the setting
+        ("energy_mJ", "f8"),  # energy of a discharge with the setting
         ("short", "i8"),  # pulses of the step by class
         ("open", "i8"),
         ("spark", "i8"),
         ("arc", "i8"),
-        ("gap_um", "f8"),  # mean of the last window's ignitions; -1 without any, as checkers take no NaN for another
+        ("gap_um", "f8"),  # mean of the last window's ignitions; -1 without any, because checkers fail with NaN
         ("wire_temperature_K", "f8"),  # greatest of the last window
-        ("debris", "f8"),  # at its end
-        ("error_um", "f8"),  # distance of the wire from the path at its end
+        ("debris", "f8"),  # at the end of the last window
+        ("error_um", "f8"),  # distance of the wire from the path at the end of the last window
         ("area_mm2", "f8"),  # cut in the step
         ("wires_lost", "i8"),  # in the episode
         ("cost", "f8"),  # of the step
@@ -448,7 +448,7 @@ def fill_infos(
 
 
 class Batch:
-    """Parallel episodes of one family, with what Gymnasium's environments show of them."""
+    """Parallel episodes of one family, with their observations, rewards and infos."""
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family
@@ -461,13 +461,13 @@ class Batch:
         self.account = reward.StepRewards(count)  # rewards, their terms and costs of the last step
 
     def change(self, family: EnvArguments) -> None:
-        """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
+        """Use another family, with the same spaces and kind of plants, in the episodes that begin after this call."""
         assert isinstance(family, Family)
         self.family = self.sub_envs.family = self.builder.family = family
         self._episodes[:] = 0
 
     def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool) -> dict[str, Any]:
-        """Begin an episode, on `machine` if given, with `redraw` never on the last one; returns the reset's info."""
+        """Begin an episode, on `machine` if it is not None; `redraw` draws another one. Returns the reset's info."""
         family, before = self.family, self.sub_envs.scenarios[index]
         chosen = machine
         lasts = 0 < self._episodes[index] < family.machine_episodes
@@ -493,7 +493,7 @@ class Batch:
         servo.begin(self._servos[index], feed_um_s)
 
     def clear(self) -> None:
-        """Forget what the last step earned and cost."""
+        """Set the rewards and costs of the last step to 0."""
         self.account.begin()
 
     @property
@@ -503,7 +503,7 @@ class Batch:
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
-        """Which sub-environments (n,) have cut for as long as an episode lasts."""
+        """Which sub-environments (n,) have reached the time limit of an episode."""
         return self.sub_envs.out_of_time
 
     def close(self) -> None:
@@ -527,14 +527,14 @@ class Batch:
         return np.stack([account.terms[name] for name in objectives], axis=1) if objectives else account.total.copy()
 
     def _by_family(self, active: Ints) -> Iterator[tuple[Family, Ints]]:
-        """Yield the families whose episodes run, each with its sub-environments; after a `change` there are more."""
+        """Yield the families of the running episodes with their sub-environments; a `change` may make several."""
         families = [self.sub_envs.families[k] for k in active]
         present = {id(one): one for one in families}
         for family in present.values():
             yield family, active if len(present) == 1 else active[[one is family for one in families]]
 
     def _command(self, family: Family, active: Ints, clamped: Floats) -> None:
-        """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
+        """Set the generators, the offsets, and the feeds or the servos' targets."""
         sub_envs = self.sub_envs
         if family.knobs:
             for k in active:
@@ -570,7 +570,7 @@ class Batch:
         return np.asarray(left[(rows["step_ns"][left] < wait_ns) & (rows["cause"][left] == path_follower.RUNNING)])
 
     def _set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
-        """Set the generator; in place of a period that it refuses, the shortest that it accepts for the on-time."""
+        """Set the generator; if it refuses the period, set the shortest that it accepts for the on-time."""
         sub_envs = self.sub_envs
         sub_envs.set_generator(index, t_on_us, t_period_us)
         refused = sub_envs.refused[index]
@@ -581,15 +581,15 @@ class Batch:
         self.builder.take_scale(index, sub_envs.rows[index])
 
     def observations(self) -> NDArray[np.float32]:
-        """Return every sub-environment's observation, in a fresh array."""
+        """Return every sub-environment's observation, in a new array."""
         sub_envs = self.sub_envs
         return self.builder.observations(sub_envs.rows, sub_envs.corner_um, sub_envs.corner_deg)
 
     def infos(self) -> dict[str, Any]:
-        """Return what `info` tells at every step, in fresh arrays (n,); much of it no real machine knows.
+        """Return the infos of a step, in new arrays (n,); a real machine does not measure all of them.
 
-        Numbers are those of `STEP_INFO`. Texts say why the episode ended and what the generator refused, and are
-        empty where nothing did.
+        Numbers are those of `STEP_INFO`. Texts are the reasons of an episode's end and of a setting that the
+        generator refused, or empty.
         """
         sub_envs, fleet = self.sub_envs, self.sub_envs.fleet
         step: NDArray[np.void] = np.empty(sub_envs.count, STEP_INFO)

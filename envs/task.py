@@ -1,4 +1,4 @@
-"""Base of the environments: what an episode begins with, what all have in common, and how an episode is drawn."""
+"""Base of the environments: their common arguments, the initial state of an episode, and its random draws."""
 
 import math
 from abc import ABC, abstractmethod
@@ -26,40 +26,40 @@ from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import WireContour
 
 MOST_FEED_UM_S = 100_000.0
-"""Greatest feed that may be asked for: that of the files of machines."""
-ENERGIES_MJ = 1e-6, 1e6  # of discharges, within which a bound of them is (ours: beyond those of all generators)
+"""Greatest feed that is accepted, as in the files of machines."""
+ENERGIES_MJ = 1e-6, 1e6  # range of ``energy_bound_mJ`` (ours: beyond all generators)
 MAX_FEED_UM_S = 100.0
-"""Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
+"""Feed for an action of 1 (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
 MOST_OFFSET_UM = 100.0
-"""Greatest offset from the path that may be asked for (ours: well beyond what a wire is bent by)."""
+"""Greatest offset from the path that is accepted (ours: well beyond a wire's deflection)."""
 ROOM_MM = 2.5  # length of table that a cut leaves free before the end switches (ours)
 MOST_HISTORY = 10_000
 """Most steps in an observation (ours: those of a whole episode; they take some 600 kB)."""
 MOST_DECISION_S = 3600.0
-"""Longest time between two actions (ours: longer than any episode by far; it is simulated in some minutes)."""
+"""Longest time between two actions (ours: longer than any episode by far; its simulation takes some minutes)."""
 KNOBS = {
     "on_time": "on-time over the first one",
     "period": "pulse period over the first one",
     "duty_factor": "period per on-time over the first ratio",
 }
-"""Knobs of the pulse generator, and what an action turns; each by a power of 2 within `Family.setting_octaves`. Of
-period and duty factor there can be one: the other follows."""
-MOST_OCTAVES = 4.0  # greatest reach of the knobs either way that may be asked for (ours)
+"""Knobs of the pulse generator with the ratio that an action sets, a power of 2 within `Family.setting_octaves`. Only
+one of period and duty factor is possible, because it determines the other."""
+MOST_OCTAVES = 4.0  # greatest reach of the knobs either way that is accepted (ours)
 DETENTS_US = 1e-3, 1000.0  # least and greatest step of a knob (ours: a nanosecond, and the longest on-time)
 LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives")
-"""Arguments that decide on spaces and plants: they stay as long as the environment does."""
+"""Arguments that determine spaces and plants, so they cannot change in an environment."""
 Drawn = dict[str, float | str]
-"""What was drawn of an episode, by name, for `info`."""
+"""Drawn values of an episode by name, for `info`."""
 
 
 class Drift(NamedTuple):
     """Changes of a machine within an episode, linear with machine time and not observed."""
 
-    # time in which all of it happens, and from one step of it to the next
+    # time of the whole drift, and time from step to step
     over_s: float
     every_s: float
-    conductivity_uS_cm: float  # of the water, in the end
-    flushing_share: float  # of the nozzles' pressures, what is left at the workpiece in the end
+    conductivity_uS_cm: float  # final value of the water
+    flushing_share: float  # final share of the nozzles' pressures at the workpiece
 
     def machine(self, machine: Machine, time_s: float) -> Machine:
         """Return the machine after a time."""
@@ -92,22 +92,22 @@ def even_height(machine: Machine) -> tuple[Floats, Floats]:
     return np.zeros(1), np.array([machine.height_mm])
 
 
-# What is drawn of an episode's machine: constants nobody can know, and none that an operator sets.
+# Of an episode's machine, constants are drawn that nobody can know, but none that an operator sets.
 # A dial of the operator, such as the pressure of the flushing, is not drawn: it keeps its value, which the
-# observation contains. Constants without effect are not drawn either: friction and backlash of the table act where
-# MuJoCo steps the machine, and only there; bore and flow of the nozzles where one stands off the workpiece; the
-# rapid rate and the time for threading pay nothing but time that is not cut.
+# observation contains. Constants without effect are not drawn either: friction and backlash of the table act only if
+# MuJoCo steps the machine, bore and flow of the nozzles only if one has a stand-off; the rapid rate and the time for
+# threading change only the time in which nothing is cut.
 
 DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")  # constants with a range that an operator sets
 DRY = ("table.friction_N", "table.presliding_um", "table.backlash_um")
-"""Constants of the table that count with ``mechanics="mujoco"`` only."""
+"""Constants of the table that have an effect only with ``mechanics="mujoco"``."""
 NOZZLES = ("dielectric.nozzle_mm", "dielectric.nozzle_flow_l_min")
-"""Constants that count where a nozzle stands off the workpiece only."""
+"""Constants that have an effect only if a nozzle has a stand-off from the workpiece."""
 _TIMES = ("table.rapid_um_s", "table.threading_s")
 
 
 def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) -> tuple[str, ...]:
-    """Return the constants that an episode draws: those named, or, for no names, all drawn by themselves."""
+    """Return the constants that an episode draws: those of `randomise`, all for no names, and none for None."""
     if randomise is None:
         return ()
     without = _TIMES + (() if mechanics == "mujoco" else DRY) + (() if any(standoffs_mm(machine)) else NOZZLES)
@@ -139,7 +139,7 @@ class EnvArguments(ABC):
     @property
     @abstractmethod
     def action_names(self) -> tuple[str, ...]:
-        """What each entry of an action is called."""
+        """Names of the entries of an action."""
 
     @abstractmethod
     def entries(self) -> list[observation.Entry]:
@@ -157,11 +157,11 @@ class EnvArguments(ABC):
 
     @classmethod
     def of(cls, **arguments: Any) -> Self:
-        """Make it from arguments that may be written as JSON writes them.
+        """Return the record of arguments, which may have the forms of JSON.
 
-        ``machine`` may be a name under ``models/machines``, the path of an own TOML file, a mapping of arguments of
-        `Machine.load`, or one that `plain` made of a machine; ``weights`` and ``sensors`` mappings, which replace
-        those they name of the environment's own; tuples may be lists.
+        ``machine`` may be a name under ``models/machines``, the path of your own TOML file, a mapping of arguments of
+        `Machine.load`, or the result of `plain` for a machine; ``weights`` and ``sensors`` may be mappings, which
+        override single values of the environment's own; tuples may be lists.
         """
         known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
         for name, value in arguments.items():
@@ -177,7 +177,7 @@ class EnvArguments(ABC):
         return cls(**arguments)
 
     def changed(self, **arguments: Any) -> Self:
-        """Return it with other arguments, in the forms of `of`; those of spaces and plants (`lasting`) stay."""
+        """Return a copy with other arguments, in the forms of `of`; raises `InputError` for those in `lasting`."""
         for name in arguments:
             if name in self.lasting:
                 raise InputError(f"{name} cannot change between episodes: make another environment with it")
@@ -224,7 +224,7 @@ class Family(EnvArguments):
     planner: str = argument("exact", "", "planner of the motor steps; exact has no greatest feed")
     machine: Machine | None = argument(None, "", "`Machine`, name, file, mapping; None: the task's own")
     materials: Sequence[str] = argument((), "", "names to draw one from; ``()``: the machine's own")
-    # ours: sheet to die plate, and tensions that a wire of 0.25 mm is run at
+    # ours: from sheet to die plate, and usual tensions of a wire of 0.25 mm
     height_mm: Range | None = argument((4.0, 40.0), "mm", "greatest height, or (low, high); None: the machine's")
     tension: Range | None = argument((8.0, 20.0), "N", "tension, or (low, high); None: the machine's")
     randomise: Sequence[str] | None = argument((), "", "constants to draw; ``()`` for all, None for none")
@@ -235,7 +235,7 @@ class Family(EnvArguments):
     knobs: Sequence[str] = argument((), "", "further actions: on_time, period or duty_factor")
     setting_octaves: float = argument(2.0, "octaves", "reach of the knobs either way, at most 4")
     detents_us: tuple[float, float] = argument(
-        (1.0, 5.0), "us", "steps of the knobs: on-time, period"  # ours: fine against what they change
+        (1.0, 5.0), "us", "steps of the knobs: on-time, period"  # ours: small against the settings
     )
     offset_um: float | None = argument(None, "um", "offset of an action of 1; None: no such action")
     decision_s: float | None = argument(None, "s", "machine time between actions; None: a window")
@@ -269,7 +269,7 @@ class Family(EnvArguments):
     lasting: ClassVar[tuple[str, ...]] = LASTING
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be used, before anything is built."""
+        """Raise `InputError` for a value that cannot be used, before anything is built."""
         check_kinds(self)
         resolution(self.resolution)
         refuse_unknown("mechanics", self.mechanics, MECHANICS)
@@ -306,7 +306,7 @@ class Family(EnvArguments):
         within("latency_s", self.latency_s, 0.0, 1.0)
 
     def _check_knobs(self) -> None:
-        """Refuse knobs there are not, and two that turn the same."""
+        """Raise `InputError` for an unknown or repeated knob, and for both period and duty factor."""
         for name in self.knobs:
             refuse_unknown("knob", name, KNOBS)
         if len(set(self.knobs)) != len(self.knobs) or {"period", "duty_factor"} <= set(self.knobs):
@@ -315,7 +315,7 @@ class Family(EnvArguments):
             )
 
     def _check_draws(self) -> None:
-        """Refuse ranges with an end to which a machine cannot be set, before a reset draws it."""
+        """Raise `InputError` for a range with an end that the machine refuses, before a reset draws it."""
         ranges = {name: ends_of(name, value) for name, value in self.drawn_settings.items() if value is not None}
         for base in self._bases:
             for name, ends in ranges.items():
@@ -335,7 +335,7 @@ class Family(EnvArguments):
 
     @staticmethod
     def own_machine() -> Machine:
-        """Return the set-up where no other is given."""
+        """Return the default set-up."""
         return Machine.load()
 
     @property
@@ -362,18 +362,18 @@ class Family(EnvArguments):
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """What each entry of an action is called."""
+        """Names of the entries of an action."""
         last = () if self.offset_um is None else ("offset",)
         return ("target" if self.action == "servo" else "feed", *self.knobs, *last)
 
     @property
     def step_entries(self) -> tuple[observation.Entry, ...]:
-        """Entries of an observation that a step has."""
+        """Entries of one step in an observation."""
         return observation.MEASURED + (observation.FIFTHS if self.locates_discharges else ())
 
     @property
     def known_entries(self) -> tuple[observation.Entry, ...]:
-        """Entries behind the operator's dials."""
+        """Entries after the operator's dials."""
         offset = () if self.offset_um is None else (observation.OFFSET,)
         corners = observation.CORNERS if self.knows_corners else ()
         return (*corners, *offset, *(observation.WIRES if self.knows_wires else ()))
@@ -388,12 +388,12 @@ class Family(EnvArguments):
 
     @property
     def reach_mm(self) -> float:
-        """Greatest distance from the table's centre that a cut may lead to."""
+        """Greatest distance from the table's centre that a cut may reach."""
         return self.base.base.table.travel_mm.value / 2 - ROOM_MM
 
     @property
     def least_mm(self) -> float:
-        """Shortest piece of a path: a unit of the planner, or what `Course` does not leave out (ours)."""
+        """Shortest piece of a path: a unit of the planner, or the shortest that `Course` keeps (ours)."""
         return max(5e-4, self._grid_um(self.base) * 1e-3)
 
     @cached_property
@@ -403,7 +403,7 @@ class Family(EnvArguments):
 
     @property
     def scrap_s(self) -> float:
-        """Time of an episode at whose begin what is cut is scrap, and earns nothing."""
+        """Time at the start of an episode in which the cut is scrap, with a reward of 0 for its area."""
         return 0.0
 
     @property
@@ -412,14 +412,14 @@ class Family(EnvArguments):
         return 0.0 if self.action == "speed" else self.start_feed_um_s
 
     def next_feed_um_s(self, before_um_s: Floats, actions: Floats) -> Floats:
-        """Return the feeds (n,) that actions (n,) within -1..1 ask for after others (n,)."""
+        """Return the feeds (n,) for actions (n,) within -1..1, after the feeds before (n,)."""
         if self.action == "speed":
             return actions * self.max_feed_um_s
         limit = self.max_feed_um_s
         return np.asarray(np.minimum(np.maximum(before_um_s + actions * self.max_change_um_s, -limit), limit))
 
     def setting_us(self, first_us: Floats, actions: Floats) -> tuple[float, float]:
-        """Return on-time and period in us that the actions on the knobs ask for.
+        """Return on-time and period in us for the actions on the knobs.
 
         Parameters
         ----------
@@ -442,14 +442,14 @@ class Family(EnvArguments):
         return _detent(round(t_on_us / on_step), on_step), _detent(round(t_period_us / period_step), period_step)
 
     def least_setting_us(self, machine: Machine, t_on_us: float) -> tuple[float, float]:
-        """Return an on-time with the shortest period at which the supply gives it, both in detents."""
+        """Return an on-time with the shortest period that the supply allows for it, both in detents."""
         on_step, period_step = self.detents_us
         on = _detent(round(t_on_us / on_step), on_step)
         return on, _detent(math.ceil(least_period_us(machine, on) / period_step - 1e-9), period_step)
 
     @cached_property
     def greatest_feed_um_s(self) -> float:
-        """Greatest feed there can be: ``max_feed_um_s``, or the planner's own where that is less."""
+        """Greatest possible feed: the lesser of ``max_feed_um_s`` and the planner's own."""
         return min(self.max_feed_um_s, kind_of(self.planner).max_feed_um_s)
 
     def _grid_um(self, machine: Machine) -> int:
@@ -491,7 +491,7 @@ class Family(EnvArguments):
         return machine
 
     def _checked(self, scenario: Any) -> Scenario:
-        """Return what `draw_cut` returned, which may be a user's; refuse what is not a cut."""
+        """Return the scenario of `draw_cut`, which may be a user's; raises `InputError` if it is invalid."""
         returned = f"{type(self).__name__}.draw_cut returns"
         if not isinstance(scenario, Scenario) or not isinstance(scenario.machine, Machine):
             raise InputError(f"{returned} {scenario!r}: give a Scenario with a Machine")
@@ -512,17 +512,17 @@ class Family(EnvArguments):
         Parameters
         ----------
         rng : numpy.random.Generator
-            Of whatever is drawn for the cut.
+            Generator of the cut's random draws.
         machine : Machine
         seed : int
-            Of the plant.
+            Seed of the plant.
         drawn : dict
-            What was drawn so far, by name; what is drawn here is added.
+            Values drawn so far, by name; add those drawn here.
         """
 
 
 def _arrays(values: Any) -> list[Floats]:
-    """Return arrays of numbers as float64; none where they are something else."""
+    """Return arrays of numbers as float64; an empty list if they are something else."""
     try:
         return [np.asarray(each, np.float64) for each in values]
     except (TypeError, ValueError):
@@ -530,7 +530,7 @@ def _arrays(values: Any) -> list[Floats]:
 
 
 def _are_heights(heights: list[Floats], greatest_mm: float) -> bool:
-    """Say whether arrays are `Scenario.heights` of a workpiece."""
+    """Return whether arrays are valid `Scenario.heights` of a workpiece."""
     if len(heights) != 2 or heights[0].ndim != 1 or heights[0].shape != heights[1].shape or not heights[0].size:
         return False
     from_um, heights_mm = heights
@@ -539,5 +539,5 @@ def _are_heights(heights: list[Floats], greatest_mm: float) -> bool:
 
 
 def _detent(number: int, step_us: float) -> float:
-    """Return a detent as one writes it: seven of 0.2 us are 1.4 us, which is not their product to the last bit."""
+    """Return a detent as a decimal number: 7 steps of 0.2 us are 1.4 us, which is not exactly their product."""
     return round(number * step_us, 9)

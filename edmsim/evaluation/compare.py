@@ -58,16 +58,16 @@ FIGURES = {
     "jams_per_m": FigureKind("", "jams per m"), "cost": _OF_CUTS["cost"],
 }  # fmt: skip
 """Figures of a controller, by name."""
-WIDE = 170  # columns of a terminal from which on the table shows intervals
+WIDE = 170  # width of a terminal from which the table shows intervals
 HEADS = {
     "score": "score", "rate_mm2_min": "mm2/min", "oracle_share": "of oracle", "short_share": "short",
     "open_share": "open", "total_return": "return", "error_um": "path um", "edge_error_um": "edge um",
     "ra_um": "Ra um", "time_s": "s", "breaks_per_m": "breaks/m", "jams_per_m": "jams/m", "cost": "cost",
 }  # fmt: skip
-"""What stands over a column on the screen."""
+"""Headings of the columns on the screen."""
 NARROW = {"score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "ra_um", "time_s"}
 """Figures that a narrow terminal shows."""
-RARE = {"breaks_per_m", "jams_per_m"}  # figures of which 0 is common, and its interval hard to read
+RARE = {"breaks_per_m", "jams_per_m"}  # figures that are often 0, with intervals that are hard to read
 
 
 @dataclass(frozen=True)
@@ -145,14 +145,14 @@ def run(
     watch: Callable[[int, int], None] | None = None, record: Path | None = None, table: RunTable | None = None,
 ) -> dict[str, list[Result]]:
     """Make every controller's cuts; see `evaluate` for the arguments."""
-    # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
+    # the oracle's cuts take longest, because it rehearses: they run first, so that no core waits for them at the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
     of_cuts = {name: {**made_with(env_id, name), "resolution": resolution} for name in controllers}
     versions = {name: identity(content) for name, content in of_cuts.items()}
     ids = [identity({**of_cuts[name], "seed": seed, "record": record and str(record)}) for name, seed in jobs]
     table = table or RunTable()
     for name in ids:
-        if name in table.rows:  # a damaged one is refused before the first cut
+        if name in table.rows:  # raises for a damaged row before the first cut
             _result_of(table.rows[name], table.file)
     rows = perform(
         partial(_row, env_id, resolution, record, versions), jobs, watch, engine=engine_of(env_id, len(jobs)),
@@ -163,7 +163,7 @@ def run(
 
 
 def made_with(env_id: str, controller: str) -> dict[str, Any]:
-    """Return what decides on a controller's episodes of an environment, for JSON."""
+    """Return all that determines a controller's episodes of an environment, for JSON."""
     family, arguments = find(env_id)
     files = digests_of([controller, inspect.getfile(family), *arguments.values()])
     return {
@@ -181,7 +181,7 @@ def _row(
 
 
 def _result_of(row: Mapping[str, Any], file: str | Path | None) -> Result:
-    """Return the cut of a table's row; refuse values that are not texts and numbers where they must be."""
+    """Return the cut of a table's row; raises `InputError` if a value is missing or has the wrong type."""
     try:
         made = Result(*(row[name] for name in Result._fields))
     except KeyError as error:
@@ -195,15 +195,16 @@ def _result_of(row: Mapping[str, Any], file: str | Path | None) -> Result:
     return made
 
 
-CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # what the rows of a table of cuts must have
+CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # columns of text in a table of cuts
 
 
 @refuses_wrong_types
 def leaderboard(file: str | Path) -> dict[tuple[str, str], Comparison]:
     """Return the comparisons of a table of cuts, by environment id and resolution; none if there is no such file.
 
-    If a cut was repeated, the last one counts, and if a controller's text or edmsim's version changed, only its cuts
-    with the last. A comparison has the seeds of its references; a controller without cuts of all of them is left out.
+    If a cut was repeated, the last one counts. If a controller's files or edmsim's version changed, only its
+    cuts with the last version count. A comparison has the seeds of its references; a controller without cuts of all
+    of them is left out.
 
     Raises
     ------
@@ -249,7 +250,7 @@ def env_ids() -> tuple[str, ...]:
 
 
 def check_controllers(controllers: Sequence[str], env_id: str) -> None:
-    """Raise `InputError` where none is named, or one cannot be made; those of parts are laws of passes."""
+    """Raise `InputError` if no controller is named, or one cannot be made; those of Part are laws of passes."""
     make, known = (pass_laws.from_text, pass_laws.LAWS) if is_part(env_id) else (from_text, choices())
     for name in controllers:
         if name != ORACLE:
@@ -267,8 +268,8 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
 
 
 def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> dict[str, Figure]:
-    """Return a controller's figures from its cuts and those of the reference and of the blind one, seed by seed."""
-    # rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut;
+    """Return a controller's figures from its cuts and those of reference and blind controller, seed by seed."""
+    # rates, shares and errors are means over the cuts; breaks and jams are their sums over the sum of lengths cut;
     # the share of the oracle's rate is the mean rate over the oracle's mean rate; the score is the
     # interquartile mean of `scores`
 
@@ -294,7 +295,7 @@ def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Seque
 
 def scores(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> NDArray[np.float64]:
     """Return the score of every cut: 0 is the blind controller's return on the same machine, 1 the reference's."""
-    # a machine on which the reference earns no more tells nothing, and is left out
+    # leave out machines on which the reference has no greater return: they give no scale
     made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))
     tells = most > least
     return np.asarray((made - least)[tells] / (most - least)[tells])
@@ -311,7 +312,7 @@ def median(values: NDArray[np.float64]) -> Figure:
 
 
 def _with_interval(statistic: Callable[..., Any], *columns: NDArray[np.float64]) -> Figure:
-    """Return a statistic with its percentile bootstrap interval; rows of several columns are drawn together."""
+    """Return a statistic with its percentile bootstrap interval; rows of several columns are resampled together."""
     from scipy.stats import bootstrap
 
     interval = bootstrap(
@@ -322,7 +323,7 @@ def _with_interval(statistic: Callable[..., Any], *columns: NDArray[np.float64])
 
 
 def _of_one(statistic: Callable[..., Any], values: NDArray[np.float64]) -> Figure:
-    """Return a statistic that values of one size have without an interval, and none at all have not."""
+    """Return a statistic with its interval: of zero width if all values are equal, NaN for one; all NaN for none."""
     if len(values) > 1 and np.ptp(values) > 0.0:
         return _with_interval(statistic, values)
     value = float(statistic(values)) if len(values) else np.nan
@@ -342,18 +343,18 @@ def mean(values: NDArray[np.float64]) -> Figure:
 
 def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figure:
     """Events over length cut, with an interval."""
-    # of cuts without any event the bootstrap can say nothing; the upper end is then the rate at which none in
-    # this length would be seen in 5 % of such comparisons (Poisson: -ln 0.05 events, the "rule of three")
+    # without any event the bootstrap has no interval; the upper end is then the rate at which 5 % of such comparisons
+    # would have no event in this length (Poisson: -ln 0.05 events, the "rule of three")
     if events.any() or metres.sum() == 0:
         return ratio(events, metres)
     return Figure(0.0, 0.0, float(-np.log(1.0 - CONFIDENCE) / metres.sum()))
 
 
 def ratio(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> Figure:
-    """Sum over sum, with its bootstrap interval; NaN where so few have a divisor that a draw may have none."""
+    """Sum over sum, with its bootstrap interval, which is NaN if a resample may have a divisor of 0."""
     if len(upper) == 0 or lower.sum() == 0:
         return Figure(np.nan, np.nan, np.nan)
-    without = float(np.mean(lower == 0)) ** len(lower)  # share of the draws with nothing to divide by
+    without = float(np.mean(lower == 0)) ** len(lower)  # share of the resamples with a divisor of 0
     if len(upper) < 2 or without * RESAMPLES > 1e-3:
         return Figure(float(upper.sum() / lower.sum()), np.nan, np.nan)
     return _with_interval(_of_sums, upper, lower)
@@ -365,7 +366,7 @@ def _of_sums(upper: NDArray[np.float64], lower: NDArray[np.float64], axis: int =
 
 
 def shown(name: str, figure: Figure) -> str:
-    """Return a figure with its interval as text; empty if the figure is None."""
+    """Return a figure with its interval as text; empty if the figure is NaN."""
     if math.isnan(figure.value):
         return ""
     kind = FIGURES[name]
@@ -380,7 +381,7 @@ def shown(name: str, figure: Figure) -> str:
 
 
 def ranked(comparison: Comparison, by: str = "score") -> list[str]:
-    """Return the controllers, that with most of a figure first."""
+    """Return the controllers, sorted by a figure, the greatest first."""
     return sorted(comparison.figures, key=lambda name: -np.nan_to_num(comparison.figures[name][by].value))
 
 
@@ -469,7 +470,7 @@ def markdown_table(comparison: Comparison) -> list[str]:
     return lines
 
 
-NAME_LETTERS = 48  # a controller of more letters is named without its parameters in a figure: the table has them
+NAME_LETTERS = 48  # longer names of controllers appear without their parameters in a figure; the table has them
 
 
 def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
@@ -495,7 +496,7 @@ def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
 
 def draw_returns(made: Comparison) -> "Drawing":
     """Draw the returns of every controller, the best mean on top: a dot for a machine, the mean with its interval."""
-    # a machine has the same height within the row of each controller
+    # the dot of a machine has the same vertical position within the row of each controller
     from matplotlib.figure import Figure as Drawing
 
     names = ranked(made, "total_return")

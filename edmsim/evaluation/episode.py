@@ -1,6 +1,6 @@
 """One episode of an environment with one controller, or one part with a law or a policy; reference lines of tasks.
 
-An episode's seed determines everything random in it, hence every controller meets the same episodes. Seeds from
+An episode's seed determines everything random in it, so every controller has the same episodes. Seeds from
 `HELD_BACK` on are for comparisons; searches of gains use those below.
 """
 
@@ -26,8 +26,8 @@ from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, RECORDING,
 from edmsim.runs import Engine, engine_for
 
 HELD_BACK = 1_000_000
-"""First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
-meets one of these by chance only."""
+"""First seed of the comparisons. Searches of gains use smaller ones only; training draws its seeds from 32 bits and
+uses one of these by chance only."""
 FINISHED, BROKEN, JAMMED = (
     WORDS[cause].episode for cause in (StopCause.FINISHED, StopCause.WIRE_BREAK, StopCause.PERSISTENT_SHORT)
 )
@@ -37,7 +37,7 @@ the model's validity. Stopped: the controller gave up."""
 LOST = BROKEN, JAMMED, STOPPED  # ends after which another wire has to be threaded
 ORACLE = "oracle"  # the reference of a task, whose return is a score of 1: see `Lines`
 ORACLE_GAPS_UM = (6.0, 10.0, 13.0, 16.0, 20.0, 26.0)
-"""Gaps the oracle rehearses a cut with (ours: from shorts all the time to a wide gap)."""
+"""Gaps with which the oracle rehearses a cut (ours: from constant shorts to a wide gap)."""
 
 
 class Lines(NamedTuple):
@@ -45,8 +45,8 @@ class Lines(NamedTuple):
 
     blind: str  # blind, reference: the controllers whose returns are scores of 0 and of 1
     reference: str
-    rehearsed: tuple[str, ...]  # `oracle` makes every cut with each of these, and the one that earns most counts
-    compared: tuple[str, ...]  # controllers compared where none is named
+    rehearsed: tuple[str, ...]  # `oracle` makes every cut with each of these, and the highest return counts
+    compared: tuple[str, ...]  # controllers compared by default
     # held-back seeds of the benchmark (ours: a comparison takes minutes, and intervals are a few percent of a score)
     seeds: int = 12
 
@@ -68,19 +68,19 @@ _AT_CORNERS = f"open_target_share=0.4,{_PULSES},before_um=20,behind_um=100,corne
 # ones (`docs/make/lines.py` makes these cuts):
 #
 # - ThinWire: the fastest of seven periods at which no wire broke on 24 machines (100 to 123), and of five settings of
-#   `climb` the one that earned most on them.
-# - MaxRate: the law's default of 40 us, at which no wire broke on 24 (1 to 24), as at 35, 45, 50 and 60 us.
+#   `climb` the one with the highest return on them.
+# - MaxRate: the law's default of 40 us. No wire broke on 24 machines (1 to 24) at 35, 40, 45, 50 and 60 us.
 # - MaxRateShift: 0 is the return of MaxRate's best law, `heat-flux`, and 1 that of the best law that finds the wires'
 #   limits, `adaptive-hold`.
 # - ThinWireShift: 0 is the return of ThinWire's constant, and 1 that of its best law, `climb`. Some of the wires of
 #   shifts break before they boil, hence `heat-oracle` is not an upper bound.
-# - Corner: of eight pairs of on-time and period the one that earned most on 48 (200 to 247), and at this pair six
-#   tenths of the pulses open: of five targets it earned as much as half (487 and 492), and more than the others. The
-#   reference cuts with that constant's setting, and averages the bend it sees over 0.02 s; three longer times, up to
-#   0.25 s, earned the same within 0.5 % on the same 48.
-# - Trim: the constant that earned most on 48 (100 to 147), of 18 pairs of feed and offset.
-# - Part: the technology's settings, and as reference a law, as rehearsals of parts take long. The other constant
-#   earned most on three (100 to 102), of three; the numbers of the law are fits by hand to six (100 to 105).
+# - Corner: of eight pairs of on-time and period the one with the highest return on 48 (200 to 247), and with this
+#   pair 0.6 of the pulses open: of five targets its return was as high as that of 0.5 (487 and 492), and higher than
+#   the others'. The reference cuts with that constant's setting, and averages the observed bend over 0.02 s; three
+#   longer times, up to 0.25 s, had the same return within 0.5 % on the same 48.
+# - Trim: the constant with the highest return on 48 (100 to 147), of 18 pairs of feed and offset.
+# - Part: the technology's settings; the reference is a law, because rehearsals of parts take long. The other constant
+#   had the highest return of three on three (100 to 102); the law's numbers are fits by hand to six (100 to 105).
 OF_TASK = {
     "Contour": USUAL._replace(seeds=4),
     "ThinWire": Lines(
@@ -121,11 +121,11 @@ OF_TASK = {
         ("constant:set_point=0.7",), seeds=8,
     ),
 }
-"""Lines of the tasks that have other ones than `USUAL`."""
+"""Lines of the tasks that differ from `USUAL`."""
 
 
 def lines_of(env_id: str) -> Lines:
-    """Return the lines of an environment; a user's has those of the one of edmsim that it derives from."""
+    """Return the lines of an environment; a user's has those of edmsim's environment from which it derives."""
     return OF_TASK.get(base_of(find(env_id)[0]), USUAL)
 
 
@@ -209,7 +209,7 @@ def cut(
 def recording_folder(record: str | Path, env_id: str, seed: int, controller: str) -> Path:
     """Return the folder of a recorded cut: environment, seed and controller under the folder of all recordings."""
     short = env_id.removeprefix("edmsim/").partition("-v")[0]
-    task = env_id if env_id_of(short) == short else short  # two environments of users may have one family
+    task = env_id if env_id_of(short) == short else short  # environments of users may have the same family
     names = (re.sub(r"[^\w.=,-]+", "-", text) for text in (task, f"seed-{seed}", controller))
     return Path(record).joinpath(*names)
 
@@ -268,7 +268,7 @@ class Episode:
         self._law.stop()
 
     def _write(self) -> None:
-        """Write the recording of the cut, which is over, if it was recorded."""
+        """Write the recording of the finished cut, if it was recorded."""
         if self._record is None or self._recorder is None:
             return
         self._recorder.stop()
@@ -279,7 +279,7 @@ class Episode:
         self._recorder.write(self._record / RECORDING, title, settings, outcome)
 
     def _follow(self, result: StepResult) -> str | None:
-        """Let the controller decide after a window; returns the outcome if that was the last."""
+        """Take the controller's command after a window; returns the outcome if the window was the last."""
         self._add(result)
         command = self._command
         if self._recorder is not None:
@@ -332,7 +332,7 @@ class Episode:
         )
 
     def _edge_error_um(self) -> float:
-        """Of all contours of the program, where they were cut."""
+        """Return the edge's rms error over all contours of the program that were cut."""
         contours = self.task.scenario.contours
         field = self.task.plant.field
         values = [profile_error(field, contour).stats() for contour in contours]
@@ -344,17 +344,17 @@ _OUTCOMES = {words.info: words.episode for words in WORDS.values()}
 
 
 def is_part(env_id: str) -> bool:
-    """Say whether an environment is decided on pass by pass."""
+    """Return whether an environment is decided on pass by pass."""
     return issubclass(find(env_id)[0], Part)
 
 
 def _cut_part(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:
-    """Cut a part with a law or a policy, under a name."""
+    """Cut a part with a law or a policy, which the result calls `name`."""
     env, decides = gym.make(env_id, **options), pass_laws.from_text(law)
     observation, info = env.reset(seed=seed)
     decides.begin()
     gained = cost = area_mm2 = 0.0
-    start_s = info["time_s"]  # what the reset has cut is not of the episode
+    start_s = info["time_s"]  # passes cut by the reset are not part of the episode
     counts = dict.fromkeys(("short", "open", "spark", "arc"), 0)
     over = False
     while not over:

@@ -1,7 +1,7 @@
 """The highest stable cutting rate: shorten the period step by step until the wire breaks.
 
-This is the search by which Sato et al. found the mean current at which a wire breaks, and by which the validation
-looks for it in the plant; here the cutting rate is read at every step.
+Sato et al. found the mean current at which a wire breaks by this search, and the validation finds that of the plant
+by it; here the cutting rate is measured at every step.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,15 +17,15 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import busy_us, least_period_us, period_range_us
 from edmsim.plant.window import PlantError
 
-SHORTENING = 0.95  # period from step to step of the search (ours: the limit is known to 5 %)
-SHORTEST_PAUSE_US = 1.0  # pause the search ends with (ours: less than a fifth of the channels have deionised by then)
-LEAST_POWER = 0.1  # share of the generator's greatest power at which the search begins, where it is not said (ours)
+SHORTENING = 0.95  # ratio of the periods of two steps (ours: the limit is known to 5 %)
+SHORTEST_PAUSE_US = 1.0  # pause at which the search ends (ours: less than a fifth of the channels deionise in it)
+LEAST_POWER = 0.1  # share of the generator's greatest power at which the search begins by default (ours)
 JAMMED_SHARE = 0.5  # a step with this share of shorts is a jam (ours: as the shorted windows of the `counts` law)
 OPEN_SHARE = 0.1
-"""Share of open pulses at which the rate is looked for (ours: shorts stay few, and not many pulses are lost)."""
+"""Share of open pulses at which the rate is measured (ours: shorts stay few, and not many pulses are lost)."""
 
 Cause = Literal["break", "jam", "generator"]
-"""What ended a search: the wire broke, shorts stayed, or the generator gives no shorter period."""
+"""Causes that end a search: the wire broke, shorts persisted, or the generator allows no shorter period."""
 
 
 class StablePeriod(NamedTuple):
@@ -34,7 +34,7 @@ class StablePeriod(NamedTuple):
     t_period_us: float  # the on-time is constant
     feed_um_s: float
     rate_mm2_min: float  # mean feed times height
-    current_A: float  # mean of sparks and arcs, without short-circuit pulses, as the power
+    current_A: float  # mean of sparks and arcs, without short-circuit pulses, as for the power
     power_W: float
     windows: int
 
@@ -54,7 +54,7 @@ class StableRate(NamedTuple):
 
 
 def quick_counts(open_share: float) -> str:
-    """Return a count law quick enough for short steps, by the share of open pulses it holds (gains are ours)."""
+    """Return a `counts` law quick enough for short steps, with a target share of open pulses (gains are ours)."""
     return (
         f"counts:open_target_share={open_share:g},start_feed_um_s=5,proportional_um_s=30,integral_um_s2=100,"
         "filter_s=0.05,return_feed_um_s=5,retract_feed_um_s=100,max_tries=1000"
@@ -138,7 +138,7 @@ def shorten_pauses(
     machine: Machine, seed: int, controller: FeedController, *, hold_s: float, approach_s: float,
     resolution: str = "fast", watch: Callable[[StablePeriod], None] | None = None,
 ) -> tuple[list[StablePeriod], Cause]:
-    """Cut straight and shorten a machine's period step by step to the end; return steps held, and what ended it."""
+    """Cut straight, and shorten a machine's period step by step; return the stable steps and the cause of the end."""
     plant = begin(machine, seed, resolution=resolution)
     traverse, held = Traverse(plant, controller), list[StablePeriod]()
     period_us, shortest_us = machine.t_period_us, shortest_period_us(machine)
@@ -146,7 +146,7 @@ def shorten_pauses(
         windows = traverse.run(approach_s)
         while not windows[-1].broken:
             plant.set_generator(machine.t_on_us, period_us)
-            from_um, before_um = plant.commanded_um[0], traverse.path_um  # the path counts parts of motor steps
+            from_um, before_um = plant.commanded_um[0], traverse.path_um  # the path has fractions of motor steps
             windows = traverse.run(hold_s)
             cut = Cut(plant, windows, from_um, traverse.path_um - before_um)
             if cut.broken:
@@ -165,7 +165,7 @@ def shorten_pauses(
 
 
 def shortest_period_us(machine: Machine) -> float:
-    """Return the shortest period that the generator gives for a machine's on-time, with a pause."""
+    """Return the shortest period that the generator allows for a machine's on-time, with a pause."""
     low, _ = period_range_us(machine)
     return max(least_period_us(machine, machine.t_on_us), busy_us(machine) + SHORTEST_PAUSE_US, low)
 

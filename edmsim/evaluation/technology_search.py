@@ -35,11 +35,11 @@ from edmsim.runs import RunTable, digests_of, identity
 
 
 class PassTarget(NamedTuple):
-    """What is asked of a pass: Ra, feed at 25.4 mm, stock to take, and with which generator."""
+    """Target of a pass: Ra, feed at 25.4 mm and stock to remove, and the generator for it."""
 
     # the numbers are those of a shop's table for 1 to 7 passes (brass 0.254 mm, steel, 25.4 mm, second hand).
     # Shops flush a rough pass with several bar and trims with less; on-times fall from pass to pass, and
-    # tension rises: by numbers of ours
+    # tension rises; these numbers are ours
 
     ra_um: float
     feed_mm_min: float
@@ -60,35 +60,35 @@ TARGETS = (
     PassTarget(0.18, 3.56, 1.3, "fine", 0.1, 1.5, 0.15),
 )
 """The passes, from rough to last."""
-AT_MM = 25.4  # height to which these feeds belong
+AT_MM = 25.4  # height of the workpiece for these feeds
 FEED_EXPONENT = -0.3
-"""Feed asked of a trim over the height to this power: a taller wall is more metal, and trims of tall parts are slower
-in all tables (ours, within 0 to -1)."""
+"""The feed of a trim is proportional to the height to this power: a taller wall has more metal, and trims of tall
+parts are slower in all tables (ours, within 0 to -1)."""
 
-GENTLE = 1.25  # period of the rough pass over the one at which the wire broke (ours: it holds for other seeds, too)
-SHORTENING = 0.87  # from period to period of that search (ours)
-NO_GAIN = 1.02  # a shorter period that does not cut faster by more than this ends it as well (ours)
+GENTLE = 1.25  # period of the rough pass over that which broke the wire (ours: it holds for other seeds, too)
+SHORTENING = 0.87  # ratio of two periods in that search (ours)
+NO_GAIN = 1.02  # the search also ends if a shorter period cuts faster by less than this factor (ours)
 START_OF = 1.6  # the search begins at this many times the period that gives the generator's own mean power (ours)
-MOST_BREAKS = 6  # so often a period that broke the wire is lengthened again (ours)
+MOST_BREAKS = 6  # most times that a period that broke the wire is lengthened (ours)
 POWER = 1.8
-"""What a trim's pulses would take if all of them ignited, over the stock it is to take (ours: half stay open)."""
-STOCK_SHARE, STOCK_UM = 0.15, 1.5  # a pass takes what it should within this share, or these um (ours)
-SHALLOWER_UM = 3.0  # a trim that jammed is tried again so much further off the wall (ours)
-MOST_TRIES = 4  # cuts per trim: the last one counts even if it takes more or less than it should (ours)
-CORNER_BEFORE_UM = 200.0  # way before an outer corner of the path on which trims have a longer period; not searched
+"""Metal that a trim's pulses would remove if all of them ignited, over its stock (ours: half stay open)."""
+STOCK_SHARE, STOCK_UM = 0.15, 1.5  # tolerance of the stock: a share of it, at least these um (ours)
+SHALLOWER_UM = 3.0  # a trim that jammed is repeated farther off the wall by this distance (ours)
+MOST_TRIES = 4  # cuts per trim: the last one counts even if it removes too much or too little (ours)
+CORNER_BEFORE_UM = 200.0  # path before its outer corners on which trims have a longer period; not searched
 """Trims go some 150 um past the part's corner. Chosen on an outer corner of tool steel, 25.4 mm high (ours)."""
 OFFSET_CUTS, NEXT_SEED = 4, 1009
 """Cuts over which an offset is averaged, and the step from seed to seed (ours: one cut scatters by 0.1 um rms, and by
 0.3 at `fast`)."""
-RA_SHARE = 0.12  # Ra is that asked for within this share (ours)
-FEED_REACHED = 0.85  # a trim that keeps less of its feed than this gets more power (ours)
+RA_SHARE = 0.12  # tolerance of Ra, as a share of the target (ours)
+FEED_REACHED = 0.85  # a trim that reaches a smaller share of its feed gets more power (ours)
 ROUGH_MM, TRIM_MM, OFFSET_MM = 1.6, 1.8, 1.4  # length of the straight cuts (ours: 12 to 16 places are measured)
 FIRST_MM = 0.5  # offset with which a search begins (ours)
 
 
 @dataclass(frozen=True)
 class Job:
-    """What a technology is wanted for; its offsets are those at the resolution."""
+    """Conditions of a technology; its offsets are those at the resolution."""
 
     material: str
     machine: str = "production"
@@ -99,13 +99,13 @@ class Job:
     seed: int = 0
 
     def check(self) -> None:
-        """Refuse what cannot be searched for."""
+        """Raise `InputError` for conditions that cannot be searched for."""
         if not 1 <= self.passes <= len(TARGETS):
             raise InputError(f"a technology has 1 to {len(TARGETS)} passes, not {self.passes}")
         self.setup("production").check()
 
     def check_like(self, known: Technology, file: Path) -> None:
-        """Refuse a technology of something else."""
+        """Raise `InputError` for a technology of another material, machine or wire."""
         for name in ("material", "machine", "wire"):
             if getattr(known, name) != getattr(self, name):
                 raise InputError(
@@ -115,7 +115,7 @@ class Job:
                 )
 
     def setup(self, generator: str, **choices: Any) -> Machine:
-        """Return a machine with one of the generators at some setting."""
+        """Return the machine with a generator and further choices."""
         return Machine.load(
             self.machine, material=self.material, wire=self.wire, generator=generator, height_mm=self.height_mm,
             **choices,
@@ -126,7 +126,7 @@ class Job:
         return machine_of(one, self.machine, self.material, self.wire, self.height_mm)
 
     def technology(self, heights: Sequence[AtHeight], known: Technology | None = None) -> Technology:
-        """Return the technology that has passes for these heights; its source names the commands of `known`, too."""
+        """Return the technology with passes for these heights; its source names the commands of `known`, too."""
         words = ["edmsim", "tune", "technology", self.material]
         for name in ("machine", "wire", "resolution", "seed"):
             if (chosen := getattr(self, name)) != getattr(Job, name):
@@ -143,7 +143,7 @@ class Job:
 
 
 class Cut(NamedTuple):
-    """A pass of a straight cut: its record, the metal behind it, Ra of its craters, and whether the wire held."""
+    """A pass of a straight cut: its record, the metal after it, Ra of its craters, and how it ended."""
 
     record: PassRecord
     metal: KerfField
@@ -176,7 +176,7 @@ class Search:
         })  # fmt: skip
 
     def run(self) -> AtHeight:
-        """Search, and return the passes. After Ctrl-C, the same search resumes behind the runs in the journal."""
+        """Search, and return the passes. After Ctrl-C, the same search resumes after the runs in the journal."""
         done = [row["passes"] for row in self._runs.rows.values() if "passes" in row]
         done = [passes for passes in done if len(passes) <= self._job.passes]
         found = [PassSetting.model_validate(one) for one in max(done, key=len, default=())]
@@ -186,7 +186,7 @@ class Search:
         return self._with_offsets(AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)}))
 
     def _passes(self, found: list[PassSetting]) -> list[PassSetting]:
-        """Return the passes asked for; those found are cut once more if others follow, for the metal behind them."""
+        """Return the job's passes; those already found are cut again if others follow, which need the metal left."""
         metal: KerfField | None = None
         offset_mm = FIRST_MM
         if len(found) >= self._job.passes:
@@ -211,9 +211,9 @@ class Search:
 
     def _with_offsets(self, at: AtHeight) -> AtHeight:
         """Return passes with the offsets at which straight cuts through all of them would meet the drawing."""
-        # one cut through all passes is enough for every number of them: what a pass leaves depends on the steps
-        # before it, and not on where the path is. The path is always at the same place, so that offsets measured
-        # again are the same ones
+        # a cut through all passes is enough for every number of them, because the metal that a pass leaves depends
+        # on the steps before it, and not on the place of the path. The path is always at the same place, so that
+        # repeated measurements find the same offsets
         start = {"last_offset_um": self._radius_um}
         placed = at.model_copy(update={"passes": tuple(one.model_copy(update=start) for one in at.passes)})
         settings = [one.model_dump(exclude={"found"}) for one in placed.passes]
@@ -242,7 +242,7 @@ class Search:
         return at.model_copy(update={"passes": tuple(passes), "resolution": self._job.resolution})
 
     def _rough(self, target: PassTarget) -> tuple[PassSetting, Cut]:
-        """Shorten the pause until the wire breaks or nothing is gained, and take some of it back."""
+        """Shorten the pause until the wire breaks or the cut is not faster, and lengthen it again a little."""
         one = self._setting(target, 1)
         machine = self._job.machine_of(one)
         least_us = self._least_period_us(machine)
@@ -266,7 +266,7 @@ class Search:
     def _trim(
         self, target: PassTarget, number: int, offset_mm: float, metal: KerfField, before: PassSetting
     ) -> tuple[PassSetting, Cut, float]:
-        """Find step and power of a trim: it takes its stock and keeps its feed."""
+        """Find the step and power with which a trim removes its stock at its feed."""
         one = self._setting(target, number)
         same = one.generator == before.generator
         last_um = before.last_offset_um if same else self._radius_um + 0.3 * (before.last_offset_um - self._radius_um)
@@ -283,7 +283,7 @@ class Search:
             if not (off or rough) and feed_share >= FEED_REACHED:
                 break
             last_um = cut.last_offset_um
-            if rough:  # arcs are shorter than other discharges, and nobody knows beforehand how many there are
+            if rough:  # arcs are shorter than other discharges, and their number is unknown before the cut
                 one = self._with_ra(one, target.ra_um / cut.ra_um)
             if feed_share < FEED_REACHED:
                 one = self._stronger(one)
@@ -303,7 +303,7 @@ class Search:
         return one.model_copy(update={"t_period_us": round(max(0.75 * one.t_period_us, least_us), 2)})
 
     def _least_period_us(self, machine: Machine) -> float:
-        """Return the shortest period worth trying: it leaves a pause as long as a channel takes to deionise."""
+        """Return the shortest period to try: its pause is as long as a channel takes to deionise."""
         pause_us = machine.base.gap.deionisation_us.value
         return max(machine.t_on_us + pause_us, least_period_us(machine, machine.t_on_us), period_range_us(machine)[0])
 
@@ -312,7 +312,7 @@ class Search:
         return self._job.setup("production").wire_diameter_um / 2
 
     def _setting(self, target: PassTarget, number: int) -> PassSetting:
-        """Return the setting to begin with: pulses that make the Ra asked for, at some power."""
+        """Return the first setting of a search: pulses that make the target's Ra, at an estimated power."""
         plain = self._job.setup(target.generator, t_on_us=target.t_on_us)
         current_A = _current_for(plain, target.ra_um)
         pressure_Pa = plain.base.dielectric.flushing_pressure_Pa.value * target.pressure
@@ -357,7 +357,7 @@ class Search:
 
 
 def _found(feed_mm_min: float, stock_um: float, ra_um: float, bow_um: float) -> FoundPass:
-    """Return what cuts have found of a pass, rounded as its file has it."""
+    """Return the results of a pass, rounded as in its file."""
     return FoundPass(
         feed_mm_min=round(feed_mm_min, 3), stock_um=round(stock_um, 1), ra_um=round(ra_um, 3), bow_um=round(bow_um, 2)
     )
@@ -417,7 +417,7 @@ def cut_through(job: Job, at: AtHeight) -> list[Cut]:
 
 
 def _walls(cuts: Sequence[Cut]) -> list[dict[str, float]]:
-    """Return offset and figures of the passes of a cut, up to the first that did not come to its end."""
+    """Return offset and figures of the passes of a cut, up to the first that did not finish."""
     walls: list[dict[str, float]] = []
     before_um: float | None = None
     for cut in cuts:
@@ -433,7 +433,7 @@ def _walls(cuts: Sequence[Cut]) -> list[dict[str, float]]:
 
 
 def _only(path: CutPath, number: int) -> CutPath:
-    """Return a straight path with the pass of a number alone: forward where that is odd, backward where it is not."""
+    """Return a straight path with pass `number` only: forward if it is odd, backward if it is even."""
     contour = path.contours[0]
     if number == 1:
         return path
@@ -444,7 +444,7 @@ def _only(path: CutPath, number: int) -> CutPath:
 
 
 def _current_for(machine: Machine, ra_um: float) -> float:
-    """Return the peak current whose craters make an Ra, at the generator's on-time; the greatest there is at most."""
+    """Return the peak current whose craters make an Ra at the generator's on-time, at most its greatest current."""
     flatness = machine.base.discharge.crater_flatness.value
     low_A, high_A = 1e-3 * most_current_A(machine), most_current_A(machine)
     for _ in range(60):
@@ -455,12 +455,12 @@ def _current_for(machine: Machine, ra_um: float) -> float:
 
 
 def _in_tenths(current_A: float, most_A: float) -> float:
-    """Return a current in tenths of an A, not above the greatest there is."""
+    """Return a current in tenths of an A, at most `most_A`."""
     return min(round(current_A, 1), math.floor(10 * most_A) / 10)
 
 
 def technology_text(technology: Technology) -> str:
-    """Return a technology as its file holds it."""
+    """Return the text of a technology's file."""
     document = tomlkit.document()
     document.update(technology.model_dump(mode="json", by_alias=True, exclude_none=True))
     for one in (one for at in document["height"] for one in at["pass"]):
@@ -476,6 +476,6 @@ def at_height(known: Technology | None, job: Job) -> AtHeight | None:
 
 
 def merged(known: Technology | None, at: AtHeight) -> list[AtHeight]:
-    """Return the heights of a technology with one more, or one replaced."""
+    """Return the heights of a technology with this one added or replaced."""
     others = [] if known is None else [one for one in known.heights if one.height_mm != at.height_mm]
     return sorted([*others, at], key=lambda one: one.height_mm)
