@@ -65,7 +65,7 @@ class GapFeedEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire is in the middle of the table, in a slot, 25 um from the metal.
+    The wire is in the middle of the table, in a slot, 30 um from the metal.
     """
 
     task = GapFeed
@@ -129,7 +129,7 @@ class HeightStepEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire is in the middle of the table, in a slot, 25 um from the metal. The first band has the greatest height.
+    The wire is in the middle of the table, in a slot, 30 um from the metal. The first band has the greatest height.
     The length of each band is drawn uniformly from ``band_mm``, the height of each further band uniformly from
     ``low_share`` to 1 times the greatest.
     """
@@ -227,7 +227,7 @@ class MaxRateEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire is in the middle of the table, in a slot, 25 um from the metal. The first band has the greatest height.
+    The wire is in the middle of the table, in a slot, 30 um from the metal. The first band has the greatest height.
     The length of each band is drawn uniformly from ``band_mm``, the height of each further band uniformly from
     ``low_share`` to 1 times the greatest. Height, tension and the pressure of each nozzle are drawn uniformly and
     observed, as an operator knows them. The share of heat that enters the wire, convection, critical heat flux in
@@ -276,7 +276,7 @@ class ThinWireEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire is in the middle of the table, in a slot, 25 um from the metal.
+    The wire is in the middle of the table, in a slot, 30 um from the metal.
 
     Versions
     --------
@@ -406,7 +406,7 @@ class CornerEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire is in the middle of the table, in a slot, 25 um from the metal. The turn is drawn uniformly from
+    The wire is in the middle of the table, in a slot, 30 um from the metal. The turn is drawn uniformly from
     ``turn_deg``, to the left or the right with equal probability.
 
     Versions
@@ -650,7 +650,7 @@ class MaxRateShiftEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire is at the low end of a table of 400 mm, in a slot, 25 um from the metal. The first workpiece has the
+    The wire is at the low end of a table of 400 mm, in a slot, 30 um from the metal. The first workpiece has the
     greatest height; lengths are drawn uniformly from ``band_mm``, further heights from ``low_share`` to 1 times the
     greatest. Machine, tension and pressures are drawn as in `MaxRateEnv`. The final conductivity and the final share
     of the pressures are drawn uniformly from ``conductivity_uS_cm`` and ``flushing_left``. Both change linearly with

@@ -69,8 +69,8 @@ below there is only metal."""
 class WallLine(NamedTuple):
     """Nominal place of a wall that faces +y."""
 
-    x_um: float  # beginning of the line
-    y_um: float  # length of the line along +x
+    x_um: float  # beginning of the line, which runs along +x
+    y_um: float  # its place
 
 
 def wall_error_um(field: KerfField, y_um: float, from_um: float, to_um: float) -> float:
