@@ -151,7 +151,7 @@ class Fit:
     misfit: float
     stretches: list[Stretch]  # compared stretches of the log
     simulated: Floats  # (stretches, 5): `log.STATISTICS` of the fitted model
-    noise: Floats  # (stretches, 5): standard deviation of simulated less logged statistics by chance
+    noise: Floats  # (stretches, 5): standard deviation of simulated minus logged statistics by chance
 
 
 @refuses_wrong_types
@@ -172,8 +172,8 @@ def calibrate(
     seed : int
         Seed of every simulated cut.
     resolution : {"fast", "default", "fine"}, optional
-        Resolution of the simulation. Fitted constants hold only for it, as the share of short circuits depends on
-        it. By default that of a simulated log, or "fast" for a real machine's.
+        Resolution of the simulation. Fitted constants hold only for it, because the share of short circuits
+        depends on it. By default that of a simulated log, or "fast" for a real machine's.
     table : edmsim.runs.RunTable, optional
         Simulated cuts; an interrupted calibration resumes from it.
     watch : callable, optional

@@ -300,7 +300,7 @@ class Sensitivity:
     # share of the variance that only combinations of settings explain; NaN if the runs do not determine it
     interactions: float
     # share that no setting explains: chance and, for a sample, the error of the polynomial. NaN if every combination
-    # was run once, as chance then counts as an effect.
+    # was run once, because chance then counts as an effect.
     unexplained: float
 
 

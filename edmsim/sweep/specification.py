@@ -151,8 +151,8 @@ class Specification(BaseModel, extra="forbid", frozen=True):
     # program, environment: either part programs or ids of environments (``FILE.py:ID`` for your own)
     program: list[TextOrPath] = []
     environment: list[str] = []
-    # a single number is a count: for programs from 0 on, for environments held-back seeds, as training may have used
-    # others
+    # a single number is a count: seeds from 0 on for programs, held-back ones for environments, because training may
+    # have used others
     seeds: list[Annotated[int, Field(ge=0)]] = [0]
     # number of machines to draw within the ranges of their constants (`Machine.sample`); 0 uses the files' machine.
     # Environments draw their own.
