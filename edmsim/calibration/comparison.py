@@ -1,4 +1,4 @@
-"""A machine compared with a log: statistics of simulated cuts less the logged ones, in units of their noise."""
+"""Comparison of a machine with a log: statistics of simulated cuts minus logged ones, in units of their noise."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,26 +18,26 @@ from edmsim.plant.window import PlantError
 from edmsim.runs import RunTable, identity, perform
 
 SHRINKAGE = 0.2
-"""How far measured correlations of the statistics are drawn to none (ours: some twenty cuts know them badly)."""
+"""Shrinkage of the measured correlations to 0 (ours, because some twenty cuts determine them poorly)."""
 READING = (1e-3, 1e-3, 2e-3, 2e-3, 5e-3)
-"""Least standard deviation of a stretch's statistics, the latter three relative (ours: a meter's and a counter's)."""
+"""Least standard deviations of a stretch's statistics, the last three relative (ours: of a counter and a meter)."""
 NOISE_CUTS = 24
-"""Cuts at least, over all stretches, that the noise is taken from (ours: variances are known to a third)."""
+"""Least number of cuts, over all stretches, that measure the noise (ours: they give variances to a third)."""
 LEAST_REPLICATES = 4
 USUAL_ROUNDS = 7
-"""Machines around which a fit simulates all stretches (ours: 5 to 9 with one to eight stretches and 3 constants)."""
+"""Usual number of machines around which a fit simulates all stretches (ours: 5 to 9 for 1 to 8, 3 constants)."""
 
 
 class CalibrationProgress(NamedTuple):
     """Progress of a calibration."""
 
     cuts: int  # finished ones
-    usual: int  # rough number of cuts of a fit with as many constants and stretches
-    misfit: float  # the last one, per degree of freedom; NaN before the first
+    usual: int  # rough number of cuts of a fit with these numbers of constants and stretches
+    misfit: float  # last misfit per degree of freedom; NaN before the first
 
 
 class StretchComparison:
-    """Stretches of a log, and their simulation by a machine with the same draws for every machine."""
+    """Stretches of a log, and their simulation, which uses the same random draws for every machine."""
 
     def __init__(
         self, machine: Machine, picked: list[Stretch], seed: int, resolution: str, table: RunTable,
@@ -53,25 +53,25 @@ class StretchComparison:
         self.take_noise_of(machine)
 
     def take_noise_of(self, machine: Machine) -> None:
-        """Weigh the statistics by the noise of this machine's cuts."""
-        # what they scatter by depends on where between open and short a cut stands, and a log made under a gap
-        # controller does not tell: the controller holds its counts more steadily than a cut at a fixed feed can
+        """Weight the statistics by the noise of this machine's cuts."""
+        # The noise depends on the cut's shares of open and short pulses. A log made with a gap controller does not
+        # show it, because the controller keeps the counts steadier than a cut at a fixed feed would.
         self._scales, self._scales_alone = self._noise_scales(machine)
 
     @property
     def simulation_share(self) -> float:
-        """Part of the variance of all residuals, 1 each, that comes from the noise of the simulated cut."""
+        """Part of the variance of all residuals, 1 each, that is due to the noise of the simulated cuts."""
         pairs = zip(self._known, self._scales, self._scales_alone, strict=True)
         alone = [np.linalg.solve(both[np.ix_(k, k)], one[np.ix_(k, k)]) for k, both, one in pairs]
         return float(sum((part**2).sum() for part in alone))
 
     @property
     def noise(self) -> Floats:
-        """Standard deviation of simulated less logged statistics, (stretches, 5)."""
+        """Standard deviation of simulated minus logged statistics, (stretches, 5)."""
         return np.array([np.sqrt((scale**2).sum(axis=1)) for scale in self._scales])
 
     def statistics(self, machines: Sequence[Machine]) -> Floats:
-        """Simulate every stretch with every machine: (machines, stretches, 5)."""
+        """Simulate every stretch with every machine; return (machines, stretches, 5)."""
         return self._run([(m, k, self._seed + k) for m in machines for k in range(len(self.picked))])
 
     def _run(self, jobs: Sequence[tuple[Machine, int, int]]) -> Floats:
@@ -98,20 +98,20 @@ class StretchComparison:
         return {"statistics": mean.tolist()}
 
     def residuals(self, simulated: Floats) -> Floats:
-        """Simulated (stretches, 5) less logged statistics, in units of their noise and uncorrelated, (size,)."""
+        """Return simulated (stretches, 5) minus logged statistics, decorrelated, in units of their noise, (size,)."""
         rows = []
         for number, stretch in enumerate(self.picked):
             known = self._known[number]
-            # what the model never does (no ignition at all) is as far off as the log's own value
+            # a statistic that is NaN in the simulation (no ignition at all) counts as 0
             apart = np.where(np.isfinite(simulated[number]), simulated[number], 0.0) - stretch.mean
             rows.append(np.linalg.solve(self._scales[number][np.ix_(known, known)], apart[known]))
         return np.concatenate(rows)
 
     def _noise_scales(self, machine: Machine) -> tuple[list[Floats], list[Floats]]:
-        """Lower triangular roots of covariances, one (5, 5) per stretch: of simulated less logged, of simulated."""
-        # batches of the log know how noisy each stretch is, but not the slow part: walls that are passed for a wire's
-        # diameter of travel. How much more stretches vary than their batches say, and how their statistics hang
-        # together, is seen from cuts of the same stretch with other seeds. The simulated cut doubles the variance
+        """Return Cholesky factors of covariances, (5, 5) per stretch: of simulated minus logged, and of simulated."""
+        # The log's batches show the noise of each stretch without its slow part, which comes from walls that the wire
+        # passes for one diameter of travel. The ratio of the whole variance to that of batches, and correlations, are
+        # measured with cuts of the same stretches with other seeds. The simulated cut doubles the variance.
         repeats = self._repeats
         first = self._seed + len(self.picked)
         jobs = [(machine, k, first + r * len(self.picked) + k)
@@ -134,7 +134,7 @@ class StretchComparison:
 
 
 def _variance_of_mean(batches: Floats) -> Floats:
-    """Variance of each statistic's mean over batches that know nothing of each other, (5,)."""
+    """Return the variance of each statistic's mean over independent batches, (5,)."""
     known = np.isfinite(batches)
     count = np.maximum(known.sum(axis=0), 2)
     mean = np.where(known, batches, 0.0).sum(axis=0) / count
@@ -142,23 +142,23 @@ def _variance_of_mean(batches: Floats) -> Floats:
 
 
 SETTLED_DIAMETERS = 1.3
-"""Travel, in wire diameters, after which walls and gap are nearly those of the present feed (ours: shares of short
+"""Travel, in wire diameters, after which walls and gap nearly correspond to the present feed (ours: shares of short
 circuits rise most over the first 300 um of a cut with the 250 um wire)."""
 WHOLLY_SETTLED_DIAMETERS = 5.0
-"""Travel, in wire diameters, that is simulated before a stretch at most (ours: with a 200 um wire the share of short
-circuits rises from 13.5 % after 0.3 mm to 14.4 % after 1 mm, as in a log of 12 mm; each is known to 0.2 %)."""
+"""Most travel, in wire diameters, that is simulated before a stretch (ours: with a 200 um wire the share of short
+circuits rises from 13.5 % after 0.3 mm to 14.4 % after 1 mm, as in a log of 12 mm; each known to 0.2 %)."""
 
 
 def settle_um(machine: Machine) -> float:
-    """Settling travel after a change of feed or setting."""
+    """Return the settling travel after a change of feed or setting."""
     return SETTLED_DIAMETERS * machine.wire_diameter_um
 
 
 def simulate(machine: Machine, stretch: Stretch, windows: int, seed: int, resolution: str) -> Floats:
     """Cut straight at a stretch's feed and setting; return `log.STATISTICS` of its batches, (batches, 5)."""
-    # before it is measured the cut goes as far as the log did at this feed and setting, but no further than it
-    # takes to settle wholly. If the wire breaks or is driven into the metal, what is missing counts as short
-    # circuits: no other set of statistics is as far from that of a machine that cut
+    # Before the measurement the cut travels as far as the log did at this feed and setting, but at most until it is
+    # wholly settled. If the wire breaks or is driven into the metal, missing windows count as short circuits, because
+    # these statistics differ most from those of a machine that cuts.
     set_up = machine.model_copy(update={"t_on_us": stretch.t_on_us, "t_period_us": stretch.t_period_us})
     windows_fired: list[PulseWindow] = []
     try:

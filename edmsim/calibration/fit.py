@@ -1,8 +1,8 @@
-"""Least squares on summary statistics: constants with which the model cuts like the machine of a log.
+"""Least squares on summary statistics: find constants with which the model cuts like the machine of a log.
 
 The statistics of steady stretches of the log are compared with those of straight cuts of the same feed and setting,
-simulated with common random numbers. Both are known only to their noise, whose covariance is taken from batches of
-the log and from cuts with other seeds. Constants are shares of their published ranges, which bound them.
+simulated with common random numbers. Both have noise, whose covariance is measured with batches of the log and cuts
+with other seeds. The search uses shares of the constants' published ranges, which are its bounds.
 """
 
 import math
@@ -39,12 +39,12 @@ from edmsim.runs import RunTable
 
 
 def start_of(log: Log) -> CutSettings:
-    """Return the settings of the cut that a log is of; for another machine's log the usual ones, at "fast"."""
+    """Return the settings of the logged cut; if the log has none, the defaults with resolution "fast"."""
     return CutSettings(resolution="fast") if log.settings is None else log.settings
 
 
 SET_UP = ("machine", "material", "wire", "generator", "height_mm")
-"""Options without which nobody knows what a log is of."""
+"""Options that describe the set-up of a log."""
 
 
 @refuses_wrong_types
@@ -52,8 +52,8 @@ def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
     """Return the settings for comparing a log with the model, with overrides, and notices for the user.
 
     The workpiece has one height, by default the greatest of the cut. A notice names every option that differs from
-    the log's, and the log's constants that are not used because of another machine, material or wire. For another
-    machine's log a notice lists what of the set-up is assumed.
+    the log's, and the log's constants that are not used because of another machine, material or wire. If the log has
+    no settings, a notice lists the assumed part of the set-up.
     """
     start = start_of(log)
     notices = []
@@ -82,7 +82,7 @@ def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
 
 def machine_of(settings: CutSettings) -> Machine:
     """Return the set-up for comparing a log; overridden constants have the ranges of their files."""
-    # a cut takes them as known, so they have no range there; here they are where the search starts, or are held
+    # in a cut, overridden constants have no range; here they are start values of the search, or held
     machine = settings.model_copy(update={"constants": ()}).load_machine()
     listed = dict(settings.overrides)
     checked = with_overrides(machine, listed.items())
@@ -104,7 +104,7 @@ def held(settings: CutSettings, machine: Machine, fitted: Iterable[str]) -> list
             lines.append(f"{name} is held at {value:g}, as in the cut of the log")
         elif not bounds[0] <= value <= bounds[1]:
             within = f"its range {bounds[0]:g}..{bounds[1]:g}"
-            lines.append(f"{name} was {value:g} in the cut of the log, outside {within}: what is fitted lies within")
+            lines.append(f"{name} was {value:g} in the cut of the log, outside {within}: the fitted value is inside")
     return lines
 
 
@@ -116,13 +116,13 @@ def _part(constant: str) -> str:
 
 DEFAULT_CONSTANTS = ("gap.particle_share", "material.removal_mm3_J", "material.burning_voltage_V")
 """Constants that are fitted by default (ours: every log determines these three)."""
-MOST_STRETCHES = 8  # stretches compared; if the log has more, those whose feeds and settings differ most (ours)
+MOST_STRETCHES = 8  # of a comparison; if the log has more, those whose feeds and settings differ most (ours)
 STEP = 0.15
-"""Half the difference, in shares of the range, over which sensitivities are taken (ours: well above the noise)."""
-MOST_ROUNDS = 10  # Gauss-Newton steps at most (ours)
+"""Half the difference, in shares of the range, over which sensitivities are computed (ours: well above noise)."""
+MOST_ROUNDS = 10  # most Gauss-Newton steps (ours)
 UNTOLD = 0.29
-"""A standard error of this share of the range is no more than the range says: a uniform draw has it (1/sqrt(12))."""
-MUCH = 4.0  # a misfit above this is not noise: residuals are twice as large as it (ours)
+"""Standard error of a uniform draw, 1/sqrt(12), in shares of the range: a fit with more adds nothing to the range."""
+MUCH = 4.0  # a larger misfit is not noise: residuals are twice as large as noise (ours)
 AT_BOUND = 0.01
 
 
@@ -151,7 +151,7 @@ class Fit:
     misfit: float
     stretches: list[Stretch]  # compared stretches of the log
     simulated: Floats  # (stretches, 5): `log.STATISTICS` of the fitted model
-    noise: Floats  # (stretches, 5): standard deviation of simulated less logged statistics by chance
+    noise: Floats  # (stretches, 5): standard deviation of simulated minus logged statistics by chance
 
 
 @refuses_wrong_types
@@ -172,8 +172,8 @@ def calibrate(
     seed : int
         Seed of every simulated cut.
     resolution : {"fast", "default", "fine"}, optional
-        Resolution of the simulation. Fitted constants hold only for it, as the share of short circuits depends on
-        it. By default that of a simulated log, or "fast" for a real machine's.
+        Resolution of the simulation. Fitted constants hold only for it, because the share of short circuits
+        depends on it. By default that of a simulated log, or "fast" for a real machine's.
     table : edmsim.runs.RunTable, optional
         Simulated cuts; an interrupted calibration resumes from it.
     watch : callable, optional
@@ -192,7 +192,7 @@ def calibrate(
     steady = stretches(log, settle_um(machine))
     if not steady:
         raise InputError(
-            f"no stretch of {STRETCH_WINDOWS} windows can be used: behind {settle_um(machine):.0f} um of travel it "
+            f"no stretch of {STRETCH_WINDOWS} windows can be used: after {settle_um(machine):.0f} um of travel it "
             f"must have one setting, a feed of {LEAST_FEED_UM_S:g} um/s or more that varies by at most "
             f"{100 * FEED_SPREAD:g} %, at most {100 * AIR_SHARE:g} % open pulses, and no turn of more than "
             f"{TURN_DEG:g} degrees; the median feed of the log is {np.median(log.columns['feed_um_s']):.3g} um/s",
@@ -200,7 +200,7 @@ def calibrate(
         )
     picked = spread(steady, MOST_STRETCHES)
     for stretch in picked:
-        # raises what the generator refuses
+        # raises `InputError` if the generator cannot run this setting
         set_up = machine.with_(t_on_us=stretch.t_on_us, t_period_us=stretch.t_period_us)
         _check_means(stretch, set_up, log.name)
     size = int(sum(np.isfinite(stretch.mean).sum() for stretch in picked))
@@ -213,7 +213,7 @@ def calibrate(
 
 
 def _check_means(stretch: Stretch, machine: Machine, log_name: str) -> None:
-    """Raise `InputError` if voltage or current are more than the generator gives, as those in mV and mA are."""
+    """Raise `InputError` if voltage or current exceed the generator's, for example because they are in mV or mA."""
     most_A = max(short_current_A(machine), discharge_current_A(machine))
     most = {"mean_voltage_V": open_V(machine), "mean_current_A": most_A}
     for name, mean in zip(STATISTICS, stretch.mean.tolist(), strict=True):
@@ -234,9 +234,9 @@ def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
 
 
 def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str], log_name: str) -> Fit:
-    """Fit the constants that the log determines; leave out those without effect, and correlated ones one by one."""
-    # where the search begins a constant may do nothing that it does where the log was made, at another share of
-    # shorts: those without effect are looked at again where the first search ended
+    """Fit the constants that the log determines; remove those without effect, and correlated ones one by one."""
+    # A constant may have no effect at the start of the search, but have one at the log's share of shorts. So those
+    # without effect are tested again at the end of the first search.
     start = comparison.machine
     search: _Search | None = None
     determined = _determined_alone(comparison, names, start)
@@ -259,24 +259,24 @@ def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str],
         name = determined[worst]
         determined = [other for other in determined if other != name]
         at = choose(comparison.machine, [name])[name].value
-        others = f"another value of {', '.join(determined)} does the same; what is fitted holds for {at:g} only"
+        others = f"another value of {', '.join(determined)} does the same; the fit holds for {at:g} only"
         undetermined[name] = others if determined else "the noise hides it"
     reasons = "; ".join(f"{name}: {reason}" for name, reason in undetermined.items())
     far = "" if search is None or search.misfit <= MUCH else (
         f"; the misfit of {search.misfit:.3g} is far above 1: see whether units, set-up and resolution are the log's"
     )  # fmt: skip
-    raise InputError(f"the log tells none of the constants ({reasons}){far}", log_name)
+    raise InputError(f"the log determines none of the constants ({reasons}){far}", log_name)
 
 
 def _determined_alone(comparison: StretchComparison, names: Sequence[str], at: Machine) -> list[str]:
-    """Return those constants that the log would determine, at this machine, if each were the only one unknown."""
+    """Return the constants that the log would determine at this machine if each were the only unknown one."""
     search = _Search(comparison, names, at)
     alone = np.diag(search.information_at(search.shares))
     return [name for name, value in zip(names, alone, strict=True) if value * UNTOLD**2 > 1]
 
 
 class _Search:
-    """Gauss-Newton by SciPy in shares of the constants' ranges, from where a machine has them."""
+    """Gauss-Newton search (SciPy) in shares of the constants' ranges; starts at a machine's constants."""
 
     def __init__(self, comparison: StretchComparison, names: Sequence[str], start: Machine) -> None:
         self.comparison = comparison
@@ -298,9 +298,9 @@ class _Search:
         return with_values(self._start, {name: value_at(bounds, float(share)) for name, bounds, share in named})
 
     def run(self) -> None:
-        """Search, and take information and misfit where it ended."""
-        # twice: where the first search ended the statistics have another noise than where it began, and
-        # weights that are wrong there misjudge both the misfit and what the log tells
+        """Search, and compute information and misfit at the end of the search."""
+        # The search runs twice, because the noise at its end differs from that at its start, and wrong weights would
+        # give a wrong misfit and wrong information.
         self._descend()
         self.comparison.take_noise_of(self.machine(self.shares))
         self._descend()
@@ -318,7 +318,7 @@ class _Search:
         self.shares = found.x
 
     def _statistics(self, places: Sequence[Floats]) -> Floats:
-        """Simulate at these shares, (places, stretches, 5); no cut is made twice."""
+        """Simulate at these shares; return (places, stretches, 5). The table of runs caches the cuts."""
         return self.comparison.statistics([self.machine(place) for place in places])
 
     def _residuals(self, shares: Floats) -> Floats:
@@ -330,7 +330,7 @@ class _Search:
         return float(residuals @ residuals) / (self.comparison.size - len(self.names))
 
     def _around(self, shares: Floats) -> list[tuple[Floats, Floats]]:
-        """Places below and above in every constant, within the ranges."""
+        """Return for every constant a place below and a place above, within the ranges."""
         pairs = []
         for place in range(len(shares)):
             low, high = shares.copy(), shares.copy()
@@ -340,13 +340,12 @@ class _Search:
         return pairs
 
     def _sensitivities(self, shares: Floats) -> Floats:
-        """Change of the residuals per share of the range, (size, p)."""
+        """Return the change of the residuals per share of the range, (size, p)."""
         return self._slopes(shares)[0]
 
     def _slopes(self, shares: Floats) -> tuple[Floats, Floats]:
-        """Return `_sensitivities`, and over which part of the range each was taken, (p,)."""
-        # a cut that jams on one side says that it jams, not how the statistics change: the other side alone
-        # tells then
+        """Return `_sensitivities`, and the share of the range over which each was computed, (p,)."""
+        # a cut that jams on one side does not show how the statistics change, so only the other side is used
         columns, spans = [], []
         for place, (low, high) in enumerate(self._around(shares)):
             rows = self._statistics([low, high])
@@ -360,15 +359,15 @@ class _Search:
         return np.column_stack(columns), np.array(spans)
 
     def information_at(self, shares: Floats) -> Floats:
-        """J^T J less what noise alone puts into it, (p, p)."""
-        # a sensitivity is the difference of two simulated cuts and has the variance of both over span^2; over all
-        # residuals this adds up in the diagonal. The errors of counter and meter are the log's alone
+        """Return J^T J minus the part due to noise, (p, p)."""
+        # A sensitivity is the difference of two simulated cuts over the span, so its variance is that of both over
+        # span^2; the diagonal has the sum over all residuals. Errors of counter and meter are only in the log.
         sensitivities, spans = self._slopes(shares)
         noise = 2 * self.comparison.simulation_share / spans**2
         return np.asarray(sensitivities.T @ sensitivities - np.diag(noise))
 
     def covariance(self) -> Floats | None:
-        """Return the covariance of the errors in shares, widened by the misfit; None if the log leaves some open."""
+        """Return the covariance of the errors in shares, widened by the misfit; None if some are undetermined."""
         if np.linalg.eigvalsh(self.information)[0] <= 0:
             return None
         return np.asarray(np.linalg.inv(self.information) * max(1.0, self.misfit))
@@ -385,7 +384,7 @@ class _Search:
 
 
 def remark(share: float, half: float) -> str:
-    """Say where a value and the ends of its interval are not the log's but the range's."""
+    """Return a remark if a value or an end of its interval is set by the range instead of the log."""
     at_end = ["at the end of its range"] if min(share, 1 - share) < AT_BOUND else []
     ends = [name for name, beyond in (("lower", share - half < 0), ("upper", share + half > 1)) if beyond]
     cut_off = [f"interval cut off at the range's {' and '.join(ends)} end"] if ends else []

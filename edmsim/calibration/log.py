@@ -21,29 +21,29 @@ from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.setting import AIR_SHARE, WINDOW_PULSES
 from edmsim.metrology.profile import finite_mean
 
-# A log's file: Parquet, or CSV as machines and spreadsheets write it, with commas, semicolons or tabs.
+# Reading a log's file: Parquet, or CSV of machines and spreadsheets, with commas, semicolons or tabs.
 
 PARQUET = b"PAR1"
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
     codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16",
 }  # fmt: skip
-"""Byte order marks, the longer ones first where one begins another."""
+"""Byte order marks; a longer one comes before its own prefix."""
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # what stands for a number that is not there, in small letters
+_NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # texts of a missing number, in lower case
 
 
 class LogTable(NamedTuple):
-    """Columns by name, and the metadata of the file, if it has some."""
+    """Columns by name, and the file's metadata; empty if it has none."""
 
     columns: dict[str, Floats]
     metadata: dict[bytes, bytes]
 
 
 def read_table(file: Path) -> LogTable:
-    """Read the columns of a log, see `_chosen`, of Parquet or CSV."""
-    # a file is Parquet if it begins as one. Of a CSV file the heading says the separator; a comma may be the
-    # decimal sign where it is not the separator
+    """Read the columns of a log (`_chosen`) from a Parquet or CSV file."""
+    # A file that begins with `PARQUET` is Parquet. The separator of a CSV file follows from its heading; if it is not
+    # the comma, a comma may be the decimal sign.
     try:
         content = file.read_bytes()
     except FileNotFoundError:
@@ -60,7 +60,7 @@ def read_table(file: Path) -> LogTable:
 def _of_parquet(content: bytes, file: Path) -> LogTable:
     try:
         table = pa.parquet.read_table(pa.BufferReader(content))
-        there = list(table.column_names)  # which are decoded only here
+        there = list(table.column_names)  # the names are decoded only here
     except (pa.ArrowException, OSError, UnicodeError):
         raise InputError("is a damaged Parquet file, or was not written to its end: copy it again", file) from None
     columns = {name: _numbers(table, name, file) for name in _chosen(there, file)}
@@ -75,10 +75,10 @@ def _numbers(table: pa.Table, name: str, file: Path) -> Floats:
 
 
 def _text(content: bytes, file: Path) -> str:
-    """Decode a CSV file: by its byte order mark, else as UTF-8, or as European spreadsheets write it."""
+    """Decode a CSV file by its byte order mark, else as UTF-8, else as cp1252, which European spreadsheets write."""
     marked = next((name for mark, name in _MARKS.items() if content.startswith(mark)), None)
     if marked is None and b"\0" in content[:1000]:
-        # of UTF-16 without a mark every second byte of the heading is zero
+        # in UTF-16 without a mark, every second byte of the heading is zero
         even, odd = content[:1000:2].count(0), content[1:1000:2].count(0)
         if content.startswith(b"PK") or 4 * max(even, odd) < min(len(content), 1000):
             raise InputError("is not text: a log is CSV or Parquet; save a spreadsheet as CSV", file)
@@ -99,7 +99,7 @@ def _of_csv(text: str, file: Path) -> dict[str, Floats]:
         raise InputError("is empty; a log has a heading and a line for every window", file)
     separator = None
     if lines[first].lower().startswith("sep=") and len(lines[first].strip('" ')) <= len("sep=x"):
-        separator = lines[first].strip('" ')[4:] or "\t"  # as spreadsheets note it
+        separator = lines[first].strip('" ')[4:] or "\t"  # the separator line of spreadsheets
         first += 1
     heading = lines[first] if first < len(lines) else ""
     if separator not in _SEPARATORS:
@@ -140,7 +140,7 @@ def _rows(lines: list[str], first: int, separator: str, fields: int, file: Path)
 
 
 def _chosen(there: Sequence[str], file: Path) -> list[str]:
-    """Return the columns to read: those of windows, or of ratios if there are any."""
+    """Return the columns to read: those of a log of windows, or of a log of ratios."""
     of_ratios = "short_ratio" in there and not set(COLUMNS) <= set(there)
     needed, optional = (NEEDED, MEANS) if of_ratios else (COLUMNS, PLACES)
     if missing := [name for name in needed if name not in there]:
@@ -164,31 +164,31 @@ def _column(name: str, place: int, rows: list[tuple[int, list[str]]], has_decima
         text = row[place].strip()
         plain = text.replace(",", ".") if has_decimal_comma and "." not in text else text
         try:
-            # underscores and inf are numbers to Python, and none of a log
+            # Python accepts underscores in numbers, a log does not
             found[k] = np.nan if plain.lower() in _NO_NUMBER else float(plain if "_" not in plain else "")
         except ValueError:
             raise InputError(f"{name} is '{text}': give a number, as 12.5 or 12,5", file, number) from None
     return found
 
 
-# A log of ratios, as a controller of an open machine writes one, made into windows.
-# Such a log has a row some times a second: shares of short and open pulses since the row before, and where the axes
-# are. A row may be longer than a window or shorter; a window gets the mean over its time.
+# Conversion of a log of ratios, which controllers of open machines write, to windows. Such a log has some rows per
+# second, with the shares of short and open pulses since the row before, and the positions of the axes. A row may be
+# longer or shorter than a window; a window gets the mean over its time.
 
 NEEDED = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")
 """Columns that a log of ratios must have; the last two are the generator's setting."""
-MEANS = ("mean_voltage_V", "mean_current_A")  # columns it may have: means since the row before
+MEANS = ("mean_voltage_V", "mean_current_A")  # optional columns: means since the row before
 RATE_HZ = (2.0, 100.0)
-PAUSE_S = 2.0  # between rows further apart was a pause, of which nothing is known (ours: four of the longest rows)
+PAUSE_S = 2.0  # a longer time between rows is a pause without data (ours: four of the longest rows)
 FEED_SPAN_S = 4.0
-"""The feed is the way over so long a time (ours: at 5 um/s ten motor steps, so that one more or less is little)."""
-_MOST = 1e6  # no figure of a log is as large (ours): times of a second, feeds of a metre per second
+"""Time over which the feed is averaged (ours: ten motor steps at 5 um/s, so one step changes it little)."""
+_MOST = 1e6  # greater values of a log are invalid (ours): 1 s as time, 1 m/s as feed
 
 
 def windows_of(columns: Mapping[str, Floats], file: str | Path) -> dict[str, Floats]:
-    """Return the columns of windows that a log of ratios comes to, by the names of `COLUMNS`."""
-    # counts are shares of 255 pulses, and no whole numbers. Delays are not known; voltage and current are if
-    # the log has them. The feed is the speed at which the place has moved over `FEED_SPAN_S`, forward or back
+    """Convert a log of ratios to windows; return their columns by the names of `COLUMNS`."""
+    # Counts are shares times 255 pulses, so they are not integers. Delays are unknown, and so are voltage and current
+    # unless the log has them. The feed is the speed of the position over `FEED_SPAN_S`, forward or back.
     _check_ratios(columns, file)
     parts = [_of_run(columns, first, last) for first, last in _runs_of_rows(columns)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -220,7 +220,7 @@ def _check_ratios(columns: Mapping[str, Floats], file: str | Path) -> None:
 
 
 def _out_of_range(columns: Mapping[str, Floats], names: Sequence[str]) -> dict[str, NDArray[np.bool_]]:
-    """Where signed figures are none that a machine has; means may lack in all rows, but not in some."""
+    """Return rows with impossible values of signed columns; a mean may be missing in all rows, but not in some."""
     there = [name for name in names if name in columns and not (name in MEANS and np.isnan(columns[name]).all())]
     return {name: ~(np.abs(columns[name]) < _MOST) for name in there}
 
@@ -236,7 +236,7 @@ def _refuse(
 
 
 def _runs_of_rows(columns: Mapping[str, Floats]) -> list[tuple[int, int]]:
-    """First row and the one behind the last, of every run of rows at one setting without a pause."""
+    """Return first row and end (exclusive) of every run of rows at one setting without a pause."""
     changes = (np.diff(columns["t_on_us"]) != 0) | (np.diff(columns["t_period_us"]) != 0)
     changes |= np.diff(columns["t_s"]) > PAUSE_S
     return list(pairwise([0, *(np.flatnonzero(changes) + 1).tolist(), len(columns["t_s"])]))
@@ -246,7 +246,7 @@ def _of_run(columns: Mapping[str, Floats], first: int, last: int) -> dict[str, F
     rows = {name: values[first:last] for name, values in columns.items()}
     time, on_us, period_us = rows["t_s"], rows["t_on_us"][0], rows["t_period_us"][0]
     window_s = WINDOW_PULSES * period_us * 1e-6
-    # the first row closes a span whose begin is not known
+    # the first row ends a span whose start is unknown
     ends = time[0] + window_s * np.arange(1, int((time[-1] - time[0]) / window_s + 1e-9) + 1)
     begins = ends - window_s
 
@@ -269,24 +269,24 @@ def _of_run(columns: Mapping[str, Floats], first: int, last: int) -> dict[str, F
 COLUMNS = (
     "feed_um_s", "short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_us", "t_on_us", "t_period_us",
 )
-"""Columns a log must have, with the meanings and units of ``windows.parquet``."""
+"""Columns that a log must have, with the meanings and units of ``windows.parquet``."""
 PLACES = ("x_um", "y_um")
-"""Columns a log may have: where the guides are. With them, stretches in which the path turns are left out."""
+"""Optional columns of a log: positions of the guides. With them, stretches in which the path turns are left out."""
 STATISTICS = ("short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_us")
-"""What of a stretch is compared: shares of short and open, and means; see `statistics`."""
+"""Statistics of a stretch that are compared: shares of short and open, and means; see `statistics`."""
 STRETCH_WINDOWS = 400  # windows of a stretch: 10 s at a period of 100 us (ours)
 BATCH_WINDOWS = 40
-"""Windows whose mean counts as one independent observation: 1 s at 100 us (ours: a gap forgets in less)."""
+"""Windows whose mean counts as one independent observation: 1 s at 100 us (ours: the gap's memory is shorter)."""
 FEED_SPREAD = 0.15  # a stretch is steady if its feed's standard deviation is at most this share of its mean (ours)
 LEAST_FEED_UM_S = 0.5  # a stretch with less feed does not cut (ours)
 TURN_DEG = 45.0
-"""A stretch is straight if its directions, from where it settles on, lie within this (ours: past a corner other metal
-faces the wire, and on an arc of less than a millimetre the front is bent)."""
+"""A stretch is straight if its directions, including its settling travel, lie within this angle (ours: after a corner
+other metal faces the wire, and on an arc of less than a millimetre the front is curved)."""
 PLACE_UM = 50.0
-"""Travel between two places of which directions are taken (ours: many motor steps, so that these do not count)."""
+"""Travel between two positions that give a direction (ours: many motor steps, so single steps do not matter)."""
 PLACES_SHARE = 0.5
-"""Places move at least by this share of the way by the feed (ours: else they are in mm, or not of the guides)."""
-_SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)  # columns of which negative numbers are taken
+"""Least share of the feed's travel by which positions must move (ours: else they are in mm, or not the guides')."""
+_SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)  # columns that may be negative
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +297,7 @@ class Log:
     # (n,): `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN if no pulse ignited
     columns: Mapping[str, Floats]
     settings: CutSettings | None = None  # settings of a simulated cut; None if the file has none
-    feed_span_s: float = 0.0  # time over which a feed is the mean; a jump of the machine's feed takes as long here
+    feed_span_s: float = 0.0  # time over which each feed is averaged; a jump of the feed takes this time
 
     def __len__(self) -> int:
         return len(self.columns["short"])
@@ -316,7 +316,7 @@ class Stretch:
 
     @property
     def mean(self) -> Floats:
-        """`STATISTICS` of the whole stretch, (5,); NaN where no batch has one."""
+        """`STATISTICS` of the whole stretch, (5,); NaN for one that no batch has."""
         return finite_mean(self.batches, axis=0)
 
 
@@ -386,9 +386,9 @@ def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
 
 
 def stretches(log: Log, settle_um: float) -> list[Stretch]:
-    """Cut a log into its steady stretches of `STRETCH_WINDOWS`, `settle_um` of travel behind every change."""
-    # a new run begins where the setting changes or the feed jumps. Stretches in air, at rest, with an unsteady
-    # feed, and along a path that turns, if the log says where it was, are left out
+    """Return the steady stretches of a log, each `STRETCH_WINDOWS` long and `settle_um` of travel after a change."""
+    # A new run begins when the setting changes or the feed jumps. Stretches are left out if they are in air, at rest,
+    # with an unsteady feed, or, if the log has positions, along a path that turns.
     found = []
     for begin, end in _runs(log):
         window_s = WINDOW_PULSES * log.columns["t_period_us"][begin] * 1e-6
@@ -402,10 +402,10 @@ def stretches(log: Log, settle_um: float) -> list[Stretch]:
 
 
 def _runs(log: Log) -> list[tuple[int, int]]:
-    """First window of each run of equal settings and without jumps of the feed, and the one behind its last."""
+    """Return first window and end (exclusive) of each run of equal settings without jumps of the feed."""
     feed, on, period = (log.columns[name] for name in ("feed_um_s", "t_on_us", "t_period_us"))
     changes = (np.diff(on) != 0) | (np.diff(period) != 0)
-    # a jump: means over a batch before and after differ, at the place where they do so most
+    # a jump is where the means over a batch before and a batch after differ, and differ most
     width = BATCH_WINDOWS
     apart = width + round(log.feed_span_s / (WINDOW_PULSES * float(np.median(period)) * 1e-6))
     if len(feed) > apart + width:
@@ -415,7 +415,7 @@ def _runs(log: Log) -> list[tuple[int, int]]:
         for place in np.flatnonzero(step > FEED_SPREAD * np.maximum(size, LEAST_FEED_UM_S)):
             near = step[max(0, place - apart) : place + apart + 1]
             if step[place] == near.max():
-                changes[[place + width - 1, place + apart - 1]] = True  # where it begins and ends
+                changes[[place + width - 1, place + apart - 1]] = True  # begin and end of the jump
     edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(feed)]
     return list(pairwise(edges))
 
@@ -442,7 +442,7 @@ def _stretch(log: Log, first: int, travelled_um: float) -> Stretch | None:
 
 
 def _turn_deg(log: Log, first: int, settle_um: float) -> float:
-    """How far apart the path's directions are in a stretch and where it settles before; 0 if unknown, or so short."""
+    """Return the range of the path's directions in a stretch and its settling travel; 0 if unknown or too short."""
     if PLACES[0] not in log.columns:
         return 0.0
     end = first + STRETCH_WINDOWS

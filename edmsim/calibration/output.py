@@ -22,13 +22,13 @@ from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.screen import ScreenTable
 
 STRONG = 0.95
-"""Errors correlated as strongly as this are reported: the log knows a combination better than either (ours)."""
+"""Stronger correlations of errors are reported: the log determines a combination better than either (ours)."""
 
 
 def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
-    """Write the fitted set-up as new files, each replaced atomically; returns them by options of ``edmsim cut``."""
-    # the machine's constants go into `out`; those of material and wire, if any were fitted or given to the cut
-    # of the log, into files beside it
+    """Write the fitted set-up as new files, each replaced atomically; return them by options of ``edmsim cut``."""
+    # `out` receives the machine's constants; files next to it receive those of material and wire, if any were fitted
+    # or overridden in the cut of the log
     machine = _with_sources(fit, log_name)
     models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
     parts = {name.partition(".")[0] for name in (*(constant.name for constant in fit.constants), *extra_files)}
@@ -43,7 +43,7 @@ def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -
 
 
 def _with_sources(fit: Fit, log_name: str) -> Machine:
-    """Return the fitted machine; every fitted constant says where it comes from, and keeps its range."""
+    """Return the fitted machine; every fitted constant has a new source text, and keeps its range."""
     fitted = {constant.name: constant for constant in fit.constants}
     changed = {}
     for name, constant in uncertain(fit.machine).items():
@@ -54,18 +54,18 @@ def _with_sources(fit: Fit, log_name: str) -> Machine:
             source = f"fitted to {log_name}: {low:.4g}..{high:.4g} (95 %{remark}); {before}"
             changed[name] = constant.model_copy(update={"source": source})
         elif constant.range is not None and not constant.range[0] <= constant.value <= constant.range[1]:
-            changed[name] = constant.model_copy(update={"range": None})  # given to the cut, beyond what is known
+            changed[name] = constant.model_copy(update={"range": None})  # the cut's override is outside the range
     return with_constants(fit.machine, changed)
 
 
 def _wire(machine: Machine) -> BaseModel:
-    """Return the wire with the diameter it was used with: a file's name cannot carry one."""
+    """Return the wire with the diameter of the set-up as default, because an option's file name has no diameter."""
     diameter = machine.wire.default_diameter_um.model_copy(update={"value": machine.wire_diameter_um})
     return machine.wire.model_copy(update={"default_diameter_um": diameter})
 
 
 def as_toml(model: BaseModel) -> str:
-    """Return a machine, wire or material as its TOML file: texts, then constants, then tables of constants."""
+    """Return a machine, wire or material as TOML: first texts, then constants, then tables of constants."""
     document = tomlkit.document()
     document.update({name: _item(value) for name, value in model if value is not None})
     return tomlkit.dumps(document)
@@ -103,7 +103,7 @@ def _between(interval: tuple[float, float]) -> str:
 
 
 def causes(fit: Fit, resolution: str) -> list[str]:
-    """Return what most likely makes a large misfit, the likeliest first; nothing where the misfit is small."""
+    """Return the likely causes of a large misfit, the likeliest first; an empty list if the misfit is small."""
     if fit.misfit <= MUCH:
         return []
     others = " or ".join(f"--resolution {name}" for name in RESOLUTIONS if name != resolution)
@@ -118,7 +118,7 @@ def causes(fit: Fit, resolution: str) -> list[str]:
 
 
 def correlated(fit: Fit) -> list[str]:
-    """Say which constants' errors hang together so strongly that only a combination of them is known well."""
+    """Return a line per pair of constants whose errors correlate so much that only a combination is known well."""
     names = [constant.name for constant in fit.constants]
     return [
         f"errors of {names[i]} and {names[j]} are correlated by {fit.correlation[i, j]:+.2f}: "
@@ -128,7 +128,7 @@ def correlated(fit: Fit) -> list[str]:
 
 
 def refusal(fit: Fit) -> list[str]:
-    """Say why the fitted machine cannot run at the setting the log was compared at, if so."""
+    """Return why the fitted machine cannot run at the setting of the comparison, or an empty list."""
     try:
         fit.machine.check()
     except InputError as error:
@@ -138,7 +138,7 @@ def refusal(fit: Fit) -> list[str]:
 
 
 def _comparison_table(fit: Fit) -> ScreenTable:
-    """Statistics of the log and of the fitted model, stretch by stretch."""
+    """Return the table of the statistics of log and fitted model by stretch."""
     heads = ("feed um/s", "pulse us", "short %", "open %", "V", "A", "delay us")
     table = ScreenTable(*heads[:1], numbers=heads[1:], title="log/fitted model", box=None, pad_edge=False)
     for stretch, simulated in zip(fit.stretches, fit.simulated, strict=True):

@@ -1,4 +1,4 @@
-"""Learning feed controllers: training with stable-baselines3, and policies that leave it as plain arrays."""
+"""Learning feed controllers: training with stable-baselines3, and policies as plain arrays."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -1,15 +1,15 @@
-"""A policy that tries settings of a law and prefers what cuts fastest: a Bayesian bandit with a learned prior.
+"""A policy that tries settings of a law and prefers those that cut fastest: a Bayesian bandit with a learned prior.
 
 Each setting has three unknown quantities on a machine (`QUANTITIES`). The file has their mean and covariance over
 training machines, so the measurement of one setting also says something about the others. Settings are compared, and
-not machines: the rate has an offset that is the same for all settings, unknown and drifting, as workpieces and the
+not machines: the rate has an unknown, drifting offset that is the same for all settings, because workpieces and the
 law's own adaptation change it. The file is one ``.json`` without code.
 
 Training (`train`) needs no extra:
 
-1. `record` cuts on a training machine with all settings in random order, and returns what each segment measured.
-2. `prior_of` fits what machines have in common: mean and covariance, over machines, of what each setting does; how
-   exactly a segment measures it; and how fast it changes.
+1. `record` cuts on a training machine with all settings in random order, and returns the measurements of segments.
+2. `prior_of` fits what machines have in common: mean and covariance of the quantities over machines, the noise of a
+   segment's measurement, and the drift.
 
 Basu et al., "No Regrets for Learning the Prior in Bandits" (NeurIPS 2021), learn a bandit's prior in a similar way.
 A machine does not know the area that it cuts; the histories have the true one, and `BanditSettings.meter` is the
@@ -50,14 +50,14 @@ from edmsim.user_code import policy_of
 FORMAT: Final = "edmsim-bandit-1"
 QUANTITIES = "logarithm of the rate", "share of open pulses", "share of short pulses"
 OFFSET = 25.0
-"""Variance of the rate's offset at the beginning: large, as no machine's rate is known (ours)."""
+"""Initial variance of the rate's offset (ours: large, because a machine's rate is unknown)."""
 LEAST_FIFTH = 0.1
-"""Share of the fullest fifth's ignitions from which on a fifth counts (ours: the edge of the metal may cut it)."""
+"""Least ignitions of a fifth that counts, as a share of the fullest (ours: the metal's edge may lie in a fifth)."""
 FIRST_SEED = 21_000
 """Seed of the first training machine of a training with seed 0."""
-LEAST_PASSES = 2  # in fewer, all that a segment differs from another is its setting, and no noise is known
+LEAST_PASSES = 2  # with fewer, all differences between segments are due to settings, so the noise is unknown
 LEAST_SPREAD = 0.1
-"""Least variance of the factor on the rate of lost wires among settings, and among machines (ours: few are seen)."""
+"""Least variance of the factor on the rate of lost wires among settings, and among machines (ours: few are lost)."""
 Floats = NDArray[np.float64]
 _Positive = Annotated[FiniteFloat, Field(gt=0)]
 _Share = Annotated[FiniteFloat, Field(ge=0)]
@@ -71,18 +71,19 @@ class Choices(BaseModel, extra="forbid", frozen=True):
     settings: Annotated[list[dict[str, FiniteFloat]], Field(min_length=2)]
     segment_s: _Positive  # cutting time between two decisions
     settle_s: _Share  # its beginning, which is not measured
-    # cutting time with the first setting of the first wire, in which the law may ramp up, and of every later one
+    # first_s, start_s: cutting time with the first setting, in which the law may ramp up, of the first wire and of
+    # every later one
     first_s: _Share
     start_s: _Share
-    # cutting time at the beginning in which a setting is tried once that would be the best with a rate `trial_bonus`
-    # standard deviations above the expected one, the most promising first
+    # cutting time at the beginning, in which each setting is tried once if it would be the best with a rate
+    # `trial_bonus` standard deviations above the expected one; the most promising is tried first
     trial_s: _Share
     trial_bonus: _Share
     bonus: _Share  # later, a setting is chosen by its expected rate plus this many standard deviations
 
     @model_validator(mode="after")
     def _measures(self) -> Self:
-        """Refuse segments without a measurement."""
+        """Raise `ValueError` if a segment has no time for a measurement."""
         if self.settle_s >= self.segment_s:
             raise ValueError(f"settle_s ({self.settle_s:g}) must be below segment_s ({self.segment_s:g})")
         return self
@@ -93,13 +94,13 @@ class BanditCard(Choices, frozen=True):
 
     format: Literal["edmsim-bandit-1"]  # `FORMAT`
     env_id: str  # environment of the training
-    environment: dict[str, Any]  # and its arguments
+    environment: dict[str, Any]  # its arguments
     mean: list[FiniteFloat]  # of the quantities, each for all settings: (3 n)
     covariance: list[list[FiniteFloat]]  # of the same: (3 n, 3 n)
     # standard deviations of a segment's measurement of each quantity
     noise: Annotated[list[_Positive], Field(min_length=3, max_length=3)]
     offset_drift: _Share  # standard deviation of the change of the offset per segment
-    drift: _Share  # and of the change of each setting's logarithm of the rate
+    drift: _Share  # the same for each setting's logarithm of the rate
     breaks: list[_Share]  # of training machines: lost wires per second of cutting with each setting
     breaks_s: _Positive  # cutting time with a setting after which its own lost wires count as much as `breaks`
     # algorithm, command, seed, steps, versions, scores: see `edmsim.learning.policy_file.Card`; a step is a segment
@@ -112,7 +113,7 @@ class BanditCard(Choices, frozen=True):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        """Refuse arrays of another size."""
+        """Raise `ValueError` if an array has the wrong size."""
         size = len(QUANTITIES) * len(self.settings)
         if len(self.mean) != size or [len(row) for row in self.covariance] != [size] * size:
             raise ValueError(f"mean and covariance must have {size} entries, {len(QUANTITIES)} for each setting")
@@ -130,7 +131,7 @@ class Segment(NamedTuple):
 
 
 class Belief(Snapshots):
-    """Mean and covariance of what the settings do on the present machine."""
+    """Estimate of the settings' `QUANTITIES` on the present machine: mean and covariance."""
 
     STATE = ("mean", "covariance", "lost", "cut_s")
 
@@ -140,14 +141,14 @@ class Belief(Snapshots):
         self.begin()
 
     def begin(self) -> None:
-        """Begin with what was learned of other machines."""
+        """Reset to the prior."""
         self.mean: Floats = np.array(self.card.mean)
         self.covariance: Floats = np.array(self.card.covariance)
         self.covariance[self._rates, self._rates] += OFFSET
-        self.lost, self.cut_s = np.zeros((2, len(self.card.settings)))  # wires and time with each setting
+        self.lost, self.cut_s = np.zeros((2, len(self.card.settings)))  # wires and cutting time by setting
 
     def learn(self, setting: int, measured: Segment) -> None:
-        """Take in a segment with a setting (Kalman filter), then the drift until the next."""
+        """Update with a segment of a setting (Kalman filter), then with the drift until the next segment."""
         count = len(self.card.settings)
         for k, (value, noise) in enumerate(zip(measured, self.card.noise, strict=True)):
             row = self.covariance[k * count + setting].copy()
@@ -158,13 +159,13 @@ class Belief(Snapshots):
         self.covariance[range(count), range(count)] += self.card.drift**2
 
     def net(self, lost_s: float) -> Floats:
-        """Return the logarithm of each setting's rate, less what wires will take that are lost at `lost_s` each."""
-        # the mean of the gamma distribution that these wires in this time leave
+        """Return the logarithm of each setting's rate, reduced by the time of lost wires, `lost_s` each."""
+        # mean of the posterior gamma distribution of lost wires per second
         per_s = (np.array(self.card.breaks) * self.card.breaks_s + self.lost) / (self.card.breaks_s + self.cut_s)
         return np.asarray(self.mean[self._rates] - np.log1p(per_s * lost_s))
 
     def at_best(self, bonus: float, lost_s: float) -> Floats:
-        """Return the net rates, each plus this many standard deviations of its lead over the greatest of them."""
+        """Return the net rates, each plus `bonus` standard deviations of its difference from the greatest."""
         rates, covariance = self.net(lost_s), self.covariance[self._rates, self._rates]
         first = int(np.argmax(rates))
         variance = np.diag(covariance)
@@ -173,7 +174,7 @@ class Belief(Snapshots):
 
 
 def law_of(choices: Choices) -> ServoLaw:
-    """Make the law below a bandit, which must be edmsim's and have the settings' parameters."""
+    """Make the law of a bandit; raise `InputError` if it is not edmsim's or lacks a parameter of the settings."""
     law = None if ".py:" in choices.law else from_text(choices.law)
     if not isinstance(law, ServoLaw) or isinstance(law, TruthLaw):
         raise InputError(f"a bandit sets a law of edmsim that a machine could have, not '{choices.law}'")
@@ -185,9 +186,9 @@ def law_of(choices: Choices) -> ServoLaw:
 
 
 def height_share(fifths: Sequence[int]) -> float:
-    """Return the local height over the greatest one, by the ignitions in each fifth of the latter."""
-    # ignitions are spread about evenly over the height, so that all of them over those of a full fifth, the median
-    # of the fifths with ignitions, is the number of fifths in the metal; on training machines within some 3 %
+    """Return the local height as a share of the greatest, from the ignitions in each fifth of the greatest."""
+    # Ignitions are nearly uniform over the height. So their number, divided by that of a full fifth (the median of
+    # those with ignitions), is the number of fifths in the metal; on training machines within some 3 %.
     counts = np.asarray(fifths, np.float64)
     full = np.median(counts[counts > LEAST_FIFTH * counts.max()]) if counts.any() else math.nan
     return float(counts.sum() / full / len(counts))
@@ -208,7 +209,7 @@ def find(name: str) -> Path | None:
 
 
 def load(file: Path) -> BanditCard:
-    """Read a file that `find` has found; raises `InputError` if it is damaged, or its law cannot be made."""
+    """Read a file found by `find`; raise `InputError` if it is damaged, or its law cannot be made."""
     try:
         card = BanditCard.model_validate_json(file.read_bytes())
     except ValidationError as error:
@@ -238,7 +239,7 @@ class BanditController(Snapshots):
         self.law = law_of(card)
         self.belief = Belief(card)
         self.path_um = 0.0  # at the end of the last window
-        self.lost_s = card.start_s  # that a lost wire costs
+        self.lost_s = card.start_s  # time that a lost wire costs
         self._begin()
 
     def _begin(self) -> None:
@@ -259,18 +260,18 @@ class BanditController(Snapshots):
         """Set the machine and the path; called before every leg of the cut."""
         self.path_um = start_um
         self.lost_s = machine.base.table.threading_s.value + self.card.start_s
-        self.law.override(self.card.settings[0])  # it had that of the last leg
+        self.law.override(self.card.settings[0])  # replaces the setting of the last leg
         tell(self.law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a leg, with what was learned of other machines."""
+        """Begin a leg with the prior."""
         self.belief.begin()
         self._begin()
         return self.law.reset(max_feed_um_s)
 
     def wire_lost(self) -> FeedCommand:
-        """Begin the next wire with the first setting; what was measured of the segment is left out."""
-        if self.broken and self.clock_s >= 0.0:  # the first one shows the law what the machine's wires bear
+        """Begin the next wire with the first setting; discard the unfinished segment."""
+        if self.broken and self.clock_s >= 0.0:  # not the first, from which the law learns the wires' limit
             self.belief.lost[self.setting] += 1
         self.broken = True
         self.clock_s = -self.card.start_s
@@ -289,7 +290,7 @@ class BanditController(Snapshots):
         self.path_um = window.path_um
         if self.clock_s >= self.card.segment_s:
             self._end_segment()
-        # arguments of the law are no part of its state: put them in place in every window
+        # set in every window, because the law's state does not include its arguments
         self.law.override(self.card.settings[self.setting if self.clock_s >= 0.0 else 0])
         return self.law.update(window)
 
@@ -302,7 +303,7 @@ class BanditController(Snapshots):
         self.fifths += np.array(window.fifths)
 
     def _end_segment(self) -> None:
-        """Take in what was measured, and choose the next segment's setting."""
+        """Learn from the segment's measurement, and choose the next segment's setting."""
         if self.way_um > 0.0 and self.fifths.any():
             log_rate = math.log(self.way_um / self.seconds * height_share(self.fifths.tolist()))
             self.learn(Segment(log_rate, self.open / self.pulses, self.short / self.pulses))
@@ -311,7 +312,7 @@ class BanditController(Snapshots):
         self._clear()
 
     def learn(self, measured: Segment) -> None:
-        """Take in a segment."""
+        """Update the belief with a segment."""
         self.belief.learn(self.setting, measured)
 
     def choose(self) -> int:
@@ -331,7 +332,7 @@ class BanditSettings(Choices, frozen=True):
 
     machines: Annotated[int, Field(ge=2)]  # training machines, 2 or more
     passes: Annotated[int, Field(ge=LEAST_PASSES)]  # segments with each setting on every training machine
-    # share by which the covariance over machines is moved towards its diagonal, as machines are few
+    # share by which the covariance over machines is moved towards its diagonal, because machines are few
     shrink: Annotated[FiniteFloat, Field(ge=0, le=1)]
     meter: _Positive  # standard deviation of the measured rate's logarithm from the true one's
     # standard deviation of the change of a setting's logarithm of the rate per segment, relative to the others
@@ -344,17 +345,17 @@ class BanditSettings(Choices, frozen=True):
 
 
 class History(NamedTuple):
-    """What was recorded on a training machine."""
+    """Record of a training machine."""
 
     rows: list[list[float]]  # (n, 5): setting, shares of opens and shorts, seconds and area in mm2 of each segment
-    lost: list[float]  # wires with each setting
-    cut_s: list[float]  # time with each setting
+    lost: list[float]  # lost wires with each setting
+    cut_s: list[float]  # cutting time with each setting
 
 
 def settings_of(env_id: str, file: Path | None = None) -> BanditSettings:
-    """Return the settings of ``models/training/NAME-bandit.toml`` of a shift, with changes from a file of yours.
+    """Return the settings of a shift from ``models/training/NAME-bandit.toml``, with overrides from a file of yours.
 
-    Raises `InputError` in one line for one that cannot be used.
+    Raises `InputError` if a setting is invalid.
     """
     family, _ = registry.find(env_id)
     if not issubclass(family, Shift):
@@ -383,7 +384,7 @@ class Prior(NamedTuple):
 
 
 def card_of(env_id: str, settings: BanditSettings, prior: Prior, command: str, seed: int, steps: int) -> BanditCard:
-    """Return a policy with these settings and this prior, and by which command and segments it was trained."""
+    """Return a policy with these settings and this prior; `steps` is the number of segments of its training."""
     choices = {name: getattr(settings, name) for name in Choices.model_fields}
     versions = {name: version(name) for name in ("edmsim", "numpy")}
     return BanditCard(
@@ -396,7 +397,7 @@ def card_of(env_id: str, settings: BanditSettings, prior: Prior, command: str, s
 
 
 class Trier(BanditController):
-    """Tries all settings in random order, and notes what each segment measured."""
+    """Tries all settings in random order, and records the measurement of each segment."""
 
     def __init__(self, env_id: str, settings: BanditSettings, seed: int) -> None:
         count = len(settings.settings)
@@ -407,11 +408,11 @@ class Trier(BanditController):
         self._order: list[int] = []
 
     def learn(self, measured: Segment) -> None:
-        """Note a segment."""
+        """Record a segment."""
         self.rows.append((self.setting, measured.open, measured.short))
 
     def choose(self) -> int:
-        """Return the next setting; each comes once before one comes again."""
+        """Return the next setting; all are tried once before any is repeated."""
         self._order = self._order or list(self._random.permutation(len(self.card.settings)))
         return int(self._order.pop())
 
@@ -440,7 +441,7 @@ def record(env_id: str, settings: BanditSettings, seed: int) -> dict[str, Any]:
 
 
 def effects(values: Floats, setting: NDArray[np.int64], count: int) -> tuple[Floats, Floats, Floats]:
-    """Return what each setting (count,) and each pass (p,) adds to values (n,), and what is left (n,)."""
+    """Return the effects of settings (count,) and of passes (p,) on values (n,), and the residuals (n,)."""
     passes = np.arange(len(values)) // count
     design = np.concatenate([np.eye(count)[setting], np.eye(passes[-1] + 1)[passes]], axis=1)
     found = np.linalg.lstsq(design, values, rcond=None)[0]
@@ -460,7 +461,7 @@ def prior_of(histories: Sequence[History], settings: BanditSettings) -> Prior:
             continue
         log_rate = np.log(rows[:, 4] / rows[:, 3])
         found = [effects(values, setting, count) for values in (log_rate, rows[:, 1], rows[:, 2])]
-        rates = found[0][0] - found[0][0].mean()  # relative to the machine's others
+        rates = found[0][0] - found[0][0].mean()  # relative to the machine's mean
         machines.append(np.concatenate([rates, found[1][0], found[2][0]]))
         freedom = len(rows) - len(found[0][0]) - len(found[0][1]) + 1
         left.append([(each[2] ** 2).sum() / freedom for each in found])
@@ -481,12 +482,12 @@ def prior_of(histories: Sequence[History], settings: BanditSettings) -> Prior:
 
 
 def breaks_of(lost: Floats, cut_s: Floats) -> tuple[list[float], float]:
-    """Return lost wires per second with each setting, and how much of a machine's own time weighs as much."""
-    # numbers of lost wires (machines, settings) in times of the same shape are Poisson. The rates of settings differ
-    # from that of all, and those of machines from their settings', by factors of a gamma distribution, whose variance
-    # follows from that of the numbers; so a setting with few lost wires is moved towards the others
+    """Return lost wires per second by setting, and the cutting time whose own lost wires have the same weight."""
+    # Numbers of lost wires (machines, settings) in times of the same shape are Poisson. A setting's rate is the mean
+    # rate times a factor of a gamma distribution; a machine's rate is that of the setting times another. A factor's
+    # variance follows from that of the numbers, so a setting with few lost wires is moved towards the others.
     total, time_s = lost.sum(axis=0), cut_s.sum(axis=0)
-    # as if one more wire were lost: no rate is 0
+    # one more wire than was lost, because no rate may be 0
     mean_per_s = (total.sum() + 1.0) / time_s.sum()
     alike = _shape(total, time_s * mean_per_s)
     per_s = (total + alike) / (time_s + alike / mean_per_s)
@@ -502,9 +503,9 @@ def _shape(lost: Floats, expected: Floats) -> float:
 
 
 def described(card: BanditCard) -> ScreenTable:
-    """Return how the settings differ on training machines."""
+    """Return a table of the differences between settings on training machines."""
     deviations, count = np.sqrt(np.diag(np.array(card.covariance))), len(card.settings)
-    heads = "rate beside the others, %", "opens, %", "shorts, %", "wires lost per hour"
+    heads = "rate relative to the others, %", "opens, %", "shorts, %", "wires lost per hour"
     table = ScreenTable("setting", numbers=heads)
     for k, setting in enumerate(card.settings):
         rate = f"{100 * card.mean[k]:+.1f} ± {100 * deviations[k]:.1f}"
@@ -514,7 +515,7 @@ def described(card: BanditCard) -> ScreenTable:
     return table
 
 
-# 3. both, so that they can be resumed
+# 3. the whole training, which can be resumed
 
 
 def train(
@@ -524,9 +525,9 @@ def train(
 ) -> BanditCard:
     """Record training machines of a shift into `HISTORIES`, and return the policy whose prior fits them.
 
-    `steps` are segments on all machines, rounded up to whole ones. With `resume` the settings of the histories apply,
-    and the options that the command had; without `steps` the policy learns from as many machines as its settings say,
-    or from all that the histories have.
+    `steps` is the number of segments on all machines, rounded up to whole machines. With `resume` the settings and
+    options of the histories apply. Without `steps` the policy learns from the number of machines in its settings, or
+    from all machines of the histories if they have more.
     """
     file = out / HISTORIES
     if resume:
@@ -538,7 +539,7 @@ def train(
     first = FIRST_SEED + seed
     whole_within("seed", seed, 0, HELD_BACK - FIRST_SEED - machines)
     _check_time(env_id, settings)
-    known_as, _ = registry.stand_in(*registry.find(env_id))  # refuses what no policy file could describe
+    known_as, _ = registry.stand_in(*registry.find(env_id))  # raises `InputError` if no policy file can describe it
     with locked(out, "edmsim train"):
         of = {"env_id": env_id, "seed": seed, "settings": settings.model_dump(), "options": options}
         table = RunTable(file, of)
@@ -566,7 +567,7 @@ def _histories(rows: Sequence[dict[str, Any]], count: int, file: Path) -> list[H
             if not (np.isfinite(segments).all() and np.isfinite(totals).all()):
                 raise ValueError("numbers that are not finite")
             if not np.isin(segments[:, 0], np.arange(count)).all():
-                raise ValueError("a setting that there is not")
+                raise ValueError("an unknown setting")
         return [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
     except (ValueError, LookupError, TypeError) as error:
         raise _damaged(error, file) from None
@@ -577,7 +578,7 @@ def _damaged(error: Exception, file: Path) -> InputError:
 
 
 def _check_time(env_id: str, settings: BanditSettings) -> None:
-    """Refuse segments that no shift has time for."""
+    """Raise `InputError` if a shift has no time for the segments."""
     family = registry.make_family(env_id)
     needed_s = settings.segments * settings.segment_s
     if family.episode_s is not None and needed_s > family.episode_s:
@@ -588,7 +589,7 @@ def _check_time(env_id: str, settings: BanditSettings) -> None:
 
 
 def _before(file: Path) -> tuple[BanditSettings, str]:
-    """Return the settings and options that a training began with."""
+    """Return the settings and options with which a training began."""
     if not file.exists():
         raise InputError("there is no training to resume in this folder", file.parent)
     try:

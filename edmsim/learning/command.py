@@ -28,18 +28,18 @@ class TrainOptions(NamedTuple):
     residual: str | None = None  # law that the policy adds to
     teacher: str | None = None  # controller that imitation follows
     privileged_critic: bool = False
-    start: str | None = None  # policy that the training begins with, as ``policy:NAME`` or a file of it
+    start: str | None = None  # policy with which the training begins, as ``policy:NAME`` or a file of it
     # one in `record_every` of the first sub-environment's episodes is recorded into the folder ``episodes``
     record_every: int | None = None
     live: bool = False  # whether these are shown in rerun's viewer as they end
-    safe: int | None = None  # machines on which what was learned must not earn less than the start
+    safe: int | None = None  # number of machines on which the policy's return is compared with the start's
 
     def policy(self) -> policy_file.Policy | None:
         """Return the policy that the training starts from."""
         return None if self.start is None else policy_file.load(self.start)
 
     def of_result(self) -> dict[str, Any]:
-        """Return the options that change the result, for JSON; a resumed training has them again."""
+        """Return the options that change the result, for JSON; a resumed training restores them."""
         settings = None if self.settings is None else str(self.settings)
         return {
             "settings": settings, "residual": self.residual, "teacher": self.teacher,
@@ -92,12 +92,12 @@ def run(
             raise InputError("this folder has a policy, which the training would replace: give another folder", out)
     if algo == BANDIT:
         return _bandit(env_id, file, steps, seed, resume, episodes, options)
-    from edmsim.learning.train import TrainingProgress, train  # refuses, in one line, where the extra is missing
+    from edmsim.learning.train import TrainingProgress, train  # raises `InputError` if the extra is missing
 
     if options.safe is not None:
         score.check_safe(options.safe, options.start)
     if resume and options.words():
-        raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
+        raise InputError(f"--resume uses the options with which the training began: leave out{options.words()}")
     named = resolve(env_id)
     parameters = None if resume else options.hyperparameters(named, algo)
     if parameters is not None:
@@ -138,7 +138,7 @@ def _bandit(
         raise InputError("a bandit learns from shifts of single machines, which are not recorded: leave out "
                          "--record-every and --live")  # fmt: skip
     if resume and options.settings is not None:
-        raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
+        raise InputError(f"--resume uses the options with which the training began: leave out{options.words()}")
     named = resolve(env_id)
     settings = None if resume else bandit.settings_of(named, options.settings)
     with ShownProgress(keep=True) as bar:
@@ -177,20 +177,20 @@ def _recorders(options: TrainOptions, out: Path) -> list[Any]:
 
 
 AT_ENDS = 10
-"""Points of a curve's first and last part; their means say where it begins and ends (ours: single ones are noise)."""
-RISEN = 0.2  # share of the whole rise from which on a curve has begun to rise (ours)
-LEAST_RISE = 3.0  # least rise that counts, over the scatter of the first or the last part about its trend (ours)
+"""Divisor of a curve's points: medians of its first and last tenth are its ends (ours: single points are noise)."""
+RISEN = 0.2  # above this share of the whole rise a curve has begun to rise (ours)
+LEAST_RISE = 3.0  # least rise that counts, as a multiple of the lesser scatter of the first and last part (ours)
 
 
 def _scatter(at: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    """Return between which ends values lie about their straight trend; a steep rise scatters more than noise."""
+    """Return the range of the values about their linear trend; in a steep rise it is greater than the noise."""
     if len(values) < 2:
         return 0.0
     return float(np.ptp(values - np.polynomial.Polynomial.fit(at, values, 1)(at)))
 
 
 def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
-    """Say from when on a learning curve rises: mean returns (NaN before the first ended) over steps or decisions.
+    """Return in words when a learning curve rises: mean returns (NaN before an episode ends) over steps or decisions.
 
     >>> in_words([1_000, 2_000, 3_000, 4_000, 5_000], [0.0, 1.0, 0.0, 60.0, 100.0])
     'flat until about 3,000 steps, then rising from 0 to 100'

@@ -37,7 +37,7 @@ SAVED_INFOS = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wir
 """Entries of ``info`` that a data set has, as float64."""
 UNFINISHED = "unfinished"
 MADE_WITH = "made_with.json"
-"""File of a controller's unfinished episodes that says what they are of."""
+"""File of a controller's unfinished episodes with everything that decides them."""
 
 
 class Recorded(NamedTuple):
@@ -113,14 +113,14 @@ def record(
             made.append(_assemble(minari, env, ids[name], name, files, out))
         for folder in folders.values():
             shutil.rmtree(folder)
-        with suppress(OSError):  # others are unfinished
+        with suppress(OSError):  # if recordings of other controllers are unfinished
             (out / UNFINISHED).rmdir()
     return made
 
 
 def _minari() -> Any:
     try:
-        import h5py  # noqa: F401 - Minari keeps its records with it
+        import h5py  # noqa: F401 - Minari stores its records with it
         import minari
     except ImportError as error:
         raise InputError(f"data sets need {error.name}: pip install 'edmsim[offline]'") from None
@@ -139,7 +139,7 @@ def _refuse_others(file: Path, expected: dict[str, Any], dataset: Path) -> None:
 def _episodes(
     env: Any, name: str, steps: int, seed: int, folder: Path, watch: Callable[[str, int, int], None] | None
 ) -> list[Path]:
-    """Return the files of a controller's episodes; makes those that are missing."""
+    """Return the files of a controller's episodes, and make missing ones."""
     files: list[Path] = []
     done = 0
     while done < steps:
@@ -183,7 +183,7 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
 
 
 def _assemble(minari: Any, env: Any, dataset_id: str, name: str, files: list[Path], out: Path) -> Recorded:
-    """Write a controller's data set, in place of what an interruption has left of it."""
+    """Write a controller's data set; replace one that an interruption has left incomplete."""
     buffers, returns, breaks = [], [], 0
     for k, file in enumerate(files):
         with np.load(file, allow_pickle=False) as archive:
@@ -197,9 +197,9 @@ def _assemble(minari: Any, env: Any, dataset_id: str, name: str, files: list[Pat
                 truncations=archive["truncations"].tolist(), infos=infos,
             ))  # fmt: skip
     shutil.rmtree(out / dataset_id, ignore_errors=True)
-    place = str(out.resolve())  # Minari joins relative ones twice
+    place = str(out.resolve())  # Minari joins a relative path twice
     with patch.dict(os.environ, MINARI_DATASETS_PATH=place), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # author and code are for its publisher to name
+        warnings.simplefilter("ignore", UserWarning)  # author and code are missing; the publisher adds them
         minari.create_dataset_from_buffers(
             dataset_id=dataset_id, buffer=buffers, env=env, algorithm_name=name,
             requirements=[f"edmsim=={__version__}"],
@@ -220,7 +220,7 @@ def _check_names(controllers: Sequence[str]) -> None:
 
 
 def _plain(name: str) -> str:
-    """Return a controller's name as one of a folder and a data set."""
+    """Return a controller's name in the form for folders and data sets: lower case, with hyphens."""
     short = policy_of(name)
     short = Path(short).stem if short.endswith((".json", ".npz")) else short
     return re.sub(r"[^a-zA-Z0-9]+", "-", short).strip("-").lower()

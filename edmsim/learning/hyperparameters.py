@@ -17,10 +17,10 @@ from edmsim.files import read_toml
 from edmsim.numeric import Number, WholeNumber, real, whole_from
 
 CHECKPOINT = "checkpoint-*/run.json"
-"""Where a folder has the state of a training, as a pattern: the last checkpoint."""
-HISTORIES = "histories.jsonl"  # where a folder has the state of a bandit's training
+"""Pattern (glob) of the last checkpoint in the folder of a training."""
+HISTORIES = "histories.jsonl"  # file with the state of a bandit's training
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
-"""Algorithms there are hyperparameters for."""
+"""Algorithms that have hyperparameters."""
 REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
 RECURRENT = ("recurrent-ppo", "imitation")  # algorithms whose policy may have an LSTM
 Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
@@ -39,12 +39,12 @@ def _entropy(value: object) -> object:
 
 @with_config(ConfigDict(extra="forbid"))
 class Algorithm(TypedDict, total=False):
-    """Arguments of stable-baselines3's class; which of them an algorithm has, its file says."""
+    """Arguments of stable-baselines3's class; an algorithm takes those that its file has."""
 
     learning_rate: Positive
     gamma: Share  # discount of a step
     batch_size: Annotated[WholeNumber, Field(gt=1)]
-    # weight of the entropy; with "auto_0.1" SAC and TQC find it, from 0.1 on
+    # weight of the entropy; with "auto_0.1" SAC and TQC adapt it, starting at 0.1
     ent_coef: Annotated[Any, PlainValidator(_entropy)]
     # n_steps, n_epochs: of PPO and its kind
     n_steps: Count
@@ -106,7 +106,7 @@ def has_training(out: Path) -> bool:
 
 
 def refuse_training(out: Path) -> None:
-    """Refuse a folder that has a training: a new one would replace it."""
+    """Raise `InputError` if a folder has a training, which a new one would replace."""
     if has_training(out):
         raise InputError("this folder has a training: continue it with --resume, or give another folder", out)
 
@@ -135,7 +135,7 @@ def load(env_id: str, algo: str, settings: str | Path | None = None) -> Hyperpar
     own = general.with_name(f"{base_of(family)}-{algo}.toml")
     ours = read_toml(own if own.is_file() else general)
     if algo == "imitation" and not own.is_file() and (reference := lines_of(env_id).reference) != ORACLE:
-        ours["teacher"] = reference  # the oracle is the best of several cuts, which no learner can follow
+        ours["teacher"] = reference  # the oracle is the best of several cuts, which no learner can imitate
     known = {one.name for one in fields(family)} - set(registered)  # type: ignore[arg-type]
     left = {name: value for name, value in ours["environment"].items() if name in known}
     usual = Hyperparameters.model_validate({**ours, "environment": left})
@@ -146,7 +146,7 @@ def load(env_id: str, algo: str, settings: str | Path | None = None) -> Hyperpar
 
 
 def steps_of(parameters: Hyperparameters, algo: str, steps: int | None) -> int:
-    """Return a training's steps, by default those of its hyperparameters; refuse so few that nothing is learnt."""
+    """Return a training's steps, by default its hyperparameters'; raise `InputError` if too few to learn."""
     total = parameters.steps if steps is None else whole_from("steps", steps, 1)
     first = parameters.algorithm.get("learning_starts", -1)
     if total <= first:

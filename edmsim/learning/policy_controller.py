@@ -1,4 +1,4 @@
-"""Trained policies as feed controllers or who decides on passes, as in their environments."""
+"""Trained policies as feed controllers, or deciding on passes of parts, as in their environments."""
 
 import math
 from contextlib import suppress
@@ -23,7 +23,7 @@ from edmsim.snapshots import Snapshots
 
 _ONLY = np.zeros(1, np.int64)
 FAR_DEVIATIONS = 3.0
-"""Standard deviations between a dial and the mean of the training that are far (ours: an even draw ends at 1.7)."""
+"""Limit of a dial's distance from the training's mean, in standard deviations (ours: a uniform draw ends at 1.7)."""
 
 
 class PolicyController(Snapshots):
@@ -46,8 +46,8 @@ class PolicyController(Snapshots):
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
         self._family = policy.family()
-        self._builder = ObservationBuilder(self._family, 1, EXACT)  # the machine measures as it does
-        self._rows: NDArray[np.void] = np.zeros(1, path_follower.SUB_ENV)  # as of a sub-environment
+        self._builder = ObservationBuilder(self._family, 1, EXACT)  # the machine's sensors add their errors
+        self._rows: NDArray[np.void] = np.zeros(1, path_follower.SUB_ENV)  # the state of a sub-environment
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
         self._memory: Floats = policy.fresh_memory()
         residual = policy.card.residual
@@ -63,7 +63,7 @@ class PolicyController(Snapshots):
         """Set the machine and the path; called before every leg of the cut."""
         self._start_um = start_um
         corners_um, turns_deg = path_corners(points_um)
-        # a filling at infinity, so that there is always one to look for
+        # a corner at infinity is added, so there is always a next one
         self._corner_um = np.append(corners_um, np.inf)[None]
         self._corner_deg = np.append(turns_deg, 0.0)[None]
         self._first_us = np.array([machine.t_on_us, machine.t_period_us])
@@ -98,7 +98,7 @@ class PolicyController(Snapshots):
         """Return the feed after a window, and the setting if it is among the environment's actions."""
         row = self._look(window)
         if abs(window.feed_um_s - self._feed_um_s) > SPEED_UNIT_NM_S * 1e-3:
-            self._feed_um_s = window.feed_um_s  # the machine ran another one, at a dwell perhaps: change that
+            self._feed_um_s = window.feed_um_s  # the machine's own, in a dwell for example: actions change that one
         shorted = window.short >= path_follower.SHORTED_SHARE * WINDOW_PULSES
         row["shorted_s"] = row["shorted_s"] + window.duration_s if shorted else 0.0
         if row["shorted_s"] > path_follower.SHORTED_S:
@@ -113,7 +113,7 @@ class PolicyController(Snapshots):
         return self._command()
 
     def _end_step(self) -> None:
-        """Put the step's measurements into the observation, and begin the next step."""
+        """Update the observation with the step's measurements, and begin the next step."""
         self._builder.end_step(_ONLY)
         self._builder.begin_step()
 
@@ -174,7 +174,7 @@ class PolicyController(Snapshots):
         self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _look(self, window: WindowObservation) -> np.void:
-        """Add a window to the step; returns the row that a sub-environment of the environment would have."""
+        """Add a window to the step; return the row that a sub-environment would have."""
         assert self._machine is not None
         row: np.void = self._rows[0]
         row["travel_um"], self._path_um = window.path_um - self._path_um, window.path_um
@@ -215,7 +215,7 @@ class PolicyController(Snapshots):
         return command._replace(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _turn(self, requested_us: tuple[float, float]) -> None:
-        """Apply the setting as the environment would; settings that the generator refuses are not requested."""
+        """Apply a setting as the environment would; skip settings that the generator cannot run."""
         assert self._machine is not None
         rounded = self._family.to_detents(*requested_us)
         for setting_us in (rounded, self._family.least_setting_us(self._machine, rounded[0])):
@@ -250,7 +250,7 @@ class PassPolicy:
 
 
 def passes_from_name(name: str) -> PassPolicy:
-    """Make it of a policy's file, or of a name under ``models/policies``."""
+    """Make a `PassPolicy` from a policy's file or its name under ``models/policies``."""
     policy = load(name)
     if not isinstance(policy.arguments(), Part):
         raise InputError(f"the policy {name} was trained in {policy.card.env_id}: it decides on windows, not passes")

@@ -32,8 +32,8 @@ ACTION_MEANINGS = {
     "feed": "feed, or its change: see docs/environments.md", "target": "open share that the servo holds", **KNOBS,
     "offset": "offset from the path, left positive",
 }
-"""What an entry of an action is, by its name (`Family.action_names`)."""
-_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # the same of Part, where a pass is decided on
+"""Meanings of the entries of an action, by name (`Family.action_names`)."""
+_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # for Part, whose actions set a pass
 Floats = NDArray[np.float64]
 
 
@@ -72,7 +72,7 @@ class Residual(BaseModel, extra="forbid", frozen=True):
         return law
 
     def check(self, family: EnvArguments) -> None:
-        """Refuse a law there is not, and an environment whose actions are not feeds of a window."""
+        """Raise `InputError` if the law is unknown, or the environment's actions are not speeds of single windows."""
         self.make()
         if not isinstance(family, Family) or family.action != "speed" or family.decision_s is not None:
             raise InputError("a policy that adds to a law commands a speed every window; its environment does not")
@@ -143,7 +143,7 @@ class Policy:
     lstm: Lstm | None = None  # LSTM before the layers; None if the policy has no LSTM
 
     def __repr__(self) -> str:
-        """Return what it is in a line: the network's numbers would fill pages of a notebook."""
+        """Return one line, because the network's numbers would fill pages of a notebook."""
         return f"<Policy of {self.card.env_id}: {self.card.algorithm}, {self.card.steps:,} steps>"
 
     @cached_property
@@ -263,7 +263,7 @@ def card_of(
     env_id: str, environment: dict[str, Any], packed: bytes, mean: Sequence[float] | Floats,
     variance: Sequence[float] | Floats, **more: Any,
 ) -> Card:
-    """Return the card of packed arrays, given mean and variance of the environment's entries and `more` of `Card`."""
+    """Return the card of packed arrays, mean and variance of the environment's entries, and `more` of `Card`."""
     family = arguments_with(env_id, **environment)
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": float(m), "variance": float(v)}
@@ -275,11 +275,11 @@ def card_of(
     })
 
 
-_NO_FILE = "no such file: a policy is a .json and the .npz beside it"
+_NO_FILE = "no such file: a policy is a .json and the .npz next to it"
 
 
 def locate(name: str) -> Path:
-    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``."""
+    """Return the ``.json`` file of a policy from its path or its name under ``models/policies``."""
     name = policy_of(name)
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
@@ -329,7 +329,7 @@ def load(name: str, env_id: str | None = None) -> Policy:
 
 
 def _check_environment(card: Card, file: Path) -> None:
-    """Refuse a policy whose inputs and outputs are not those of its environment."""
+    """Raise `InputError` if the policy's inputs and outputs are not those of its environment."""
     try:
         family = arguments_with(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
@@ -365,7 +365,7 @@ def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, .
     try:
         packed = file.read_bytes()
         if digest(packed) != card.arrays_sha256:
-            raise ValueError("its sha256 is not the one the .json tells")
+            raise ValueError("its sha256 is not that of the .json")
         stored = read_arrays(packed)
         found = {name: _plain(stored[name]) for name in shapes}
     except FileNotFoundError:
@@ -380,7 +380,7 @@ def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, .
 
 
 def _plain(array: NDArray[Any]) -> Floats:
-    """Return an array of floats in the precision they are used in."""
+    """Return an array of floats as float64; raise `ValueError` for other types."""
     if array.dtype.kind != "f":
         raise ValueError(f"an array of {array.dtype} in place of floats")
     return array.astype(np.float64)

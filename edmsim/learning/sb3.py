@@ -9,7 +9,7 @@ Kinds of learning besides plain PPO and SAC:
 - Lagrangian PPO: the reward minus a multiple of ``info["cost"]``. The multiplier grows while the mean cost is above a
   limit, and shrinks below it (Tessler, Mankowitz and Mannor, ICLR 2019, arXiv:1805.11074).
 - Privileged critic: it observes gap, wire temperature, debris and drawn constants, which no machine measures. In the
-  policy's features they are 0: its actions cannot depend on them, and the exported policy has no weights for them
+  policy's features they are 0, so its actions do not depend on them, and the exported policy has no weights for them
   (Pinto et al., RSS 2018).
 - Residual policies: a classic law sets the feed, and the policy adds a correction (Johannink et al., ICRA 2019).
 """
@@ -55,9 +55,9 @@ from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Card, Lstm, Policy, Residual, card_of, load, meanings, pack, write
 
 LEAST_VARIANCE = 1e-4
-"""Of an action that a teacher hardly changes: it counts no more than one it changes by a hundredth (ours)."""
+"""Least variance by which an action's loss is divided (ours: that of an action that varies by 0.01)."""
 LEAST_RATE = 0.02
-"""What is left of the learning rate in the end (ours): it falls with the steps left, so that noise averages out."""
+"""Least factor on the learning rate (ours); the factor falls with the remaining steps, to average out noise."""
 PACKAGES = ("edmsim", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", "numpy")
 
 
@@ -76,7 +76,7 @@ class _WithLawsVecEnv(VecEnvWrapper):
         return observations
 
     def step_wait(self) -> Any:
-        """Run a step, which the laws see."""
+        """Run a step, which the laws observe."""
         observations, rewards, done, infos = self.venv.step_wait()
         for index in np.flatnonzero(done):
             self._laws[index].begin()
@@ -109,7 +109,7 @@ class TaughtVecEnv(_WithLawsVecEnv):
         return self._observations, *rest
 
     def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return observations (n, entries) and the teacher's actions (n, k) since the last call, and forget them."""
+        """Return observations (n, entries) and the teacher's actions (n, k) since the last call, and clear them."""
         states, teacher_actions = np.concatenate(self._states), np.concatenate(self._teacher_actions)
         self._states.clear()
         self._teacher_actions.clear()
@@ -117,17 +117,17 @@ class TaughtVecEnv(_WithLawsVecEnv):
 
 
 class _Follows(ABC):
-    """Follows a teacher in place of the reward, in a `VecNormalize` of a `TaughtVecEnv`; a base before one of PPO."""
+    """Mixin for PPO: learns a teacher's actions instead of the reward, in a `VecNormalize` of a `TaughtVecEnv`."""
 
-    # all decisions so far are stored, a quarter of a kilobyte each, and checkpoints have them, too
+    # all decisions so far are stored, also in checkpoints, a quarter of a kilobyte each
 
     STORED: tuple[str, ...] = ()
-    """Further lists that are stored, with an entry for each rollout."""
+    """Names of further stored lists, with an entry for each rollout."""
 
     def _setup_model(self) -> None:
         super()._setup_model()  # type: ignore[misc]
         for name in ("states", "teacher_actions", *self.STORED):
-            setattr(self, name, getattr(self, name, []))  # a checkpoint has some
+            setattr(self, name, getattr(self, name, []))  # a checkpoint restores them
 
     def train(self) -> None:
         """Fit the policy's mean to the teacher's actions so far, each action in units of its own variance."""
@@ -154,8 +154,8 @@ class _Follows(ABC):
             losses.append(float(loss.detach()))
         learner.logger.record("train/unexplained_share", float(np.mean(losses)))
 
-    def store(self) -> None:  # noqa: B027 - one without memory has nothing else
-        """Store what else the last rollout has."""
+    def store(self) -> None:  # noqa: B027 - optional: a policy without memory has no further data
+        """Store further data of the last rollout."""
 
     @abstractmethod
     def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -163,7 +163,7 @@ class _Follows(ABC):
 
 
 class Imitation(_Follows, PPO):
-    """A learner that cuts as PPO does, and follows a teacher in place of the reward."""
+    """A learner that acts as PPO does, and learns a teacher's actions instead of the reward."""
 
     def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Draw single decisions."""
@@ -173,9 +173,9 @@ class Imitation(_Follows, PPO):
 
 
 class RecurrentImitation(_Follows, RecurrentPPO):
-    """The same with an LSTM, which learns from whole rollouts and begins each with the memory that it had there.
+    """The same with an LSTM, which learns from whole rollouts, each starting with its stored memory.
 
-    The memory of an old rollout is that of the network of then (Kapturowski et al., ICLR 2019, measure the effect).
+    The memory of an old rollout is from the network at that time (Kapturowski et al., ICLR 2019, measure the effect).
     """
 
     STORED = ("memories", "starts")
@@ -183,13 +183,13 @@ class RecurrentImitation(_Follows, RecurrentPPO):
     starts: list[NDArray[np.float32]]  # (steps, envs)
 
     def store(self) -> None:
-        """Store the memory at the rollout's beginning, and where episodes began."""
+        """Store the memory at the rollout's beginning, and the starts of episodes."""
         buffer: Any = self.rollout_buffer
         self.memories.append((buffer.hidden_states_pi[0].copy(), buffer.cell_states_pi[0].copy()))
         self.starts.append(buffer.episode_starts.copy())
 
     def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draw the rollouts of single sub-environments, as many as fill a batch."""
+        """Draw rollouts of single sub-environments that fill a batch."""
         policy: Any = self.policy
         count = max(int(self.batch_size or 1) // self.n_steps, 1)
         rollouts = torch.randint(len(self.starts), (count,))
@@ -207,16 +207,16 @@ class RecurrentImitation(_Follows, RecurrentPPO):
 
 
 class CostVecEnv(VecEnvWrapper):
-    """Sub-environments whose rewards are less `multiplier` times their costs."""
+    """Sub-environments whose rewards are reduced by `multiplier` times their costs."""
 
     def __init__(self, venv: VecEnv, multiplier: float) -> None:
         super().__init__(venv)
         self.multiplier = multiplier
-        self.ended: list[float] = []  # costs of the episodes that ended since `Multiplier` looked last
+        self.ended: list[float] = []  # costs of the episodes that ended since the last update of `Multiplier`
         self._cost = np.zeros(self.num_envs)
 
     def reset(self) -> Any:
-        """Begin episodes, without a cost so far."""
+        """Begin episodes with a cost of 0."""
         self._cost[:] = 0.0
         return self.venv.reset()
 
@@ -231,7 +231,7 @@ class CostVecEnv(VecEnvWrapper):
 
 
 class Multiplier(BaseCallback):
-    """Raises the multiplier by `rate` per mean cost of a rollout's episodes beyond the limit, or lowers it."""
+    """Raises the multiplier by `rate` times the mean cost of a rollout's episodes above the limit, or lowers it."""
 
     def __init__(self, vec_env: CostVecEnv, limit: float, rate: float) -> None:
         super().__init__()
@@ -267,7 +267,7 @@ class PrivilegedVecEnv(VecEnvWrapper):
         self._constants = np.zeros((self.num_envs, len(self._names)), np.float32)
 
     def reset(self) -> Any:
-        """Begin episodes, with the state of the gap still unknown."""
+        """Begin episodes; the state of the gap, still unknown, is 0."""
         observations = self.venv.reset()
         self._draw(range(self.num_envs))
         return self._with(observations, np.zeros((self.num_envs, len(TRUTHS)), np.float32))
@@ -294,7 +294,7 @@ class PrivilegedVecEnv(VecEnvWrapper):
 
 
 class VisibleEntries(BaseFeaturesExtractor):
-    """The first entries of an observation unchanged, and 0 in place of the others."""
+    """Features: the first entries of an observation unchanged, 0 for the others."""
 
     def __init__(self, observation_space: gym.spaces.Box[Any], entries: int) -> None:
         width = int(np.prod(observation_space.shape))
@@ -308,7 +308,7 @@ class VisibleEntries(BaseFeaturesExtractor):
 
 
 class AsymmetricPolicy(ActorCriticPolicy):
-    """An actor-critic whose actor sees only the first `shown_entries` of an observation."""
+    """An actor-critic whose actor observes only the first `shown_entries` of an observation."""
 
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
         self._shown_entries = shown_entries
@@ -323,7 +323,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
 
 
 class ResidualVecEnv(_WithLawsVecEnv):
-    """Environments whose first action is added to the feed of a law (Johannink et al., ICRA 2019)."""
+    """Sub-environments whose first action is added to the feed of a law (Johannink et al., ICRA 2019)."""
 
     def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:
         super().__init__(venv, residual.make)
@@ -343,7 +343,7 @@ KINDS: dict[str, Any] = {
     "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": Imitation,
 }
 CRITICS = ("ppo", "ppo-lag")  # algorithms whose critic may be privileged
-DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
+DEVICE = "cpu"  # a GPU is slower for a network this small, and on a CPU the same seed gives the same policy
 
 
 class TrainingEnvs(NamedTuple):
@@ -351,7 +351,7 @@ class TrainingEnvs(NamedTuple):
 
     edm: Any  # the sub-environments themselves
     costs: CostVecEnv | None  # with Lagrangian PPO
-    learned_on: Any  # with all wrappers but the normalisation
+    learned_on: Any  # with all wrappers except the normalisation
 
 
 def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
@@ -386,7 +386,7 @@ def residual_of(parameters: Hyperparameters) -> Residual | None:
 
 
 def vec_env_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingEnvs:
-    """Make the environments of a training; `seed` is of the first reset, `multiplier` a checkpoint's."""
+    """Make the environments of a training; `seed` is that of the first reset, `multiplier` that of a checkpoint."""
     edm = make_sb3_vec_env(env_id, parameters.num_envs, seed=seed, **parameters.environment)
     vec_env: Any = edm
     residual, costs = residual_of(parameters), None
@@ -403,7 +403,7 @@ def vec_env_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: 
 
 
 def new_learner(algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
-    """Return a learner that knows nothing yet, and its normalised sub-environments."""
+    """Return an untrained learner and its normalised sub-environments."""
     normalise = VecNormalize(vec_env.learned_on, gamma=parameters.algorithm["gamma"])
     network = parameters.network
     policy: Any = "MlpLstmPolicy" if network.lstm else "MlpPolicy"
@@ -465,7 +465,7 @@ def export_sb3(model: BaseAlgorithm, vec_env: VecEnv, file: str | Path) -> Polic
     """
     target = Path(file)
     if target.suffix != ".json":
-        raise InputError("name the policy's file NAME.json; its arrays come into NAME.npz beside it", target)
+        raise InputError("name the policy's file NAME.json; its arrays go into NAME.npz next to it", target)
     algorithm = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", type(model).__name__).lower()
     made = exported(model, vec_env, algorithm, "edmsim.learning.export_sb3", model.seed)
     make_writable(target.parent)
@@ -474,7 +474,7 @@ def export_sb3(model: BaseAlgorithm, vec_env: VecEnv, file: str | Path) -> Polic
 
 
 def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int | None) -> tuple[Card, bytes]:
-    """Return a learner's policy as `policy_file.write` wants it; `command` is what made it."""
+    """Return a learner's policy for `policy_file.write`; `command` is the command or function that made it."""
     network, wrapped = network_of(model), around(vec_env)
     env_id, environment = wrapped.environment()
     entry_count = len(arguments_with(env_id, **environment).entries())
@@ -502,7 +502,7 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
 
 
 def _arrays(network: PolicyNetwork, entry_count: int) -> tuple[list[Any], list[Any], Lstm | None]:
-    """Return weights, biases and LSTM; what only the critic sees comes behind, and is left away."""
+    """Return weights, biases and LSTM, without the last inputs if only the critic observes them."""
     first = network.lstm or network.layers[0]
     inputs = network.shown or (first.input_size if network.lstm else first.in_features)
     if inputs != entry_count:
@@ -514,14 +514,14 @@ def _arrays(network: PolicyNetwork, entry_count: int) -> tuple[list[Any], list[A
     else:
         names = "weight_ih_l0", "weight_hh_l0", "bias_ih_l0", "bias_hh_l0"
         ih, hh, *two = (_array(getattr(network.lstm, name)) for name in names)
-        lstm = Lstm(ih.T, hh.T, two[0] + two[1])  # torch's gates come in the order of ours
+        lstm = Lstm(ih.T, hh.T, two[0] + two[1])  # torch's gates have the same order as ours
     if not all(np.isfinite(array).all() for array in [*weights, *biases, *(lstm or ())]):
         raise InputError("the learner's network holds numbers that are not finite: its training has diverged")
     return weights, biases, lstm
 
 
 def _normalisation(normalise: Any, count: int) -> tuple[list[float], list[float], float, float]:
-    """Return mean, variance, epsilon and clip of the observation; those that change nothing without normalisation."""
+    """Return mean, variance, epsilon and clip of the observation; without normalisation, those of the identity."""
     if normalise is None:
         epsilon = float(np.finfo(np.float64).eps)
         return [0.0] * count, [1.0 - epsilon] * count, epsilon, float(np.finfo(np.float32).max)
@@ -537,7 +537,7 @@ SCALES = (
     "max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share", "set_point_octaves",
     "pause_octaves", "on_time_octaves",
 )  # fmt: skip
-"""Arguments of an environment that say how much an action of 1 is."""
+"""Arguments of an environment that give the size of an action of 1."""
 
 
 @refuses_wrong_types
@@ -593,10 +593,10 @@ def _put(parameter: Any, values: Any) -> None:
 
 
 def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
-    """Refuse a policy that the learner cannot begin with."""
+    """Raise `InputError` if the learner cannot begin with the policy."""
     card, family, theirs = policy.card, wrapped.family, policy.family()
     if network.shown is not None:
-        raise InputError("a policy file has no statistics of what only a privileged critic sees: start without one")
+        raise InputError("a policy file has no statistics for a privileged critic: leave the critic or the start out")
     if wrapped.normalise is None:
         raise InputError("a policy brings the statistics of its observation: wrap the environment in VecNormalize")
     if card.residual != wrapped.residual:
@@ -628,21 +628,21 @@ _AROUND_ONE = (
     Monitor, RecordRerun, gym.RewardWrapper, gym.wrappers.OrderEnforcing, gym.wrappers.PassiveEnvChecker,
     gym.wrappers.TimeLimit, gym.wrappers.RecordEpisodeStatistics, gym.wrappers.RecordVideo,
 )
-"""Wrappers that leave observations and actions as they are, or whose part in them is in a policy's card."""
+"""Wrappers that do not change observations and actions, or whose change a policy's card describes."""
 
 
 class PolicyNetwork(NamedTuple):
-    """What of a learner turns an observation into an action."""
+    """Part of a learner that turns an observation into an action."""
 
     layers: list[Any]
     activation: str  # between them
     lstm: Any  # before them
-    output: str  # what brings the last one's outputs into -1..1
-    shown: int | None  # entries of the observation that the actor sees; all where there is no number
+    output: str  # function that limits the last layer's outputs to -1..1
+    shown: int | None  # number of entries that the actor observes; None for all
 
     @property
     def shape(self) -> dict[str, Any]:
-        """Entries of a card that say its shape."""
+        """Entries of a card that describe the network's shape."""
         widths, cells = [int(layer.out_features) for layer in self.layers[:-1]], self.lstm and self.lstm.hidden_size
         return {"widths": widths, "activation": self.activation, "lstm": cells, "output": self.output}
 
@@ -654,7 +654,7 @@ def shape_in_words(widths: list[int], activation: str, lstm: int | None, output:
 
 
 def network_of(model: Any) -> PolicyNetwork:
-    """Return a learner's network; raises `InputError` for one that a policy file cannot hold."""
+    """Return a learner's network; raise `InputError` if a policy file cannot store it."""
     policy, what = model.policy, type(model).__name__
     if not isinstance(model.action_space, gym.spaces.Box):
         raise InputError(f"{what} chooses among {model.action_space}: a policy file holds continuous actions")
@@ -681,7 +681,7 @@ def _flat(layers: Any) -> list[Any]:
 
 
 def _activation(layers: list[Any], what: str) -> str:
-    """Return the activation between layers; refuse others than whole layers with one activation between them."""
+    """Return the activation between layers; raise `InputError` unless they are linear with equal activations."""
     between = {type(layer) for layer in layers[1::2]} or {torch.nn.Tanh}
     names = [name for name, kind in ACTIVATIONS.items() if between == {kind}]
     whole = [*layers[::2], layers[-1]]
@@ -702,7 +702,7 @@ def _lstm(policy: Any, what: str) -> Any:
 
 
 class Around(NamedTuple):
-    """What a learner's sub-environments are."""
+    """Arguments, normalisation and residual of a learner's sub-environments."""
 
     family: EnvArguments  # their arguments
     normalise: VecNormalize | None
@@ -717,7 +717,7 @@ class Around(NamedTuple):
 
 
 def around(vec_env: Any) -> Around:
-    """Check the wrappers of a learner's environment; refuse those that may change observations or actions."""
+    """Check a learner's environment; raise `InputError` if a wrapper may change observations or actions."""
     normalise = residual = None
     while isinstance(vec_env, VecEnvWrapper):
         if not isinstance(vec_env, _AROUND):
@@ -746,6 +746,6 @@ def around(vec_env: Any) -> Around:
 
 def _unknown(wrapper: Any) -> InputError:
     return InputError(
-        f"{type(wrapper).__name__} around the environment may change what is seen or done, and no policy file says "
-        "how: leave it away; to normalise, use VecNormalize"
+        f"{type(wrapper).__name__} around the environment may change observations or actions, which a policy file "
+        "cannot describe: leave it out; to normalise, use VecNormalize"
     )

@@ -1,4 +1,4 @@
-"""What a policy earns: scores beside classic controllers, and whether it may replace what its training started from.
+"""Scores of a policy next to classic controllers, and whether it may replace the policy its training started from.
 
 ``edmsim evaluate --policy NAME --write-card`` measures a policy again and writes the scores into its card. A safe
 training accepts its policy only if its return on other machines is not lower than that of its start.
@@ -25,9 +25,9 @@ from edmsim.screen import ScreenTable
 from edmsim.user_code import policy_of
 
 RIVALS = ("counts", "voltage")
-"""The controllers policies are measured against: that of 1982, and the classic servo on the mean voltage."""
+"""Controllers with which policies are compared: that of 1982, and the classic servo on the mean voltage."""
 FIRST_SEED = HELD_BACK - 100_000
-"""First seed of the machines that test a policy: comparisons use others, as their seeds must not choose a policy;
+"""First seed of the machines that test a policy: comparisons use others, since their seeds must not choose a policy;
 training, which draws its seeds from 32 bits, meets one only by chance."""
 LEAST_MACHINES = 4
 """Least number of machines (ours: with fewer, a bootstrap has only a handful of means)."""
@@ -37,7 +37,7 @@ with itself must pass; one whose loss is unknown must not)."""
 
 
 def measured_with(env_id: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return rivals and resolutions of an environment; parts and shifts take long, and are cut as they are learnt."""
+    """Return rivals and resolutions of an environment; parts and shifts take long, so only those of the training."""
     if is_part(env_id):
         return ("technology", "corrected"), ("fast",)
     return (("adaptive-hold",), ("fast",)) if issubclass(find(env_id)[0], Shift) else (RIVALS, tuple(RESOLUTIONS))
@@ -87,7 +87,7 @@ def measure(
     InputError
         If `episodes` is below 2.
     """
-    whole_from("episodes", episodes, 2)  # one gives no mean with an error
+    whole_from("episodes", episodes, 2)  # a standard error needs two
     scores = []
     rivals, usual = measured_with(env_id)
     controllers = [f"policy:{policy_of(policy)}", *rivals]
@@ -113,9 +113,9 @@ def score(results: Sequence[Result], resolution: str) -> Score:
 
 
 def write_card(policy: str, scores: Sequence[Score], env_id: str | None = None) -> None:
-    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions.
+    """Write scores of `measure` into a policy's card, in place of those at the same resolutions.
 
-    `env_id` is the environment of the scores, by default the policy's; those of another one are kept beside these.
+    `env_id` is the environment of the scores, by default the policy's; scores of other environments stay in the card.
     """
     card = _card(policy)
     elsewhere = {} if env_id is None or find(env_id) == find(card.env_id) else {"env_id": env_id}
@@ -170,14 +170,14 @@ class Verdict(NamedTuple):
         """Return the verdict as a line of text."""
         value, low, high = self.difference.value, self.difference.low, self.difference.high
         how = "accepted" if self.accepted else "refused"
-        return (f"{how}: on {self.machines} other machines it earns {value:+.4g} ({low:+.4g} to {high:+.4g}) "
-                f"beside {self.start.value:.4g} of its start")  # fmt: skip
+        return (f"{how}: on {self.machines} other machines its return differs by {value:+.4g} ({low:+.4g} to "
+                f"{high:+.4g}) from its start's {self.start.value:.4g}")  # fmt: skip
 
 
 def check_safe(machines: int, start: str | None) -> None:
     """Raise `InputError` before the training if there are too few machines, or no start."""
     if machines < LEAST_MACHINES:
-        raise InputError(f"{machines} machines tell too little to accept a policy: give {LEAST_MACHINES} or more")
+        raise InputError(f"{machines} machines are too few to accept a policy: give {LEAST_MACHINES} or more")
     if start is None:
         raise InputError("--safe compares with what the training starts from: give --start policy:NAME")
 
@@ -191,10 +191,10 @@ def verdict(returns: Sequence[float], start_returns: Sequence[float]) -> Verdict
 def accept(
     env_id: str, trained: Path, start: str, machines: int, watch: Callable[[str, int, int], None] | None = None
 ) -> Verdict:
-    """Compare a trained policy with its start: it becomes ``policy.json`` of its folder, or ``refused.json``.
+    """Compare a trained policy with its start; if accepted, it becomes ``policy.json`` of its folder.
 
-    If it is refused, the start becomes ``policy.json``. The start is a file or a name. `watch` is called with a name,
-    finished cuts and all.
+    Otherwise it becomes ``refused.json``, and the start ``policy.json``. The start is a file or a name. `watch` is
+    called with a name, finished cuts and all.
     """
     both = f"policy:{trained}", f"policy:{policy_of(start)}"
     jobs = [(name, FIRST_SEED + k) for k in range(machines) for name in both]

@@ -1,4 +1,4 @@
-"""Training with stable-baselines3 (extra ``rl``): from nothing, or on from a folder's last checkpoint."""
+"""Training with stable-baselines3 (extra ``rl``): from an untrained learner, a policy, or a checkpoint."""
 
 import io
 import shutil
@@ -50,11 +50,11 @@ class TrainingRun(BaseModel, frozen=True):
     algo: str
     steps: int
     seed: int
-    options: dict[str, Any] = {}  # further ones of the command that began it
+    options: dict[str, Any] = {}  # further options of the command with which it began
 
 
 class _Saved(TrainingRun, frozen=True):
-    """What a checkpoint says of its training, in ``run.json``."""
+    """State of the training in a checkpoint's ``run.json``."""
 
     done: int
     multiplier: float | None
@@ -70,7 +70,7 @@ class Trained(NamedTuple):
     model: Any
     normalise: Any  # environments with the statistics of the policy's observations
     vec_env: sb3.TrainingEnvs
-    curve: list[tuple[int, float]]  # steps, and the mean return of the last hundred episodes, also before a break
+    curve: list[tuple[int, float]]  # steps, mean return of the last hundred episodes; also before a resume
 
     def export(self, command: str) -> tuple[Card, bytes]:
         """Return the policy for `policy_file.write`; `command` is the command of the training."""
@@ -125,7 +125,7 @@ def train(
         If interrupted, after saving a checkpoint.
     """
     parameters = parameters or hyperparameters.load(env_id, algo)
-    stand_in(*find(env_id))  # refuses an environment of which no policy file could be written
+    stand_in(*find(env_id))  # raises `InputError` if no policy file can describe it
     out, total = folder_of(out), parameters.steps if steps is None else whole_from("steps", steps, 1)
     whole_within("seed", seed, 0, 2**32 - 1)
     run = TrainingRun(env_id=env_id_of(env_id), algo=algo, steps=total, seed=seed, options=dict(options or {}))
@@ -141,7 +141,7 @@ def train(
     sb3.check(run.env_id, algo, parameters)
     with locked(out, "edmsim train"), noted() as signals:
         signals.at_once()
-        torch.set_num_threads(1)  # more only wait for each other, and begin with other weights
+        torch.set_num_threads(1)  # more threads would wait for each other, and change the initial weights
         trained = _begin(run, parameters, last, before)
         _learn(trained, out, watch, callbacks, signals, reset=before is None)
     return trained
@@ -151,7 +151,7 @@ def _learn(
     trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None, callbacks: Sequence[Any],
     signals: NotedSignals, *, reset: bool,
 ) -> None:
-    """Learn up to the run's steps, with checkpoints on the way and at the end, however it ends."""
+    """Learn up to the run's steps; save checkpoints meanwhile and at the end, also after an error or a signal."""
     keeper = _Keeper(trained, out, watch)
     left = trained.run.steps - trained.model.num_timesteps
     try:
@@ -169,7 +169,7 @@ def _learn(
 
 @contextmanager
 def _room(out: Path) -> Iterator[None]:
-    """Say, where a training cannot be written, on a full disk for example, what of it stays."""
+    """If a training cannot be written, for example on a full disk, raise `EdmsimError` and say what stays of it."""
     try:
         yield
     except OSError as error:
@@ -183,8 +183,8 @@ def _room(out: Path) -> Iterator[None]:
 def _begin(
     run: TrainingRun, parameters: Hyperparameters, last: Path | Policy | None, before: _Saved | None
 ) -> Trained:
-    """Make environment and learner, as new, with a policy, or as a checkpoint has them."""
-    # other episodes after a break
+    """Make environment and learner: new, from a policy, or from a checkpoint."""
+    # `done` is in the seed, so a resumed training has other episodes
     done, multiplier = (0, None) if before is None else (before.done, before.multiplier)
     first = int(np.random.SeedSequence((run.seed, done)).generate_state(1)[0])
     vec_env = sb3.vec_env_of(run.env_id, parameters, first, multiplier)
@@ -194,7 +194,7 @@ def _begin(
         made = sb3.new_learner(run.algo, vec_env, parameters, run.seed)
     if isinstance(last, Policy):
         sb3.start_sb3(*made, last)
-    vec_env.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
+    vec_env.edm.seed(first)  # the learner has set its own seed, which would repeat episodes after a resume
     return Trained(run, parameters, *made, vec_env, [] if before is None else before.curve)
 
 
@@ -211,7 +211,7 @@ def _saved_learner(
         if algo in hyperparameters.REPLAYS:
             with (checkpoint / "replay.pkl").open("rb") as replay:
                 model.load_replay_buffer(replay)
-    except Exception as error:  # of pickle, zipfile, torch and stable-baselines3, whatever it is
+    except Exception as error:  # any of pickle, zipfile, torch and stable-baselines3
         raise _damaged(error, checkpoint) from None
     return model, normalise
 
@@ -244,7 +244,7 @@ class _Keeper(BaseCallback):
         return True
 
     def save(self, at_end: bool = False) -> None:
-        """Write a new checkpoint, then remove the old one; at the end, the learner has learned from all steps."""
+        """Write a new checkpoint, then remove the old one; `at_end` means that the last update is included."""
         model, done = self._trained.model, self._trained.model.num_timesteps
         if not all(torch.isfinite(each).all() for each in model.policy.parameters()):
             raise EdmsimError(
@@ -252,7 +252,7 @@ class _Keeper(BaseCallback):
                 "smaller learning_rate may help. Its last checkpoint, if it has one, stays"
             )
         partial, folder = self._out / "partial", self._out / f"checkpoint-{done:012d}"
-        if folder.exists() and at_end:  # a step wrote it, before the last update
+        if folder.exists() and at_end:  # written after the last step, before the last update
             folder = folder.with_name(f"{folder.name}-end")
         if folder.exists() or not done:
             return
@@ -261,10 +261,10 @@ class _Keeper(BaseCallback):
             self._write(partial)
             partial.rename(folder)
         finally:
-            shutil.rmtree(partial, ignore_errors=True)  # what found no room
+            shutil.rmtree(partial, ignore_errors=True)  # an incomplete one, of a full disk for example
         for old in self._out.glob("checkpoint-*"):
             if old != folder:
-                old.rename(partial)  # what a kill leaves of it is no checkpoint
+                old.rename(partial)  # so a kill leaves no incomplete checkpoint
                 shutil.rmtree(partial)
         self._saved = done
 
@@ -272,7 +272,7 @@ class _Keeper(BaseCallback):
         """Write the files of a checkpoint."""
         trained = self._trained
         folder.mkdir()
-        packed = io.BytesIO()  # torch has errors of its own for a file that it cannot write
+        packed = io.BytesIO()  # in memory, because torch raises other errors if it cannot write a file
         trained.model.save(packed)
         (folder / "model.zip").write_bytes(packed.getvalue())
         trained.normalise.save(str(folder / "normalise.pkl"))
@@ -287,7 +287,7 @@ class _Keeper(BaseCallback):
 
 
 def _to_resume(run: TrainingRun, out: Path, steps: int | None) -> tuple[Path, _Saved]:
-    """Return the folder's last checkpoint, of a training of the same, and what it says; `steps` may be another."""
+    """Return the folder's last checkpoint and its state; raise `InputError` if it is of another training."""
     found = sorted(out.glob(hyperparameters.CHECKPOINT))
     if not found:
         raise InputError("there is no training to resume in this folder", out)
@@ -304,7 +304,7 @@ def _to_resume(run: TrainingRun, out: Path, steps: int | None) -> tuple[Path, _S
 
 
 def _saved(checkpoint: Path) -> _Saved:
-    """Return what a checkpoint says of its training."""
+    """Return the state of the training in a checkpoint."""
     try:
         return _Saved.model_validate_json((checkpoint / "run.json").read_bytes())
     except ValidationError as error:
@@ -315,5 +315,5 @@ def _saved(checkpoint: Path) -> _Saved:
 
 
 def _damaged(error: object, checkpoint: Path) -> InputError:
-    """Return what to raise for a checkpoint that cannot be read."""
+    """Return the error for a checkpoint that cannot be read."""
     return InputError(f"the checkpoint is damaged ({error}); train again in another folder", checkpoint)

@@ -39,28 +39,28 @@ except ImportError as error:
     raise InputError(f"a population needs {error.name}: pip install 'edmsim[cluster]'") from None
 
 TABLE = "population.parquet"
-"""A row for every learner and generation: worth, windows, settings, and whose checkpoint it went on from."""
-JOURNAL = "population.jsonl"  # the table of runs that becomes it
-RUN = "ray"  # folder of Ray Tune's own files, and of the checkpoints that learners hand over
-LEAST_POPULATION = 4  # under it a quarter is less than one learner
+"""A row per learner and generation: score, windows, settings, and the learner whose checkpoint it resumed."""
+JOURNAL = "population.jsonl"  # `RunTable` of the generations, from which `TABLE` is written
+RUN = "ray"  # folder of Ray Tune's files and the learners' checkpoints
+LEAST_POPULATION = 4  # a quarter of the population must be at least one learner
 _OF_LEARNER = ("learner", "parent", "score", "windows")
 _CHECKPOINTS = 3
-"""Checkpoints of a learner (as Ray Tune advises: another may still read one that is no longer the last)."""
+"""Number of stored checkpoints per learner (as Ray Tune advises: another learner may still read an older one)."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Identity of a population; a folder resumes only the same."""
+    """Arguments that identify a population; a folder resumes only a population with the same ones."""
 
-    env_id: str  # or ``FILE.py:ID``, which every computer has
+    env_id: str  # or ``FILE.py:ID`` with a path that is valid on every computer
     files: tuple[str, ...]  # digest of that file
     algo: str
     population: int
     generations: int
-    windows: int  # of a learner in each generation
-    seed: int  # of the first learner; the next has the next
-    seeds: tuple[int, ...]  # training seeds that a learner's policy is judged by after every generation
-    # hyperparameters of which the population changes some, for computers that may have others
+    windows: int  # per learner and generation
+    seed: int  # seed of learner 0; learner n has ``seed + n``
+    seeds: tuple[int, ...]  # training seeds on which a learner's policy is scored after every generation
+    # all hyperparameters, because the files of other computers may differ; the population changes some of them
     parameters: dict[str, Any]
 
 
@@ -69,7 +69,7 @@ class PopulationResult(NamedTuple):
 
     values: dict[str, float]  # settings of the best learner in its last generation
     value: float  # mean return of its policy on the training seeds
-    generation: int  # last that a learner has finished
+    generation: int  # number of its last finished generation
 
 
 @refuses_wrong_types
@@ -81,7 +81,7 @@ def train_population(
     """Train a population on a Ray cluster, one processor per learner; on fewer processors learners take turns.
 
     The folder must be at the same path on every computer of the cluster; an interrupted training in it is resumed.
-    The windows of `steps` are those of a learner over all generations, each rounded up to whole updates.
+    `steps` is the number of windows of a learner over all generations, each rounded up to whole updates.
     """
     if " " in sys.executable:
         raise InputError(
@@ -102,7 +102,7 @@ def _plan(name: str, algo: str, population: int, generations: int, steps: int | 
     whole_from("generations", generations, 1)
     judged_by = tuple(training_seeds(seed, seeds))
     env_id = resolve(name)
-    training_space(algo)  # refuses an algorithm of which nothing is searched
+    training_space(algo)  # raises `InputError` if no settings of the algorithm are searched
     parameters = hyperparameters.load(env_id, algo)
     total = hyperparameters.steps_of(parameters, algo, steps)
     if total < generations:
@@ -134,7 +134,7 @@ def _run(folder: Path, plan: Plan, journal: RunTable, watch: Callable[[Populatio
         failed = next((str(error).strip().splitlines()[-1] for error in results.errors), "none ended")
         raise InputError(f"no learner could be trained: {failed}")
     if any(metrics.get("training_iteration", 0) < plan.generations for metrics in done):
-        raise KeyboardInterrupt  # Ray Tune caught it, kept its state and ended as if all were done
+        raise KeyboardInterrupt  # Ray Tune caught it, saved its state and ended as if all were done
     return results.get_best_result("score", "max")
 
 
@@ -164,7 +164,7 @@ def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
 
 
 def _clamped(space: Mapping[str, Bound], config: dict[str, Any]) -> dict[str, Any]:
-    """Return explored values within the bounds of the search."""
+    """Return the configuration with explored values clamped to the bounds of the search."""
     return {**config, **{key: min(max(config[key], bound.low), bound.high) for key, bound in space.items()}}
 
 
@@ -174,7 +174,7 @@ def _result_of(metrics: Mapping[str, Any]) -> PopulationResult:
 
 
 def _write(folder: Path, plan: Plan, best: Any, journal: RunTable) -> None:
-    """Write the best learner's policy and last settings, and the table of all."""
+    """Write the best learner's policy and last settings, and the table of all learners."""
     found = _result_of(best.metrics)
     with best.checkpoint.as_directory() as name:
         files = {file.name: file.read_bytes() for file in sorted(Path(name).glob("policy.*"))}
@@ -191,7 +191,7 @@ def _write(folder: Path, plan: Plan, best: Any, journal: RunTable) -> None:
 def _noting(
     journal: RunTable, watch: Callable[[PopulationResult], None] | None
 ) -> Callable[[Mapping[str, Any]], None]:
-    """Return what notes a learner's generation in the journal; one repeated after a loss replaces the former."""
+    """Return a function that saves a learner's generation in the journal; if it is repeated, its row is replaced."""
 
     def note(metrics: Mapping[str, Any]) -> None:
         result = _result_of(metrics)
@@ -203,19 +203,19 @@ def _noting(
     return note
 
 
-WHOSE = "learner.json"  # file of a checkpoint that says whose it is
+WHOSE = "learner.json"  # file in a checkpoint with the number of its learner
 
 
 class Learner(tune.Trainable):  # type: ignore[misc]
-    """Trains on from its own checkpoint, or from another learner's, with the settings it has now."""
+    """Continues training from its own or another learner's checkpoint, with its present settings."""
 
     def setup(self, config: dict[str, Any]) -> None:
-        """Begin with nothing learnt."""
+        """Start without a checkpoint."""
         self._folder = tempfile.TemporaryDirectory()
         self.reset_config(config)
 
     def reset_config(self, new_config: dict[str, Any]) -> bool:
-        """Become another learner, which a checkpoint may follow."""
+        """Reset this actor to another learner; `load_checkpoint` may follow."""
         self.config = new_config
         self._last: Path | None = None
         self._parent = self._number
@@ -226,8 +226,8 @@ class Learner(tune.Trainable):  # type: ignore[misc]
         return int(self.trial_id.rpartition("_")[2])
 
     def step(self) -> dict[str, Any]:
-        """Train for a generation, and judge the policy."""
-        from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
+        """Train for a generation, and score the policy."""
+        from edmsim.learning.train import train  # raises `InputError` if the extra is missing
 
         plan = self.config["plan"]
         usual = Hyperparameters.model_validate(plan["parameters"])
@@ -249,28 +249,28 @@ class Learner(tune.Trainable):  # type: ignore[misc]
         return {"score": score, "windows": trained.model.num_timesteps, "learner": self._number, "parent": parent}
 
     def save_checkpoint(self, checkpoint_dir: str) -> None:
-        """Hand over the last checkpoint, with the policy."""
+        """Copy the last checkpoint, including the policy, to Ray Tune's folder."""
         assert self._last is not None
         shutil.copytree(self._last, checkpoint_dir, dirs_exist_ok=True)
 
     def load_checkpoint(self, checkpoint: Any) -> None:
-        """Take one, of whomever it is."""
+        """Copy a checkpoint of any learner; that learner becomes the parent."""
         self._last = Path(tempfile.mkdtemp(dir=self._folder.name)) / "checkpoint"
         shutil.copytree(checkpoint, self._last)
         self._parent = int(json.loads((self._last / WHOSE).read_text(encoding="utf-8")))
 
     def cleanup(self) -> None:
-        """Leave no file behind."""
+        """Delete all temporary files."""
         self._folder.cleanup()
 
 
 class Watching(tune.Callback):  # type: ignore[misc]
-    """Tells the driver of every generation of a learner."""
+    """Reports every finished generation of a learner to the driver."""
 
     watch: Callable[[dict[str, Any]], object] = staticmethod(lambda _: None)
 
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
     ) -> None:
-        """Take a result."""
+        """Pass a result to `watch`."""
         Watching.watch(result)

@@ -1,6 +1,6 @@
 """``edmsim sweep run``: a sweep from its specification to its folder.
 
-All combinations are checked before the first run: what no cut can be made with is refused in one line.
+All combinations are checked before the first run; an `InputError` names values with which no cut can be made.
 """
 
 import json
@@ -52,13 +52,13 @@ def values_of(run: Report | Result) -> dict[str, float | None]:
 
 
 def perform(run: SweepRun) -> Outcome:
-    """Make a run; whatever goes wrong in it becomes its error, and no other run suffers."""
-    # a result depends on the run alone, not on computer, process, or what ran before; but for wall_time_s and host
+    """Make a run; an exception becomes its error, so that the other runs continue."""
+    # except wall_time_s and host, a result depends only on the run, not on computer, process or earlier runs
     started = time.monotonic()
     try:
         _same_files(run)
         found, files = _cut(run) if run.is_cut else (_episode(run), {})
-    except Exception as error:  # whatever it is: a sweep of a thousand cuts goes on
+    except Exception as error:  # any exception, because it must not end a sweep of a thousand cuts
         found, files = {"error": said(error)}, {}
     return Outcome({
         **blank(run), **found, "wall_time_s": time.monotonic() - started, "host": socket.gethostname(),
@@ -79,7 +79,7 @@ def blank(run: SweepRun) -> dict[str, Any]:
 
 
 def said(error: Exception) -> str:
-    """Return an error as one line; an unexpected one with the place where it arose."""
+    """Return an error as one line; one that is not an `EdmsimError` includes the file and line that raised it."""
     if isinstance(error, EdmsimError):
         return " ".join(str(error).split())
     frames = traceback.extract_tb(error.__traceback__)
@@ -90,7 +90,7 @@ def said(error: Exception) -> str:
 def _same_files(run: SweepRun) -> None:
     for file, expected in run.files.items():
         if digest(file) != expected:
-            raise InputError("is not there, or not the file the sweep began with", file)
+            raise InputError("is missing, or has changed since the sweep began", file)
 
 
 def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
@@ -106,8 +106,8 @@ def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 
 def _drawn(run: SweepRun, sample: int) -> dict[str, float]:
-    """Return the constants of a drawn machine; every setting gets the same draw, for comparison."""
-    machine = prepared(run.task, CutSettings.model_validate(run.settings)).machine  # that of a technology, for passes
+    """Return the constants of a drawn machine; a sample is the same draw for all settings, for comparison."""
+    machine = prepared(run.task, CutSettings.model_validate(run.settings)).machine  # with passes that of a technology
     only = run.sample_only
     chosen = machine.uncertain() if only is None else choose(machine, only)
     known = machine.sample(np.random.default_rng(sample), only).uncertain()
@@ -134,16 +134,17 @@ def _episode(run: SweepRun) -> dict[str, Any]:
     return {"outcome": result.outcome, **values_of(result)}
 
 
-MOST_REASONS = 3  # reasons that a refusal names (ours): it is one line
+MOST_REASONS = 3  # most reasons in the error (ours), which is one line
 
 
 def check_runs(specification: Specification, checking: Callable[[int, int], None] | None = None) -> None:
-    """Prepare every combination of settings as its cut would; refuse values with which no machine can be set."""
-    # values of a grid that are valid with others but not together, a long on-time and a short period say, become runs
-    # that failed; so do points of a Sobol sample, whose values have no others, if only their pulse setting is wrong
+    """Prepare every combination of settings as its cut would; raise `InputError` if a value is always invalid."""
+    # If values of a grid are invalid only together, such as a long on-time and a short period, their run fails and
+    # the others are made. A value of a Sobol sample has only its own point; its run fails if the values are invalid
+    # only together (`CombinationError`, of a pulse setting).
     planner, is_cut = _Planner(), bool(specification.program)
     refused: dict[str, list[dict[str, Any]]] = {}
-    possible: set[tuple[str, str]] = set()  # settings with values
+    possible: set[tuple[str, str]] = set()  # pairs of setting and value in valid combinations
     values_wrong = False
     total = specification.runs // (len(specification.seeds) * max(specification.machine_samples, 1))
     for number, (task, settings_of_run) in enumerate(combinations(specification), 1):
@@ -180,7 +181,7 @@ def _values(combination: Mapping[str, Any]) -> set[tuple[str, str]]:
 
 
 def _named(those: list[dict[str, Any]], varied: set[str]) -> str:
-    """Name the values that all of these have, of the settings that differ elsewhere."""
+    """Return ``with NAME VALUE: `` for those settings in `varied` that are equal in all these combinations."""
     first = those[0]
     common = [name for name in first if name in varied and all(other[name] == first[name] for other in those)]
     values = ", ".join(f"{name} {_said(first[name])}" for name in common)
@@ -192,7 +193,7 @@ def _said(value: Any) -> str:
 
 
 class _Planner:
-    """Plans paths, each once: most settings of a cut do not change its path."""
+    """Plans and caches paths, because most settings of a cut do not change its path."""
 
     _OPTIONS = (
         "planner", "offset", "ignore", "layers", "unit", "offsets", "dialect", "conditions", "upper_layer",
@@ -221,7 +222,7 @@ class _Planner:
         return found
 
 
-SPECIFICATION = "specification.json"  # file in which a sweep's folder keeps the specification last run there
+SPECIFICATION = "specification.json"  # file in a sweep's folder with the specification of its last call
 
 
 class SweepProgress(NamedTuple):

@@ -1,12 +1,12 @@
 """Sensitivity of a figure to the settings: Sobol' indices from the existing runs, for any design.
 
-All shares are of the variance that a figure would have if every combination of the values that were run were equally
+Shares refer to the variance that a figure would have if all combinations of the values in the runs were equally
 likely. Analysis of variance (`decompose`) handles grids, and lists that change one setting at a time; a fitted
-polynomial (`fit`) handles samples, in which hardly a value occurs twice.
+polynomial (`fit`) handles samples, in which hardly any value occurs twice.
 
 In a complete grid the means over its cells give the decomposition exactly (Hoeffding; Sobol' 1993). If cells are
-missing, the effects of single settings are fitted to the others simultaneously. This is the same as filling the gaps
-with values that minimise the interactions (Yates 1933). Runs with the same settings measure chance, and its
+missing, the effects of single settings are fitted simultaneously to the existing cells. This is the same as filling
+the gaps with values that minimise the interactions (Yates 1933). Runs with the same settings measure chance, and its
 contribution is subtracted from each share.
 
 The polynomial's terms are products of polynomials that are orthonormal over the values of each setting, so each
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 class Factor(NamedTuple):
-    """A setting: the place of every run's value among all in order, how many these are, and if they are numbers."""
+    """A setting: index of each run's value in the sorted values, number of values, and whether they are numbers."""
 
     levels: NDArray[np.intp]
     size: int
@@ -39,7 +39,7 @@ class Factor(NamedTuple):
 
 
 class Shares(NamedTuple):
-    """Shares of a variance: of every factor alone and in all, of factors together, and of none; NaN if unknown."""
+    """Shares of a variance: first-order and total per factor, all interactions, and the rest; NaN if unknown."""
 
     first_order: list[float]
     total: list[float]
@@ -48,21 +48,21 @@ class Shares(NamedTuple):
 
     @classmethod
     def unknown(cls, factors: int) -> "Shares":
-        """Return unknown shares."""
+        """Return shares that are all NaN."""
         return cls([math.nan] * factors, [math.nan] * factors, math.nan, math.nan)
 
 
 class Cells(NamedTuple):
-    """Runs with the same settings taken together."""
+    """Cells: the runs with the same settings are one cell."""
 
     levels: NDArray[np.intp]
     means: NDArray[np.float64]
     counts: NDArray[np.intp]
-    chance: float  # variance between runs of a cell; NaN where no cell has two
+    chance: float  # variance between runs of a cell; NaN if no cell has two
 
 
 def cells_of(factors: list[Factor], values: NDArray[np.float64]) -> Cells:
-    """Take the runs with the same settings together."""
+    """Combine the runs with the same settings in cells."""
     levels, cell = np.unique(np.column_stack([f.levels for f in factors]), axis=0, return_inverse=True)
     cell = cell.reshape(-1)
     counts = np.bincount(cell)
@@ -72,14 +72,14 @@ def cells_of(factors: list[Factor], values: NDArray[np.float64]) -> Cells:
     return Cells(levels, means, counts, chance)
 
 
-MOST_CELLS = 4_000_000  # of a grid that is filled for its interactions (ours: 32 MB)
-MOST_LEVELS = 1000  # levels of all factors together (ours: a sample of more is fitted)
+MOST_CELLS = 4_000_000  # largest grid whose interactions are computed (ours: 32 MB)
+MOST_LEVELS = 1000  # of all factors together (ours); for more, a polynomial is fitted
 
 
 def decompose(factors: list[Factor], values: Array) -> Shares | None:
-    """Return the shares of every factor; None where the effects of single factors cannot be parted level by level."""
-    # interactions are looked at where more than half of all combinations are there (ours); elsewhere they count
-    # as unexplained, as far as they show at all
+    """Return the shares of every factor; None if the effects of its levels cannot be separated or are too many."""
+    # Interactions are computed if more than half of all combinations were run (ours). Otherwise they count as
+    # unexplained, as far as the runs show them.
     counts = [factor.size for factor in factors]
     cells = cells_of(factors, values)
     there, size, terms = len(cells.means), math.prod(counts), 1 + sum(count - 1 for count in counts)
@@ -117,7 +117,7 @@ def _shares_of_cells(single: list[float], shared: list[float], together: float, 
 
 
 class _Additive:
-    """The sum of an effect for each level of each factor, fitted to the means of cells, each of the same weight."""
+    """Additive model: one effect per level of each factor, fitted to the means of cells with equal weights."""
 
     def __init__(self, cells: Cells, counts: list[int]) -> None:
         first = 1 + np.concatenate([[0], np.cumsum(counts)])
@@ -132,7 +132,7 @@ class _Additive:
         self.residuals: Array = cells.means - self._design @ self._effects
 
     def variances(self, noise: Array) -> list[float]:
-        """Return the variance over the levels of each factor, less what noise of these variances puts into it."""
+        """Return each factor's variance over its levels, less the part due to noise with a variance for each cell."""
         scattered = (self._design.T @ diags_array(noise) @ self._design).toarray()
         errors: Array = np.asarray(self._inverse @ scattered @ self._inverse)
         found = []
@@ -146,27 +146,27 @@ class _Additive:
 
 
 def _shared(cells: Cells, counts: list[int], residuals: Array) -> list[float]:
-    """Return the variance of all interactions that a factor takes part in, for each; gaps have none."""
+    """Return for each factor the variance of all interactions that include it; missing cells count as zero."""
     grid = np.zeros(counts)
     grid[tuple(cells.levels.T)] = residuals
     whole = float(np.mean(grid**2))
     return [whole - float(np.mean(grid.mean(axis=axis) ** 2)) for axis in range(len(counts))]
 
 
-MOST_DEGREE = 10  # of the polynomial (ours: it follows two waves)
+MOST_DEGREE = 10  # highest degree of the polynomial (ours: it can follow two waves)
 NORMS = 1.0, 0.75, 0.5
 """Norms of a term's degrees, tried until there are few enough terms: below 1, high degrees of several factors are
 left out (Blatman and Sudret 2011)."""
 MOST_TERMS = 1000
-"""Terms to choose from (ours), fewer where the table of all runs would take more than `MOST_NUMBERS`."""
+"""Most candidate terms (ours); fewer if the table of all cells would have more than `MOST_NUMBERS` numbers."""
 MOST_NUMBERS = 30_000_000
-MOST_CHOSEN = 60  # terms chosen at most (ours)
-BY_CHANCE = 0.05  # probability at most that the best of all terms is as good as the next one chosen, by chance (ours)
-Term = tuple[tuple[int, int], ...]  # pairs of a factor and the number of its function, from 1 on
+MOST_CHOSEN = 60  # most selected terms (ours)
+BY_CHANCE = 0.05  # highest probability that the best candidate is by chance as good as the selected term (ours)
+Term = tuple[tuple[int, int], ...]  # pairs: index of a factor, and of its function from 1 on
 
 
 def fit(factors: list[Factor], values: Array) -> Shares:
-    """Return the shares of every factor; unknown of factors that only ever change together."""
+    """Return the shares of every factor; NaN for factors that change only together."""
     cells = cells_of(factors, values)
     functions = [_functions(factor) for factor in factors]
     parted = _parted(cells, factors, functions)
@@ -179,11 +179,11 @@ def fit(factors: list[Factor], values: Array) -> Shares:
     coefficients = inverse @ cells.means
     left = cells.means - design @ coefficients
     free = 1.0 - np.einsum("ij,ji->i", design, inverse)
-    others = free > 1e-9  # not a cell that alone determines a coefficient: nothing is known of its error
-    left_out = left[others] / free[others]  # error of each cell without it in the fit
+    others = free > 1e-9  # without cells that alone determine a coefficient: their error is unknown
+    left_out = left[others] / free[others]  # error of each cell if it is left out of the fit
     by_noise = float(left @ left) / max(len(design) - design.shape[1], 1) * (inverse**2).sum(axis=1)
     within = 0.0 if math.isnan(cells.chance) else cells.chance * (1 - float(np.mean(1 / cells.counts)))
-    rest = float(np.mean(left_out**2)) + within  # of one run, not of the mean of a cell's
+    rest = float(np.mean(left_out**2)) + within  # of a single run, not of a cell's mean
     parts = np.maximum(coefficients**2 - by_noise, 0.0)[1:]
     whole = float(parts.sum()) + rest
     shares = [({k for k, _ in terms[place]}, float(part) / whole) for place, part in zip(order, parts, strict=True)]
@@ -198,10 +198,10 @@ def fit(factors: list[Factor], values: Array) -> Shares:
 
 
 def _chosen(columns: Array, values: Array) -> list[int]:
-    """Return terms one by one, each that which explains most of the rest, as long as that is more than chance."""
+    """Select terms one by one: the next explains most of the rest, until that may be chance. Return their indices."""
     columns, rest = columns - columns.mean(axis=0), values - values.mean()
     first = np.maximum((columns**2).sum(axis=0), 1e-300)
-    left = first.copy()  # of each term's square what those chosen do not make up
+    left = first.copy()  # part of each term's square that the selected ones do not explain
     units, order, all_of_it = np.zeros((len(values), 0)), list[int](), float(rest @ rest)
     for number in range(min(MOST_CHOSEN, columns.shape[1], (len(values) - 1) // 2)):
         gains = np.where(left > 1e-9 * first, (rest @ columns) ** 2 / np.maximum(left, 1e-300), 0.0)
@@ -221,8 +221,8 @@ def _chosen(columns: Array, values: Array) -> list[int]:
 
 
 def _functions(factor: Factor) -> Array:
-    """Return functions of a factor's values, orthonormal over them: (values, functions), the constant one first."""
-    # a number counts by its place among all its values, so that a sample in the logarithm needs nothing else
+    """Return functions that are orthonormal over a factor's values: (values, functions), the constant one first."""
+    # a number is replaced by its rank among the values, so a logarithmic sample needs no case of its own
     count = factor.size
     if not factor.is_number:
         return _orthonormal(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))
@@ -236,7 +236,7 @@ def _orthonormal(columns: Array) -> Array:
 
 
 def _parted(cells: Cells, factors: list[Factor], functions: list[Array]) -> list[bool]:
-    """Return which factors the runs determine: those whose terms are independent of all others."""
+    """Return for each factor whether the runs determine it: its terms are linearly independent of all others."""
     owners = [(k, n) for k, factor in enumerate(factors) for n in range(1, 2 if factor.is_number else factor.size)]
     columns = np.column_stack([functions[k][cells.levels[:, k], n] for k, n in owners])
     _, sizes, directions = np.linalg.svd(np.linalg.qr(columns - columns.mean(axis=0), mode="r"))
@@ -247,7 +247,7 @@ def _parted(cells: Cells, factors: list[Factor], functions: list[Array]) -> list
 
 
 def _terms(factors: list[Factor], parted: list[bool], most: int) -> list[Term]:
-    """Return products of functions of different factors, of as high degrees as there is room for."""
+    """Return at most `most` products of functions of different factors, up to the highest possible degree."""
     for degree in range(MOST_DEGREE, 0, -1):
         for norm in NORMS:
             found = list(itertools.islice(_products(factors, parted, degree, norm), most + 1))
@@ -257,7 +257,7 @@ def _terms(factors: list[Factor], parted: list[bool], most: int) -> list[Term]:
 
 
 def _products(factors: list[Factor], parted: list[bool], degree: int, norm: float) -> Iterator[Term]:
-    """Yield the products whose degrees have a norm within the degree; a name's functions have degree 1."""
+    """Yield the products whose degrees have at most `degree` as norm; functions of names have degree 1."""
     single = [
         [((k, n), float(n if factor.is_number else 1) ** norm) for n in range(1, factor.size)
          if not factor.is_number or n <= degree]
@@ -280,12 +280,12 @@ def _columns(cells: Cells, functions: list[Array], terms: list[Term]) -> Array:
 
 
 MOST_VALUES = 12
-"""Values of a number up to which each is a level of its own (ours); above, a figure is taken to change smoothly."""
+"""Most values of a number that are separate levels (ours); with more, figures are assumed to change smoothly."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Effect of a setting on a figure; NaN where the runs do not determine it."""
+    """Effect of a setting on a figure; NaN if the runs do not determine it."""
 
     first_order: float  # share (0..1) of the variance that the setting alone explains: first-order Sobol index
     total: float  # the same with its interactions: total Sobol index
@@ -300,16 +300,16 @@ class Sensitivity:
     # share of the variance that only combinations of settings explain; NaN if the runs do not determine it
     interactions: float
     # share that no setting explains: chance and, for a sample, the error of the polynomial. NaN if every combination
-    # was run once, as chance then counts as an effect.
+    # was run once, because chance then counts as an effect.
     unexplained: float
 
 
 def sensitivity(
     settings: Mapping[str, Sequence[Any]], figure: NDArray[np.float64], names: Collection[str] = ()
 ) -> Sensitivity:
-    """Return the sensitivity of a figure to settings, from their values per run; runs without it are left out.
+    """Return the sensitivity of a figure to settings, from their values per run; runs without a figure are left out.
 
-    The numbers of the settings in `names` are only names, like those of machines.
+    Numbers in the settings `names` are only names, like those of machines.
     """
     known = np.isfinite(figure)
     values = figure[known]

@@ -32,11 +32,11 @@ from edmsim.user_code import listed, named
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER}):({_NUMBER})")
 MOST_OF_RANGE = 100_000
-"""Values that a range may have (ours: a step mistyped by some powers of ten is refused, not computed)."""
+"""Limit of the values of a range (ours: a step mistyped by some powers of ten raises an error)."""
 
 
 def values_of(text: Any, name: str) -> list[Any]:
-    """Return the values to try of a setting: of a list, or a text with commas and ranges ``FIRST:LAST:STEP``."""
+    """Return the values of a setting from a list, or from a text with commas and ranges ``FIRST:LAST:STEP``."""
     found: list[Any]
     if isinstance(text, list | tuple | np.ndarray):
         found = [plain(value) for value in (text.ravel() if isinstance(text, np.ndarray) else text)]
@@ -58,13 +58,13 @@ def _values_of_piece(piece: str, name: str) -> list[Any]:
     if not 0 <= count < MOST_OF_RANGE:
         raise InputError(f"{name} cannot go from {first:g} to {last:g} in steps of {step:g}: give FIRST:LAST:STEP")
     whole = all(float(part).is_integer() for part in (first, step))
-    # counted up from the first, so that no sum of rounded steps misses the last; twelve digits are what was meant
+    # multiples of the step, because a sum of steps may miss the last value; 12 digits hide rounding errors
     spread = [float(f"{first + k * step:.12g}") for k in range(math.floor(count + 1e-9) + 1)]
     return [int(value) for value in spread] if whole else spread
 
 
 def number_or_text(text: str) -> Any:
-    """Return a number where the text is one, whole where it is written so; true and false; else the text."""
+    """Return a text's value: an int, a float, or a bool for ``true`` and ``false``; else the text itself."""
     if text in ("true", "false"):
         return text == "true"
     if not re.fullmatch(_NUMBER, text):
@@ -85,7 +85,7 @@ def flattened(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Bound(NamedTuple):
-    """Where a value is searched or sampled, evenly or by its logarithm."""
+    """Range in which a value is searched or sampled, evenly in the value or in its logarithm."""
 
     low: float
     high: float
@@ -93,7 +93,7 @@ class Bound(NamedTuple):
 
     @classmethod
     def of(cls, value: Any) -> Self | None:
-        """Return the bound of two numbers, the lower first, and perhaps a scale; None for anything else."""
+        """Return the bound ``(low, high)`` or ``(low, high, scale)``; None for anything else."""
         if not isinstance(value, tuple | list) or len(value) not in (2, 3):
             return None
         low, high, scale = real(value[0]), real(value[1]), (*value, "linear")[2]
@@ -102,15 +102,15 @@ class Bound(NamedTuple):
         return cls(float(low), float(high), scale) if scale == "linear" or (scale == "log" and low > 0) else None
 
     def at(self, share: float) -> float:
-        """Return the value at a share of the way from the lower end."""
+        """Return the value at a share, 0 to 1, of the range."""
         if self.scale == "log":
             return float(self.low * (self.high / self.low) ** share)
         return float(self.low + (self.high - self.low) * share)
 
 
 MOST_SEEDS = 10_000_000
-"""Seeds that a number may stand for (ours: their list takes some 400 MB; no sweep has cut as often)."""
-MOST_POINTS = 1 << 24  # most points of a Sobol sample (ours: of ten numbers each they take a gigabyte)
+"""Most seeds of a sweep as a number (ours: their list takes some 400 MB; no sweep has as many cuts)."""
+MOST_POINTS = 1 << 24  # most points of a Sobol sample (ours: with ten numbers each, a gigabyte)
 Recorded = Literal["report", "windows", "all"]
 """Files saved of each cut: ``report.json``, ``windows.parquet``, or all that ``edmsim cut`` writes."""
 
@@ -151,8 +151,8 @@ class Specification(BaseModel, extra="forbid", frozen=True):
     # program, environment: either part programs or ids of environments (``FILE.py:ID`` for your own)
     program: list[TextOrPath] = []
     environment: list[str] = []
-    # a single number is a count: for programs from 0 on, for environments held-back seeds, as training may have used
-    # others
+    # a single number is a count: seeds from 0 on for programs, held-back ones for environments, because training may
+    # have used others
     seeds: list[Annotated[int, Field(ge=0)]] = [0]
     # number of machines to draw within the ranges of their constants (`Machine.sample`); 0 uses the files' machine.
     # Environments draw their own.
@@ -183,7 +183,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
     @model_validator(mode="before")
     @classmethod
     def _short_forms(cls, value: Any) -> Any:
-        """Take a text for a list of one, a number of seeds for seeds, ranges for their values."""
+        """Expand a text to a list of one, a number of seeds to seeds, and ranges to their values."""
         if not isinstance(value, Mapping):
             return value
         full = dict(value)
@@ -218,7 +218,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         if not self.seeds:
             raise InputError("a sweep without seeds has no run: give a number of them, or a list")
         for file in self.program:
-            if not os.path.isfile(file):  # False for a name longer than names are, or with a byte of zero
+            if not os.path.isfile(file):  # False also if the name is too long or has a null byte
                 raise InputError("there is no such program", file)
         ranges = () if self.sobol is None else self.sobol.ranges
         names = [_option(name, self) for name in (*self.settings, *self.grid, *ranges)]
@@ -265,14 +265,14 @@ def read_specification(file: str | Path) -> Specification:
         with located(file):
             return Specification.model_validate(data)
     except RecursionError:
-        raise InputError("its tables stand too deep within each other", file) from None
+        raise InputError("its tables are nested too deep", file) from None
 
 
 _FLAGS = {"seeds": "--seeds", "machine_samples": "--machine-samples", "recordings": "--record"}
 
 
 def specification_of(what: str, words: Sequence[str], **options: Any) -> Specification:
-    """Return the specification of a file, or of the short form: a program or an environment, and what follows it."""
+    """Return the specification from a file, or from a program or an environment and the words after it."""
     chosen = {name: value for name, value in options.items() if value not in (None, [])}
     if what.endswith(".toml"):
         if superfluous := [*(_FLAGS[name] for name in chosen), *words]:
@@ -284,7 +284,7 @@ def specification_of(what: str, words: Sequence[str], **options: Any) -> Specifi
 
 
 def _grid_of(words: Sequence[str]) -> dict[str, str]:
-    """Take ``--height 5,10 --t-on=10:40:5`` apart."""
+    """Parse words such as ``--height 5,10 --t-on=10:40:5``."""
     found: dict[str, str] = {}
     left = list(words)
     while left:
@@ -322,23 +322,23 @@ def _first_seeds(count: int, held_back: bool) -> list[int]:
 
 @dataclass(frozen=True)
 class SweepRun:
-    """One run of a sweep: plain data that any computer can be sent."""
+    """One run of a sweep, as plain data that can be sent to any computer."""
 
-    id: str  # digest of all that follows but recordings and paths: program and files by their text
-    task: str  # program or environment, as it was given
+    id: str  # digest of all fields below except recordings and paths; files count by their content
+    task: str  # program or environment, as the user wrote it
     is_cut: bool  # whether it is a program
     # options of the cut, constants among them; or the environment's arguments, controller and resolution
     settings: Mapping[str, Any]
     seed: int
-    machine_sample: int | None  # which draw of a machine; None for the machine as it is
-    sample_only: tuple[str, ...] | None  # what is drawn of it
+    machine_sample: int | None  # number of the drawn machine; None for the files' machine
+    sample_only: tuple[str, ...] | None  # sections and constants that are drawn
     recordings: tuple[str, ...]
     files: Mapping[str, str]  # digests of the files the run reads, by their path
 
 
 def runs_of(specification: Specification) -> Iterator[SweepRun]:
     """Yield the runs of a `Specification`, without holding all of them in memory."""
-    # machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same time
+    # drawn machines and seeds vary fastest, so runs that are compared are made at about the same time
     spec = specification
     samples = range(spec.machine_samples) if spec.machine_samples else [None]
     for task, bounds in combinations(spec):
@@ -360,7 +360,7 @@ def combinations(spec: Specification) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def sobol_points(spec: Specification, task: str, chosen: Mapping[str, Any]) -> list[dict[str, float]]:
-    """Return the points of a sample for a task, each with a value for every name in its ranges; one without."""
+    """Return the points of a sample for a task, with values by the names of its ranges; without a sample ``[{}]``."""
     if (sobol := spec.sobol) is None:
         return [{}]
     from scipy.stats import qmc
@@ -380,11 +380,11 @@ _DECIDING = (
     "machine", "material", "wire", "passes", "technology", "ignore", "layers", "unit", "offsets", "dialect",
     "conditions", "upper_layer",
 )  # fmt: skip
-"""Options that decide which machine a program is cut on: its own, or with passes that of a technology."""
+"""Options that determine the machine of a cut: that of `machine`, or with passes that of a technology."""
 
 
 def _published(name: str, task: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the range of a constant of the machine that is cut on."""
+    """Return the published range of a constant, for the machine of the cut."""
     settings = CutSettings.model_validate({option: chosen[option] for option in _DECIDING if option in chosen})
     in_passes = settings.passes is not None
     if not in_passes and settings.conditions is None and os.path.isfile(task):
@@ -412,14 +412,14 @@ def _option(name: str, spec: Specification) -> str:
 
 
 def _takes_several(option: str, spec: Specification) -> bool:
-    """Say whether a setting can be a list, as the heights of a cut, or the ranges of an environment."""
+    """Return whether a setting can be a list, such as the heights of a cut or the ranges of an environment."""
     if spec.environment:
         return option != "controller"
     return option in CutSettings.model_fields and "[" in kind_of(CutSettings.model_fields[option].annotation)
 
 
 def checked(task: str, combination: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:
-    """Return all settings of a run, those left out at their defaults."""
+    """Return all settings of a run, with defaults for those left out."""
     if is_cut:
         options = {name: value for name, value in combination.items() if "." not in name}
         constants = {name: value for name, value in combination.items() if "." in name}
@@ -435,7 +435,7 @@ MAPPINGS = "weights", "sensors", "machine"
 
 
 def arguments_of(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of an environment, with mappings of the settings that are their entries."""
+    """Return the arguments of an environment; settings such as ``weights.short`` are combined to mappings."""
     found = {name: value for name, value in settings.items() if "." not in name}
     mappings: dict[str, Any] = {}
     for name in (name for name in settings if name not in found):
@@ -449,7 +449,7 @@ def arguments_of(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _arguments(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an environment's settings, with the controller and the resolution among them."""
+    """Return an environment's settings, including controller and resolution; raise `InputError` if invalid."""
     name, arguments = resolve(env_id), arguments_of(options)
     arguments.pop("controller", None)
     try:

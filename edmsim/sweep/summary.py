@@ -26,11 +26,11 @@ KEYS = {
     "cutting_rate_mm2_min": "rate mm2/min", TIME: "time s", "ra_um": "Ra um", "error_rms_um": "error um rms",
     "short_share": "shorts", "total_return": "return",
 }
-"""Figures that are looked at, as far as the sweep has them; the time is that of finished cuts."""
+"""Figures of the summary with their heads, if the sweep has them; the time is that of finished cuts."""
 GOALS = {"cutting_rate_mm2_min": 1, "ra_um": -1, "error_rms_um": -1}
 """Figures of the Pareto front: more rate, less roughness and error are better."""
 MACHINE = "machine_sample"
-ORIGINS = "files", "edmsim_version"  # a folder may have runs before and after a program or a controller was changed
+ORIGINS = "files", "edmsim_version"  # they differ if a program or controller was changed between runs
 _NO_SETTINGS = {"id", "seed", "error", "outcome", *FIGURES, "report", *ORIGINS, "wall_time_s", "host"}
 
 
@@ -48,8 +48,8 @@ class Group:
 
 
 def varied(table: pa.Table) -> list[str]:
-    """Return what differs between the runs: settings, constants among them; of equal settings the texts of files."""
-    # constants that the first runs did not set come behind all other columns
+    """Return the columns that differ: settings, constants, and those of `ORIGINS` that differ with equal settings."""
+    # of all columns, because constants that the first runs did not set come last
     names = (name for name in table.column_names if name not in _NO_SETTINGS)
     found = [name for name in names if len(table[name].unique()) > 1]
     for name in (name for name in ORIGINS if name in table.column_names):
@@ -59,13 +59,13 @@ def varied(table: pa.Table) -> list[str]:
 
 
 def measured(table: pa.Table) -> list[str]:
-    """Return the figures looked at that the sweep has."""
+    """Return the figures of `KEYS` that the sweep has."""
     return [name for name in KEYS if np.isfinite(_values(table, name)).any()]
 
 
 @refuses_wrong_types
 def groups(table: pa.Table, by: Iterable[str] | None = None) -> list[Group]:
-    """Return runs grouped by settings, in the settings' order, by default by those with 2 to `MOST_VALUES` values."""
+    """Return runs grouped by settings and sorted by these; by default the settings with 2 to `MOST_VALUES` values."""
     few = [name for name in _chosen(table) if len(table[name].unique()) <= MOST_VALUES]
     chosen = few if by is None else [*by]
     for name in chosen:
@@ -101,7 +101,7 @@ def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
 
 
 def pareto_front(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Say which points no other one surpasses: as good in every column and better in one, where more is better."""
+    """Return for each point whether no other is as good in every column and better in one; more is better."""
     front = np.ones(len(points), bool)
     for k, point in enumerate(points):
         front[k] = not np.any((points >= point).all(axis=1) & (points > point).any(axis=1))
@@ -110,7 +110,7 @@ def pareto_front(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 @refuses_wrong_types
 def front_of(table: pa.Table) -> tuple[list[Group], NDArray[np.bool_]]:
-    """Return the groups by all settings that have every goal, and which of them are on the Pareto front."""
+    """Group by all settings; return the groups that have every goal, and which are on the Pareto front."""
     goals = goals_of(table)
     found = [
         group for group in groups(table, _chosen(table))
@@ -132,7 +132,7 @@ def _chosen(table: pa.Table) -> list[str]:
 
 
 def _drawn(table: pa.Table) -> list[str]:
-    """Return the constants that were drawn: of a chosen one several machines have the same value."""
+    """Return the constants that were drawn; a constant of the specification is equal on several machines."""
     made = table.filter(table["error"].is_null())
     machines = made[MACHINE].to_pylist()
     if len(set(machines)) < 2:
@@ -146,7 +146,7 @@ def _drawn(table: pa.Table) -> list[str]:
 
 
 def _settings(table: pa.Table, name: str) -> list[Any]:
-    """Return the values of a setting: numbers if all its texts are numbers, as those of an offset without auto."""
+    """Return the values of a setting, as numbers if all its texts are numbers: an offset's unless one is auto."""
     values: list[Any] = table[name].to_pylist()
     numbers: list[Any] = [number_or_text(value) if isinstance(value, str) else None for value in values]
     return [float(number) for number in numbers] if all(type(n) in (int, float) for n in numbers) else values
@@ -160,8 +160,8 @@ def _values(table: pa.Table, name: str) -> NDArray[np.float64]:
 
 
 def _mean(values: NDArray[np.float64], machines: Sequence[Any]) -> Figure:
-    """Return the mean of the known values, with its interval over machines where there are several."""
-    # the runs of a machine are alike: taken as independent, they would make the interval too narrow
+    """Return the mean of the known values, with its interval over machines if there are several."""
+    # the runs of a machine are alike; if they counted as independent, the interval would be too narrow
     units = machines if len(set(machines)) > 1 else range(len(values))
     numbers: dict[Any, int] = {}
     known = np.isfinite(values)
@@ -169,7 +169,7 @@ def _mean(values: NDArray[np.float64], machines: Sequence[Any]) -> Figure:
     return ratio(np.bincount(unit, values[known]).astype(np.float64), np.bincount(unit).astype(np.float64))
 
 
-HELD_BACK = 0.5  # share of the cut at the greatest feed above which it is the machine that sets the rate (ours)
+HELD_BACK = 0.5  # above this share of the cut at the greatest feed, the machine limits the rate (ours)
 MOST_LINES = 40  # groups and settings listed on a terminal (ours); all are in the dataset
 
 
@@ -234,7 +234,7 @@ def _percent(share: float) -> str:
 
 
 def _held_back(table: pa.Table) -> list[str]:
-    """Say how many cuts were mostly at the greatest feed, where no setting can raise the rate."""
+    """Return a line with the number of cuts mostly at the greatest feed, at which no setting can raise the rate."""
     shares = table["share_at_limit"].to_pylist() if "share_at_limit" in table.column_names else []
     held = sum(share is not None and share > HELD_BACK for share in shares)
     mostly = f"{held} of {len(table)} runs cut mostly at the greatest feed of machine and planner"
@@ -266,7 +266,7 @@ def pareto_figure(table: pa.Table) -> Drawing:
         values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
         label="Pareto-optimal",
     )
-    axes.ticklabel_format(useOffset=False)  # values that hardly differ are read as they are
+    axes.ticklabel_format(useOffset=False)  # full values on the axis, even if they hardly differ
     dress(axes, _label(x), _label(y))
     legend(axes)
     if len(goals) > 2:

@@ -1,6 +1,6 @@
 """The results of a sweep: columns of their table, and their storage.
 
-Each result goes at once into a table of runs, which moves part by part into a Parquet dataset.
+Each result is saved at once in a journal, whose rows are moved in parts to a Parquet dataset.
 """
 
 import json
@@ -24,9 +24,9 @@ from edmsim.recording.report import RECORDING
 from edmsim.runs import RunTable, read_rows
 from edmsim.sweep.specification import SweepRun
 
-RESULTS = "results"  # folder of the parquet dataset, a folder ``task=...`` in it for each program or environment
+RESULTS = "results"  # folder of the Parquet dataset; a subfolder ``task=...`` for each program or environment
 JOURNAL = "journal.jsonl"
-ROW_TEXTS = "id", "task"  # what the rows of a journal must have
+ROW_TEXTS = "id", "task"  # texts that every row of a journal must have
 _WHOLE = {"seed", "machine_sample"}
 _NUMBERS = {"int", "int | None", "float", "float | None"}
 _TEXTS = {
@@ -36,14 +36,14 @@ _TEXTS = {
 
 
 class Outcome(NamedTuple):
-    """What a run leaves."""
+    """Results of a run."""
 
     row: dict[str, Any]  # settings, figures and error, by the names of columns; see `read`
     files: dict[str, bytes]  # recordings by name
 
 
 def as_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
-    """Return rows as a table; a column's type follows from its name, hence all parts of a dataset agree."""
+    """Return rows as a table; types of known columns follow from their names, so all parts of a dataset agree."""
     listed = list(rows)
     names = list(dict.fromkeys(name for row in listed for name in row))
     columns = {name: [row.get(name) for row in listed] for name in names}
@@ -100,20 +100,20 @@ def _parts(folder: Path) -> list[Path]:
 
 
 def _part(file: Path) -> pa.Table:
-    """Read a part; the name of its folder says the task."""
+    """Read a part, and add the task from the name of its folder."""
     table = read_part(file)
     task = urllib.parse.unquote(file.parent.name.removeprefix("task="))
     return table.add_column(1, "task", pa.array([task] * len(table)))
 
 
 def read_part(file: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read a file of the dataset, or some of its columns; raises `InputError` if it is damaged or not a sweep's."""
+    """Read a file of the dataset, or some of its columns; raise `InputError` if it is damaged or not of a sweep."""
     try:
         table = pq.read_table(file, columns=columns, partitioning=None)
-        missing = {"id", "error"} - set(table.column_names)  # which are decoded only here
+        missing = {"id", "error"} - set(table.column_names)  # the names are decoded only here
     except (pa.ArrowException, OSError, UnicodeError) as error:
         reason = [*str(error).splitlines(), "damaged"][0]
-        message = f"no part of a sweep's results ({reason}): without it its runs are made again"
+        message = f"no part of a sweep's results ({reason}); if you delete it, its runs are made again"
         raise InputError(message, file) from None
     if missing:
         raise InputError(f"no part of a sweep's results: it has no column {min(missing)}", file)
@@ -121,7 +121,7 @@ def read_part(file: Path, columns: list[str] | None = None) -> pa.Table:
 
 
 def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
-    """Make text of an argument that is a number in one sweep of the folder and a range in another."""
+    """Cast columns of different types to text: an argument is a number in one sweep and a range in another."""
     kinds: dict[str, set[Any]] = {}
     for table in tables:
         for field in table.schema:
@@ -138,19 +138,19 @@ ROWS_PER_PART = 1000
 """Rows per file of the dataset (ours: some hundred kilobytes; a million runs are a thousand files)."""
 RECORDINGS = "recordings"
 _FILE_OF = {"report": "report.json", "windows": "windows.parquet", "all": RECORDING}
-"""What a run has if it was recorded so."""
+"""File that a run has if it was recorded."""
 
 
 class Store:
     """Results of a sweep in a folder; only one process at a time adds to it."""
 
-    # full parts of the journal go into the dataset; the journal is emptied after that, and rows in both count once
+    # a full journal is written to the dataset and emptied after that; if a kill leaves rows in both, they count once
 
     def __init__(self, out: str | Path) -> None:
         self.folder = folder_of(out)
         self._held = ExitStack()
         self._held.enter_context(locked(self.folder, "sweep"))
-        self.failed: dict[str, bool] = {}  # of every run that is done, whether it failed
+        self.failed: dict[str, bool] = {}  # whether each finished run failed, by its id
         for part in _parts(self.folder):
             done = read_part(part, ["id", "error"]).to_pydict()
             self.failed |= {name: error is not None for name, error in zip(*done.values(), strict=True)}
@@ -166,12 +166,12 @@ class Store:
         self._held.close()
 
     def misses(self, run: SweepRun) -> bool:
-        """Say whether a run is still to be made: it has no row, or not the recordings that are wanted of it."""
+        """Return whether a run must be made: it has no row, or it succeeded without the requested recordings."""
         recorded = all((self._recording(run) / _FILE_OF[which]).is_file() for which in run.recordings)
         return run.id not in self.failed or not (self.failed[run.id] or recorded)
 
     def add(self, run: SweepRun, outcome: Outcome) -> None:
-        """Save the results of a run, recordings before the row: a row never names missing files."""
+        """Save the results of a run, recordings first, so no row lacks its files."""
         if outcome.files:
             self._record(run, outcome.files)
         if run.id in self.failed:
@@ -191,7 +191,7 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True)
             last = max((int(part.stem.removeprefix("part-")) for part in folder.glob("part-*.parquet")), default=-1)
             with replacing(folder / f"part-{last + 1:06d}.parquet") as partial:
-                # the folder's name says the task; readers of hive partitions take it from there
+                # readers of hive partitions take the task from the folder's name
                 pq.write_table(as_table(rows).drop_columns("task"), partial, compression="zstd")
         self._journal.keep(())
 
@@ -208,7 +208,7 @@ class Store:
         return self.folder / RECORDINGS / run.id
 
     def _record(self, run: SweepRun, files: Mapping[str, bytes]) -> None:
-        """Write a run's files beside those it has; they appear together or not at all."""
+        """Write a run's files next to those it has; they appear together or not at all."""
         target = self._recording(run)
         partial = target.with_name(target.name + ".part")
         shutil.rmtree(partial, ignore_errors=True)

@@ -1,12 +1,12 @@
 """Searches of a controller's settings, ours or your own, and of a training's hyperparameters: ``edmsim tune``.
 
-By Optuna (extra ``tune``). The driver asks a study for values, the engine makes the
-trials, and the driver reports their scores. Hence the same search runs on one computer or on a cluster, whose nodes
-need neither Optuna nor a shared file.
+They use Optuna (extra ``tune``). The driver asks a study for values, the engine makes the trials, and the driver
+reports their scores. So the same search runs on one computer or on a cluster, whose nodes need neither Optuna nor a
+shared file.
 
 Firmware has dozens of settings that users tune by trial on the machine. `tune_controller` tries them on machines
 drawn within the ranges of the gap's uncertain constants, with training seeds, never those of comparisons. It chooses
-those that do well on the worst machines, and tests them once more on other machines.
+settings that do well on the worst machines, and tests them once more on other machines.
 """
 
 import inspect
@@ -54,7 +54,7 @@ TRAINING: dict[str, dict[str, Bound]] = {
     },
 }
 TRAINING |= {"tqc": TRAINING["sac"], "ppo-lag": TRAINING["ppo"], "recurrent-ppo": TRAINING["ppo"]}
-"""What is searched of a training, and where (ours: a factor of ten to both sides of what stable-baselines3 gives)."""
+"""Searched hyperparameters and their bounds by algorithm (ours: around the defaults of stable-baselines3)."""
 
 BOUNDS = {
     "fixed": {"feed_um_s": (1.0, 60.0)},
@@ -83,8 +83,8 @@ BOUNDS = {
         "short_um": (0.0, 30.0),
     },
 }  # fmt: skip
-"""What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or
-a gap that closes is not noticed. What is found for `counts` hunts at long periods, so it is not shipped."""
+"""Searched settings and their bounds by controller (ours: from timid to reckless). `short_weight` is above 0, because
+otherwise a closing gap is not detected. Settings found for `counts` hunt at long periods and are not shipped."""
 
 
 def training_seeds(seed: int, seeds: int) -> range:
@@ -102,7 +102,7 @@ class Trial:
     kind: Literal["controller", "training"]
     name: str  # controller, ours or ``FILE.py:CLASS``, or environment
     values: Mapping[str, float]
-    seeds: tuple[int, ...]  # training seeds that it is judged by
+    seeds: tuple[int, ...]  # training seeds on which it is scored
     algo: str = ""  # of a training
     steps: int = 0  # windows of a training
     # arguments of the environment in which a controller cuts
@@ -111,7 +111,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class TrialResult:
-    """What a trial is worth, more is better, NaN with an error; the policy it made; what its cuts returned."""
+    """Result of a trial: its score (more is better; NaN with an error), files of its policy, returns of its cuts."""
 
     value: float
     error: str | None = None
@@ -123,12 +123,12 @@ def judge_trial(trial: Trial) -> TrialResult:
     """Make a trial; a failure is returned, not raised."""
     try:
         return (_training if trial.kind == "training" else _controller)(trial)
-    except Exception as error:  # whatever it is: the search goes on without this trial
+    except Exception as error:  # any exception: the search continues without this trial
         return TrialResult(math.nan, said(error))
 
 
 def _controller(trial: Trial) -> TrialResult:
-    """Cut straight on as many drawn machines as there are seeds."""
+    """Score a controller in straight cuts, on one drawn machine per seed."""
     returns = []
     for seed in trial.seeds:
         law = law_of(trial.name, trial.values)
@@ -137,26 +137,26 @@ def _controller(trial: Trial) -> TrialResult:
 
 
 def law_of(name: str, values: Mapping[str, float]) -> FeedController:
-    """Return a controller, ours or the user's, with other values of some settings."""
+    """Return a controller, ours or the user's, with these values of its settings."""
     own = named(name)
     return make(name, **values) if own is None else from_file(own, dict(values))
 
 
 CUTS_IN = "edmsim/GapFeed-v2"
-"""What a controller cuts: straight on, on machines drawn within the ranges of their constants."""
+"""Environment that scores controllers: a straight cut, on machines drawn within the ranges of their constants."""
 WORST_SHARE = 0.25
 """A robust choice maximises the mean over this share of the worst cuts (ours: firmware runs on one machine, which may
 be a bad one)."""
 
 
 def anywhere(text: str) -> str:
-    """Return the name of a controller or an environment for other processes: of the user's file the whole path."""
+    """Return the name of a controller or environment for other processes: a user's file with its absolute path."""
     own = named(text)
     return text if own is None else f"{Path(own.file).absolute()}:{own.name}"
 
 
 def worst_share_mean(returns: Sequence[float]) -> float:
-    """Return the mean of the worst quarter of some returns, of one at the least."""
+    """Return the mean of the worst quarter of some returns, of at least one."""
     ordered = np.sort(np.asarray(returns, float))
     return float(ordered[: max(1, round(WORST_SHARE * len(ordered)))].mean())
 
@@ -188,7 +188,7 @@ def judge_policy(trained: "Trained", command: str, folder: Path, seeds: Sequence
 
 JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
-FINAL = "finalists.jsonl"  # table of the trials that are tried once more
+FINAL = "finalists.jsonl"  # table of the trials that are scored once more
 
 
 class Tuned(NamedTuple):
@@ -208,9 +208,9 @@ def tune_training(
 ) -> Tuned:
     """Search the hyperparameters of a training, by default with the windows of ``models/training`` per trial.
 
-    A search in the folder is resumed. Processes with the same folder share one study; as they do not count trials in
-    progress elsewhere, they may make a few more. The first trial has the values in use, hence the result is never
-    worse on these seeds. On one process the search is reproducible. `watch` is as that of `tune_controller`.
+    A search in the folder is resumed. Processes with the same folder share one study; they do not count trials in
+    progress elsewhere, so they may make a few more. The first trial has the values in use, so the result is never
+    worse on these seeds. With one process the search is reproducible. For `watch` see `tune_controller`.
     """
     space, judged_by, name = training_space(algo), tuple(training_seeds(seed, seeds)), resolve(env_id)
     usual = load(name, algo)
@@ -240,13 +240,13 @@ def training_space(algo: str) -> dict[str, Bound]:
 
 
 def within(space: Mapping[str, Bound], values: Mapping[str, Any]) -> dict[str, float]:
-    """Return those of some values that the search can reach."""
+    """Return those values that are within the bounds of the search."""
     return {key: float(values[key]) for key, b in space.items() if key in values and b.low <= values[key] <= b.high}
 
 
-_INTERRUPTED = "interrupted"  # the error of a trial that Ctrl-C ended; one whose driver was killed has none
-_DRIVER = "driver"  # attribute of a trial: computer and process that look after it
-_MARK = secrets.token_hex(4)  # of this process: after a restart another may have its number
+_INTERRUPTED = "interrupted"  # error of a trial that Ctrl-C ended; if its driver was killed, it has no error
+_DRIVER = "driver"  # attribute of a trial: host, process id and `_MARK` of its driver
+_MARK = secrets.token_hex(4)  # of this process, because a later one may have the same process id
 
 
 def run_study(
@@ -254,7 +254,7 @@ def run_study(
     make_trial: Callable[[int, dict[str, float]], Trial], watch: Callable[[int, float], None] | None = None,
     best: Callable[[Trial, TrialResult], None] | None = None,
 ) -> None:
-    """Make the missing trials of a study, report their scores to it, and hand every better one to `best`."""
+    """Make the missing trials of a study, report their scores to it, and call `best` with each new best trial."""
     under_way: dict[int, Any] = {}
 
     def new_trials() -> Iterator[Trial]:
@@ -270,7 +270,7 @@ def run_study(
             result = _result_of(answer)
             so_far = study.best_value if made_in(study, "COMPLETE") else -math.inf
             if best is not None and result.error is None and not result.value <= so_far:
-                best(trial, result)  # before the study has it: a kill in between repeats the trial
+                best(trial, result)  # before the study stores it, so a kill in between repeats the trial
             _tell(study, under_way.pop(trial.number), result)
             if watch is not None and (ended := made_in(study, "COMPLETE")):
                 watch(ended, float(study.best_value))
@@ -284,12 +284,12 @@ def run_study(
 
 
 def _suggested(trial: Any, key: str, bound: Bound) -> float:
-    """Return a value to three digits, the precision of a search of this size."""
+    """Return a suggested value, rounded to three digits, because a search of this size is not more precise."""
     return float(f"{trial.suggest_float(key, bound.low, bound.high, log=bound.scale == 'log'):.3g}")
 
 
 def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, first: Mapping[str, float]) -> Any:
-    """Return the study in a folder, or a new one that begins with `first`; raises `InputError` if it is another."""
+    """Return the study in a folder, or a new one that begins with `first`; raise `InputError` if it is another's."""
     whole_from("trials", trials, 1)
     make_writable(folder)
     try:
@@ -303,7 +303,7 @@ def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, firs
     lock = JournalFileOpenLock(file)
     lock.acquire()
     try:
-        if Path(file).exists():  # a journal with more behind an unfinished line cannot be read
+        if Path(file).exists():  # a journal with lines after an unfinished one cannot be read
             remove_unfinished_line(Path(file))
     finally:
         lock.release()
@@ -316,7 +316,7 @@ def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, firs
     check_same(study.user_attrs.get("of", judged_by), judged_by, Path(file))
     study.set_user_attr("of", judged_by)
     _repeat_killed(study)
-    # processes that join must not suggest what another has; parallel trials are taken to be as bad as any
+    # a process that joins has another seed, so its suggestions differ; `constant_liar`: running trials count as bad
     drawn_from = (of["seed"] + len(study.trials)) % 2**32
     study.sampler = optuna.samplers.TPESampler(seed=drawn_from, constant_liar=True, n_startup_trials=8)
     if not study.trials:
@@ -325,7 +325,7 @@ def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, firs
 
 
 def _repeat_killed(study: Any) -> None:
-    """Have the trials repeated whose driver was killed on this computer."""
+    """Mark the trials whose driver was killed on this computer as failed, and enqueue them again."""
     for trial in study.trials:
         host, process, mark = trial.user_attrs.get(_DRIVER, (None, 0, ""))
         if trial.state.name == "RUNNING" and host == socket.gethostname() and _has_ended(process, mark):
@@ -334,7 +334,7 @@ def _repeat_killed(study: Any) -> None:
 
 
 def _has_ended(process: int, mark: str) -> bool:
-    """Say whether a process of this computer has ended."""
+    """Return whether a driver's process on this computer has ended."""
     if process == os.getpid():
         return mark != _MARK
     try:
@@ -351,7 +351,7 @@ def _result_of(answer: Any) -> TrialResult:
 
 
 def made_in(study: Any, *states: str) -> int:
-    """Return how many trials have ended, or ended so; those that were interrupted are made again."""
+    """Return the number of trials that ended, or ended in `states`, without interrupted ones, which are repeated."""
     return sum(
         trial.state.name in (states or ("COMPLETE", "FAIL"))
         and (trial.state.name == "COMPLETE" or trial.user_attrs.get("error", _INTERRUPTED) != _INTERRUPTED)
@@ -389,8 +389,8 @@ def write_found(
             partial.write_bytes(content)
 
 
-FINALISTS = 8  # trials that are tried once more, besides the settings in use (ours: the best has been lucky, too)
-FRESH = 2  # times as many machines as a trial has had, the same for all (ours)
+FINALISTS = 8  # trials scored once more, next to the settings in use (ours, because the best score is partly luck)
+FRESH = 2  # their machines as a multiple of a trial's; the same for all finalists (ours)
 _RULE = 'BOUNDS = {"gain": (0.1, 10.0), "window_s": (0.01, 1.0, "log")}'
 
 
@@ -416,7 +416,7 @@ class Spread(NamedTuple):
 
 
 class TunedController(NamedTuple):
-    """Result of `tune_controller`: the best on machines that no trial had, and the spreads on these."""
+    """Result of `tune_controller`: the best settings, and spreads on machines that no trial used."""
 
     values: dict[str, float]  # the most robust settings
     spread: Spread
@@ -470,7 +470,7 @@ def tune_controller(
     first_of_trials = seed + FRESH * seeds
     training_seeds(first_of_trials, (trials + 1) * seeds)
     options = {"resolution": "fast", **options}
-    Task(CUTS_IN, **options)  # refused here, in one line, and not in every trial
+    Task(CUTS_IN, **options)  # raises `InputError` here, before the first trial
     folder = folder_of(out)
     in_use = {key: _value_in_use(law, key) for key in space}
     first = {key: min(max(in_use[key], bound.low), bound.high) for key, bound in space.items()}
@@ -479,7 +479,7 @@ def tune_controller(
     machines = engine or Processes()
 
     def made(number: int, values: dict[str, float]) -> Trial:
-        # machines of its own: on the same ones a search finds what these bear, and not what most do
+        # every trial has other machines, because the search would otherwise fit the settings to a few
         judged_by = training_seeds(first_of_trials + max(number, 0) * seeds, seeds)
         return Trial(number, "controller", name, values, tuple(judged_by), options=options)
 
@@ -494,7 +494,7 @@ def tune_controller(
 
 
 def bounds_of(controller: str) -> dict[str, Bound]:
-    """Return the bounds of the settings of ours or a user's class; raise `InputError` if they are invalid."""
+    """Return the bounds of a controller's settings, ours or the user's; raise `InputError` if they are invalid."""
     own_class = named(controller)
     if own_class is None:
         if controller not in BOUNDS:
@@ -533,7 +533,7 @@ def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> li
 def _judged_again(
     trials: list[Trial], fresh: tuple[int, ...], engine: Engine, table: RunTable
 ) -> dict[int, tuple[dict[str, float], Spread]]:
-    """Return values and spread of trials by number, on machines that they were not chosen by."""
+    """Return values and spread of trials by number, on machines on which they were not chosen."""
     again = {}
     for trial in (replace(trial, seeds=fresh) for trial in trials):
         files = sorted(digests_of([trial.name, trial.options]).values())

@@ -121,7 +121,7 @@ def test_of_constants_that_do_the_same_the_value_is_named_at_which_the_other_hol
     monkeypatch.setattr(fitting, "_result", lambda search, error, undetermined: undetermined)
     assert calibrate(log_of(known.table), known.machine, list(known.truth)) == {
         "gap.particle_share":
-            "another value of material.removal_mm3_J does the same; what is fitted holds for 0.05 only",
+            "another value of material.removal_mm3_J does the same; the fit holds for 0.05 only",
     }  # fmt: skip
 
 
@@ -270,7 +270,7 @@ def test_constants_that_cannot_be_fitted_are_refused(known):
 
 
 def test_a_log_without_a_steady_stretch_is_refused(known):
-    said = "known: no stretch of 400 windows can be used: behind 325 um.* is 22 um/s"
+    said = "known: no stretch of 400 windows can be used: after 325 um.* is 22 um/s"
     with pytest.raises(edmsim.InputError, match=said):
         calibrate(log_of(known.table.slice(0, 300)), known.machine)
 
@@ -392,7 +392,7 @@ def test_of_another_material_the_files_constants_are_used(compared):
 def test_a_constant_of_the_cut_beyond_its_range_is_reported_and_can_be_written(compared, tmp_path):
     settings = CutSettings(height_mm=10, constants={"gap.critical_um": 14.0, "material.removal_mm3_J": 5e-2})
     _, _, said = compared(settings, "--fit", "gap.critical_um")
-    assert "gap.critical_um was 14 in the cut of the log, outside its range 8..10: what is fitted lies within" in said
+    assert "gap.critical_um was 14 in the cut of the log, outside its range 8..10: the fitted value is inside" in said
     constants = (FittedConstant("gap.critical_um", 14.0, 9.9, (9.0, 10.0), (8.0, 10.0), ""),)
     machine = with_values(machine_of(settings), {"gap.critical_um": 9.9})
     fit = Fit(machine, constants, {}, np.eye(1), 1.0, [], np.zeros((0, 5)), np.zeros((0, 5)))
