@@ -188,7 +188,7 @@ def read_configuration(text: str, file: str | None = None) -> Configuration:
         else:
             try:
                 if not section:
-                    raise InputError(f"{line!r} stands before the first section; a comment begins with ;")
+                    raise InputError(f"{line!r} comes before the first section; a comment begins with ;")
                 _SECTIONS[section](found, line.split())
             except InputError as error:
                 problems.append(Problem(number, str(error)))
@@ -391,7 +391,7 @@ class _Reader:
         label = re.match(r"([A-Za-z_]\w*)\s*:$", line)
         if label:
             if label[1].lower() in self._labels:
-                raise InputError(f"the label {label[1]} stands twice")
+                raise InputError(f"the label {label[1]} is defined twice")
             self._labels[label[1].lower()] = len(self._statements)
             return
         words = words_of(line)
@@ -458,7 +458,7 @@ class _Reader:
                 raise InputError(f"{' '.join(rest)!r} is left over before =")
             return (str(name),), tuple(at)  # type: ignore[arg-type]
         if len(words) > 1:
-            raise InputError(f"{' '.join(words)!r} is nothing that can be assigned to")
+            raise InputError(f"{' '.join(words)!r} cannot be assigned to")
         if ":" in word:
             device, member = word.split(":")
             return (self._device(device), parameter_name(member)), ()
@@ -709,7 +709,7 @@ def _operate(kind: str, left: int, right: int) -> int:
     """Apply an operator to two whole numbers; a quotient is truncated (row Q-82)."""
     if kind == "/":
         if right == 0:
-            raise InputError(f"{left} is divided by nought")
+            raise InputError(f"{left} is divided by zero")
         return abs(left) // abs(right) * (1 if (left < 0) == (right < 0) else -1)
     results = {
         "+": left + right, "-": left - right, "*": left * right, "AND": int(bool(left and right)),

@@ -132,7 +132,7 @@ def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]
     merged = {**values, **changes}
     wrong = sorted(set(names) ^ merged.keys())
     if wrong:
-        raise InputError(f"a motor's constants are {', '.join(names)}; missing or none of them: {', '.join(wrong)}")
+        raise InputError(f"a motor's constants are {', '.join(names)}; missing or unknown: {', '.join(wrong)}")
     row = np.zeros(1, MOTOR)
     for name in names:
         row[name] = merged[name]
@@ -244,12 +244,12 @@ def _check_loop(make: Callable[[], Drive]) -> None:
     for pace in (0, 1, 1000, -1000):
         whole = _run(make(), pace, 0, _SAMPLES)
         if _run(make(), pace, 0, _SAMPLES).tobytes() != whole.tobytes():
-            raise _wrong(drive, "does not command the same again, when it is made again")
+            raise _wrong(drive, "gives other commands when it is made again")
         first, second = make(), make()
         _run(first, pace, 0, _SAMPLES // 2)
         second.record[:] = first.record
         if _run(second, pace, _SAMPLES // 2, _SAMPLES).tobytes() != whole[_SAMPLES // 2 :].tobytes():
-            raise _wrong(drive, "does not go on from its record as it would have without")
+            raise _wrong(drive, "does not continue the same way from a copy of its record")
 
 
 def _run(drive: Drive, pace: int, first: int, last: int) -> NDArray[np.float64]:
@@ -268,7 +268,7 @@ def _run(drive: Drive, pace: int, first: int, last: int) -> NDArray[np.float64]:
         if axis.tobytes() != axis_before:
             raise _wrong(drive, "writes into its axis' row")
         if any(record[name].tobytes() != before[name].tobytes() for name in set(DRIVE.names or ()) - set(_WRITTEN)):
-            raise _wrong(drive, "writes what is the plant's in its record")
+            raise _wrong(drive, "writes fields of its record that belong to the plant")
         commands[k] = record["command"][0]
         if not abs(commands[k]) <= 1.0:
             raise _wrong(drive, f"commands {commands[k]:g} of its supply; it must be -1 to 1")

@@ -142,7 +142,7 @@ class _Motion(_Section, frozen=True):
         k = int(np.argmax(np.abs(slope)))
         if abs(slope[k]) > _STEEPEST:
             raise InputError(
-                f"{cam.axis} moves {abs(slope[k]):g} mm for each mm of {cam.master} behind {cam.points[k, 0]:g} mm; "
+                f"{cam.axis} moves {abs(slope[k]):g} mm for each mm of {cam.master} after {cam.points[k, 0]:g} mm; "
                 f"it must be at most {_STEEPEST:g}"
             )
         return cam

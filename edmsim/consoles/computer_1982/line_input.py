@@ -184,7 +184,7 @@ def _number(buffer: InputBuffer, base: int, digits: bytes, kind: str) -> int:
         buffer.step_back()
     if not written:
         found = buffer.rest[:1].decode("ascii") or "the end of the line"
-        raise InputError(f"a {kind} number must stand at column {column}, not {found}")
+        raise InputError(f"a {kind} number is expected at column {column}, not {found}")
     if value > WORD:
         top = f"{WORD:X}" if base == 16 else str(WORD)
         raise InputError(f"a number has 16 bits, 0..{top}, not {written.decode('ascii')}")

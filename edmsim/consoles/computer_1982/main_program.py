@@ -53,7 +53,7 @@ def _switched(word: str, on: str, off: str, buffer: InputBuffer) -> bool:
     found = words.read_word(buffer)
     words.at_end(buffer)
     if found not in (on, off):
-        raise InputError(f"{word} {on} or {word} {off} is wanted")
+        raise InputError(f"{word} {on} or {word} {off} is expected")
     return found == on
 
 
@@ -155,7 +155,7 @@ class MainProgram:
     def _jog(self, buffer: InputBuffer) -> None:
         axis = "XY".index(self._word)
         if not skip(buffer):
-            raise InputError(f"{self._word} and a way are wanted, as in {self._word} 50 or {self._word} -200")
+            raise InputError(f"{self._word} and a distance are expected, as in {self._word} 50 or {self._word} -200")
         sign = -1 if buffer.waiting == ord("-") else 1
         if buffer.waiting in b"+-":
             buffer.advance()

@@ -206,7 +206,7 @@ class Monitor:
                 continue
             if character not in _HEX or count == figures:
                 found = chr(character) if SPACE < character < 0x7F else f"{character:02X}H"
-                raise InputError(f"a hexadecimal number of up to {figures} figures is wanted, not {found}")
+                raise InputError(f"a hexadecimal number of up to {figures} figures is expected, not {found}")
             value, count = value << 4 | _HEX.index(character), count + 1
 
     def _end(self) -> _Typing:
@@ -214,7 +214,7 @@ class Monitor:
         while (character := (yield)) not in _ENDS:
             self._echo(character)
             if character != SPACE:
-                raise InputError("RETURN was wanted here")
+                raise InputError("RETURN is expected here")
 
     def _name(self) -> Generator[None, int, str]:
         name = bytearray()
@@ -225,19 +225,19 @@ class Monitor:
             name += bytes([character])
         found = name.decode("ascii").strip()
         if not found or found.startswith(".") or " " in found or len(found) > _NAME_MOST:
-            raise InputError(f"a tape's name of up to {_NAME_MOST} letters, figures, points and dashes is wanted")
+            raise InputError(f"a tape's name of up to {_NAME_MOST} letters, figures, points and dashes is expected")
         return found
 
     def _range(self, with_name: bool) -> Generator[None, int, tuple[int, int]]:
         """Read two addresses; the second may be omitted unless a name follows."""
         first = yield from self._number(4)
         if first.value is None:
-            raise InputError("an address is wanted")
+            raise InputError("an address is expected")
         if first.end in _ENDS and not with_name:
             return first.value, first.value | BYTES_A_LINE - 1
         last = first if first.end in _ENDS else (yield from self._number(4))
         if last.value is None or last is first or (last.end in _ENDS) == with_name:
-            raise InputError("a first and a last address are wanted" + (", and a name" if with_name else ""))
+            raise InputError("a first and a last address are expected" + (", and a name" if with_name else ""))
         if last.value < first.value:
             raise InputError(f"the last address, {last.value:04X}H, lies before the first, {first.value:04X}H")
         return first.value, last.value
@@ -252,7 +252,7 @@ class Monitor:
     def _substitute(self) -> _Typing:
         address = yield from self._number(4)
         if address.value is None:
-            raise InputError("an address is wanted")
+            raise InputError("an address is expected")
         place = address.value
         if address.end in _ENDS:
             self._new_line()

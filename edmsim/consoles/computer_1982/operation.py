@@ -49,7 +49,7 @@ def read_keys(text: str) -> list[int]:
         codes += [shift | key for key in ([KEYS[name]] if name in KEYS else map(int, name))]
         shift = 0
     if shift or not codes:
-        raise InputError(f"a key is wanted: 0 to 9, SHIFT, {', '.join(KEYS)}")
+        raise InputError(f"a key is expected: 0 to 9, SHIFT, {', '.join(KEYS)}")
     return codes
 
 

@@ -90,7 +90,7 @@ def read_number(buffer: InputBuffer) -> int:
     number = getnum(buffer)
     if buffer.waiting and buffer.waiting not in SEPARATORS:
         found = until_separator(written)
-        raise InputError(f"a whole number must stand at column {column}, not {found.decode('ascii')}")
+        raise InputError(f"a whole number is expected at column {column}, not {found.decode('ascii')}")
     return number
 
 
@@ -99,7 +99,7 @@ def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
     numbers: list[int] = []
     while len(numbers) < count:
         if not skip(buffer):
-            raise InputError(f"{what} is wanted")
+            raise InputError(f"{what} is expected")
         numbers.append(read_number(buffer))
     return numbers
 
@@ -107,7 +107,7 @@ def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
 def at_end(buffer: InputBuffer) -> None:
     """Raise `InputError` if a line has more than separators left."""
     if skip(buffer):
-        raise InputError(f"{buffer.rest.decode('ascii')} is more than is wanted here")
+        raise InputError(f"{buffer.rest.decode('ascii')} is not expected here")
 
 
 def read_move(word: str, buffer: InputBuffer) -> Move:
@@ -132,7 +132,7 @@ def read_setting(word: str, buffer: InputBuffer, pulses: PulseSettings) -> Setti
         elif word == "TP":
             found["t_p"] = read_code(buffer, pulses.code_of_t_p, "TP in us or as a code 0H to 1FFH")
         else:
-            raise InputError(f"{word} cannot stand beside settings; TI, TP and SPEED can")
+            raise InputError(f"{word} cannot follow settings; TI, TP and SPEED can")
         word = read_word(buffer)
     at_end(buffer)
     return Setting(**found)
@@ -148,7 +148,7 @@ def check_speed(units: int) -> int:
 def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> int:
     """Return the code of a time: the line has the time in us, or the code itself."""
     if not skip(buffer):
-        raise InputError(f"{what} is wanted")
+        raise InputError(f"{what} is expected")
     number = until_separator(buffer.rest)
     if not number.endswith(b"H"):
         return code_of(read_number(buffer))
