@@ -95,7 +95,7 @@ _OWN = (
 
 
 def restart(record: NDArray[np.void], fresh: NDArray[np.void]) -> None:
-    """Reset a drive's own fields, except the EEPROM, to those of a new record; its sampling starts at this time."""
+    """Reset a drive's own fields, except the EEPROM, to those of a new record, and restart its sampling."""
     for name in _OWN:
         record[name] = fresh[name]
     set_period(record, int(fresh["num"][0]), int(fresh["den"][0]))

@@ -58,7 +58,7 @@ _LARGEST_ERROR = 32767
 def take_steps(reg: NDArray[np.int64], edges: int) -> None:
     """Move the setpoint by M + 1 counts for each step edge since the last call (row U-22).
 
-    The edges are dropped before a pending reset.
+    If a reset is pending, the edges are dropped.
     """
     if reg[RESTART] == 0:
         reg[TARGET] += reg[STEP_SENSE] * (edges - reg[LAST_EDGES]) * (reg[M] + 1)

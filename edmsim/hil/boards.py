@@ -425,7 +425,7 @@ class Pulser(Board):
 
     def line(self, text: str) -> str:
         """Answer ``r REGISTER [COUNT]`` or ``w REGISTER VALUE ...``; numbers are decimal or as 0x10."""
-        words = str.split(text)  # bytes fail here
+        words = str.split(text)  # raises for bytes
         try:
             numbers = [int(word, 0) for word in words[1:]]
         except ValueError:
@@ -562,7 +562,7 @@ class Rig:
         ``STEP X 3``, ``POS x y`` in um from the start, ``VEL x y`` in um/s, ``STREAM hertz``, ``ENABLE 1``,
         ``THREAD``, and ``?`` for a status line.
         """
-        words = str.split(text)  # bytes fail here
+        words = str.split(text)  # raises for bytes
         name, numbers = (words[0].upper(), words[1:]) if words else ("", [])
         try:
             return self._motion(name, numbers)

@@ -19,7 +19,7 @@ from edmsim.errors import InputError
 
 
 class Desk(Protocol):
-    """Requests of MAIN to the session."""
+    """Actions of the session that MAIN can request."""
 
     def wait(self, seconds: int | None) -> None:
         """Accept no line for some machine time or, for None, until the machine does not move."""
@@ -39,7 +39,7 @@ _POSITION, _NEW, _T_I, _T_P, _SPEED, _START = range(6)
 
 
 def _alone(do: Callable[[], None]) -> Callable[[InputBuffer], None]:
-    """Return the handler of a word that has its line to itself."""
+    """Return the handler of a word without arguments."""
 
     def word(buffer: InputBuffer) -> None:
         words.at_end(buffer)

@@ -113,7 +113,7 @@ class FrontPanel:
         self._new.clear()
 
     def show(self) -> None:
-        """Write the digits that have changed, each without the digit of the other bank at the same address."""
+        """Write the digits that have changed; digits of the other bank at the same addresses are kept."""
         computer = self._computer
         x, y = computer.position
         values = {

@@ -112,7 +112,7 @@ class TableEnds:
 
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
-LOW_TENSION = 0.5  # share of the wire's tension while its spare line is high (ours: half)
+LOW_TENSION = 0.5  # share of the wire's tension while the spare line is high (ours: half)
 BENT_SHARE = 0.01
 """A wire bent by more than this share of its free length breaks (ours: the model of a taut string is not valid
 beyond; cuts bend it ten times less)."""
@@ -354,7 +354,7 @@ class Rig:
             self.computer.cause = (error.reason,)
         self.computer.serve()
         if self.in_emergency and (self.moving or not stopped):
-            self._planner = None  # so that no cut can be resumed off the table
+            self._planner = None  # so that this cut is not stored for resuming
             causes = (cause if ":" in cause else f"{cause} SWITCH" for cause in self.computer.cause)
             self._stopped(" AND ".join(causes).upper() or UNKNOWN_CAUSE)
         return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)
