@@ -19,7 +19,7 @@ from edmsim.controllers.axis.eanpos.drive import Eanpos, Resources, parameter_na
 from edmsim.controllers.axis.eanpos.registers import COMMANDS, DEVICE
 from edmsim.errors import InputError, refuses_wrong_types
 
-# QCL text: lines without comments, the words of a line, and the problems of a text.
+# QCL text: lines without comments, the words of a line, and errors.
 
 _WORD = re.compile(r"\s*([0-9]+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>,[\]-])")
 
@@ -53,14 +53,14 @@ class QclError(InputError):
 
 
 def whole_number(text: str) -> int:
-    """Return the number that digits, perhaps behind a minus, write; `InputError` for more than any variable has."""
+    """Return a number of digits with an optional minus; raises `InputError` for more digits than a variable has."""
     if not re.fullmatch(f"-?[0-9]{{1,{MOST_DIGITS}}}", text):
         raise InputError(f"{text!r}; it must be a whole number of at most {MOST_DIGITS} digits")
     return int(text)
 
 
 def code_lines(text: str) -> list[tuple[int, str]]:
-    """Return the lines that have more than a comment, which begins with a semicolon, with their numbers."""
+    """Return lines with their numbers, without comments (from a semicolon on) and without empty lines."""
     numbered = ((k, line.split(";")[0].strip()) for k, line in enumerate(text.splitlines(), 1))
     return [(k, line) for k, line in numbered if line]
 
@@ -80,7 +80,7 @@ def words_of(line: str) -> list[str]:
 # A configuration (.CNF): variables, cards on the bus, inputs and outputs by slot, and the internal devices.
 # ``Axis_X EANPOS 2 2.CNT02 3 3.INP01 3.AN01`` declares a device that samples every 2 ms, with counter 2 of slot 2,
 # interrupt line 3, input 1 and analogue output 1 of slot 3 (manual 1.1). ``X.X``, or ``X`` for a line, omits one.
-# For timers and data groups the manual has only the sections; their lines follow QEM's manual of QVIEW::
+# For timers and data groups the manual names only the sections; their lines follow QEM's manual of QVIEW::
 #     TIMER
 #     tmPause
 #     DATAGROUP
@@ -95,16 +95,16 @@ def words_of(line: str) -> list[str]:
 _NAME = re.compile(r"[A-Za-z_]\w*$")
 _NUMBER = re.compile(r"[0-9]{1,4}$")
 _SIZES = {"F": (0, 1), "B": (-128, 127), "W": (-32768, 32767), "L": (-(2**31), 2**31 - 1), "S": (-3.4e38, 3.4e38)}
-"""Flag, byte, word, long and single float, and what fits into each."""
+"""Ranges of a flag, byte, word, long and single float."""
 
 
 _PARTS = {"DATAPROGRAM": "recipes", "STEP": "steps"}
-"""Parts of a data group: variables with a value for each recipe, and for each step of each; what counts them."""
-_MOST = 65534  # steps of a data group at most (QVIEW); here recipes, too
+"""Parts of a data group, with the name of their count: variables with a value per recipe, or per recipe and step."""
+_MOST = 65534  # greatest number of steps of a data group (QVIEW); here also of recipes
 
 
 class Variable(NamedTuple):
-    """A variable: its name, its size (F, B, W, L or S), and whether it outlasts the power (SYSTEM)."""
+    """A variable: its name, its size (F, B, W, L or S), and whether it is retained without power (SYSTEM)."""
 
     name: str
     size: str
@@ -112,7 +112,7 @@ class Variable(NamedTuple):
 
 
 class Declaration(NamedTuple):
-    """A device of the section INTDEVICE; an address is None where it was left out."""
+    """A device of the section INTDEVICE; an omitted address is None."""
 
     name: str
     tcamp_ms: int
@@ -123,7 +123,7 @@ class Declaration(NamedTuple):
 
     @property
     def resources(self) -> Resources:
-        """Which of them the device has."""
+        """Resources of the device: those whose address was not omitted."""
         return Resources(*(part is not None for part in self[2:]))
 
 
@@ -138,7 +138,7 @@ class DataVariable:
 
 @dataclass
 class _DataGroup:
-    """A data group that is being read: its counts, None until they are given, and which part its lines are of."""
+    """A data group while it is read: its counts, None until they are known, and the part of the present line."""
 
     recipes: int | None = None
     steps: int | None = None
@@ -153,7 +153,7 @@ class Configuration:
     variables: dict[str, Variable] = field(default_factory=dict)
     timers: set[str] = field(default_factory=set)
     data: dict[str, DataVariable] = field(default_factory=dict)
-    cards: dict[int, str | None] = field(default_factory=dict)  # slots of the bus, None where they are empty
+    cards: dict[int, str | None] = field(default_factory=dict)  # cards by slot of the bus, None for an empty slot
     inputs: dict[str, str] = field(default_factory=dict)  # slot addresses, such as ``2.INP01``
     outputs: dict[str, str] = field(default_factory=dict)
     devices: dict[str, Declaration] = field(default_factory=dict)
@@ -188,7 +188,7 @@ def read_configuration(text: str, file: str | None = None) -> Configuration:
         else:
             try:
                 if not section:
-                    raise InputError(f"{line!r} stands before the first section; a comment begins with ;")
+                    raise InputError(f"{line!r} comes before the first section; a comment begins with ;")
                 _SECTIONS[section](found, line.split())
             except InputError as error:
                 problems.append(Problem(number, str(error)))
@@ -239,7 +239,7 @@ def _timer(found: Configuration, fields: list[str]) -> None:
 
 
 def _data(found: Configuration, fields: list[str]) -> None:
-    """Read a line of a data group: its name, the begin of a part, the part's count, or a variable of it."""
+    """Read a line of a data group: its name, the begin of a part, a part's count, or a variable."""
     group = list(found._groups.values())[-1] if found._groups else None
     word = fields[0].upper()
     if len(fields) == 1 and word in _PARTS:
@@ -328,26 +328,26 @@ _SECTIONS: dict[str, Callable[[Configuration, list[str]], None]] = {
 # data group's variable in recipe 3 and step 1.
 
 Expression = tuple["str | int | Expression", ...]
-"""An operation on others: ``("*", left, right)``, ``("NOT", other)``, ``("number", 3)``, ``("name", "speed")``,
-``("member", "axis", "setpos")``, ``("element", "place", recipe, step)``."""
+"""An operation and its operands: ``("*", left, right)``, ``("NOT", other)``, ``("number", 3)``,
+``("name", "speed")``, ``("member", "axis", "setpos")``, ``("element", "place", recipe, step)``."""
 _COMPARISONS = ("EQ", "NE", "LT", "GT", "LE", "GE")
 _OPERATORS = ("AND", "OR", "NOT", *_COMPARISONS)
 _RESERVED = {*_OPERATORS, "IF", "ELSE", "ENDIF", "WAIT", "JUMP", "END"}
 _LEVELS: tuple[tuple[str, ...], ...] = (("OR",), ("AND",), (), _COMPARISONS, ("+", "-"), ("*", "/"))
-"""Operators by how tightly they bind, loosest first; NOT stands at the empty place."""
+"""Operators by precedence, lowest first; NOT is at the empty level."""
 
 MOST_WORDS, DEEPEST = 200, 20
-"""Words of an expression, and brackets within brackets (ours): what it computes stays small, and so do its calls."""
+"""Limits of an expression's words and nested brackets (ours), which keep its results and its recursion small."""
 
 
 class Statement(NamedTuple):
-    """A statement: its line, what it does, on what, with which expression, and where it may lead."""
+    """A statement: its line, verb, target, expression, and jump."""
 
     line: int
     verb: str  # assign, command, wait, if, jump or end
     target: tuple[str, ...] = ()  # a name, or device and member or command
     value: Expression = ()
-    to: int = 0  # number of the statement that an IF that fails, or a JUMP, leads to
+    to: int = 0  # number of the next statement after a JUMP, or after an IF whose condition is false
     at: tuple[Expression, ...] = ()  # recipe and step of a data group's variable
 
 
@@ -373,7 +373,7 @@ def read_program(text: str, configuration: Configuration, file: str | None = Non
 
 
 def _depth(words: list[str]) -> int:
-    """Return how many brackets of an expression are within each other."""
+    """Return the depth of an expression's nested brackets."""
     return max(accumulate(((word in "([") - (word in ")]") for word in words), initial=0))
 
 
@@ -391,7 +391,7 @@ class _Reader:
         label = re.match(r"([A-Za-z_]\w*)\s*:$", line)
         if label:
             if label[1].lower() in self._labels:
-                raise InputError(f"the label {label[1]} stands twice")
+                raise InputError(f"the label {label[1]} is defined twice")
             self._labels[label[1].lower()] = len(self._statements)
             return
         words = words_of(line)
@@ -431,7 +431,7 @@ class _Reader:
         self._statements[begin] = self._statements[begin]._replace(to=len(self._statements))
 
     def finish(self, file: str | None) -> QclProgram:
-        """Return the program, its jumps resolved."""
+        """Return the program with its jumps resolved."""
         problems = self.problems + [Problem(number, "IF without ENDIF") for _, number in self._open]
         for place, label in self._jumps.items():
             if label in self._labels:
@@ -450,7 +450,7 @@ class _Reader:
         return name.lower()
 
     def _target(self, words: list[str]) -> tuple[tuple[str, ...], tuple[Expression, ...]]:
-        """Return what is assigned to, and the recipe and step of a data group's variable."""
+        """Return the target of an assignment, and recipe and step of a data group's variable."""
         word, found = words[0], self._configuration
         if word.lower() in found.data:
             (_, name, *at), rest = self._element(word, words[1:])
@@ -458,7 +458,7 @@ class _Reader:
                 raise InputError(f"{' '.join(rest)!r} is left over before =")
             return (str(name),), tuple(at)  # type: ignore[arg-type]
         if len(words) > 1:
-            raise InputError(f"{' '.join(words)!r} is nothing that can be assigned to")
+            raise InputError(f"{' '.join(words)!r} cannot be assigned to")
         if ":" in word:
             device, member = word.split(":")
             return (self._device(device), parameter_name(member)), ()
@@ -467,7 +467,7 @@ class _Reader:
         return (word.lower(),), ()
 
     def _element(self, word: str, words: list[str]) -> tuple[Expression, list[str]]:
-        """Read recipe and step behind the name of a data group's variable."""
+        """Read recipe and step after the name of a data group's variable."""
         steps = self._configuration.data[word.lower()].steps
         form = f"{word}[recipe, step]" if steps else f"{word}[recipe]"
         count, at, rest = 2 if steps else 1, [], words
@@ -539,17 +539,17 @@ class _Reader:
 
 # The control: it executes a program pass by pass, on devices, inputs and outputs.
 # A pass ends at the next WAIT, whose condition is checked once a pass (ours: the manual does not define how tasks
-# alternate). A read of a device with a pending command first executes that command (manual 1.4.4). Set a timer to a
-# time in ms; it reads 1 when the time is over, else 0 (ours).
+# alternate). A read of a device with a pending command first executes that command (manual 1.4.4). A timer is set to
+# a time in ms; it reads 1 when the time is over, else 0 (ours).
 
-LONGEST_PASS = 10_000  # statements of a pass at most (ours): a loop without WAIT gives the others their turn, too
+LONGEST_PASS = 10_000  # greatest number of statements of a pass (ours), so a loop without WAIT does not stop the rest
 
 
-LONGEST_MS = 2**31 - 1  # a timer's time at most (ours: a long)
+LONGEST_MS = 2**31 - 1  # longest time of a timer (ours: a long)
 
 
 class _WaitsFor(Exception):
-    """A device has to take its sample before it can be read."""
+    """Raised if a device must run a sample before it can be read."""
 
 
 class Control:
@@ -698,7 +698,7 @@ class Control:
 
 
 def _fitting(variable: Variable, value: int) -> int:
-    """Return a value if it fits into a variable."""
+    """Return a value; raises `InputError` unless it fits into a variable."""
     least, greatest = _SIZES[variable.size]
     if not least <= value <= greatest:
         raise InputError(f"{variable.name} cannot hold {value}; it must be {least} to {greatest}")
@@ -709,7 +709,7 @@ def _operate(kind: str, left: int, right: int) -> int:
     """Apply an operator to two whole numbers; a quotient is truncated (row Q-82)."""
     if kind == "/":
         if right == 0:
-            raise InputError(f"{left} is divided by nought")
+            raise InputError(f"{left} is divided by zero")
         return abs(left) // abs(right) * (1 if (left < 0) == (right < 0) else -1)
     results = {
         "+": left + right, "-": left - right, "*": left * right, "AND": int(bool(left and right)),

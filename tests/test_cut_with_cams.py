@@ -197,7 +197,7 @@ def test_the_report_says_what_followed_and_what_compensated(line, tmp_path):
         (CAM.replace('"u"', '"x"'), "cam 1: the program moves x, and an axis that follows a cam takes no"),
         (CAM.replace('"u"', '"q"'), "cam 1: axis: must be 'x', 'y', 'u' or 'v'"),
         (CAM.replace("path", "u"), "cam 1: master: must be 'x', 'y' or 'path'"),
-        (CAM.replace("0.1", "1.5"), "cam 1: u moves 1.5 mm for each mm of path behind 0 mm; it must be at most 1"),
+        (CAM.replace("0.1", "1.5"), "cam 1: u moves 1.5 mm for each mm of path after 0 mm; it must be at most 1"),
         (CAM + CAM, "cam 2: there is a cam of u already"),
         (CAM + "reversal_um = 2\n", "cam 1: reversal_um: unknown"),
         (CAM.replace("path", "x").replace("[1, 0.1]", "[99, 50]"), "the cam of u leads the upper guide 16."),

@@ -1,4 +1,4 @@
-"""Drives of the machine's axes, by name: what turns a planner's step edges into motion.
+"""Drives of the machine's axes, by name. A drive turns a planner's step edges into motion.
 
 ``edmsim.Plant(machine, drives={"x": axis.make("servo")})`` puts a drive on an axis; an axis without an entry has a
 stepper. Your own drive is an object with the members of `edmsim.controllers.axis.drive.Drive`; test it with
@@ -22,7 +22,7 @@ __all__ = [
 
 CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
 """Drives with a serial line, by name."""
-COMMISSIONED = (*CHIPS, Eanpos.name)  # drives that `tuned` makes ready for an axis
+COMMISSIONED = (*CHIPS, Eanpos.name)  # drives that `tuned` can tune for an axis
 
 _DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu, Eanpos)}
 

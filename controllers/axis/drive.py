@@ -1,4 +1,4 @@
-"""The interface of a drive: a record, a motor, and a compiled sample; and the check of your own against its rules."""
+"""The interface of a drive: a record, a motor, and a compiled sample; and a check of your own drive."""
 
 import ctypes
 import pickle
@@ -21,7 +21,7 @@ class Screw(NamedTuple):
     um_per_rad: float
 
     def counts_of(self, motor: NDArray[np.void]) -> float:
-        """Return the encoder counts that a step is on the axis of a motor (a row of `MOTOR`) with this screw."""
+        """Return the encoder counts per step of a motor (a row of `MOTOR`) on this screw."""
         return self.step_um * float(motor["counts_per_rad"][0]) / self.um_per_rad
 
 
@@ -79,30 +79,30 @@ class StartsAnew(Drive, Protocol):
 
 @runtime_checkable
 class SerialDrive(StartsAnew, Protocol):
-    """A chip with a memory that outlasts the power and a serial line: 8 data bits, no parity, 1 stop bit."""
+    """A chip with non-volatile memory and a serial line: 8 data bits, no parity, 1 stop bit."""
 
     baud: float  # bits per second
 
     def receive_error(self) -> None:
-        """Take note that a byte came without a stop bit, or before the last one was read."""
+        """Register that a byte came without a stop bit, or before the previous byte was read."""
 
 
 _OWN = (
     "command", "lines", "num", "den", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "stalled_until_ns",
     "count_rate_Hz", "index_ns", "reg", "real", "memory",
 )
-"""A record's fields that the drive owns and loses with the power."""
+"""Fields of a record that the drive owns and that are lost without power."""
 
 
 def restart(record: NDArray[np.void], fresh: NDArray[np.void]) -> None:
-    """Give a drive's record what a new one has: all that is its own but the EEPROM, its clock starting now."""
+    """Reset a drive's own fields, except the EEPROM, to those of a new record, and restart its sampling."""
     for name in _OWN:
         record[name] = fresh[name]
     set_period(record, int(fresh["num"][0]), int(fresh["den"][0]))
 
 
 def set_period(record: NDArray[np.void], num: int, den: int) -> None:
-    """Let a drive sample with another period, ``num / den`` ns, from its last sample or power-up on."""
+    """Set a drive's sampling period to ``num / den`` ns, from its last sample or power-up on."""
     record["epoch_ns"], record["index"] = record["now_ns"], 1
     record["num"], record["den"] = num, den
     record["due_ns"] = record["now_ns"] + num // den
@@ -132,7 +132,7 @@ def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]
     merged = {**values, **changes}
     wrong = sorted(set(names) ^ merged.keys())
     if wrong:
-        raise InputError(f"a motor's constants are {', '.join(names)}; missing or none of them: {', '.join(wrong)}")
+        raise InputError(f"a motor's constants are {', '.join(names)}; missing or unknown: {', '.join(wrong)}")
     row = np.zeros(1, MOTOR)
     for name in names:
         row[name] = merged[name]
@@ -140,16 +140,16 @@ def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]
 
 
 def axis_names(amplifier: bool | None = None) -> tuple[str, ...]:
-    """Names of the axes of `axis_row`: all, or those with or without a velocity amplifier."""
+    """Return the names of the axes of `axis_row`: all, or those with or without a velocity amplifier."""
     folder = models.path("drives/board.toml").parent
     names = sorted(file.stem.removeprefix("axis-") for file in folder.glob("axis-*.toml"))
     return tuple(n for n in names if amplifier is None or amplifier == ("amplifier" in data_of(f"axis-{n}")))
 
 
 def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
-    """Return motor, supply, encoder and screw of ``models/drives/axis-NAME.toml``, but for constants that differ.
+    """Return motor, supply, encoder and screw of ``models/drives/axis-NAME.toml``, with changed constants.
 
-    What that file does not name is as in ``plain.toml``: no velocity amplifier and no home cam.
+    Constants that the file does not have are those of ``plain.toml``: no velocity amplifier and no home cam.
     """
     if name not in axis_names():
         raise InputError(f"there is no axis {name!r}; choose one of {one_of(name, axis_names())}")
@@ -244,16 +244,16 @@ def _check_loop(make: Callable[[], Drive]) -> None:
     for pace in (0, 1, 1000, -1000):
         whole = _run(make(), pace, 0, _SAMPLES)
         if _run(make(), pace, 0, _SAMPLES).tobytes() != whole.tobytes():
-            raise _wrong(drive, "does not command the same again, when it is made again")
+            raise _wrong(drive, "gives other commands when it is made again")
         first, second = make(), make()
         _run(first, pace, 0, _SAMPLES // 2)
         second.record[:] = first.record
         if _run(second, pace, _SAMPLES // 2, _SAMPLES).tobytes() != whole[_SAMPLES // 2 :].tobytes():
-            raise _wrong(drive, "does not go on from its record as it would have without")
+            raise _wrong(drive, "does not continue the same way from a copy of its record")
 
 
 def _run(drive: Drive, pace: int, first: int, last: int) -> NDArray[np.float64]:
-    """Return the commands of some samples; the count moves by `pace` a sample, for 0 with the setpoint."""
+    """Return the commands of some samples; the count moves by `pace` per sample or, for 0, follows the setpoint."""
     assert drive.sample is not None
     call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(drive.sample.address)
     edges = np.cumsum(np.random.default_rng(1).integers(-1, 2, last))
@@ -268,7 +268,7 @@ def _run(drive: Drive, pace: int, first: int, last: int) -> NDArray[np.float64]:
         if axis.tobytes() != axis_before:
             raise _wrong(drive, "writes into its axis' row")
         if any(record[name].tobytes() != before[name].tobytes() for name in set(DRIVE.names or ()) - set(_WRITTEN)):
-            raise _wrong(drive, "writes what is the plant's in its record")
+            raise _wrong(drive, "writes fields of its record that belong to the plant")
         commands[k] = record["command"][0]
         if not abs(commands[k]) <= 1.0:
             raise _wrong(drive, f"commands {commands[k]:g} of its supply; it must be -1 to 1")
@@ -324,7 +324,7 @@ class PositionServo(Drive):
         return float(self.record["reg"][0, COUNTS_PER_EDGE])
 
     def why_stopped(self) -> str:
-        """Say why it reports a fault."""
+        """Return why the drive reports a fault; empty without a fault."""
         if not self.record["lines"][0] & FAULT:
             return ""
         return f"its following error passed the limit of {self.record['reg'][0, LARGEST_ERROR]} counts"

@@ -1,4 +1,4 @@
-"""What both servo chips share: parameters by name in the record's registers, their EEPROM's code, and typed lines.
+"""Code of both servo chips: parameters by name in the record's registers, the EEPROM's code, and typed lines.
 
 >>> from edmsim.controllers.axis import make
 >>> drive = make("uhu")
@@ -24,7 +24,7 @@ from edmsim.numeric import real, whole, whole_from
 
 
 class Registers(MutableMapping[str, int]):
-    """Registers of a drive's record by name; `places` has of each its number and its least and largest value.
+    """Registers of a drive's record by name; `places` has number, least and greatest value of each.
 
     A plant replaces the first record by its own row, so the record is looked up at every access.
     """
@@ -41,7 +41,7 @@ class Registers(MutableMapping[str, int]):
         self._reg[self._place(name)[0]] = self.fitting(name, value)
 
     def fitting(self, name: str, value: float) -> int:
-        """Return a value that fits into a register; `InputError` for anything else."""
+        """Return a value as int; raises `InputError` unless it fits into a register."""
         _, low, high = self._place(name)
         number = real(value)
         if number is None or not low <= number <= high or number != int(number):
@@ -72,7 +72,7 @@ class Registers(MutableMapping[str, int]):
 
 
 def by_name(changes: Mapping[str, float], name_of: Callable[[str], str], owner: str) -> dict[str, Any]:
-    """Return changes by the names of what they change; `InputError` where two are of the same."""
+    """Return changes by the parameters' names; raises `InputError` if two are of the same parameter."""
     found: dict[str, Any] = {}
     for key, value in changes.items():
         if (name := name_of(key)) in found:
@@ -81,7 +81,7 @@ def by_name(changes: Mapping[str, float], name_of: Callable[[str], str], owner: 
     return found
 
 
-_MOST_LAW = 2**31  # of a setting of a law (ours): most are times in ns
+_MOST_LAW = 2**31  # greatest setting of a law (ours): most are times in ns
 
 
 class ServoChip(SerialDrive):
@@ -91,7 +91,7 @@ class ServoChip(SerialDrive):
     data: ClassVar[Mapping[str, Any]]  # ``models/drives/NAME.toml``
     signed: ClassVar[str] = ""  # the parameter that has a sign
     wraps: ClassVar[bool] = False  # whether its arithmetic wraps, see `Extensions`
-    echoes: ClassVar[bool] = False  # whether it sends back what is typed
+    echoes: ClassVar[bool] = False  # whether it echoes typed characters
 
     def __init__(
         self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None,
@@ -118,11 +118,11 @@ class ServoChip(SerialDrive):
 
     @abstractmethod
     def _fresh(self) -> NDArray[np.void]:
-        """Return the record of a drive that was just reset, before its EEPROM was read."""
+        """Return the record of a drive after a reset, before its EEPROM is read."""
 
     @abstractmethod
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
-        """Prepare a new drive; fill its EEPROM, with parameters if there are any."""
+        """Prepare a new drive: write its EEPROM, with the parameters in `stored`, if any."""
 
     @classmethod
     def tuned(
@@ -151,22 +151,22 @@ class ServoChip(SerialDrive):
 
 # The code of a drive's words in its EEPROM: a checksum, and every half byte as an extended Hamming word.
 # Ten words make 42 bytes, so three banks of the UHU's parameters fill 126 of the ATtiny2313's 128 bytes. The manual
-# promises "checksum and forward error correction" without a layout (rows U-26, U-29, U-A24): the layout is ours.
+# names "checksum and forward error correction" without a layout (rows U-26, U-29, U-A24): the layout is ours.
 # The servo processor module stores its only bank in the same code (row M-A16).
 
 WORD = 1 << 16  # words are 0 to 65535
 _HALF_BITS = 4
 _CHECKED = (0b1101, 0b1011, 0b0111)
-"""Which of the four data bits each check bit of a Hamming (7,4) code covers; the eighth bit makes all eight even."""
+"""Data bits that each check bit of a Hamming (7,4) code covers; the eighth bit makes the parity of all eight even."""
 _CORRECTABLE, _NOTED = 1, 2
-"""Flipped bits of a code byte that are corrected, and that are noticed: the code's distance is four."""
+"""Flipped bits of a code byte that are corrected, and that are detected: the code's distance is four."""
 
 
 class Stored(NamedTuple):
     """Content of an EEPROM."""
 
-    words: tuple[int, ...] | None  # 0 to 65535; None where a code byte has more flipped bits than can be corrected
-    corrected: int  # bits that were flipped and put right
+    words: tuple[int, ...] | None  # 0 to 65535; None if a code byte has more flipped bits than can be corrected
+    corrected: int  # number of corrected bits
     valid: bool  # whether all bytes could be read and the checksum is right
 
 
@@ -179,7 +179,7 @@ _CODE = tuple(_code_byte(half) for half in range(1 << _HALF_BITS))
 
 
 def _nearest(byte: int) -> tuple[int, int]:
-    """Return the half byte whose code is nearest, and how many bits it is away."""
+    """Return the half byte with the nearest code, and the number of bits that differ."""
     away = [(byte ^ code).bit_count() for code in _CODE]
     return away.index(min(away)), min(away)
 
@@ -195,7 +195,7 @@ def encode(words: Sequence[int], *, false_checksum: bool = False) -> bytes:
 
 
 def decode(image: bytes) -> Stored:
-    """Read what `encode` wrote, whatever happened to it since."""
+    """Decode an image by `encode`, with any bits flipped since."""
     halves = [_DECODE[byte] for byte in image]
     corrected = sum(away for _, away in halves if away == _CORRECTABLE)
     if any(away >= _NOTED for _, away in halves):
@@ -206,7 +206,7 @@ def decode(image: bytes) -> Stored:
 
 
 def _checksum(plain: bytes | bytearray) -> int:
-    """Return the complement of the sum: an EEPROM of nothing but 00H or FFH is then not valid."""
+    """Return the complement of the sum, so an EEPROM with only 00H or only FFH is not valid."""
     return ~sum(plain) & 0xFF
 
 
@@ -217,23 +217,23 @@ def _checksum(plain: bytes | bytearray) -> int:
 
 RETURN, LINE_FEED = 0x0D, 0x0A
 BACKSPACE, DELETE = 0x08, 0x7F
-"""Either takes back the last character (ours: terminals send one or the other, the manuals name none)."""
+"""Both delete the last character (ours: terminals send one or the other, the manuals name none)."""
 NEW_LINE = b"\r\n"
 _RUB_OUT = b"\b \b"
 LONGEST = 32
-"""Characters of a line (ours; the longest command that means something has seven). A longer line is spoilt."""
+"""Greatest length of a line (ours; the longest valid command has seven characters). A longer line is invalid."""
 _COMMAND = re.compile(r"([^0-9])(-?[0-9]+)?")
 
 
 class Command(NamedTuple):
-    """A letter and the number behind it; None without a number."""
+    """A letter and the number after it; None without a number."""
 
     letter: str
     number: int | None
 
 
 class LineEditor:
-    """Gathers bytes into lines; never echoes a byte with bit 7, by which the UHU marks its stream (row U-35)."""
+    """Collects bytes into lines; never echoes a byte with bit 7, which marks the UHU's stream (row U-35)."""
 
     def __init__(self, *, echo: bool) -> None:
         self._echo = echo
@@ -259,11 +259,11 @@ class LineEditor:
         return self._sent(bytes([byte])), None
 
     def spoil(self) -> None:
-        """Let the line count for nothing, as when a byte of it was not received well."""
+        """Make the present line invalid, as after a receive error."""
         self._spoilt = True
 
     def clear(self) -> None:
-        """Forget what was typed, as a reset does."""
+        """Discard the present line, as after a reset."""
         self._typed.clear()
         self._spoilt = False
 
@@ -277,7 +277,7 @@ def lines_of(texts: Iterable[str]) -> bytes:
 
 
 def command_in(text: str) -> Command | None:
-    """Return the command that a line holds, None if it holds no command: ``P600`` is ``Command("P", 600)``."""
+    """Return the command in a line, None if there is none: ``P600`` is ``Command("P", 600)``."""
     found = _COMMAND.fullmatch(text)
     return Command(found[1], None if found[2] is None else int(found[2])) if found else None
 
@@ -289,17 +289,17 @@ def command_in(text: str) -> Command | None:
 # of four channels with samples before its trigger. Set them by name, ``drive.extensions["anti_windup"] = 1``. They
 # survive a reset of the drive; its EEPROM does not store them.
 
-EXTENSION_WORDS = slice(96, 106)  # registers of both chips' records that hold the settings
+EXTENSION_WORDS = slice(96, 106)  # registers of the settings in both chips' records
 (
     ANTI_WINDUP, COMMAND_FILTER, VELOCITY_GAIN, ACCELERATION_GAIN, JERK_GAIN, SATURATING, TRIGGER, LEVEL, BEFORE,
     EVERY,
 ) = range(96, 106)  # fmt: skip
 COMMAND, VELOCITY, ACCELERATION, JERK, AT_LIMIT, LIMITED_SINCE_NS, LIMITED_NS, LONGEST_LIMITED_NS = range(106, 114)
-"""The last command; its filtered derivatives per interval, times 256; on which side the output is limited (-1, 0, 1),
-since when, for how long, and the longest of these times."""
+"""The last command; its filtered derivatives per interval, times 256; the side on which the output is limited (-1, 0,
+1), since when, for how long, and the longest of these times."""
 RECORDED, WAITED, TRIGGERED_AT, LAST_DIRECTION, STATE = range(114, 119)
-"""Samples recorded, intervals since the last one, the sample of the trigger, the command's last direction, and where
-the recorder is."""
+"""Number of samples recorded, intervals since the last one, the sample of the trigger, the command's last direction,
+and the recorder's state (`WAITING`, `TRIGGERED`, `FULL`)."""
 WAITING, TRIGGERED, FULL = range(3)
 NEVER, AT_ONCE, ON_ERROR, ON_MOVE, ON_TURN, ON_LIMIT, ON_FAULT = range(7)
 TRIGGERS = {
@@ -308,8 +308,8 @@ TRIGGERS = {
 }  # fmt: skip
 """Triggers of a recording: at once, an error of `level` counts, the first commanded move, a change of its direction,
 an output at its limit, a fault."""
-SAMPLES, CHANNELS = 384, 4  # samples of a recording, each a word of the record's memory with four channels of 16 bits
-MEMORY = 128  # first of these words; those before it are the servo processor module's own recorder's
+SAMPLES, CHANNELS = 384, 4  # of a recording; a sample is a word of the record's memory, with four channels of 16 bits
+MEMORY = 128  # first of these words; the words before are those of the servo processor module's own recorder
 
 _ONE = 256
 _LARGEST = 32767
@@ -326,7 +326,7 @@ _PLACES = {
 
 @exactly_compiled
 def start_command(reg: NDArray[np.int64], command: int) -> None:
-    """Begin with a command at rest, as after a reset."""
+    """Start with a constant command, as after a reset."""
     reg[COMMAND] = command
     reg[VELOCITY] = reg[ACCELERATION] = reg[JERK] = 0
     reg[AT_LIMIT] = reg[LIMITED_NS] = 0
@@ -334,7 +334,7 @@ def start_command(reg: NDArray[np.int64], command: int) -> None:
 
 @exactly_compiled
 def derive_command(reg: NDArray[np.int64], command: int) -> None:
-    """Take the command in counts; its velocity is averaged over some 2 ** ``command_filter`` intervals."""
+    """Update the command and its derivatives; velocity is averaged over about 2 ** ``command_filter`` intervals."""
     velocity = (command - reg[COMMAND]) * _ONE
     reg[COMMAND] = command
     velocity = reg[VELOCITY] + ((velocity - reg[VELOCITY]) >> reg[COMMAND_FILTER])
@@ -345,20 +345,20 @@ def derive_command(reg: NDArray[np.int64], command: int) -> None:
 
 @exactly_compiled
 def feed_forward(reg: NDArray[np.int64]) -> int:
-    """Return what the command's derivatives add to the output, times 256; a gain of 256 is one per count."""
+    """Return the output for the command's derivatives, times 256; a gain of 256 is one per count."""
     gained = reg[VELOCITY_GAIN] * reg[VELOCITY] + reg[ACCELERATION_GAIN] * reg[ACCELERATION]
     return int((gained + reg[JERK_GAIN] * reg[JERK]) >> 8)
 
 
 @exactly_compiled
 def holds_integrator(reg: NDArray[np.int64], error: int) -> bool:
-    """Say whether anti-windup keeps the integrator as it is: its error would push on an output at its limit."""
+    """Return whether anti-windup stops the integrator: the error would push an output further beyond its limit."""
     return bool(reg[ANTI_WINDUP] != 0 and reg[AT_LIMIT] * error > 0)
 
 
 @exactly_compiled
 def note_limit(reg: NDArray[np.int64], now_ns: int, side: int) -> None:
-    """Note on which side the output is at its limit: -1, 1, or 0 for neither."""
+    """Register the side on which the output is at its limit: -1, 1, or 0 for neither."""
     if side == 0 or side != reg[AT_LIMIT]:
         reg[LIMITED_SINCE_NS] = now_ns
     reg[AT_LIMIT] = side
@@ -385,7 +385,7 @@ def _triggers(reg: NDArray[np.int64], error: int, turned: bool, faulty: bool) ->
 def record_sample(
     reg: NDArray[np.int64], memory: NDArray[np.int64], error: int, velocity: int, output: int, faulty: bool
 ) -> None:
-    """Let the recorder see an interval: following error, velocity, the command's velocity, and the output."""
+    """Record an interval: following error, velocity, the command's velocity, and the output."""
     direction = min(max(reg[VELOCITY], -1), 1)
     turned = direction * reg[LAST_DIRECTION] < 0
     if direction != 0:
@@ -443,7 +443,7 @@ class Extensions(Registers):
 
     @property
     def limited_s(self) -> float:
-        """How long the output has been at its limit."""
+        """Time in s for which the output has been at its limit."""
         return float(self._reg[LIMITED_NS]) * 1e-9
 
     @property

@@ -22,7 +22,7 @@ PARAMETERS = (
     ACCELERATION_FF, CLAMP, DERIVATIVE, ERROR_LIMIT, ERROR_SCALE, INTEGRAL, REGION, SCALE, DIVIDER, OFFSET,
     PROPORTIONAL, INTERVAL, VELOCITY_FF, MULTIPLIER, FILTER,
 ) = tuple(range(15))  # fmt: skip
-"""A C D E F I J K L O P T V X Y: what S saves, as it was entered."""
+"""A C D E F I J K L O P T V X Y: the values that S saves, as entered."""
 
 SETTINGS = (
     GAIN_SCALE, STEP_SENSE, ENCODER_SENSE, REST_NS, SAVE_NS, LED_RUN_NS, LED_RECORDER_NS, LED_REPEAT_NS, LED_FLASH_NS,
@@ -30,23 +30,23 @@ SETTINGS = (
 """The table ``law`` of ``models/drives/servo_module.toml``, in its order."""
 
 CHIP = DUTY_CENTRE, GREATEST_CLAMP, BYTE_NS = tuple(range(24, 27))
-"""Of its table ``chip``; the last is the time that a byte takes on the serial line."""
+"""Values of the table ``chip``; the last is the time of a byte on the serial line."""
 
 (
     STATUS, FRESH, SETPOINT, POSITION, ORIGIN, EDGES, ERROR, VELOCITY, COMMANDED, LAST_SETPOINT, LAST_POSITION,
     LAST_ERROR, ACCUMULATED, TICK, OUTPUT, DUTY, LIMIT, PEAK, NOW_NS, MOVED_NS, SAVED_FROM_NS, SAVING, CODE, RECORDED,
     DUMPING, DUMPED, LINE_FREE_NS, RELEASING,
 ) = range(27, 55)  # fmt: skip
-"""State of the loop: counts, counts per cycle, duty counts, and times of the plant's clock. ``FRESH`` lasts from
-power-up to the first cycle; ``ORIGIN`` is what the encoder's counter showed where the position is 0, ``ACCUMULATED``
-the integral times ``GAIN_SCALE``, ``SAVING`` whether the EEPROM is being written, ``CODE`` that of the recorder,
-``RECORDED`` the cycles since its trigger; ``DUMPING`` the line of its memory being sent, counted from 1, 0 for none,
-``DUMPED`` the characters sent of it, and ``LINE_FREE_NS`` when the serial line takes the next. ``RELEASING`` is set
-for the cycle in which the fault output is let go, which may be what holds the fault input low."""
+"""State of the loop: counts, counts per cycle, duty counts, and times of the plant's clock. ``FRESH`` is set from
+power-up to the first cycle; ``ORIGIN`` is the encoder's count at position 0, ``ACCUMULATED`` the integral times
+``GAIN_SCALE``, ``SAVING`` whether the EEPROM is being written, ``CODE`` that of the recorder, ``RECORDED`` the cycles
+since its trigger, ``DUMPING`` the line of its memory being sent, from 1 on, 0 for none, ``DUMPED`` the number of its
+characters sent, ``LINE_FREE_NS`` the time at which the serial line takes the next one. ``RELEASING`` is set for the
+cycle that releases the fault output, because that output may still hold the fault input low."""
 
 IMAGE, N_IMAGE = 64, 62
-"""The bytes that a save writes, eight to a word: 15 parameters and a checksum in their code
-(`edmsim.controllers.axis.servo_chip`). Words from 96 on are those of its extensions."""
+"""Bytes that a save writes, eight per word: 15 parameters and a checksum, encoded by
+`edmsim.controllers.axis.servo_chip`. Words from 96 on belong to its extensions."""
 N_MEMORY = 128  # words of the recorder's memory (row M-A4)
 
 FAULT_BIT, FOLLOWING_BIT, EXTERNAL_BIT = 1 << 0, 1 << 1, 1 << 2
@@ -59,7 +59,7 @@ NO_ERROR_LIMIT = 32767  # guide 4.4: an error limit above this one never trips
 
 # The servo processor module's loop in whole numbers: PID with antidither and feed-forwards, trip and clamp.
 # With proportional gain 1250, an error of 10 counts makes 48 duty counts of 1024, 4.7 % of the supply. The guide
-# leaves the scale of gains open; here it is 1/256, like its other scales (row M-A9). The integral accumulates its
+# does not define the scale of gains; here it is 1/256, like its other scales (row M-A9). The integral accumulates its
 # gain times the error, so a change of gain, as in the antidither region, does not shift the output. It is limited
 # to the clamp (ours: more can never act).
 
@@ -76,14 +76,14 @@ def wrapped(value: int, bits: int) -> int:
 
 @exactly_compiled
 def _report_saturation(reg: Words) -> None:
-    """Set the flag that stays until R; a stopped loop has no output that could be saturated."""
+    """Set the saturation flag, which only R clears; not in a stopped loop, which has no output."""
     if reg[STATUS] & FAULT_BIT == 0:
         reg[STATUS] |= SATURATED_BIT
 
 
 @exactly_compiled
 def narrowed(reg: Words, value: int, bits: int) -> int:
-    """Fit a number into a word: held at its limit and reported as saturated, or wrapped (row M-35)."""
+    """Fit a number into a word: clamped and reported as saturated, or wrapped (row M-35)."""
     fits = wrapped(value, bits)
     if fits == value or reg[servo_chip.SATURATING] == 0:
         return fits
@@ -94,19 +94,19 @@ def narrowed(reg: Words, value: int, bits: int) -> int:
 
 @exactly_compiled
 def towards_zero(value: int, divisor: int) -> int:
-    """Divide, dropping what is less than one either way."""
+    """Divide and round towards zero."""
     return value // divisor if value >= 0 else -(-value // divisor)
 
 
 @exactly_compiled
 def clamp_of(reg: Words) -> int:
-    """Duty counts to either side that C allows; above the greatest it has no effect (guide 4.2)."""
+    """Return the limit of duty counts by C, which has no effect above the greatest value (guide 4.2)."""
     return int(min(reg[CLAMP], reg[GREATEST_CLAMP]))
 
 
 @exactly_compiled
 def put_duty(reg: Words, output: int) -> None:
-    """Set output and duty: the offset comes behind the loop, the clamp behind the offset (row M-40)."""
+    """Set output and duty: the offset is added to the loop's output, then the sum is clamped (row M-40)."""
     demand = output + reg[OFFSET]
     held = min(max(demand, -clamp_of(reg)), clamp_of(reg))
     if held != demand:
@@ -125,7 +125,7 @@ def stop(reg: Words, cause: int) -> None:
 
 @exactly_compiled
 def reset_loop(reg: Words) -> None:
-    """Start the loop where the motor is (guide 4.14), without memory of before."""
+    """Start the loop at the motor's position (guide 4.14), with its state cleared."""
     reg[STATUS] &= ~CLEARED_BY_RESET
     reg[SETPOINT] = reg[POSITION]
     reg[LAST_SETPOINT] = reg[SETPOINT]
@@ -157,7 +157,7 @@ def _control(reg: Words, acceleration: int) -> int:
 
 @exactly_compiled
 def _measure(reg: Words) -> tuple[int, bool]:
-    """Take error, velocities and limit; return the commanded acceleration, and whether the direction changed."""
+    """Update error, velocities and limit; return the commanded acceleration, and whether the direction changed."""
     commanded = narrowed(reg, wrapped(reg[SETPOINT] - reg[LAST_SETPOINT], 32), 16)
     acceleration = commanded - reg[COMMANDED]
     reg[COMMANDED], reg[LAST_SETPOINT] = commanded, reg[SETPOINT]
@@ -219,9 +219,9 @@ def cycle(reg: Words, count: int, edges: int, fault: bool, time_ns: int) -> tupl
 # M-A18), sent at the serial line's speed.
 
 RATE, TRIGGER, FIRST_SOURCE = 0b111, 0b11 << 3, 5
-"""Parts of a code: cycles of an entry as a power of 2, when to start, and from which bit on what to note."""
+"""Parts of a code: cycles per entry as a power of 2, trigger, first bit of the source."""
 ON_VELOCITY, ON_TURN, UNUSED, AT_ONCE = 0, 8, 16, 24  # triggers
-_SOURCES = ERROR, VELOCITY, COMMANDED, OUTPUT, DUTY, LIMIT  # what is noted, by the code from `FIRST_SOURCE` on
+_SOURCES = ERROR, VELOCITY, COMMANDED, OUTPUT, DUTY, LIMIT  # recorded, by the code from `FIRST_SOURCE` on
 _RETURN, _LINE_FEED, _MINUS, _ZERO = 13, 10, 45, 48  # characters
 
 
@@ -235,7 +235,7 @@ def _triggered(reg: Words, turned: bool) -> bool:
 
 @exactly_compiled
 def note(reg: Words, memory: Words, turned: bool) -> None:
-    """Wait for the trigger, then record one cycle in `every` until the memory is full; called after the loop."""
+    """Wait for the trigger, then record until the memory is full; called after the loop."""
     if reg[STATUS] & RECORDER_BIT == 0:
         return
     if reg[STATUS] & TRIGGERED_BIT == 0:
@@ -268,7 +268,7 @@ def character_of(value: int, place: int) -> int:
 
 @exactly_compiled
 def dump(drive: Any) -> None:
-    """Send what the serial line takes until now of a full memory."""
+    """Send as much of a full memory as the serial line takes until the present time."""
     reg = drive.reg
     while reg[DUMPING] != 0 and reg[LINE_FREE_NS] <= reg[NOW_NS]:
         character = character_of(drive.memory[reg[DUMPING] - 1], reg[DUMPED])
@@ -287,16 +287,16 @@ def dump(drive: Any) -> None:
 
 DATA: dict[str, Any] = data_of("servo_module")
 LETTERS = {entry["letter"]: register for register, entry in zip(PARAMETERS, DATA["parameter"], strict=True)}
-_SCALED = PROPORTIONAL, INTEGRAL, DERIVATIVE  # the gains that the antidither scale acts on (guide 4.9)
+_SCALED = PROPORTIONAL, INTEGRAL, DERIVATIVE  # gains that the antidither scale changes (guide 4.9)
 UNKNOWN = "?"
 _HIGHEST, _LOWEST = WORD - 1, -WORD // 2
 
 
 def answer(reg: NDArray[np.int64], text: str) -> list[str]:
-    """Do what a line (upper case, without blanks) says to the module's registers; returns the lines it answers."""
+    """Execute a line (upper case, without blanks) on the module's registers; return the lines of its answer."""
     if not text:
         return []
-    if reg[DUMPING] != 0:  # the answer meets one that is being sent (ours: the guide does not say when)
+    if reg[DUMPING] != 0:  # the answer collides with a dump (ours: the guide does not define the flag's cause)
         reg[STATUS] |= TRANSMIT_BIT
     if text in _PLAIN:
         return _PLAIN[text](reg)
@@ -315,12 +315,12 @@ def answer(reg: NDArray[np.int64], text: str) -> list[str]:
 
 
 def words_of(reg: NDArray[np.int64]) -> list[int]:
-    """Return the parameters as the EEPROM keeps them."""
+    """Return the parameters as words of the EEPROM."""
     return [int(value) % WORD for value in reg[list(PARAMETERS)]]
 
 
 def parameter_line(reg: NDArray[np.int64], register: int) -> str:
-    """Return the line by which the module confirms and shows a parameter."""
+    """Return the line with which the module confirms and shows a parameter."""
     value, letter = int(reg[register]), DATA["parameter"][register]["letter"]
     shown = f"({letter}) - {DATA['parameter'][register]['label']}: {value}"
     if register in _SCALED and reg[SCALE] != SCALE_ONE:
@@ -330,7 +330,7 @@ def parameter_line(reg: NDArray[np.int64], register: int) -> str:
 
 def _set(reg: NDArray[np.int64], register: int, number: int | None) -> list[str]:
     if number is not None:
-        if not (_LOWEST if register == OFFSET else 0) <= number <= _HIGHEST:  # row M-46: no other is signed
+        if not (_LOWEST if register == OFFSET else 0) <= number <= _HIGHEST:  # row M-46: only the offset has a sign
             return [UNKNOWN]
         reg[register] = wrapped(number, 16) if register == OFFSET else number
     return [parameter_line(reg, register)]
@@ -341,7 +341,7 @@ def _menu(reg: NDArray[np.int64]) -> list[str]:
 
 
 def _move(reg: NDArray[np.int64], command: Command) -> list[str]:
-    """Step the setpoint (guide 4.22); a stopped module takes the number and does not move (row M-A21)."""
+    """Step the setpoint (guide 4.22); a stopped module accepts the step without a move (row M-A21)."""
     if command.number is None or not 0 <= command.number <= (_HIGHEST if command.letter == "+" else -_LOWEST):
         return [UNKNOWN]
     way = 1 if command.letter == "+" else -1
@@ -359,7 +359,7 @@ def _record(reg: NDArray[np.int64], code: int | None) -> list[str]:
     if code is not None and (not 0 <= code < len(_SOURCES) << FIRST_SOURCE or code & TRIGGER == UNUSED):
         return [UNKNOWN]
     reg[STATUS] &= ~(RECORDER_BIT | TRIGGERED_BIT)
-    reg[DUMPING] = 0  # the memory is about to be overwritten (ours: the guide does not say what becomes of a dump)
+    reg[DUMPING] = 0  # because the memory will be overwritten (ours: the guide does not say whether a dump ends)
     if code is None:
         return ["Recorder OFF"]
     reg[CODE] = code
@@ -386,7 +386,7 @@ def _reset(reg: NDArray[np.int64]) -> list[str]:
 
 
 def _words(name: str, value: int) -> str:
-    """Show a 32-bit register as two words, the way the guide prints it (row M-12)."""
+    """Return a 32-bit register as two words, as printed in the guide (row M-12)."""
     return f"{name}: {(value >> 16) % WORD}, {value % WORD}"
 
 
@@ -404,13 +404,13 @@ _READ = {
 
 
 DELIVERED = tuple(entry["value"] for entry in DATA["parameter"])
-_BITS_OF_A_BYTE = 10  # start bit, eight, stop bit
+_BITS_OF_A_BYTE = 10  # start bit, eight data bits, stop bit
 _CHIP = DATA["chip"]
 
 
 @exactly_compiled
 def _lamp(reg: Words) -> int:
-    """Return whether the status LED is lit: flashes name the reason of a stop, a running loop blinks evenly."""
+    """Return the status LED's bit: the number of flashes shows the cause of a stop; a running loop blinks evenly."""
     status, now_ns, flash_ns = reg[STATUS], reg[NOW_NS], reg[LED_FLASH_NS]
     if status & FAULT_BIT != 0:
         flashes = 3 if status & EXTERNAL_BIT != 0 else 2 if status & FOLLOWING_BIT != 0 else 1
@@ -438,7 +438,7 @@ def _lines(reg: Words) -> int:
 
 @exactly_compiled
 def _write(reg: Words, eeprom: NDArray[np.uint8], now_ns: int) -> None:
-    """Write what a save's time has been enough for: power that fails meanwhile leaves the rest as it was."""
+    """Write the EEPROM's bytes up to the present time of a save; after a power failure the rest is unchanged."""
     if reg[SAVING] != 0:
         for k in range(min(N_IMAGE * (now_ns - reg[SAVED_FROM_NS]) // reg[SAVE_NS], N_IMAGE)):
             eeprom[k] = reg[IMAGE + k // 8] >> 8 * (k % 8) & 255
@@ -470,7 +470,7 @@ class ServoModule(ServoChip):
     stored : mapping of str to int, optional
         Parameters in the EEPROM that override the defaults, by name, for example ``{"proportional_gain": 900}``.
     law : mapping of str to int, optional
-        Overrides of the table ``law`` of ``models/drives/servo_module.toml``, which the guide leaves open, for
+        Overrides of the table ``law`` of ``models/drives/servo_module.toml``, not defined by the guide, for
         example ``{"save_ns": 5_000_000}``.
 
     Attributes
@@ -524,7 +524,7 @@ class ServoModule(ServoChip):
 
     @property
     def recording(self) -> bool:
-        """Whether the recorder fills its memory or sends it; not before its trigger, or with the loop off."""
+        """Whether the recorder is filling or sending its memory; False before its trigger or with the loop off."""
         reg = self._reg
         fills = bool(reg[STATUS] & TRIGGERED_BIT and not reg[STATUS] & FAULT_BIT)
         return fills or reg[DUMPING] != 0
@@ -580,6 +580,6 @@ def _period_ns(reg: Words) -> int:
 
 
 def _count_rate(reg: Words) -> float:
-    """Return the fastest encoder edges that pass the filter (guide 4.19)."""
+    """Return the highest rate of encoder edges that pass the filter (guide 4.19)."""
     rates: list[float] = _CHIP["filter_Hz"]
     return rates[min(int(reg[FILTER]), len(rates) - 1)]

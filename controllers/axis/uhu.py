@@ -27,17 +27,18 @@ SETTINGS = (
     CONTROL_FULL, INTEGRAL_DIVISOR, SPEED_DIVISOR, FILTER_OFFSET, STREAM_EVERY, STREAM_ZERO, CALCULATION_NS,
     INTERRUPT_NS, STEP_SENSE, ENCODER_SENSE,
 ) = tuple(range(11, 21))  # fmt: skip
-"""Registers of what the manual leaves open, in the order of the table ``law`` in ``models/drives/uhu.toml``."""
+"""Registers of values that the manual does not define, in the order of the table ``law`` in
+``models/drives/uhu.toml``."""
 (
     TARGET, LAST_EDGES, REFERENCE, POSITION, SPEED, CHANGE, INTEGRAL, CONTROL, LAST_ILLEGAL, LAST_INTERRUPTS,
     ZERO_COUNT,
 ) = range(21, 32)  # fmt: skip
-"""What the loop remembers: setpoint in counts and the step edges in it, the reference that X holds back (counts times
-SPEED_DIVISOR), position, speed and its change at the last sample, the integrator and the control variable (both
-times 256), the illegal transitions counted in O, the encoder's edges that took time, and its count where the chip
-counts 0."""
+"""State of the loop: setpoint in counts and the step edges in it; the reference, whose speed is limited by X (counts
+times SPEED_DIVISOR); position, speed and its change at the last sample; the integrator and the control variable (both
+times 256); the illegal transitions counted in O; the encoder edges whose interrupts were counted; the encoder's count
+at position 0."""
 LATCHED, RESTART = 32, 33
-"""Why the output is off, bits of what follows; and the reset that the next sample carries out."""
+"""Why the output is off (the bits below), and the reset that the next sample executes."""
 TRACKING, ERROR_INPUT, TIMED_OUT, BAD_BANK = 1, 2, 4, 8
 OWN_FAULTS = TRACKING | TIMED_OUT | BAD_BANK
 SOFT, HARD = 1, 2
@@ -55,9 +56,9 @@ _LARGEST_ERROR = 32767
 
 @exactly_compiled
 def take_steps(reg: NDArray[np.int64], edges: int) -> None:
-    """Let the step edges since the last call move the setpoint, each by M + 1 counts (row U-22).
+    """Move the setpoint by M + 1 counts for each step edge since the last call (row U-22).
 
-    A reset that the next sample carries out drops them.
+    If a reset is pending, the edges are dropped.
     """
     if reg[RESTART] == 0:
         reg[TARGET] += reg[STEP_SENSE] * (edges - reg[LAST_EDGES]) * (reg[M] + 1)
@@ -66,7 +67,7 @@ def take_steps(reg: NDArray[np.int64], edges: int) -> None:
 
 @exactly_compiled
 def reset_loop(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> None:
-    """Reset: the setpoint becomes the position (row U-A25) plus what G added; a hard one counts from 0 again."""
+    """Reset: the setpoint becomes the position (row U-A25) plus the counts of G; a hard reset sets it to 0."""
     ahead = reg[TARGET] - reg[POSITION]
     if reg[RESTART] == HARD:
         reg[ZERO_COUNT] = reg[ENCODER_SENSE] * count
@@ -81,7 +82,7 @@ def reset_loop(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> 
 
 @exactly_compiled
 def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
-    """Count false transitions of the encoder, and latch what shuts the output off (rows U-6, U-21, U-50)."""
+    """Count the encoder's illegal transitions; latch causes that switch the output off (rows U-6, U-21, U-50)."""
     reg[O] = min(reg[O] + illegal - reg[LAST_ILLEGAL], WORD - 1)
     reg[LAST_ILLEGAL] = illegal
     if error_input_low and reg[LATCHED] & OWN_FAULTS == 0:
@@ -92,7 +93,7 @@ def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
 
 @exactly_compiled
 def measure(reg: NDArray[np.int64], count: int) -> None:
-    """Take position, speed and speed's change, the first and second differences."""
+    """Update position, speed and speed's change, its first and second differences."""
     position = reg[ENCODER_SENSE] * count - reg[ZERO_COUNT]
     speed = position - reg[POSITION]
     reg[CHANGE], reg[SPEED], reg[POSITION] = speed - reg[SPEED], speed, position
@@ -122,7 +123,7 @@ def control(reg: NDArray[np.int64], now_ns: int) -> int:
 
 @exactly_compiled
 def stream_byte(reg: NDArray[np.int64]) -> int:
-    """Return the tracking error as a byte with bit 7 set, 0 when none is due (rows U-34 to U-36)."""
+    """Return the tracking error as a byte with bit 7 set, or 0 if no byte is due (rows U-34 to U-36)."""
     if reg[STREAM_ON] == 0:
         return 0
     reg[STREAM_WAIT] += 1
@@ -143,23 +144,23 @@ def stream_byte(reg: NDArray[np.int64]) -> int:
 PROMPT = b">"
 _LOAD, _SAVE, _GO = "L", "S", "G"
 _COMMAND_LINES = {_LOAD: "(L)oad       [0,1,2]", _SAVE: "(S)ave       [0,1,2]", _GO: "(G)o         [Wert]"}
-"""Lines of the help behind those of the parameters; [Wert] is German for value, as printed (row U-10)."""
+"""Lines of the help after those of the parameters; [Wert] is German for value, as printed (row U-10)."""
 _COUNTER = "COUNTER"
 _LAST_LINES = ("(C)ounter", "(R)eset")
-"""The first is a remainder of an older version, whose letter is the cycle's now (row U-A9)."""
+"""The first is from an older version; the letter C is the cycle in this one (row U-A9)."""
 _OK, _UNKNOWN, _BAD_BANK = "OK", "?", "EEPROM: Error!"
 _BANKS = range(3)
 _TAKEN = {_LOAD: _BANKS, _SAVE: _BANKS, _GO: range(-32_000, 32_001)}
-"""Numbers that these take; a parameter takes a word."""
+"""Valid numbers of these commands; a parameter's number is a word."""
 
 
 def _reply(*lines: str) -> bytes:
     return lines_of(lines) + PROMPT
 
 
-_DUTY_RANGE = 0  # place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase
+_DUTY_RANGE = 0  # index in ``real``: share of the supply for the full range of duty, in locked antiphase
 _TABLE = DATA["parameter"]
-_LABELS = {row["letter"]: row["label"] for row in _TABLE}  # what precedes the values in the help
+_LABELS = {row["letter"]: row["label"] for row in _TABLE}  # text before the values in the help
 _NAMES = {row["letter"]: row["name"] for row in _TABLE}
 _STORED = [name for name in _NAMES.values() if name != "overruns"]
 
@@ -175,7 +176,7 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
     else:
         low = axis.lines & axis_rows.FAULT_IN != 0
         if reg[RESTART] != 0:
-            low = False  # its own error output, let go only now, may hold the net low
+            low = False  # its own error output, released only in this sample, may still hold the net low
             reset_loop(reg, drive.setpoint, axis.count, axis.illegal)
             servo_chip.start_command(reg, reg[POSITION])
             reg[LAST_INTERRUPTS] = axis.edges
@@ -223,7 +224,7 @@ class Uhu(ServoChip):
         Parameters in bank 0 at power-up, by name; the others have their presets. By default the drive is in its
         condition upon delivery: no bank is valid, and the output is off until a reset by ``R``.
     law : mapping of str to int, optional
-        Overrides of the table ``law`` of ``models/drives/uhu.toml``, which the manual leaves open, for example
+        Overrides of the table ``law`` of ``models/drives/uhu.toml``, not defined by the manual, for example
         ``{"encoder_sense": -1}``.
 
     Attributes
@@ -295,11 +296,11 @@ class Uhu(ServoChip):
         return sent
 
     def receive_error(self) -> None:
-        """Discard the current line, as a byte came without a stop bit."""
+        """Discard the current line after a byte without a stop bit."""
         self._editor.spoil()
 
     def power_up(self) -> bytes:
-        """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
+        """Restart as at power-up, a low reset pin or ``+``: load bank 0, return the start-up text (row U-39)."""
         fresh = self._fresh()
         fresh["reg"][0, servo_chip.EXTENSION_WORDS] = self._reg[servo_chip.EXTENSION_WORDS]
         restart(self.record, fresh)
@@ -309,14 +310,14 @@ class Uhu(ServoChip):
         set_period(self.record, *_period_ns(self.parameters["cycle"]))
         self._reg[LATCHED] = 0 if stored.valid else BAD_BANK
         self._editor.clear()
-        self._pending = ""  # letter whose number the next line is to bring
+        self._pending = ""  # letter whose number is expected in the next line
         state = "OK" if stored.valid else "Error!"
         number = DATA["identity"]["serial_number"]
         return _reply(f"UHU Servo Controller 3.00 (c) Snr: {number}", f"EEPROM: {state}", "Help by (?)")
 
     @property
     def position(self) -> int:
-        """Position in counts from that at power-up; the terminal prints it as ``COUNTER``."""
+        """Position in counts relative to power-up; the terminal prints it as ``COUNTER``."""
         return int(self._reg[POSITION])
 
     def value(self, letter: str) -> int:
@@ -324,7 +325,7 @@ class Uhu(ServoChip):
         return self.parameters[_NAMES[letter]]
 
     def enter(self, letter: str, value: int) -> None:
-        """Set a letter's parameter, at once."""
+        """Set a letter's parameter immediately."""
         take_steps(self._reg, int(self.record["setpoint"][0]))
         self.parameters[_NAMES[letter]] = value
         self._time_next()
@@ -365,7 +366,7 @@ class Uhu(ServoChip):
         self._reg[STREAM_ON], self._reg[STREAM_WAIT] = int(on), 0
 
     def _place(self, bank: int) -> slice:
-        size = 2 * (2 * len(_STORED) + 1)  # a word is two bytes, with a checksum behind all, each of two halves
+        size = 2 * (2 * len(_STORED) + 1)  # two bytes per word and a checksum; two code bytes each
         return slice(bank * size, (bank + 1) * size)
 
     def _read(self, bank: int) -> servo_chip.Stored:
@@ -423,7 +424,7 @@ class Uhu(ServoChip):
         return _reply(_OK)
 
     def _time_next(self) -> None:
-        """Let C be the length of the intervals after the present one."""
+        """Set the length of the intervals after the present one by C."""
         record = self.record
         record["num"], record["den"] = _period_ns(self.parameters["cycle"])
         record["epoch_ns"], record["index"] = record["due_ns"], 0

@@ -21,19 +21,19 @@ from edmsim.plant.constants import screws, table_mechanics
 from edmsim.plant.kernel.state import STATE, sizes_of
 from edmsim.plant.mechanics.full_model import TableMechanics
 
-_TURN_NS = 10_000_000  # a drive is asked for what it sends unasked so often (ours)
+_TURN_NS = 10_000_000  # interval at which a drive's unsolicited bytes are read (ours)
 _QUIET_NS, _LONGEST_TALK_NS = 20_000_000, 1_000_000_000
-"""A talk is over after so long without a byte, or so long at all (ours)."""
-_CHANGES, _SAMPLES = 64, 4096  # room for notes of one compiled run (ours)
+"""A talk ends after this time without a byte, or after this time in total (ours)."""
+_CHANGES, _SAMPLES = 64, 4096  # greatest number of records of one compiled run (ours)
 _LONGEST_US = 100.0
-"""Time step of MuJoCo (ours): 0.2 of the radian of the swing of the DEM-15's carriages on their screws."""
+"""Time step of MuJoCo (ours): 0.2 rad of the oscillation of the DEM-15's carriages on their screws."""
 _PHASES = {"A": axis_rows.PHASE_A, "B": axis_rows.PHASE_B, "AB": axis_rows.PHASE_A | axis_rows.PHASE_B}
 _WIRES = {**_PHASES, "index": axis_rows.INDEX_WIRE}
 _STEP_INPUTS = {"step": STEP_OPEN, "dir": DIR_OPEN}
 
 
 class Pins(NamedTuple):
-    """A drive's pins as they are: levels, or whether a LED is lit; ``duty`` is 0 to 1, 0.5 for no voltage."""
+    """State of a drive's pins: levels, or whether a LED is lit; ``duty`` is 0 to 1, 0.5 for no voltage."""
 
     enabled: bool
     fault_out_low: bool
@@ -97,7 +97,7 @@ class AxisBench:
         self._now_ns = 0
         self.trace = False
         self._moves: NDArray[np.void] = np.zeros(0, MOVE)
-        self._unplugged = np.zeros(axis_rows.N_AXES, np.int64)  # bits of `steps` of every axis
+        self._unplugged = np.zeros(axis_rows.N_AXES, np.int64)  # `STEP_OPEN` and `DIR_OPEN` by axis
         self._notes = np.zeros(_SAMPLES, SAMPLE_ROW), np.zeros(_CHANGES, CHANGE_ROW), np.zeros(2, np.int64)
         self._samples: list[NDArray[np.void]] = []
         self._changes: list[NDArray[np.void]] = []
@@ -107,7 +107,7 @@ class AxisBench:
             self._power_up(name)
 
     def _make_table(self) -> TableMechanics | None:
-        """Make MuJoCo's model, if any, with the motors in it; an axis without one rests under its stepper."""
+        """Make MuJoCo's model, if any, with the motors; an axis without a motor is held by its stepper."""
         if self._table_of is None:
             return None
         table = table_mechanics(self._table_of, _LONGEST_US)
@@ -119,11 +119,11 @@ class AxisBench:
         return table
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a pickle or copy needs, without MuJoCo's model, which has addresses."""
+        """Return the state for a pickle or copy, without MuJoCo's model, which contains addresses."""
         return {**vars(self), "_table": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Continue where the copied bench is."""
+        """Restore the copied state."""
         vars(self).update(state)
         self._table = self._make_table()
 
@@ -177,7 +177,7 @@ class AxisBench:
 
     def send(self, data: bytes, axis: str = "") -> None:
         """Send bytes to a drive at the terminal's baud, after those still in transmission."""
-        self._line(axis).to_drive.put(bytes(memoryview(data)), self._now_ns)  # no text, number or list
+        self._line(axis).to_drive.put(bytes(memoryview(data)), self._now_ns)  # raises for text, a number or a list
 
     def sending(self, axis: str = "") -> bool:
         """Return whether bytes to a drive are in transmission."""
@@ -347,7 +347,7 @@ class AxisBench:
         self, axis: str, low_um: float, high_um: float, *, hysteresis_um: float = 0.0, bounce_s: float = 0.0,
         filter_s: float = 0.0,
     ) -> None:
-        """Put a home cam under the table between two places; see `edmsim.compiled.axis_rows.MOTOR`."""
+        """Put a home cam under the table between two positions; see `edmsim.compiled.axis_rows.MOTOR`."""
         motor, row = self.motor(axis), self.axis(axis)
         low_um = finite("low_um", low_um)
         high_um = finite("high_um", high_um, low_um)
@@ -446,12 +446,12 @@ class AxisBench:
 
 
 def _ns(name: str, seconds: float) -> int:
-    """Return a time in whole nanoseconds; refuses what is not a finite number of 0 or more."""
+    """Return a time in whole nanoseconds; raises `InputError` unless it is finite and 0 or more."""
     return round(finite(name, seconds, 0.0) * 1e9)
 
 
 def _taken(parts: list[NDArray[np.void]], kind: np.dtype[np.void], axis: int) -> NDArray[np.void]:
-    """Take an axis' rows out of notes, and leave the others'."""
+    """Remove an axis' rows from the records and return them."""
     rows = np.concatenate(parts) if parts else np.zeros(0, kind)
     own: NDArray[np.bool_] = rows["axis"] == axis
     parts[:] = [rows[~own]]

@@ -91,7 +91,7 @@ class ControlRig:
         self._notes.append((self.bench.time_s, self._note(axes)))
 
     def _command(self, k: int, name: str, axis: mcu_g3.ControlAxis) -> None:
-        """Give a servo axis target and compensation, and a stepper the steps to the sum of both."""
+        """Set target and compensation of a servo axis, or step a stepper to the sum of both."""
         record = self.bench.drive(name).record
         if axis.stepper:
             steps = round((axis.setpoint + axis.compensation) * axis.counts_per_unit) - self._sent[k]

@@ -17,11 +17,11 @@ SAMPLE_ROW = np.dtype(
         ("duty", "f8"), ("current_A", "f8"), ("place_um", "f8"), ("rotor_um", "f8"), ("speed_rad_s", "f8"),
     ]
 )  # fmt: skip
-"""A sample as the bench notes it: what the drive read and wrote, and the axis as it was."""
+"""Record of a sample: inputs and outputs of the drive, and the state of the axis."""
 CHANGE_ROW = np.dtype([("axis", "i8"), ("time_ns", "i8"), ("pins", "i8")])
 """A change of a drive's output pins: the bits of ``DRIVE.lines`` from this time on."""
 DONE, FULL, LOST = range(3)
-"""How a run ended: at its time; early, as the notes were full; with a command or a place that is not a number."""
+"""How a run ended: at its time; early, because the records were full; with an invalid command or position."""
 
 
 @compiled
@@ -48,7 +48,7 @@ def run(
 ) -> int:
     """Run drives and axes to a time, the table by MuJoCo if there is a `link`; returns `DONE`, `FULL` or `LOST`.
 
-    `samples` and `changes` are room for notes, of which `noted` (2,) counts those there are.
+    `samples` and `changes` are filled with records; `noted` (2,) has their numbers.
     """
     noted[:] = 0
     if link is not None:

@@ -7,14 +7,14 @@ from typing import NamedTuple
 from edmsim.compiled.axis_rows import SENT
 from edmsim.controllers.axis.drive import Drive, SerialDrive
 
-BITS = 10  # bits of a byte on the line: start, eight of data from the lowest, stop
+BITS = 10  # bits of a byte on the line: start, eight data bits from the lowest, stop
 
 
-_NO_BAUD = 9600.0  # of the line of a drive that has none
+_NO_BAUD = 9600.0  # of a drive without a serial line
 
 
 class Byte(NamedTuple):
-    """A byte that an input took: its value, when its stop bit was read, and whether that was one."""
+    """A byte read by an input: its value, the time of its stop bit, and whether that bit was 1."""
 
     value: int
     time_ns: int
@@ -22,7 +22,7 @@ class Byte(NamedTuple):
 
 
 def levels_of(data: bytes) -> list[int]:
-    """Return the line's levels of some bytes without pause, bit by bit."""
+    """Return the line's levels of consecutive bytes, bit by bit."""
     levels = []
     for byte in data:
         levels += [0, *(byte >> k & 1 for k in range(8)), 1]
@@ -60,7 +60,7 @@ def read_levels(levels: list[int], baud: float, start_ns: int, input_baud: float
 
 
 class Sender:
-    """One direction of a line: bytes queue, each is on the line for its time, the other end's input reads them."""
+    """One direction of a line: bytes are queued, transmitted one by one, and read by the input at the other end."""
 
     def __init__(self, baud: float) -> None:
         self.baud = baud
@@ -86,11 +86,11 @@ class Sender:
 
     @property
     def next_ns(self) -> int | None:
-        """When the next byte has come; None if none is on its way."""
+        """Time at which the next byte arrives; None if none is in transmission."""
         return self._coming[0].time_ns if self._coming else None
 
     def take(self, now_ns: int) -> list[Byte]:
-        """Return the bytes that have come."""
+        """Return the bytes that have arrived."""
         taken = []
         while self._coming and self._coming[0].time_ns <= now_ns:
             taken.append(self._coming.popleft())
@@ -98,7 +98,7 @@ class Sender:
 
 
 class SerialLink:
-    """Both directions of the line between a terminal and a drive; one without a serial line answers nothing."""
+    """Both directions of the line between a terminal and a drive; a drive without a serial line does not answer."""
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
@@ -110,11 +110,11 @@ class SerialLink:
 
     @property
     def busy(self) -> bool:
-        """Whether bytes are in transit either way."""
+        """Whether bytes are in transmission in either direction."""
         return self.to_drive.next_ns is not None or self.to_host.next_ns is not None
 
     def set_host_baud(self, baud: float) -> None:
-        """Set the terminal's baud, which at first is the drive's."""
+        """Set the terminal's baud; by default it is the drive's."""
         self.to_drive.baud = self.to_host.input_baud = baud
         self.to_drive.input_baud = self.to_host.baud
 
@@ -137,10 +137,10 @@ class SerialLink:
         self.heard += [(byte.value, byte.time_ns * 1e-9) for byte in self.to_host.take(now_ns)]
 
     def received_at(self) -> list[tuple[int, float]]:
-        """Return the bytes that the terminal has got since the last call, each with its time in s."""
+        """Return the terminal's received bytes since the last call, each with its time in s."""
         heard, self.heard = self.heard, []
         return heard
 
     def forget(self) -> None:
-        """Take the drive's stream as sent, as after a snapshot was restored."""
+        """Regard all bytes in the drive's buffer as sent, as after a snapshot was restored."""
         self._drained = int(self._drive.record["n_sent"][0])

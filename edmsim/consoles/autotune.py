@@ -39,20 +39,20 @@ from edmsim.recording.figures.style import check_figure, column_figure, dress, i
 # from the response to a step of the setpoint.
 
 _REBOUND, _LEAST_COUNTS, _RESTLESS_COUNTS = 0.08, 2.5, 2
-"""What is no oscillation (ours): a swing back behind the overshoot up to a share of the step, or a few counts, which
-are the encoder's and friction's; and the most counts that a settled end may move by."""
-_SETTLED_COUNTS = 1  # the axis has settled when it stays this near: the encoder tells no more
+"""Limits below which a response is not an oscillation (ours): rebound after the overshoot as a share of the step; the
+same in counts, because of encoder and friction; and the movement in counts at the end of a settled response."""
+_SETTLED_COUNTS = 1  # an axis within this error has settled: the encoder's resolution
 
 
 class AxisTrace(NamedTuple):
     """Response to a step or a move."""
 
-    time_s: NDArray[np.float64]  # (n,): times since then
-    # (n,): setpoint less position in counts; after a step, positive is short of the setpoint, whichever way it went
+    time_s: NDArray[np.float64]  # (n,): times since the beginning of the step or move
+    # (n,): setpoint minus position in counts; after a step in either direction, positive is short of the setpoint
     error: NDArray[np.int64]
 
     def overshoot(self, counts: int) -> float:
-        """Return how far it went beyond a step of `counts`, as a share of it; 0 if it did not."""
+        """Return the overshoot of a step of `counts`, as a share of the step; 0 if there is none."""
         return max(float(-self.error.min()) / counts, 0.0)
 
     @property
@@ -67,7 +67,7 @@ class AxisTrace(NamedTuple):
         return float(np.sqrt(np.mean(self.error.astype(np.float64) ** 2)))
 
     def oscillates(self, counts: int, most_overshoot: float) -> bool:
-        """Return whether the answer to a step of `counts` goes beyond it by a share, or does not come to rest."""
+        """Return whether the response to a step of `counts` overshoots too far or does not come to rest."""
         end = self.error[len(self.error) * 3 // 4 :]
         if not len(end) or np.ptp(end) > _RESTLESS_COUNTS:
             return True
@@ -83,28 +83,28 @@ class AxisTrace(NamedTuple):
 
 _START_S = 0.05  # time for the start-up text (ours)
 _REST_S = 0.2  # time for an axis to come to rest (ours)
-_BITS = 10  # of a byte on the line: start bit, eight, stop bit
+_BITS = 10  # per byte on the line: start bit, eight data bits, stop bit
 STEP_RATE, MOVE_RATE, _AT_ONCE, _OUTPUT = 1, 2, 24, 96
 """Parts of a recorder's code (guide 4.20): rates, no trigger, the output instead of the error."""
 _WATCHED_S = {STEP_RATE: 0.3, MOVE_RATE: 0.5}
-"""Time for which an answer is watched (ours): as a full recorder and its dump take."""
+"""Recording time of a response (ours): that of a full recorder and its dump."""
 _SPEED_SHARE, _MOST_HZ, _RAMP_S = 0.2, 20_000.0, 0.05
-"""A move's speed as a share of the motor's without load, in counts/s at most, and the time of its ramps (ours)."""
+"""Speed of a move as a share of the motor's no-load speed, its limit in counts/s, and the ramps' time (ours)."""
 
 
 class Operator(ABC):
-    """One who tunes a drive, as delivered, on an axis; `rate_Hz` are the steps per second of a move."""
+    """An operator who tunes a drive, as delivered, on an axis; `rate_Hz` are the steps per second of a move."""
 
     chip: ClassVar[str]
     gains: ClassVar[tuple[str, ...]]
-    """Letters of what is found: P, then what is raised against oscillation in the manual's order, then I."""
-    fixed: ClassVar[Mapping[str, int]]  # letters of what stays as it is while they are found
+    """Letters of the tuned gains: P, then the gains that damp oscillation in the manual's order, then I."""
+    fixed: ClassVar[Mapping[str, int]]  # parameters that are constant during the search
     relay: ClassVar[Mapping[str, int]]
     """Settings that make the loop a relay: the largest gain alone, with a limit as its height."""
-    height: ClassVar[str]  # letter of the relay's height
-    no_trip: ClassVar[int]  # an error limit that nothing reaches
-    shown: ClassVar[int]  # the largest error that the drive shows, in counts
-    saving: ClassVar[tuple[str, ...]]  # lines that save what was typed
+    height: ClassVar[str]  # parameter that sets the relay's height
+    no_trip: ClassVar[int]  # an error limit that is never reached
+    shown: ClassVar[int]  # largest error that the drive sends, in counts
+    saving: ClassVar[tuple[str, ...]]  # lines that save the typed values
 
     def __init__(self, motor: NDArray[np.void]) -> None:
         drive = CHIPS[self.chip](motor)
@@ -123,7 +123,7 @@ class Operator(ABC):
         return float(record["num"][0] / record["den"][0]) * 1e-9
 
     def enter(self, values: Mapping[str, int]) -> None:
-        """Type what of some values is new, restart the loop, and let the axis come to rest."""
+        """Type the values that have changed, restart the loop, and let the axis come to rest."""
         for letter, value in values.items():
             if self._typed.get(letter) != value:
                 self.bench.talk(f"{letter}{value}\r".encode("ascii"))
@@ -132,30 +132,30 @@ class Operator(ABC):
         self.bench.run(_REST_S)
 
     def restart(self) -> None:
-        """Make the setpoint what the position is."""
+        """Set the setpoint to the present position."""
         self.bench.talk(b"R\r")
 
     def step(self, counts: int, code: int = STEP_RATE) -> AxisTrace:
-        """Step the setpoint and watch; the error is positive where the axis is short of it."""
+        """Step the setpoint and record; the error is positive while the axis is short of the setpoint."""
         self.restart()
         self._watch(code)
         answer = self._watched(self.send_step(counts), _WATCHED_S[code])
         return answer._replace(error=answer.error if counts > 0 else -answer.error)
 
     def move(self, direction: int) -> AxisTrace:
-        """Send the step pulses of a move with ramps, as the computer of the machine would, and watch."""
+        """Send the step pulses of a move with ramps, as the machine's computer would, and record."""
         self.restart()
         self._watch(MOVE_RATE)
         return self._watched(self.send_steps(direction), _WATCHED_S[MOVE_RATE])
 
     def send_step(self, counts: int) -> float:
-        """Send the line that steps the setpoint; return the time in s at which it has come."""
+        """Send the line that steps the setpoint; return the time in s at which it has arrived."""
         line = self._step_line(counts)
         self.bench.send(line)
         return self.bench.time_s + _BITS * len(line) / self.baud
 
     def send_steps(self, direction: int) -> float:
-        """Send the step pulses of the move, 0.25 s of them, there or back; return the time in s of the first."""
+        """Send the step pulses of a move of 0.25 s in a direction; return the time in s of the first."""
         accel_Hz_s = self.rate_Hz / _RAMP_S
         self.bench.steps("x", direction * round(4 * _RAMP_S * self.rate_Hz), self.rate_Hz, accel_Hz_s)
         return self.bench.time_s
@@ -166,15 +166,15 @@ class Operator(ABC):
 
     @abstractmethod
     def _watch(self, code: int) -> None:
-        """Have the drive show what comes, a recorder by its code."""
+        """Make the drive send its errors from here on; a recorder is started with its code."""
 
     @abstractmethod
     def _watched(self, since_s: float, seconds: float) -> AxisTrace:
-        """Wait some seconds, and return what it has shown of what happened since then."""
+        """Wait `seconds`, and return the errors that the drive has sent since the time `since_s`."""
 
 
 class UhuOperator(Operator):
-    """One who tunes a UHU by the fine tuning text of its manual (rows U-25 and U-58) before the analyser."""
+    """An operator who tunes a UHU with its analyser, by the manual's text on fine tuning (rows U-25 and U-58)."""
 
     chip = "uhu"
     gains = "P", "H", "D", "I"
@@ -193,7 +193,7 @@ class UhuOperator(Operator):
 
     def _watched(self, since_s: float, seconds: float) -> AxisTrace:
         self.bench.run(seconds)
-        since_s += _BITS / self.baud  # which a byte is on its way
+        since_s += _BITS / self.baud  # transmission time of a byte
         data = self.bench.received_at()
         heard = [(at_s - since_s, byte) for byte, at_s in data if byte >= STREAM and at_s >= since_s]
         self.bench.send(b"Z\r")
@@ -203,7 +203,7 @@ class UhuOperator(Operator):
 
 
 class ModuleOperator(Operator):
-    """One who tunes a servo module with its recorder, as the guide says in 4.20."""
+    """An operator who tunes a servo module with its recorder, as in 4.20 of the guide."""
 
     chip = "servo-module"
     gains = "P", "D", "I"
@@ -227,7 +227,7 @@ class ModuleOperator(Operator):
         return AxisTrace(self._every * self.interval_s * np.arange(len(shown), dtype=np.float64), shown)
 
     def output_at_speed(self, direction: int) -> tuple[float, float]:
-        """Move steadily; return the output in duty counts that this takes, and the commanded counts per cycle."""
+        """Move at constant speed; return the output in duty counts, and the commanded counts per cycle."""
         self.send_steps(direction)
         self.bench.run(_RAMP_S)
         self._watch(MOVE_RATE + _AT_ONCE + _OUTPUT)
@@ -280,22 +280,22 @@ def oscillation_of(operator: Operator) -> Oscillation:
 
 _STEPS = 10, -10, 50, -50
 """Steps of a trial in counts (ours): within friction's reach, and as many as the UHU's stream shows."""
-_OVERSHOOT, _I_ADDS = 0.15, 0.15  # overshoots that are no oscillation (ours): while P is raised, and what I may add
+_OVERSHOOT, _I_ADDS = 0.15, 0.15  # allowed overshoot while P is raised, and its increase by I (ours)
 _SHARE_OF_ULTIMATE, _LEAD = 0.3, 0.125
 """First gains as shares of the ultimate gain and of its period: Ziegler and Nichols 1942 have 0.6 and 1/8; half of
-their gain, as what follows raises it."""
+their gain, because the next steps raise it."""
 _RAISE, _LOWER, _BACK_OFF = 1.12, 0.8, 0.9
-"""A gain over that of the trial before (ours); the manual's "about 10 % to give a safety margin"."""
+"""Factors from one trial's gain to the next (ours); the manual's "about 10 % to give a safety margin"."""
 _MORE, _FIRST, _STOPPED, _IN_VAIN, _SWEEPS = 1.4, 50, 0.8, 3, 2
-"""Factor between two values of what compensates, the first value, the share of the highest P below which it stops no
-oscillation any more, how many such values end it, and how often each letter is gone through (ours)."""
+"""Search for a compensating gain (ours): factor between two values; first value; a value fails if P's limit is below
+this share of the highest P; number of successive failures that end the search; number of searches per gain."""
 _MARGIN = 1.25  # factor by which all gains may grow without oscillation (ours): motors warm up and tables are loaded
 _FINE = 1.6, 0.6, 1.3, 0.75, 1.3, 0.75, 1.1, 0.9, 1.1, 0.9  # factors of the fine tuning (ours)
-_LARGEST = {"H": 20_000}  # manual of the UHU: the largest useful value; other gains go up to a word's
+_LARGEST = {"H": 20_000}  # manual of the UHU: the largest useful value; the limit of other gains is `_WORD`
 _WORD = 65_535
 _FULL = 256  # gains of both drives are in 1/256
 _BETTER, _WORSE = 0.8, 3.0
-"""Every figure shall be so much of that upon delivery; power of the ratio by which one is not (ours)."""
+"""Target of every figure as a share of the delivered drive's; exponent of the ratio to a missed target (ours)."""
 
 Values = Mapping[str, int]
 
@@ -308,8 +308,8 @@ class Figures(NamedTuple):
     rms: float
 
     def cost(self, before: Figures | None) -> float:
-        """Return one number, the smaller the better; what is worse than before counts more than what is better."""
-        least = 0.25, 0.002, 1.0  # as much again counts double: what friction, intervals and counts do not let fall
+        """Return a cost, the smaller the better; a figure worse than `before` counts more than a better one."""
+        least = 0.25, 0.002, 1.0  # added to the figures, which friction, intervals and counts keep above 0
         cost = math.prod(own + low for own, low in zip(self, least, strict=True))
         for own, other, low in zip(self, before or self, least, strict=True):
             cost *= max((own + low) / (_BETTER * other + low), 1.0) ** _WORSE
@@ -317,7 +317,7 @@ class Figures(NamedTuple):
 
 
 class Recipe:
-    """Trials of one operator."""
+    """The manual's recipe, carried out by one operator."""
 
     def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
         self._operator, self._say = operator, say
@@ -326,7 +326,7 @@ class Recipe:
         self._before = self.tried({**self._fixed, **delivered}, math.inf)
 
     def run(self, oscillation: Oscillation) -> dict[str, int]:
-        """Tune by the answer to the relay; returns letters and values, also those that stay."""
+        """Tune, beginning with the relay's oscillation; return all letters and values, also constant ones."""
         values = self._raised_p(self._first(oscillation))
         for _ in range(_SWEEPS):
             for letter in self._operator.gains[1:-1]:
@@ -337,7 +337,7 @@ class Recipe:
         return dict(self._refined(self._raised_i(values)))
 
     def tried(self, values: Values, most_overshoot: float) -> Figures | None:
-        """Type some values in and look at steps and a move; return None if the axis oscillates."""
+        """Enter values and return the figures of steps and a move; None if the axis oscillates."""
         operator = self._operator
         operator.enter(values)
         beyond = settling_s = 0.0
@@ -359,11 +359,11 @@ class Recipe:
         if figures is None:
             return math.inf
         if isinstance(self._operator, ModuleOperator) and "V" not in values:
-            figures = figures._replace(rms=0.0)  # V will see to it
+            figures = figures._replace(rms=0.0)  # V will reduce it
         return figures.cost(self._before)
 
     def _first(self, oscillation: Oscillation) -> Values:
-        """Return values to begin with: those of delivery without I, or the relay's if they oscillate (step 2)."""
+        """Return the first values: the delivered ones without I, or the relay's if those oscillate (step 2)."""
         operator = self._operator
         values = {**self._fixed, **{letter: operator.delivered[letter] for letter in operator.gains}, "I": 0}
         if not self._calm(values, math.inf):
@@ -381,7 +381,7 @@ class Recipe:
         return values
 
     def _raised_p(self, values: Values) -> Values:
-        """Raise P until the axis oscillates, and take a tenth off (step 3)."""
+        """Raise P until the axis oscillates, and reduce it by a tenth (step 3)."""
         p = values["P"]
         while p > 1 and not self._calm({**values, "P": p}):
             p = int(p * _LOWER)
@@ -391,7 +391,7 @@ class Recipe:
         return {**values, "P": max(round(_BACK_OFF * p), 1)}
 
     def _compensated(self, values: Values, letter: str) -> Values:
-        """Raise what compensates, P to its limit each time, while that stops oscillation; keep the best (step 3)."""
+        """Raise a compensating gain, and P to its limit each time, until that falls; return the best (step 3)."""
         best, least, highest = values, self._cost(values), values["P"]
         in_vain = 0
         while in_vain < _IN_VAIN:
@@ -412,7 +412,7 @@ class Recipe:
         return self._calm({**values, **larger}, math.inf)
 
     def _raised_i(self, values: Values) -> Values:
-        """Raise I until the axis oscillates and take a tenth off (step 4), or less if that is better."""
+        """Raise I until the axis oscillates and reduce it by a tenth (step 4); a smaller I is returned if better."""
         without = self.tried(values, math.inf)
         if without is None:
             raise InputError("no values bring this axis to rest for long")
@@ -426,7 +426,7 @@ class Recipe:
         return {**values, "I": best}
 
     def _refined(self, values: Values) -> Values:
-        """Change every value a little and keep what is better: the fine tuning after the recipe."""
+        """Change every value a little and keep the better ones: the fine tuning after the recipe."""
         operator, best, least = self._operator, values, self._cost(values, math.inf)
         together = [operator.gains, *((letter,) for letter in values if letter in (*operator.gains, "V"))]
         for factor in _FINE:
@@ -439,23 +439,23 @@ class Recipe:
 
 
 def fed_forward(operator: ModuleOperator, values: Values) -> Values:
-    """Return values whose V is what a steady motion takes, friction left out: half of there less back."""
+    """Return values with V for the output at constant speed without friction: half of forward minus backward."""
     operator.enter(values)
     there, speed = operator.output_at_speed(1)
     back, _ = operator.output_at_speed(-1)
     return {**values, "V": max(round((there - back) / 2 / speed * _FULL), 0)}
 
 
-STEP_COUNTS = 50  # step of the measurement (ours): one that the UHU's stream shows
-_MEASURED_S, _DRAWN_MS = 0.4, 120.0  # time for which an answer is measured, and for which a step's is drawn (ours)
-_REST_BY_S = 0.95 * _MEASURED_S  # an axis that leaves its place later has not settled (ours)
-_TRIP = 4  # following error that trips the drive, over that of the move; or twice the step (ours)
+STEP_COUNTS = 50  # step of the measurement (ours), within the range of the UHU's stream
+_MEASURED_S, _DRAWN_MS = 0.4, 120.0  # recorded time of a response, and drawn time of a step (ours)
+_REST_BY_S = 0.95 * _MEASURED_S  # an axis that moves later has not settled (ours)
+_TRIP = 4  # error limit over the move's largest following error; at least twice the step (ours)
 _OPERATORS: dict[str, type[Operator]] = {kind.chip: kind for kind in (UhuOperator, ModuleOperator)}
 
 
 @dataclass(frozen=True)
 class AxisResponse:
-    """An axis under a drive: its answers to a step up, a step down and a move, at every sample."""
+    """Responses of an axis with a drive to a step up, a step down and a move, at every sample."""
 
     up: AxisTrace
     down: AxisTrace
@@ -474,15 +474,15 @@ class AxisResponse:
 class Tuning:
     """Tuning result."""
 
-    lines: tuple[str, ...]  # what to type: values, the restart and the saving
+    lines: tuple[str, ...]  # lines to type: values, restart, saving
     values: dict[str, int]  # letters and values
-    # the drive as delivered, though with an error limit out of reach, and tuned
+    # the drive as delivered, but with an error limit that is never reached; and tuned
     before: AxisResponse
     after: AxisResponse
 
 
 def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> Tuning:
-    """Tune a drive (``uhu`` or ``servo-module``) for an axis of `axis_row`; `say` is called with what is done."""
+    """Tune a drive (``uhu`` or ``servo-module``) for an axis of `axis_row`; `say` receives every result."""
     kind = _OPERATORS[name]
     operator = kind(motor)
     oscillation = oscillation_of(operator)
@@ -497,7 +497,7 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
 
 
 def measured(operator: Operator, values: dict[str, int]) -> AxisResponse:
-    """Type some values in, and measure two steps and a move on the bench."""
+    """Enter values, and measure two steps and a move on the bench."""
     operator.enter(values)
     up, down = _answer_to_step(operator, 1), _answer_to_step(operator, -1)
     rows, start_s = _traced(operator, lambda: operator.send_steps(1))
@@ -512,7 +512,7 @@ def _answer_to_step(operator: Operator, way: int) -> AxisTrace:
 
 
 def _traced(operator: Operator, begin: Callable[[], float]) -> tuple[NDArray[np.void], float]:
-    """Restart the loop, begin something, and return the samples from then on, and when it began."""
+    """Restart the loop, call `begin`, and return the samples from its start on, and its time in s."""
     bench = operator.bench
     operator.restart()
     bench.trace = True
@@ -526,7 +526,7 @@ def _traced(operator: Operator, begin: Callable[[], float]) -> tuple[NDArray[np.
 
 @in_style
 def draw(tuning: Tuning) -> Figure:
-    """Draw the answers to a step and the following error of a move, before and after."""
+    """Draw the responses to a step and the following error of a move, before and after tuning."""
     figure = column_figure(3.9, left_in=0.52, top_in=0.28)
     step, move = figure.subplots(2, 1)
     figure.subplots_adjust(hspace=0.35)
@@ -537,7 +537,7 @@ def draw(tuning: Tuning) -> Figure:
 
 
 def draw_step(axes: Axes, tuning: Tuning) -> None:
-    """Draw the answers to a step before and after."""
+    """Draw the responses to a step before and after tuning."""
     axes.axhline(STEP_COUNTS, color=MUTED, lw=0.7, ls="--")
     for answer, name, colour in _before_and_after(tuning.before.up, tuning.after.up):
         axes.step(answer.time_s * 1e3, STEP_COUNTS - answer.error, where="post", color=colour, lw=1.0, label=name)
@@ -546,7 +546,7 @@ def draw_step(axes: Axes, tuning: Tuning) -> None:
 
 
 def draw_move(axes: Axes, tuning: Tuning) -> None:
-    """Draw the following error of a move before and after."""
+    """Draw the following error of a move before and after tuning."""
     for answer, name, colour in _before_and_after(tuning.before.move, tuning.after.move):
         axes.plot(answer.time_s * 1e3, answer.error, color=colour, lw=0.8, label=name)
     dress(axes, "time, ms", "following error, counts")
@@ -559,11 +559,11 @@ def _before_and_after(before: AxisTrace, after: AxisTrace) -> tuple[tuple[AxisTr
 
 
 def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> tuple[str, ...]:
-    """Tune a drive for an axis (see `bench_for`), perhaps draw it before and after; returns what to type."""
+    """Tune a drive for an axis (see `bench_for`); return the lines to type. With `out`, draw before and after."""
     if out is not None:
         check_figure(out)
         make_writable(out.parent)
-    motor = np.array([bench_for(name, axis, tuned=False).motor()])  # of x and y with the machine's screw and table
+    motor = np.array([bench_for(name, axis, tuned=False).motor()])  # for x and y with the machine's screw and table
     tuning = autotune(name, motor, say)
     for title, one in (("as delivered", tuning.before.figures), ("tuned", tuning.after.figures)):
         rests = f"settled after {1e3 * one.settling_s:.0f} ms" if one.settling_s < _REST_BY_S else "not settled"

@@ -1,4 +1,4 @@
-"""Input and output of a terminal's bytes: a pipe, a file, a pseudo-terminal, or a person's, key by key."""
+"""Input and output of bytes: a pipe, a file, a pseudo-terminal, or a person's terminal, key by key."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 _CHUNK = 4096
 _INPUT, _OUTPUT = 0, 1
-_POLL_S = 0.2  # a wait for input is broken this often, to see whether Ctrl-C was pressed
+_POLL_S = 0.2  # period at which a wait for input checks for Ctrl-C
 
 
 class Interrupts:
-    """Ctrl-C as the emergency stop, counted where it can be asked for; one more than `patience` of them raises."""
+    """Count presses of Ctrl-C, the emergency stop; more than `patience` untaken ones raise `KeyboardInterrupt`."""
 
     def __init__(self, patience: int = 2) -> None:
         self._patience = patience
@@ -38,18 +38,18 @@ class Interrupts:
 
     @property
     def pending(self) -> bool:
-        """Whether one waits to be taken."""
+        """Whether Ctrl-C was pressed and not taken yet."""
         return self._count > 0
 
     def press(self) -> None:
-        """Count one."""
+        """Count one press."""
         self._count += 1
         if self._count > self._patience:
             raise KeyboardInterrupt
 
     @contextmanager
     def caught(self) -> Iterator[None]:
-        """Catch Ctrl-C; on a hang-up or SIGTERM, unwind and restore the terminal."""
+        """Count Ctrl-C; exit on a hang-up or SIGTERM, so that the terminal is restored."""
 
         def leave(number: int, frame: FrameType | None) -> None:
             raise SystemExit(128 + number)
@@ -66,9 +66,9 @@ class Interrupts:
 
 
 class Pipe:
-    """Input from a pipe or file, output to standard output; a closed input has ended, a closed output drops all.
+    """Input from a pipe or file, output to standard output; a closed input is at its end, a closed output drops all.
 
-    The number of a closed one may be that of another file by now, so Python's streams are asked.
+    Python's streams are checked, because another file may have the number of a closed one.
     """
 
     def __init__(self, interrupts: Interrupts) -> None:
@@ -76,7 +76,7 @@ class Pipe:
         self.at_end = sys.stdin is None
 
     def read(self, timeout_s: float | None) -> bytes:
-        """Bytes that have come; empty after the timeout (None waits for ever), at the end, and after Ctrl-C."""
+        """Return received bytes; empty after the timeout (None: no timeout), at the end, and after Ctrl-C."""
         if self.at_end:
             time.sleep(timeout_s or 0.0)
             return b""
@@ -85,7 +85,7 @@ class Pipe:
             left = min(_POLL_S, max(until - time.monotonic(), 0.0))
             if select.select([_INPUT], [], [], left)[0]:
                 data = b""
-                with suppress(OSError):  # a pseudo-terminal whose other side is gone
+                with suppress(OSError):  # a pseudo-terminal whose other side is closed
                     data = os.read(_INPUT, _CHUNK)
                 self.at_end = not data
                 return data
@@ -94,19 +94,19 @@ class Pipe:
         return b""
 
     def write(self, data: bytes) -> None:
-        """Print; the display adds the CR before every LF."""
+        """Print; the terminal adds a CR before every LF."""
         put(data.replace(b"\r\n", b"\n"))
 
     def refresh(self, operation: Operation) -> None:
-        """Show nothing but the dialogue."""
+        """Do nothing: only the dialogue is shown."""
 
 
 class Keyboard(Pipe):
-    """A person's terminal: characters come as they are typed, and nothing but the program echoes them."""
+    """A person's terminal: characters are read as they are typed, and only the program echoes them."""
 
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:
-        """Read character by character; only Ctrl-C remains a signal. The end restores a terminal still there."""
+        """Read character by character; only Ctrl-C remains a signal. On leaving, the terminal is restored."""
         before = termios.tcgetattr(_INPUT)
         try:
             tty.setcbreak(_INPUT)
@@ -119,29 +119,29 @@ class Keyboard(Pipe):
         except OSError as error:
             if error.errno != errno.EIO:
                 raise
-            raise SystemExit(128 + signal.SIGHUP) from None  # its window was closed
+            raise SystemExit(128 + signal.SIGHUP) from None  # the terminal's window was closed
         finally:
-            with suppress(termios.error):  # a closed one has no settings
+            with suppress(termios.error):  # a closed terminal
                 termios.tcsetattr(_INPUT, termios.TCSADRAIN, before)
 
 
 class PseudoTerminal:
-    """A serial port of this computer without a wire; a terminal program opens its `name`, as ``/dev/pts/3``."""
+    """A serial port without a wire; a terminal program opens its `name`, such as ``/dev/pts/3``."""
 
     at_end = False
 
     def __init__(self) -> None:
-        self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
+        self._ours, self._theirs = os.openpty()  # `_theirs` stays open, so programs may close and reopen it
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         self.name = os.ttyname(self._theirs)
 
     def fileno(self) -> int:
-        """Return the descriptor of this side, to wait for with others."""
+        """Return the descriptor of this side, for `select`."""
         return self._ours
 
     def read(self, timeout_s: float | None) -> bytes:
-        """Return the bytes that have come; none after the timeout."""
+        """Return received bytes; empty after the timeout."""
         if not select.select([self._ours], [], [], timeout_s)[0]:
             return b""
         return os.read(self._ours, _CHUNK)
@@ -152,20 +152,20 @@ class PseudoTerminal:
             data = data[sent:]
 
     def send(self, data: bytes) -> int:
-        """Send as many bytes as there is room for, and return how many."""
+        """Send as many bytes as the system's buffer takes, and return their number."""
         try:
             return os.write(self._ours, data)
         except BlockingIOError:
             return 0
 
     def close(self) -> None:
-        """Let the pseudo-terminal go."""
+        """Close both sides."""
         for end in (self._ours, self._theirs):
             os.close(end)
 
 
 def put(data: bytes) -> None:
-    """Write all bytes to standard output; a closed one drops them, and where nobody reads the program ends."""
+    """Write all bytes to standard output; do nothing if it is closed, exit if its reader is gone."""
     view = memoryview(b"" if sys.stdout is None else data)
     try:
         while view:
@@ -175,5 +175,5 @@ def put(data: bytes) -> None:
 
 
 def is_terminal() -> bool:
-    """Whether a person sits at both standard input and output; either may be closed."""
+    """Return whether standard input and output are both a terminal; either may be closed."""
     return all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stdout))

@@ -19,12 +19,12 @@ from edmsim.files import read_text
 from edmsim.numeric import finite
 from edmsim.plant.axes.drives import AXIS_NAMES
 
-_BYTE_ORDER_MARK = codecs.BOM_UTF8.decode("latin-1")  # which some editors write before a text
-PASS_NS = 1_000_000  # from one pass of the program to the next (ours)
+_BYTE_ORDER_MARK = codecs.BOM_UTF8.decode("latin-1")  # some editors write it at the beginning of a file
+PASS_NS = 1_000_000  # period of the program's passes (ours)
 
 
 class Press(NamedTuple):
-    """An input that is closed for a while: its name, and from when to when in s."""
+    """An input that is closed for a time: its name, begin and end in s."""
 
     name: str
     from_s: float
@@ -32,7 +32,7 @@ class Press(NamedTuple):
 
 
 class Contactors:
-    """The contactors (outputs by axis) that lead one drive to the motor of one axis at a time, interlocked (ours)."""
+    """Interlocked contactors (outputs by axis) that connect a drive to the motor of one axis at a time (ours)."""
 
     def __init__(self, bench: AxisBench, coils: dict[str, str]) -> None:
         self._bench, self._coils = bench, coils
@@ -40,7 +40,7 @@ class Contactors:
         bench.share_output(list(coils), None)
 
     def obey(self, outputs: Mapping[str, bool]) -> None:
-        """Let the contactors follow their coils."""
+        """Open and close the contactors by the outputs of their coils."""
         if self._closed is not None and outputs[self._coils[self._closed]]:
             return
         closed = next((axis for axis, coil in self._coils.items() if outputs[coil]), None)
@@ -123,7 +123,7 @@ class Station:
         return cls(texts[0], texts[1], axis, (str(configuration), str(program)), contactors)
 
     def _coils(self, contactors: Mapping[str, str]) -> dict[str, str]:
-        """Return the address of the output that works a device's contactor, by the device."""
+        """Return the addresses of the contactors' outputs by device."""
         coils: dict[str, str] = {}
         outputs = self.configuration.outputs
         for output, device in contactors.items():
@@ -208,7 +208,7 @@ _FAST = ("st_acc", "st_dec", "st_vconst", "st_int")  # states that every move ch
 
 
 def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
-    """Run a station, press its inputs when they are due, and say what changes."""
+    """Run a station, press its inputs at their times, and pass every change to `say`."""
     for one in presses:
         station.input(one.name)
         if one.from_s >= seconds:
@@ -237,7 +237,7 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
 
 
 def contactors_of(texts: Sequence[str]) -> dict[str, str]:
-    """Read contactors, ``OUTPUT=DEVICE`` each."""
+    """Read contactors, ``OUTPUT=DEVICE`` each; raises `InputError` if one is invalid or an output repeats."""
     found: dict[str, str] = {}
     for text in texts:
         output, _, device = text.partition("=")
@@ -250,7 +250,7 @@ def contactors_of(texts: Sequence[str]) -> dict[str, str]:
 
 
 def press_of(text: str) -> Press:
-    """Read ``NAME=FROM:TO``, times in s; raises `InputError` if it is something else."""
+    """Read ``NAME=FROM:TO``, times in s; raises `InputError` if it is invalid."""
     name, _, times = text.partition("=")
     try:
         start, stop = (float(part) for part in times.split(":"))

@@ -1,4 +1,4 @@
-"""``edmsim console servo``: a drive on its bench for a person, a script or a program; scope, tuning."""
+"""``edmsim console servo``: a drive on a bench, used by a person, a script or a program; its scope."""
 
 import re
 import sys
@@ -24,9 +24,9 @@ from edmsim.files import make_room
 # The scope of the UHU's terminal program: the tracking error as a curve over a moving time line, drawn by rerun.
 
 _TIME = "simulated_time"
-_CURVES = "duty", "current_A", "place_um", "speed_rad_s"  # curves besides the stream: columns of the bench's notes
+_CURVES = "duty", "current_A", "place_um", "speed_rad_s"  # curves besides the stream: columns of the bench's samples
 _BATCH_S = 0.1
-"""Simulated time of what is drawn at once (ours); every piece has a head: with 100 a second files were four times
+"""Simulated time of one batch of points (ours). Every batch has a header: with 100 a second, files were four times
 as large."""
 
 
@@ -42,7 +42,7 @@ class Scope:
         if file is not None:
             make_room(file, "a recording of the scope", ".rrd")
             try:
-                file.write_bytes(b"")  # rerun has a traceback for a file that it cannot create
+                file.write_bytes(b"")  # because rerun prints a traceback for a file that it cannot create
             except OSError as error:
                 raise InputError(f"the recording cannot be written: {error.strerror}", file) from None
         tracking = [rrb.TimeSeriesView(name="tracking error, counts", contents=["/tracking_error"])]
@@ -56,14 +56,14 @@ class Scope:
         self._samples: list[NDArray[np.void]] = []
         self._drawn_s = 0.0
         self._viewer = LiveViewer("the scope", "--record FILE.rrd keeps the curves") if live else None
-        # what to tell the user of the viewer; empty if none runs
+        # message about the viewer; empty if none runs
         self.notice = self._viewer.notice if self._viewer else ""
         sinks: list[rr.GrpcSink | rr.FileSink] = [rr.GrpcSink(self._viewer.source)] if self._viewer else []
         sinks += [rr.FileSink(str(file))] if file is not None else []
         self._recording.set_sinks(*sinks, default_blueprint=rrb.Blueprint(rrb.Vertical(*views)))
 
     def draw(self, heard: Sequence[tuple[int, float]], samples: NDArray[np.void]) -> None:
-        """Take bytes with their times, those of the analyser with bit 7, and the bench's notes; draw when enough."""
+        """Collect bytes (the analyser's have bit 7) with their times, and the bench's samples; draw full batches."""
         self._heard += [(byte, at_s) for byte, at_s in heard if byte >= STREAM]
         self._samples.append(samples)
         if len(samples) and samples["time_ns"][-1] * 1e-9 >= self._drawn_s + _BATCH_S:
@@ -88,7 +88,7 @@ class Scope:
         self._recording.send_columns(name, indexes=when, columns=curve)
 
     def close(self) -> None:
-        """Draw what is left, write it, and let the viewer go."""
+        """Draw the last batch, write the recording and close the viewer."""
         self._draw_batch()
         self._recording.flush()
         self._recording.disconnect()
@@ -97,7 +97,7 @@ class Scope:
 
 
 _MACHINE_AXES = ("x", "y")
-_MACHINE_MOTOR = "table"  # motor on the screws of the machine's own axes, as ``edmsim cut --drive`` has it
+_MACHINE_MOTOR = "table"  # motor on the screws of the machine's own axes, as with ``edmsim cut --drive``
 
 
 def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
@@ -117,11 +117,11 @@ def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
     return AxisBench({axis: drive}, mechanics="mujoco") if machine_axis else AxisBench({"x": drive})
 
 
-# A drive at a terminal: the bench runs in simulated real time, and bytes take their time as on a wire. Keys follow
+# A drive at a terminal: the bench runs at a multiple of real time, and bytes take as long as on a wire. Keys follow
 # the UHU's terminal program (rows U-37 and U-60): the space bar for the analyser, cursors for moves, ESC to leave.
-# Other keys go to the drive.
+# Other keys are sent to the drive.
 
-LEAVE = b"\x1b"  # ESC, where no more follows: it ends the program
+LEAVE = b"\x1b"  # ESC ends the program if no more characters follow
 _MOVES = {
     b"\x1b[C": 32, b"\x1b[A": 32, b"\x1b[D": -32, b"\x1b[B": -32,
     b"\x1b[1;5C": 64, b"\x1b[1;5A": 64, b"\x1b[1;5D": -64, b"\x1b[1;5B": -64,
@@ -131,7 +131,7 @@ _CURSOR = re.compile(b"(" + b"|".join(map(re.escape, _MOVES)) + b")")
 
 
 def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
-    r"""Return what keys send to a drive, whether its analyser is on then, and whether the program is to be left.
+    r"""Return the bytes that keys send to a drive, whether its analyser is then on, and whether ESC was pressed.
 
     A drive that `streams` has an analyser (``A`` and ``Z``) and moves by ``G``, as the UHU; the servo module moves by
     ``+`` and ``-``.
@@ -142,7 +142,7 @@ def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, 
     (b'-64\r', False, False)
     """
     sent, leaves = b"", False
-    for pressed in filter(None, _CURSOR.split(keys)):  # a cursor key, or what was typed between two
+    for pressed in filter(None, _CURSOR.split(keys)):  # a cursor key, or the keys between two of them
         leaves = pressed == LEAVE
         if pressed in _MOVES:
             sent += (b"G%d\r" if streams else b"%+d\r") % _MOVES[pressed]
@@ -154,8 +154,8 @@ def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, 
     return sent, analysing, leaves
 
 
-FRAME_S = 0.01  # simulated time between two looks at the terminal (ours): far below what a person notices
-_START_S, _LAST_S = 0.1, 0.1  # time for the start-up text, and for the last answer, of a script (ours)
+FRAME_S = 0.01  # simulated time between two reads of the terminal (ours): a person does not notice it
+_START_S, _LAST_S = 0.1, 0.1  # time for the start-up text, and for the answer to a script's last line (ours)
 _STDIN = 0
 STREAM = 0x80  # bytes from here on are the analyser's (row U-35)
 
@@ -163,7 +163,7 @@ STREAM = 0x80  # bytes from here on are the analyser's (row U-35)
 def serve(
     bench: AxisBench, *, pty: bool, speed: float | None, scope: Scope | None, say: Callable[[str], None]
 ) -> None:
-    """Serve the terminal of the drive on x: a person's or a pipe at a speed, a pseudo-terminal, or a script."""
+    """Connect the drive on x to a person's terminal, a pipe with a speed, a pseudo-terminal, or run a script."""
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in simulated seconds per second, not {speed:g}")
     interrupts = Interrupts() if pty or is_terminal() else Interrupts(patience=0)
@@ -186,21 +186,21 @@ def serve(
             passing.end()
         else:
             script = b""
-            if sys.stdin is not None:  # a closed one has nothing
+            if sys.stdin is not None:  # None if closed
                 with open(_STDIN, "rb", closefd=False) as opened:
                     script = opened.read()
             run_script(bench, script, scope, say)
 
 
 class _Passing:
-    """Time passing on the bench: what the drive sends goes to the scope, and why it stops to the person."""
+    """Run the bench frame by frame: bytes go to the scope, and the reason of a shutdown to `say`."""
 
     def __init__(self, bench: AxisBench, scope: Scope | None, say: Callable[[str], None]) -> None:
         self.bench, self._scope, self._say = bench, scope, say
-        self._tripped = True  # a UHU as delivered waits for R, and prints so itself
+        self._tripped = True  # a UHU as delivered waits for R, and prints this itself
 
     def frame(self) -> bytes:
-        """Let a frame pass and return what the drive has sent; a drive that trips prints nothing itself."""
+        """Run a frame and return the drive's bytes; report a trip, because the drive prints nothing then."""
         self.bench.run(FRAME_S)
         drive, before = cast(Uhu | ServoModule, self.bench.drive()), self._tripped
         self._tripped = bool(drive.record["lines"][0] & FAULT)
@@ -213,13 +213,13 @@ class _Passing:
         return bytes(value for value, _ in heard)
 
     def pause(self, seconds: float) -> None:
-        """Let time pass, and print."""
+        """Run the bench for some time, and print the drive's bytes."""
         until_s = self.bench.time_s + seconds
         while self.bench.time_s < until_s:
             put(self.frame())
 
     def end(self) -> None:
-        """Let the drive read what is still on the line, and answer."""
+        """Run until the drive has read all bytes on the line and answered."""
         while self.bench.sending():
             put(self.frame())
         self.pause(_LAST_S)
@@ -227,7 +227,7 @@ class _Passing:
 
 def _run(passing: _Passing, device: Pipe | PseudoTerminal, interrupts: Interrupts, speed: float) -> None:
     bench = passing.bench
-    device.write(passing.frame())  # its code is loaded, which takes longer than a frame
+    device.write(passing.frame())  # loads compiled code, which takes longer than a frame
     began, from_s = time.monotonic(), bench.time_s
     while not interrupts.pending and not device.at_end:
         due = began + (bench.time_s - from_s) / speed
@@ -236,9 +236,9 @@ def _run(passing: _Passing, device: Pipe | PseudoTerminal, interrupts: Interrupt
 
 
 def run_script(bench: AxisBench, script: bytes, scope: Scope | None, say: Callable[[str], None]) -> None:
-    """Send a script line by line, each when the drive has answered the one before, and print all it sends.
+    """Send a script line by line, each after the answer to the line before, and print all bytes of the drive.
 
-    Records of a servo module are the answer to its Z; one without its trigger waits for a line that moves the axis.
+    The answer to a servo module's Z is its recording; one with a trigger waits for a line that moves the axis.
     """
     drive, passing = bench.drive(), _Passing(bench, scope, say)
     passing.pause(_START_S)
@@ -254,10 +254,10 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None, say: Callab
 
 
 class _DrivePipe(Pipe):
-    """A pipe as the drive's line: the drive's bytes go out as they are."""
+    """A pipe as the drive's line: the drive's bytes are printed unchanged."""
 
     def read(self, timeout_s: float | None) -> bytes:
-        """Return what has come, its lines ended by CR."""
+        """Return received bytes, with CR for LF."""
         return super().read(timeout_s).replace(b"\r\n", b"\r").replace(b"\n", b"\r")
 
     def write(self, data: bytes) -> None:
@@ -268,7 +268,7 @@ class _DrivePipe(Pipe):
 class _DriveKeyboard(Keyboard):
     """A person's keys as the UHU's terminal program sends them, and the drive's text without the analyser's bytes.
 
-    What a drive does not echo is echoed here, as the servo module's guide has a terminal set up.
+    Keys that the drive does not echo are echoed here: the servo module's guide sets a terminal to local echo.
     """
 
     def __init__(self, bench: AxisBench, interrupts: Interrupts) -> None:
@@ -277,7 +277,7 @@ class _DriveKeyboard(Keyboard):
         self._analysing = False
 
     def read(self, timeout_s: float | None) -> bytes:
-        """Return what the keys pressed send."""
+        """Return the bytes that the pressed keys send."""
         keys = super().read(timeout_s)
         sent, self._analysing, leaves = sent_for(keys, self._streams, self._analysing)
         self.at_end |= leaves

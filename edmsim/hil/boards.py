@@ -63,16 +63,16 @@ class PlainGenerator(Board):
         self._machine = machine
 
     def output(self) -> Output:
-        """Ask for about 10 ms of pulses."""
+        """Return a command for about 10 ms of pulses."""
         own = self._machine
         pulses = min(max(int(self.FRAME_US / own.t_period_us), 1), WINDOW_PULSES)
         return Output(pulses, self.enabled, own.t_on_us, own.t_period_us)
 
 
 # Power supplies of Rack Robotics: the pins of Powercore V2, the serial line and the pins of Powercore V3.
-# What the boards answer and how they count follows their manuals and firmware (Powercore-V2.0; V3, 1.0.0-beta).
+# Their answers and counts follow their manuals and firmware (Powercore-V2.0; V3, 1.0.0-beta).
 
-ALERT_PULSES = 512  # pulses whose sparks the duty of ALRT counts (Powercore V2)
+ALERT_PULSES = 512  # pulses over which the duty of ALRT counts sparks (Powercore V2)
 AMP_V_A = 0.012  # volts per ampere on AMP (Powercore V2)
 
 
@@ -88,7 +88,7 @@ class PowercoreV2(Board):
         self._amps = 0.0
 
     def output(self) -> Output:
-        """Ask for some 10 ms of pulses."""
+        """Return a command for about 10 ms of pulses."""
         return Output(18, self.enabled, 32.0, 544.0)
 
     def see(self, frame: Frame) -> None:
@@ -105,10 +105,10 @@ class PowercoreV2(Board):
 VERSION = "1.0.0-beta"
 SUPPLY_V, POWER_LIMIT_W, TRIP_A, MOST_INPUT_A = 48.0, 75.0, 8.0, 7.3
 """Input voltage; power above which pulses are skipped; current of a discharge; input current of a fault."""
-INTERVAL_PULSES, MOST_SUCCESS = 10, 0.8  # for the success rate, and the rate from which pulses are skipped
+INTERVAL_PULSES, MOST_SUCCESS = 10, 0.8  # pulses of a success rate; the rate from which pulses are skipped
 SHORTED_SKIP_S, POWER_SKIP_S, TELEMETRY_S, SAMPLE_S, BOOT_S, EDGE_S = 0.25, 0.01, 1.0, 0.01, 2.0, 1.0
 _TICK_S = 1e-6  # times are sums of floats
-INPUT_SAMPLES = 100  # samples of the input current that its average is of: a second
+INPUT_SAMPLES = 100  # samples in the average of the input current: 1 s
 DUTY, FREQUENCY_HZ, VOLTAGE_V, ON_US, LEAST_OFF_US = (0.01, 0.12), (5e3, 1e4), (64.0, 100.0), (1.0, 25.0), 88.0
 _HELP = (
     "ERROR: Unknown command",
@@ -120,17 +120,17 @@ _HELP = (
     "  EDM_ISOFREQUENCY_MODE - Enter EDM Isofrequency Mode",
 )
 _NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)", re.ASCII)
-_WHOLE = re.compile(r"\s*([-+]?\d+)", re.ASCII)  # numbers as C reads them: of spaces and digits, only those of ASCII
+_WHOLE = re.compile(r"\s*([-+]?\d+)", re.ASCII)  # as in C: only spaces and digits of ASCII
 
 
 def _number(text: str) -> float:
-    """Read a number as the board does: what a text begins with, 0 if it begins with none."""
+    """Read the number at the beginning of a text as the board does: 0 if there is none."""
     found = _NUMBER.match(text)
     return float(found[1]) if found else 0.0
 
 
 def _whole(text: str) -> int:
-    """Read a whole number likewise, clamped to 32 bits."""
+    """Read a whole number in the same way, clamped to 32 bits."""
     found = _WHOLE.match(text)
     return max(-(2**31), min(2**31 - 1, int(found[1]))) if found else 0
 
@@ -145,7 +145,7 @@ class PowercoreV3(Board):
     def __init__(self) -> None:
         self._time_s = 0.0
         self._power_up()
-        self._ready_s = 0.0  # the bench begins when it has started
+        self._ready_s = 0.0  # the bench begins after the board's start
         self._send("Setup complete")
 
     def _power_up(self) -> None:
@@ -165,16 +165,16 @@ class PowercoreV3(Board):
 
     @property
     def _input_A(self) -> float:
-        """Average of the last second; the board has none before the first second is over."""
+        """Average of the last second; 0 before the first second is over."""
         return sum(self._samples) / INPUT_SAMPLES if len(self._samples) == INPUT_SAMPLES else 0.0
 
     @property
     def listens(self) -> bool:
-        """Whether it reads its line now: not while it starts, or waits with its output off."""
+        """Whether it reads its serial port now; False while it starts, or waits with its output off."""
         return self._time_s >= self._ready_s
 
     def output(self) -> Output:
-        """Ask for as many pulses as a success rate is taken of."""
+        """Return a command for the pulses of one success rate."""
         off = not self.listens or not self.enabled or self._fault or self._done or self._edge_detected
         if self._edge_mode:
             return Output(INTERVAL_PULSES, not off, 5.0, 100.0, SUPPLY_V)
@@ -204,7 +204,7 @@ class PowercoreV3(Board):
         self._edge_detected = False
 
     def _keep_house(self) -> None:
-        """Do what the board does every 10 ms, and send telemetry once a second."""
+        """Run the board's task of every 10 ms, and send telemetry every second."""
         if self._time_s - self._sample_s >= SAMPLE_S - _TICK_S:
             self._samples.append(self._charge_A_s / (self._time_s - self._sample_s))
             self._sample_s, self._charge_A_s = self._time_s, 0.0
@@ -252,7 +252,7 @@ class PowercoreV3(Board):
         self._ready_s, self._ready_line = self._time_s + seconds, "Pulse skipping complete"
 
     def line(self, text: str) -> str:
-        """Answer a line; while the board waits it answers when it has waited."""
+        """Answer a line at once; a session waits until the board listens."""
         words = text.strip()
         if words == "SEND_TELEMETRY":
             self._telemetry()
@@ -271,7 +271,7 @@ class PowercoreV3(Board):
         return self.unasked()
 
     def unasked(self) -> str:
-        """Return what the board has to say."""
+        """Return the board's output since the last call."""
         said, self._out = "".join(self._out), []
         return said
 
@@ -300,7 +300,7 @@ class PowercoreV3(Board):
         operating = self.enabled and not self._fault
         starts = not self.listens and self._ready_line == "Setup complete"
         state = "STARTUP" if starts else "FAULT" if self._fault else "IDLE"
-        # the board sends no end of line behind the state of operation
+        # the board sends no end of line after this state
         self._out.append(f"FIRMWARE_VERSION {VERSION}\r\nSTATE " + ("OPERATING: " if operating else f"{state}\r\n"))
         self._send(
             f"FAULT {'POWER_OUT_OF_RANGE_FAULT' if self._fault else 'NONE'}",
@@ -323,7 +323,7 @@ class PowercoreV3(Board):
 
 
 def _wrong(target: int, duty: float, hertz: float, volts: float) -> str:
-    """Say what the board refuses of its parameters; nothing if it takes them."""
+    """Return the board's error for its parameters; empty if they are valid."""
     if target < 0:
         return "Invalid discharges value"
     bounds = (
@@ -341,18 +341,18 @@ def _wrong(target: int, duty: float, hertz: float, volts: float) -> str:
 
 
 # PULSER, the discharge board of the Spark project, by its registers (manual of PULSER, its first boards).
-# An I2C bus has no lines of text: here a read is ``r REGISTER [COUNT]`` and a write ``w REGISTER VALUE ...``, as a
-# USB bridge would take them; `Pulser.read` and `Pulser.write` are the same without text.
+# An I2C bus has no lines of text: here a read is ``r REGISTER [COUNT]`` and a write ``w REGISTER VALUE ...``, as for
+# a USB bridge; `Pulser.read` and `Pulser.write` are the same without text.
 
 POLARITY, PULSE_CURRENT, TEMPERATURE, PULSE_DUR, MAX_DUTY = range(1, 6)
 CKP_N_PULSE, T_IGNITION, T_IGNITION_SD, R_PULSE, R_SHORT, R_OPEN = range(0x10, 0x16)
 TEST = 0x80
 _RANGES = {PULSE_CURRENT: (1, 80), PULSE_DUR: (5, 100), MAX_DUTY: (1, 95)}
 _INVALID = 255
-_CURRENT_CHANGE_S, _POLARITY_CHANGE_S = 0.001, 0.02  # how long the driver is suppressed after a change while active
+_CURRENT_CHANGE_S, _POLARITY_CHANGE_S = 0.001, 0.02  # time without pulses after a change while active
 _IGNITION_UNIT_US, _MOST_IGNITION_US = 5.0, 1000.0
 _LEAST_PAUSE_US = 5.0  # shortest pause (manual: "a few us")
-_FRAME_US = 5000.0  # pulses of a frame take about that long (ours: hosts poll at 10 Hz to 1 kHz)
+_FRAME_US = 5000.0  # approximate length of a frame (ours: hosts poll at 10 Hz to 1 kHz)
 _WATER_C = 25  # temperature of the heatsink that the register shows (ours: the board's cooling is not modelled)
 
 
@@ -372,12 +372,12 @@ class Pulser(Board):
 
     def _begin(self) -> None:
         self._pulses = 0
-        self._delays = np.zeros(2)  # sums over ignited pulses, of their delays in us and of the squares
+        self._delays = np.zeros(2)  # sums over ignited pulses: of delays in us, and of their squares
         self._us = np.zeros(4)
-        """Pulse, short, open, all of the operating time."""
+        """Times in us: burning, short, open, and all operating time."""
 
     def output(self) -> Output:
-        """Ask for about 5 ms of pulses."""
+        """Return a command for about 5 ms of pulses."""
         on_us = 10.0 * self._set[PULSE_DUR]
         pause_us = max(on_us * (100.0 / self._set[MAX_DUTY] - 1.0), _LEAST_PAUSE_US)
         on = self.enabled and self._set[POLARITY] != 0 and self._time_s >= self._quiet_until_s
@@ -385,7 +385,7 @@ class Pulser(Board):
         return Output(pulses, on, on_us, on_us + pause_us, None, 0.1 * self._set[PULSE_CURRENT])
 
     def see(self, frame: Frame) -> None:
-        """Add up where the time went."""
+        """Add up the times of the frame's pulses."""
         self._time_s += frame.window.duration_ns * 1e-9
         if not frame.on:
             return
@@ -393,14 +393,14 @@ class Pulser(Board):
         shorted, ignited = kinds == SHORT, (kinds != OPEN) & (kinds != SHORT)
         delays, burns = pulses["delay_us"].astype(float), pulses["conducting_us"].astype(float)
         lengths = np.diff(pulses["start_us"].astype(float), append=frame.window.duration_ns * 1e-3)
-        # what the board waits after a short counts as short
+        # the board's pause after a short counts as short
         self._us += burns[ignited].sum(), lengths[shorted].sum(), delays[~shorted].sum(), lengths.sum()
         self._pulses += int(ignited.sum())
         counted = np.minimum(delays[ignited], _MOST_IGNITION_US)
         self._delays += counted.sum(), (counted**2).sum()
 
     def read(self, register: int, count: int = 1) -> bytes:
-        """Read registers one after the other; `CKP_N_PULSE` shows a new interval and begins the next."""
+        """Read registers one after the other; reading `CKP_N_PULSE` ends an interval and shows it."""
         found = []
         for at in range(register, register + count):
             if at == CKP_N_PULSE:
@@ -425,7 +425,7 @@ class Pulser(Board):
 
     def line(self, text: str) -> str:
         """Answer ``r REGISTER [COUNT]`` or ``w REGISTER VALUE ...``; numbers are decimal or as 0x10."""
-        words = str.split(text)  # bytes fail here
+        words = str.split(text)  # raises for bytes
         try:
             numbers = [int(word, 0) for word in words[1:]]
         except ValueError:
@@ -446,7 +446,7 @@ class Pulser(Board):
         return self._set.get(register, self._shown.get(register, 0))
 
     def _flip(self) -> None:
-        """Show the interval that is over, and begin the next one."""
+        """Write the finished interval to the registers, and begin the next one."""
         pulse, short, open_, total = self._us.tolist()
         shares = (pulse / total, short / total, open_ / total) if total else (0.0, 0.0, 0.0)
         for register, share in zip((R_PULSE, R_SHORT, R_OPEN), shares, strict=True):
@@ -465,7 +465,7 @@ BOARDS: dict[str, Callable[[], Board]] = {board.name: board for board in (Powerc
 
 
 def make_board(name: str) -> Board:
-    """Return a board that has just started; raises `InputError` for an unknown name."""
+    """Return a newly started board; raises `InputError` for an unknown name."""
     if name not in BOARDS:
         raise InputError(f"there is no board '{name}'; choose one of {one_of(name, BOARDS)}")
     return BOARDS[name]()
@@ -476,12 +476,12 @@ def make_board(name: str) -> Board:
 MOST_LINE = 127  # longest line in bytes (Powercore V3)
 _MOST_STEPS = 100_000
 _MOST_HZ = 1000.0
-NO_TIME_S = 1e-9  # what sums of floats may differ by
+NO_TIME_S = 1e-9  # tolerance for sums of floats
 
 
 @methods_refuse_wrong_types
 class Rig:
-    r"""A board, the gap it fires into, and the axes.
+    r"""A board, its gap, and the axes.
 
     Parameters
     ----------
@@ -512,7 +512,7 @@ class Rig:
         if machine is None:
             machine = Machine.load(generator=self.board.generator)
         self.gap = Gap(machine, seed, **gap)
-        self._stream_s, self._due_s = 0.0, 0.0  # between status lines, 0 for none; and when the next one is due
+        self._stream_s, self._due_s = 0.0, 0.0  # interval of status lines, 0 for none; time of the next one
         self._watchers: list[Callable[[Frame], None]] = []
 
     @property
@@ -533,7 +533,7 @@ class Rig:
         return frame
 
     def run(self, seconds: float) -> None:
-        """Run whole frames until this machine time is over; `time_s` tells how long they were."""
+        """Run whole frames until this machine time has passed; see `time_s` for their length."""
         until_s = self.time_s + finite("seconds", seconds, 0.0)
         while self.time_s < until_s:
             self.frame()
@@ -562,7 +562,7 @@ class Rig:
         ``STEP X 3``, ``POS x y`` in um from the start, ``VEL x y`` in um/s, ``STREAM hertz``, ``ENABLE 1``,
         ``THREAD``, and ``?`` for a status line.
         """
-        words = str.split(text)  # bytes fail here
+        words = str.split(text)  # raises for bytes
         name, numbers = (words[0].upper(), words[1:]) if words else ("", [])
         try:
             return self._motion(name, numbers)
@@ -602,7 +602,7 @@ class Rig:
 
 
 def next_due_s(due_s: float, every_s: float, now_s: float) -> float:
-    """Return the first of regular times that comes after now: a frame ends later than what is due in it."""
+    """Return the first regular time after now; times within the finished frame are skipped."""
     while due_s < now_s + NO_TIME_S:
         due_s += every_s
     return due_s

@@ -17,8 +17,8 @@ from edmsim.plant.workpiece.blanks import started_slot
 GAPS_UM = (4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0)
 VOLTAGES_V = (60.0, 80.0, 100.0, 120.0)
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
-DRAWS = 200  # pulses of a gap at a voltage (ours: a median is known to a tenth of the delays' spread)
-WAIT_US = 10_000.0  # what has not ignited by then never does
+DRAWS = 200  # pulses per gap and voltage (ours: the median's error is a tenth of the delays' spread)
+WAIT_US = 10_000.0  # a pulse that has not ignited by then counts as not ignited
 
 
 class Delays(NamedTuple):
@@ -29,7 +29,7 @@ class Delays(NamedTuple):
     # shares of pulses that were shorts, and that ignited within `WAIT_US`
     short: float
     ignited: float
-    # `QUANTILES` of the delays of all that were no shorts, in us; NaN where the quantile has not ignited
+    # `QUANTILES` of the delays of all pulses except shorts, in us; NaN if a quantile has not ignited
     us: tuple[float, ...]
 
 
@@ -73,7 +73,7 @@ def delay_table(
 
 
 def write_delays(rows: Sequence[Delays], file: Path) -> None:
-    """Write a table as CSV, an empty field for a quantile that does not ignite."""
+    """Write a table as CSV; the field of a quantile that has not ignited is empty."""
     names = [f"p{100 * quantile:02.0f}_us" for quantile in QUANTILES]
     lines = [",".join(["gap_um", "open_V", "short_share", "ignited_share", *names])]
     for row in rows:

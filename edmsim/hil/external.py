@@ -19,8 +19,8 @@ from edmsim.machine.machine import Machine
 from edmsim.numeric import finite
 from edmsim.snapshots import Snapshots
 
-_FEED_WINDOWS = 40  # windows of the mean feed that is recorded (ours: a single one has a motor step, or none)
-_NEAR_UM = 1000.0  # the place along the path is looked for so near to the last (ours: paths come back to themselves)
+_FEED_WINDOWS = 40  # windows of the recorded mean feed (ours: a single window has one motor step or none)
+_NEAR_UM = 1000.0  # search range round the last position on the path (ours: paths come back to themselves)
 
 
 class Link(Protocol):
@@ -58,7 +58,7 @@ class ExternalMotion:
         self._before: deque[tuple[float, float]] = deque()
 
     def check_legs(self, legs: int) -> None:
-        """Refuse a path with stops: the other program does not say when it goes on."""
+        """Raise `InputError` for a path with stops: the other program does not report when it continues."""
         if legs > 1:
             raise InputError("another program moves the axes along one contour without dwells: cut the others apart")
 
@@ -88,7 +88,7 @@ class ExternalMotion:
         return f"the program that moves the axes ended at {at:.3f} of {of:.3f} mm of the path"
 
     def open_switch(self, name: str) -> None:
-        """Leave the machine's switches to the other program."""
+        """Do nothing: the machine's switches are left to the other program."""
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Send the window; the feed is the axes' actual one."""
@@ -107,7 +107,7 @@ class ExternalMotion:
 
 
 class _Followed(Snapshots):
-    """What takes a planner's place: steps to where the other program wants the axes."""
+    """Replaces a planner: steps the axes to the other program's target."""
 
     STATE = ("_counted", "path_um")  # within a window
     speed_unit_nm_s = 1.0
@@ -144,12 +144,12 @@ class _Followed(Snapshots):
         if not self._link.finished():
             return False
         if self._end is None:
-            self._end = self._link_um()  # the axes may still be behind, where the simulation is slower than the clock
+            self._end = self._link_um()  # the axes may lag if the simulation is slower than the clock
         return max(abs(way) for way in self._ways(self._end)) < self._step_um
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Wait until the window is due, and step to the axes' target."""
-        if self._target[0] != start_ns:  # else the same window once more, which turned out to be shorter
+        if self._target[0] != start_ns:  # if equal, the same window is planned again because it was shorter
             self._wait(start_ns)
             self._target = start_ns, self._end or self._link_um()
         steps = []
@@ -165,7 +165,7 @@ class _Followed(Snapshots):
         return sorted(steps)
 
     def _place_um(self) -> tuple[float, float]:
-        """Where the other program wants the axes, in its own coordinates."""
+        """Return the other program's target of the axes, in its own coordinates."""
         what, place_um = "a place of the program that moves the axes, in um,", self._link.place_um()
         if np.shape(place_um) != (2,):
             raise InputError(f"{what} is {place_um!r}: give x and y")
@@ -173,12 +173,12 @@ class _Followed(Snapshots):
         return x, y
 
     def _link_um(self) -> tuple[float, float]:
-        """Where the other program wants the axes, in coordinates of the path."""
+        """Return the other program's target of the axes, in coordinates of the path."""
         (x, y), start = self._place_um(), self._points[0]
         return float(start[0] + x - self._origin[0]), float(start[1] + y - self._origin[1])
 
     def _ways(self, place_um: tuple[float, float]) -> tuple[float, float]:
-        """What both axes have still to go to a place."""
+        """Return the distances of both axes from the counters to a position."""
         return place_um[0] - self._counted[0], place_um[1] - self._counted[1]
 
     def _wait(self, start_ns: int) -> None:
@@ -190,7 +190,7 @@ class _Followed(Snapshots):
             time.sleep(due - now)
 
     def _station(self) -> float:
-        """Place along the path that is nearest to the counters, near the one before."""
+        """Return the length of path nearest to the counters, within `_NEAR_UM` of the last one."""
         place, begins = np.array(self._counted), self._points[:-1]
         ways = np.diff(self._points, axis=0)
         along = ((place - begins) * ways).sum(axis=1) / np.maximum(self._lengths, 1e-9)

@@ -24,7 +24,7 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
 
 SETTINGS = "edmsim.json"
-"""File beside this one with ``machine``, all its constants, and what `export_fmu` takes besides."""
+"""File next to this one with ``machine``, all its constants, and the other settings of `export_fmu`."""
 INPUTS = {
     "feed_x_um_s": "speed of x", "feed_y_um_s": "speed of y", "t_on_us": "on-time, from the next step on",
     "t_period_us": "period, from the next step on",
@@ -59,11 +59,11 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         for name in OUTPUTS:
             setattr(self, name, 0.0)
         self._gap: Gap | None = None
-        self._start_s = math.nan  # begin of the first step, where the gap's own clock is at 0; NaN before it
+        self._start_s = math.nan  # begin of the first step, at which the gap's clock is 0; NaN before it
         self._register()
 
     def _packed_machine(self) -> Machine:
-        """Return the set-up in the FMU, with the MJCF that lies beside it if that is not the package's."""
+        """Return the set-up in the FMU, with the FMU's MJCF if it has one."""
         constants = self._settings["machine"]
         mjcf = Path(self.resources) / Path(constants["base"]["model"]).name
         if mjcf.is_file():
@@ -92,7 +92,7 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
             self.register_variable(variable)
 
     def exit_initialization_mode(self) -> None:
-        """Make the gap of the parameters; if they are refused, say why, and let every step fail."""
+        """Make the gap from the parameters; if they are invalid, log the reason, and every step fails."""
         try:
             self._gap = self._new_gap()
         except EdmsimError as error:
@@ -135,7 +135,7 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         self.wire_broken = bool(gap.lost)
 
     def _room(self, gap: Gap, setting: Output, until_ns: int) -> int:
-        """How many pulses surely end by then; what is left of a step counts to the next one."""
+        """Return the number of pulses that certainly end by then; the next step begins with the rest of the time."""
         timing = gap.plant.timing
         varies = timing.period_ns == 0
         longest_us = timing.wait_us + setting.t_period_us if varies else setting.t_period_us
@@ -172,7 +172,7 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
 
 
 def _means(windows: list[PulseWindow]) -> tuple[float, ...]:
-    """Return the outputs of the windows of a step, each as if they were one window; those of one are its own."""
+    """Return the outputs of a step's windows as if they were one window; a single one has its own values."""
     pulses = sum(window.pulses for window in windows)
     counts = (sum(getattr(window, kind) for window in windows) for kind in ("short", "open", "spark", "arc"))
     short, open_, spark, arc = counts

@@ -21,13 +21,13 @@ from edmsim.plant.window import PlantError, without_wire
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 from edmsim.snapshots import ArraySnapshots, with_prefix
 
-# Where the other side wants the axes: places, velocities or steps, made into motor steps frame by frame.
+# Setpoints of the axes from the other side: positions, velocities or steps, converted to motor steps in each frame.
 
 AXES = ("X", "Y")
 VELOCITY_COUNTS_S = 0.5
-"""How long a velocity counts (ours): a sender of velocities repeats them, and a machine whose controller has
-gone stands still, as one does whose step pulses stop."""
-_NEAR = 1e-6  # share of a step within which a step's place is reached: places are sums of floats
+"""Time in s for which a velocity is valid (ours): a sender repeats velocities, so the machine stops if its controller
+stops, as it does without step pulses."""
+_NEAR = 1e-6  # tolerance of positions, which are sums of floats, as a share of a step
 
 
 class Setpoints(ArraySnapshots):
@@ -44,17 +44,17 @@ class Setpoints(ArraySnapshots):
         self._until_ns = 0
 
     def go_to(self, place_um: tuple[float, float]) -> None:
-        """Go to a place, each axis at its greatest speed."""
+        """Move to a position, each axis at its greatest speed."""
         self._target_um = [self._within(place) for place in place_um]
 
     def step(self, axis: int, steps: int) -> None:
-        """Make some steps of an axis, in front of those that are still to be made."""
+        """Move an axis by some steps, in addition to pending ones."""
         target = self._target_um[axis]
         at = self._counted[axis] if math.isnan(target) else target
         self._target_um[axis] = self._within(at + steps * self._step_um)
 
     def move_at(self, velocity_um_s: tuple[float, float], now_ns: int) -> None:
-        """Move at a velocity, for at most `VELOCITY_COUNTS_S`; beyond the axes' greatest it is that."""
+        """Move at a velocity, for at most `VELOCITY_COUNTS_S`; it is clamped to the axes' greatest speed."""
         if any(map(math.isnan, velocity_um_s)):
             raise InputError("a feed in um/s must be a number, not nan")
         most = self._max_um_s
@@ -63,7 +63,7 @@ class Setpoints(ArraySnapshots):
         self._until_ns = now_ns + round(VELOCITY_COUNTS_S * 1e9)
 
     def plan(self, start_ns: int, end_ns: int) -> list[tuple[int, int, int]]:
-        """Return the motor steps from now until a time at the latest, in order of time."""
+        """Return the motor steps of a frame that ends at `end_ns` or before, in order of time."""
         found = []
         for axis in (0, 1):
             speed, seconds = self._speed(axis, start_ns, end_ns)
@@ -78,7 +78,7 @@ class Setpoints(ArraySnapshots):
         return sorted(found)
 
     def keep(self, start_ns: int, end_ns: int, counted_um: tuple[float, float]) -> None:
-        """Take in when the frame has ended, and where the steps have led the axes."""
+        """Advance the setpoints to the frame's end, with the axes' position after its steps."""
         for axis in (0, 1):
             speed, seconds = self._speed(axis, start_ns, end_ns)
             target = self._target_um[axis]
@@ -90,7 +90,7 @@ class Setpoints(ArraySnapshots):
         return max(0.0, min(self._travel_um, place_um))
 
     def _speed(self, axis: int, start_ns: int, end_ns: int) -> tuple[float, float]:
-        """Speed of a setpoint within the frame, and for how long it moves."""
+        """Return the speed of a setpoint in a frame, and the time for which it moves."""
         frame_s = (end_ns - start_ns) * 1e-9
         target = self._target_um[axis]
         if not math.isnan(target):
@@ -107,7 +107,7 @@ class Output(NamedTuple):
     on: bool
     t_on_us: float
     t_period_us: float
-    # voltage until ignition and peak current; None leaves those of the machine's set-up
+    # voltage until ignition and peak current; None for those of the machine's set-up
     open_V: float | None = None
     peak_A: float | None = None
 
@@ -118,11 +118,11 @@ class Frame(NamedTuple):
     window: PulseWindow  # their sums
     pulses: NDArray[np.void]  # (n,): rows of `edmsim.plant.kernel.state.PULSE`, one for every pulse
     timing: Timing  # the generator's setting for them
-    on: bool  # whether the generator ran: else the pulses are moments without one
+    on: bool  # whether the generator was on; if not, the rows are times without a pulse
 
 
 def check_gap(machine: Machine, gap_um: float) -> None:
-    """Refuse a gap at the start that is nil, or wider than the wire."""
+    """Raise `InputError` if a gap at the start is below 1 um or wider than the wire."""
     if not 1.0 <= finite("gap_um", gap_um) <= machine.wire_diameter_um:
         raise InputError(f"the gap is 1 to {machine.wire_diameter_um:g} um, a wire's diameter, not {gap_um:g}")
 
@@ -220,7 +220,7 @@ class Gap:
         self.lost = own["lost"].tobytes().decode()
 
     def _own_state(self) -> dict[str, NDArray[Any]]:
-        """Return what changes beside the plant."""
+        """Return the state that is not in the plant's snapshot."""
         choices = [np.nan if value is None else value for value in self._choices]
         lost = np.frombuffer(self.lost.encode(), np.uint8).copy()
         return {**self.setpoints.snapshot(), "choices": np.array(choices), "lost": lost}
@@ -228,7 +228,7 @@ class Gap:
     def _set(self, output: Output) -> None:
         plant = self.plant
         open_V, peak_A = (own if new is None else new for own, new in zip(self._own, output[-2:], strict=True))
-        if (open_V, peak_A) != self._choices:  # with the pulses, before a part of it is set
+        if (open_V, peak_A) != self._choices:  # check them with the pulse times before anything is set
             plant.machine.with_(
                 open_voltage_V=open_V, peak_current_A=peak_A, t_on_us=output.t_on_us, t_period_us=output.t_period_us
             )
@@ -239,7 +239,7 @@ class Gap:
             self.plant.switch_generator(output.on)
 
     def _choose(self, open_V: float | None, peak_A: float | None) -> None:
-        """Set voltage and current, which a plant is made with: another one goes on where this one is."""
+        """Set voltage and current; they are constant in a plant, so another one continues from its state."""
         if (open_V, peak_A) == self._choices:
             return
         machine = self.plant.machine.with_(open_voltage_V=open_V, peak_current_A=peak_A)

@@ -1,7 +1,7 @@
 """Samples of gap voltage and current, like a converter's: by an iterator, from C, and in a file; logs of ratios.
 
 The model's edges are vertical, and voltage and current are 0 between pulses. Without a low-pass a sample is the value
-at its instant; with one, voltage and current pass a first-order filter before.
+at its instant; with one, voltage and current first pass a first-order filter.
 """
 
 import ctypes
@@ -25,10 +25,10 @@ from edmsim.plant.kernel.state import OPEN, SHORT
 
 Array = NDArray[np.float64]
 LEAST_HZ, MOST_HZ = 1e4, 1e5
-_FINE_US = 1.0  # the filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)
-COUNT_V, COUNT_A = 0.01, 0.01  # a count of a WAV file
+_FINE_US = 1.0  # greatest step of the filter (ours: below a tenth of any pulse of these boards)
+COUNT_V, COUNT_A = 0.01, 0.01  # one count of a WAV file
 _COUNTS = 32767
-_MOST_SAMPLES = (2**32 - 64) // 4  # in a WAV file, whose header has 32 bits for its length
+_MOST_SAMPLES = (2**32 - 64) // 4  # limit of a WAV file, whose header has 32 bits for its length
 READ = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_float), ctypes.c_int64
 )
@@ -55,7 +55,7 @@ class Sensing(NamedTuple):
 
 
 class Sampler:
-    """Makes samples of frames that follow each other, from a machine time on."""
+    """Samples consecutive frames from a machine time on."""
 
     def __init__(self, sensing: Sensing, start_us: float = 0.0) -> None:
         sensing.check()
@@ -91,7 +91,7 @@ class Sampler:
         return np.asarray((places * self._step_us + self._origin_us) * 1e-6, np.float64), voltage, current
 
     def _filtered(self, times: Array, values: Array, at: Array, length_us: float) -> Array:
-        """Return the filter's outputs at some times; it is fed the means between them."""
+        """Return the filter's outputs at some times; its inputs are the means between them."""
         corners = np.concatenate([[0.0], times, [length_us]])
         areas = np.concatenate([np.zeros((2, 1)), np.cumsum(values * np.diff(corners), axis=1)], axis=1)
         found = []
@@ -105,7 +105,7 @@ class Sampler:
 
 
 def _edges(frame: Frame) -> tuple[Array, Array]:
-    """Return when voltage or current change in us since the frame's begin, both before the first and behind each."""
+    """Return the edges' times in us since the frame's begin; voltage and current before the first and after each."""
     pulses, timing = frame.pulses, frame.timing
     kinds = pulses["kind"]
     start, delay, conducting = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))
@@ -125,7 +125,7 @@ def _edges(frame: Frame) -> tuple[Array, Array]:
 
 @methods_refuse_wrong_types
 class SampleReader:
-    """Iterator over samples of a rig from here on; the rig runs as samples are read, unless it has run before.
+    """Iterator over samples of a rig from its present time on; reading runs the rig if it has not run far enough.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class SampleReader:
         self._rig = rig
         self._sampler = Sampler(sensing, rig.time_s * 1e6)
         self._unread = [(np.zeros(0, np.float32), np.zeros(0, np.float32))]
-        self._count = 0  # of the unread ones
+        self._count = 0  # number of unread samples
         rig.watch(self._take)
         self.c_read = READ(self._fill)
 
@@ -184,7 +184,7 @@ class SampleReader:
 
 
 class FrameFile(ABC):
-    """A file written frame by frame; at the end, whatever it is, it takes its name, if there was a frame."""
+    """A file written frame by frame; on leaving, even by an error, it gets its name if there was a frame."""
 
     def __init__(self, file: Path) -> None:
         self._file, self._partial = file, file.with_name(file.name + ".part")
@@ -198,7 +198,7 @@ class FrameFile(ABC):
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Close the file; one of that name stays as it is if there was no frame, as nothing is in the new one."""
+        """Close the file; without a frame it is removed, and an existing file of that name is kept."""
         self._close()
         if self._has_frames:
             self._partial.replace(self._file)
@@ -206,7 +206,7 @@ class FrameFile(ABC):
             self._partial.unlink()
 
     def frame(self, frame: Frame) -> None:
-        """Take in a frame."""
+        """Write a frame."""
         self._has_frames = True
         self._take(frame)
 
@@ -223,7 +223,7 @@ class FrameFile(ABC):
 class SampleFile(FrameFile):
     """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``."""
 
-    # a WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count
+    # a WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA per count
     def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
         self._kind = check_suffix(file, "a file of samples", ".parquet", ".wav")
         self._sensing, self._sampler = sensing, Sampler(sensing, start_s * 1e6)
@@ -298,7 +298,7 @@ COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_per
 
 
 class RatioLog(FrameFile):
-    """Writes shares of short and open pulses and the axes' positions, 2 to 100 rows per second, without time off."""
+    """Writes shares of short and open pulses and the axes' positions, 2 to 100 rows per second with pulses."""
 
     def __init__(self, file: Path, rig: Rig, rate_Hz: float) -> None:
         if not LEAST_ROWS_HZ <= rate_Hz <= MOST_ROWS_HZ:

@@ -15,23 +15,23 @@ from edmsim.errors import InputError
 from edmsim.hil.boards import MOST_LINE, Rig
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16
-"""Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""
-_MOST_UNSENT = 4096  # bytes that wait for room on their way out (ours)
-HALF_LINE_S = 1.0  # a line without an end is taken after so long a silence, as Powercore V3 takes it
+"""Greatest number of waiting lines at a port, and of lines answered between two frames (ours)."""
+_MOST_UNSENT = 4096  # greatest number of bytes that wait to be sent (ours)
+HALF_LINE_S = 1.0  # silence after which a line without an end is executed, as by Powercore V3
 TOO_LONG = f"ERROR: line too long (max {MOST_LINE} bytes)\r\n"
 
 
 class Lines:
-    """Bytes as they come, cut into lines."""
+    """Splits received bytes into lines."""
 
     def __init__(self) -> None:
-        self.ready: deque[str | None] = deque()  # lines that wait to be taken; None stands for one that was too long
+        self.ready: deque[str | None] = deque()  # waiting lines; None for a line that was too long
         self._partial = bytearray()
         self._too_long = False
         self._heard_s = 0.0
 
     def put(self, data: bytes, now_s: float) -> None:
-        """Take in bytes; CR, LF or both end a line, and empty lines are dropped."""
+        """Add received bytes; CR, LF or both end a line, and empty lines are dropped."""
         self._heard_s = now_s
         for part in data.replace(b"\r", b"\n").splitlines(keepends=True):
             self._partial += part.rstrip(b"\n")
@@ -42,7 +42,7 @@ class Lines:
                 self._end()
 
     def end_half_line(self, now_s: float) -> None:
-        """Take what was begun as a line, if nothing has come for a while."""
+        """End an incomplete line if nothing was received for `HALF_LINE_S`."""
         if (self._partial or self._too_long) and now_s - self._heard_s > HALF_LINE_S:
             self._end()
 
@@ -56,7 +56,7 @@ class Lines:
 
 
 class Port:
-    """A pseudo-terminal and who answers its lines."""
+    """A pseudo-terminal and the function that answers its lines."""
 
     def __init__(self, answer: Callable[[str], str]) -> None:
         self.terminal = PseudoTerminal()
@@ -65,7 +65,7 @@ class Port:
         self._unsent = b""
 
     def answer(self) -> None:
-        """Answer some of the lines that wait, as long as the answers before have found room."""
+        """Answer some waiting lines, as long as the previous answers could be sent."""
         for _ in range(min(len(self.lines.ready), _LINES_A_FRAME)):
             if self.flush():
                 return
@@ -73,20 +73,20 @@ class Port:
             self.say(TOO_LONG if line is None else self._answer(line))
 
     def say(self, text: str) -> None:
-        """Send a text; it is lost if much of what was sent before has found no room."""
+        """Send a text; it is lost if too many earlier bytes wait to be sent."""
         if len(self._unsent) < _MOST_UNSENT:
             self._unsent += text.encode("ascii", "replace")
         self.flush()
 
     def flush(self) -> bool:
-        """Send what has found no room so far; tell whether there is still some."""
+        """Send waiting bytes; return whether some still wait."""
         if self._unsent:
             self._unsent = self._unsent[self.terminal.send(self._unsent) :]
         return bool(self._unsent)
 
 
 class Session:
-    """A rig behind its ports, at `speed` machine seconds per second."""
+    """A rig with its ports, at `speed` machine seconds per second."""
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         if not speed > 0:
@@ -98,7 +98,7 @@ class Session:
         self._lost = ""
 
     def run(self, seconds: float | None, stop: Callable[[], bool], say: Callable[[str], None]) -> None:
-        """Run until somebody stops it (`stop` is asked between frames), or some machine time is over."""
+        """Run until `stop`, called between frames, returns True, or some machine time has passed."""
         began, from_s = time.monotonic(), self.rig.time_s
         while not stop() and (seconds is None or self.rig.time_s - from_s < seconds):
             due = began + (self.rig.time_s - from_s) / self._speed
@@ -107,12 +107,12 @@ class Session:
             self._speak(say)
 
     def close(self) -> None:
-        """Let both pseudo-terminals go."""
+        """Close both pseudo-terminals."""
         for port in (self.board, self.motion):
             port.terminal.close()
 
     def _serve_until(self, due: float) -> None:
-        """Answer lines until a frame is due; at least once, however late it is."""
+        """Answer lines until a frame is due; at least once, even if the frame is late."""
         while True:
             now = time.monotonic()
             self._hear(now, max(due - now, 0.0))
@@ -137,7 +137,7 @@ class Session:
                 port.lines.end_half_line(now)
 
     def _speak(self, say: Callable[[str], None]) -> None:
-        """Send what the board says by itself, and status lines that are due."""
+        """Send the board's unsolicited output, and status lines that are due."""
         if said := self.rig.board.unasked():
             self.board.say(said)
         if status := self.rig.streamed():
@@ -151,7 +151,7 @@ class Session:
 
 
 def serve(rig: Rig, *, speed: float, seconds: float | None, say: Callable[[str], None]) -> None:
-    """Open the ports, say their names, and run until Ctrl-C or for some machine time."""
+    """Open the ports, pass their names to `say`, and run until Ctrl-C or for some machine time."""
     session = Session(rig, speed)
     interrupts = Interrupts()
     try:

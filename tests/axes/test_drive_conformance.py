@@ -40,7 +40,7 @@ def test_drives_conform(name):
 @pytest.mark.parametrize(("own", "reason"), [
     ({"sample": _too_much}, "commands 1.5 of its supply"),
     ({"sample": _moves_its_axis}, "writes into its axis' row"),
-    ({"sample": _skips_time}, "writes what is the plant's"), ({"sample": _no_number}, "commands nan"),
+    ({"sample": _skips_time}, "that belong to the plant"), ({"sample": _no_number}, "commands nan"),
     *(({"counts_per_step": counts}, f"asks for {counts} counts at a step") for counts in (np.nan, np.inf, None)),
 ])  # fmt: skip
 def test_a_drive_that_oversteps_is_refused(own, reason):
@@ -59,7 +59,7 @@ def test_state_outside_the_record_is_refused():
         made[-1].record["reg"][0, 1] += len(made)
         return made[-1]
 
-    with pytest.raises(InputError, match="does not command the same again"):
+    with pytest.raises(InputError, match="gives other commands when it is made again"):
         axes.check_drive(make)
 
 

@@ -174,7 +174,7 @@ def test_a_snapshot_of_other_drives_is_refused():
 @pytest.mark.parametrize(("wrong", "reason"), [
     (lambda: AxisBench({"x": axes.make("stepper")}), "a motor and a sample"),
     (lambda: AxisBench({"x": axes.tuned("uhu")}, mechanics="full"), "no mechanics 'full'"),
-    (lambda: axis_row("bench", lines=500), "missing or none of them: lines"),
+    (lambda: axis_row("bench", lines=500), "missing or unknown: lines"),
     (lambda: bench_of(table_kg=0.0), "table_kg is 0"),
     (lambda: bench_of().unplug("x", "Z"), "no wire 'Z'"), (lambda: bench_of().run(-1.0), "number of 0 or more"),
     (lambda: bench_of().hold("q", True), "no axis 'q' on this bench; there are: x"),

@@ -98,7 +98,7 @@ def test_numbers_past_16_bits_are_refused_and_passed(routine, text, reason):
 )
 def test_what_is_no_number_is_refused_where_it_stands(routine, text, found):
     buffer = InputBuffer(text)
-    with pytest.raises(InputError, match=f"must stand at column 1, not {found}"):
+    with pytest.raises(InputError, match=f"is expected at column 1, not {found}"):
         routine(buffer)
     assert buffer.rest == text
 

@@ -1,7 +1,8 @@
 """QEM EANPOS, an analogue positioner: ramps, a loop over an encoder, a reference voltage of 16 bits, homing.
 
 Its registers, commands and states are the manual's (`registers`). `sample` runs a sample with commands and homing, by
-the motions of `moves`. Its constants, and settings that the manual leaves open, are in ``models/drives/eanpos.toml``.
+the motions of `moves`. Its constants, and settings that the manual does not define, are in
+``models/drives/eanpos.toml``.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ ALIASES = {
     "prsdir": "prmdir", "prsvvel": "prsvel", "sprsvvel": "sprsvel", "feedforward": "feedfw", "folterr": "follerr",
     "integreg": "integ", "st_follower": "st_foller",
 }  # fmt: skip
-"""Names that the manual prints besides (row Q-A8). Names are compared without case (row Q-A35)."""
+"""Other names of the manual (row Q-A8). Names are compared without case (row Q-A35)."""
 _SIZES = {"L": (-(2**31), 2**31 - 1), "W": (-(2**15), 2**16 - 1), "B": (-(2**7), 2**8 - 1)}
-"""Numbers that fit into a long, a word and a byte, signed or not."""
+"""Ranges of a long, a word and a byte, signed or not."""
 _TABLE: dict[str, dict[str, Any]] = {entry["name"]: entry for entry in at.DATA["parameter"]}
 _RETAINED = [k for k, name in enumerate(at.PARAMETERS) if _TABLE[name]["retained"]]
 _ERRORS = {
@@ -41,13 +42,13 @@ _SIGNALS = {
     "taccdec": at.NEW_RAMPS, "tacc": at.NEW_RAMPS, "tdec": at.NEW_RAMPS, "measure": at.NEW_RESOLUTION,
     "pulse": at.NEW_RESOLUTION,
 }  # fmt: skip
-"""Writes that a sample has to take."""
+"""Parameters whose new value a sample must apply, with their bits of `WRITTEN`."""
 
 
 class Resources(NamedTuple):
     """Resources of a device on the bus, from the configuration; row Q-A21 lists what changes if one is missing."""
 
-    counter: bool = True  # a bidirectional counter; without it, actual is theoretical position
+    counter: bool = True  # a bidirectional counter; without it, the theoretical position is the actual one
     interrupt: bool = True  # an interrupt line for the encoder's zero pulse, for homing in mode 1
     home_input: bool = True  # the input that enables the zero pulse: the cam
     output: bool = True  # an analogue output; without it, no motor is driven
@@ -56,7 +57,7 @@ class Resources(NamedTuple):
 class Parameters(Registers):
     """The 45 parameters of a device by the manual's names.
 
-    A value outside the manual's limits is accepted with warning 3. A value written while its condition does not hold
+    A value outside the manual's limits is accepted with warning 3. A value written while its condition is not met
     is ignored with warning 2 (both ours; ``wrnvalue`` is the parameter's number).
 
     Raises
@@ -111,7 +112,7 @@ class States(Mapping[str, bool]):
 
 
 def parameter_name(name: str) -> str:
-    """Return the name of a parameter that may be written in another case, or as the manual prints it elsewhere."""
+    """Return a parameter's name, from any case and from the manual's other names."""
     return _known(name, at.PARAMETERS, "parameter")
 
 
@@ -132,14 +133,14 @@ def _known(name: str, names: tuple[str, ...], what: str) -> str:
 
 
 def _count_in(reg: NDArray[np.int64], pulse: int) -> None:
-    """Keep the position, whose numerator is in units of 1 / pulse, under a new `pulse`."""
+    """Convert the position's numerator, in units of 1 / pulse, to a new `pulse`."""
     posit, old = int(reg[at.POSIT]), int(reg[at.PULSE])
     fraction = (int(reg[at.NUMERATOR]) - posit * old) * pulse // old if old > 0 else 0
     reg[at.NUMERATOR] = posit * pulse + fraction
 
 
 def _holds(reg: NDArray[np.int64], condition: str) -> bool:
-    """Say whether a condition of the manual's table for a write holds."""
+    """Return whether a condition for a write, of the manual's table, is met."""
     fulfilled = {
         "still": reg[at.ST_STILL] == 1, "unhomed": reg[at.ST_PRSON] == 0, "epicycloid": reg[at.RAMPTYPE] == 1,
         "calibration": reg[at.ST_CAL] == 1, "never": False,
@@ -162,7 +163,7 @@ class Eanpos(StartsAnew):
     parameters : mapping of str to int, optional
         Values in its retentive memory, by the manual's names.
     settings : mapping of str to int, optional
-        Overrides of the table ``settings`` of ``models/drives/eanpos.toml``, which the manual leaves open.
+        Overrides of the table ``settings`` of ``models/drives/eanpos.toml``, which the manual does not define.
 
     Attributes
     ----------
@@ -247,7 +248,7 @@ class Eanpos(StartsAnew):
         return cls(motor, 1, parameters={**found, **changed}, settings=settings)
 
     def command(self, name: str) -> None:
-        """Put a command into the mailbox; the next sample executes it.
+        """Write a command to the mailbox; the next sample executes it.
 
         Raises
         ------
@@ -338,7 +339,7 @@ class Eanpos(StartsAnew):
         return f"its warning {p['wrncode']} of {p['wrnvalue']}" if self.states["st_warning"] else ""
 
     def power_up(self) -> bytes:
-        """Start as at power-up; retentive parameters and st_cntrev keep their values (row Q-56)."""
+        """Restart as at power-up; retentive parameters and st_cntrev keep their values (row Q-56)."""
         fresh = Eanpos(self.motor, int(self.record["num"][0]) // 1_000_000)
         old, reg = self.record["reg"][0], fresh.record["reg"][0]
         keep = [*_RETAINED, at.ST_CNTREV, at.RESOURCES, *range(at.FIRST_SETTING, at.FIRST_SETTING + len(at.SETTINGS))]
@@ -348,5 +349,5 @@ class Eanpos(StartsAnew):
         return b""
 
 
-_TUNED_STEP_UM = 2.0  # motor step of the machine that devices are tuned for
+_TUNED_STEP_UM = 2.0  # motor step of the machine for which devices are tuned
 _BITS = (at.HAS_COUNTER, at.HAS_INDEX, at.HAS_HOME, at.HAS_OUTPUT)

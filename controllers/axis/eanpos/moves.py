@@ -14,24 +14,24 @@ from edmsim.controllers.axis.eanpos.registers import Reals, Words
 # From 0 to 2000 units at 833 units/s with 1667 units/s^2 an axis moves for 2.9 s: 0.5 s up, 1.9 s at constant
 # speed, 0.5 s down. A ramp is trapezoidal, epicycloidal (the manual's name for the cycloidal law of speed, row
 # Q-40), or, beyond the manual, of limited jerk. All ramps are symmetrical about their middle: the mean speed is
-# that of both ends, so one formula gives the travel. A change in motion makes a new profile from the present
+# the mean of both ends, so one formula gives the travel. A change in motion makes a new profile from the present
 # position and speed.
 
 STRAIGHT, EPICYCLOID, STEEP_EPICYCLOID, JERK = range(4)
-"""Laws of a ramp; a steep one has the time of the straight one, and twice its slope in the middle."""
-_CLOSE = 1e-6  # ways within so much of a unit are equal: far below an edge
-_HALVINGS = 60  # a speed is searched to the last bit
+"""Laws of a ramp; a steep epicycloid takes the time of a straight ramp, and has twice its slope in the middle."""
+_CLOSE = 1e-6  # distances are equal within this, in units: far below an edge
+_HALVINGS = 60  # bisections to the last bit of a speed
 
 
 @exactly_compiled
 def slope_of(seconds: float, speed: float) -> float:
-    """Return the inverse slope of a ramp that takes some time from rest to a speed."""
+    """Return the inverse slope of a ramp that takes `seconds` from rest to a speed."""
     return seconds / speed if speed > 0.0 else 0.0
 
 
 @exactly_compiled
 def law_of(reg: Words, up: bool) -> int:
-    """Return the law that the parameters ask for: ramptype 1 is epicycloidal, 2 and 3 on one side only."""
+    """Return the law of a ramp: ramptype 1 is epicycloidal, 2 only in deceleration, 3 only in acceleration."""
     if reg[at.JERK_LIMIT] > 0:
         return JERK
     kind = reg[at.RAMPTYPE]
@@ -42,7 +42,7 @@ def law_of(reg: Words, up: bool) -> int:
 
 @exactly_compiled
 def _ramp_s(change: float, slope: float, law: int, jerk: float) -> float:
-    """Time of a ramp over a change of speed, 0 or more, with an inverse slope."""
+    """Return the time of a ramp over a change of speed, 0 or more, with an inverse slope."""
     if law == JERK:
         if slope > 0.0 and change * slope * slope * jerk > 1.0:
             return change * slope + 1.0 / (slope * jerk)
@@ -62,19 +62,19 @@ def _down_s(reg: Words, real: Reals, change: float) -> float:
 
 @exactly_compiled
 def stopping_way(reg: Words, real: Reals, speed: float) -> float:
-    """Way of a ramp from a speed to rest."""
+    """Return the distance of a ramp from a speed to rest."""
     return float(0.5 * speed * _down_s(reg, real, speed))
 
 
 @exactly_compiled
 def _way_by(reg: Words, real: Reals, speed: float, peak: float) -> float:
-    """Way of the ramps from a speed up to a peak and down to rest."""
+    """Return the distance of the ramps from a speed up to a peak and down to rest."""
     return float(0.5 * (speed + peak) * _up_s(reg, real, peak - speed) + stopping_way(reg, real, peak))
 
 
 @exactly_compiled
 def _peak(reg: Words, real: Reals, speed: float, top: float, way: float) -> float:
-    """Speed that ramps of the full slope reach on a way too short for `top`."""
+    """Return the speed that ramps of the full slope reach on a distance too short for `top`."""
     if reg[at.UP_LAW] != JERK:
         up = real[at.UP_SLOPE] * (2.0 if reg[at.UP_LAW] == EPICYCLOID else 1.0)
         down = real[at.DOWN_SLOPE] * (2.0 if reg[at.DOWN_LAW] == EPICYCLOID else 1.0)
@@ -98,7 +98,7 @@ def _put(real: Reals, top: float, first_s: float, even_s: float, last_s: float, 
 
 @exactly_compiled
 def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
-    """Make a profile that comes to rest after a way (infinite for a search); False, and no change, if it cannot."""
+    """Plan a profile over a distance (infinite in a search); False, without a change, if it is too short to stop."""
     speed, direction = real[at.SPEED], reg[at.DIRECTION]
     if way < stopping_way(reg, real, speed) - _CLOSE:
         return False
@@ -129,32 +129,32 @@ def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
 
 @exactly_compiled
 def since_s(reg: Words) -> float:
-    """Time since the profile's begin, below 0 in a pause before it."""
+    """Return the time since the profile's begin, negative in a pause before it."""
     return float((reg[at.NOW_NS] - reg[at.START_NS]) * 1e-9)
 
 
 @exactly_compiled
 def in_first_ramp(reg: Words, real: Reals) -> bool:
-    """Say whether the axis is in the profile's first ramp, which begins after a pause."""
+    """Return whether the axis is in the profile's first ramp, which begins after a pause."""
     return bool(reg[at.MOVE] != at.RESTING and 0.0 <= since_s(reg) < real[at.FIRST_S])
 
 
 @exactly_compiled
 def in_last_ramp(reg: Words, real: Reals) -> bool:
-    """Say whether the axis is in the ramp that ends at rest."""
+    """Return whether the axis is in the ramp that ends at rest."""
     return bool(reg[at.MOVE] != at.RESTING and since_s(reg) >= real[at.FIRST_S] + real[at.EVEN_S])
 
 
 @exactly_compiled
 def keeps_first_ramp(reg: Words, real: Reals) -> bool:
-    """Say whether the axis is in a first ramp that is not broken off: any but a straight one."""
+    """Return whether the axis is in a first ramp that must be completed: any but a straight one."""
     law = reg[at.UP_LAW] if real[at.TOP_SPEED] >= real[at.FIRST_SPEED] else reg[at.DOWN_LAW]
     return in_first_ramp(reg, real) and law != STRAIGHT
 
 
 @exactly_compiled
 def lengthen(reg: Words, real: Reals, way: float) -> bool:
-    """Keep the first ramp and let the profile end `way` after its begin; False, and no change, if it cannot."""
+    """Keep the first ramp and end the profile `way` after its begin; False, without a change, if it is too short."""
     top = real[at.TOP_SPEED]
     last_s = _down_s(reg, real, top)
     even = way - 0.5 * (real[at.FIRST_SPEED] + top) * real[at.FIRST_S] - 0.5 * top * last_s
@@ -167,7 +167,7 @@ def lengthen(reg: Words, real: Reals, way: float) -> bool:
 
 @exactly_compiled
 def brake(reg: Words, real: Reals) -> None:
-    """Let the axis come to rest on its ramp; with ramptype 1, stopt 0 a placement's first ramp is finished before."""
+    """Stop the axis on its ramp; with ramptype 1 and stopt 0, a placement's first ramp is completed before."""
     if reg[at.MOVE] == at.RESTING:
         return
     rises = in_first_ramp(reg, real) and real[at.TOP_SPEED] > real[at.FIRST_SPEED]
@@ -183,7 +183,7 @@ def brake(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def begin(reg: Words, real: Reals, direction: int, slopes: tuple[float, float]) -> None:
-    """Get ready for a move from rest: its direction, a pause if that is a new one, and the ramps as they are set."""
+    """Prepare a move from rest: direction, pause if that has changed, and the ramps of the parameters."""
     reverses = direction != reg[at.DIRECTION] and reg[at.DIRECTION] != 0
     reg[at.DIRECTION], reg[at.ST_MOVDIR] = direction, 1 if direction < 0 else 0
     pause_ns = reg[at.TINVT] * 10_000_000 if reverses else 0
@@ -194,7 +194,7 @@ def begin(reg: Words, real: Reals, direction: int, slopes: tuple[float, float]) 
 
 @exactly_compiled
 def _ramp(t: float, span: float, change: float, law: int, slope: float, jerk: float) -> tuple[float, float]:
-    """Change of speed, and way beyond that of the first speed, at a time in a ramp."""
+    """Return the change of speed, and the distance beyond that at the first speed, at a time in a ramp."""
     if law == STRAIGHT:
         return change * t / span, 0.5 * change * t * t / span
     if law != JERK:
@@ -226,7 +226,7 @@ def _rest(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def follow(reg: Words, real: Reals) -> None:
-    """Put theoretical place and speed, and the states of the motion, as the profile has them now."""
+    """Set theoretical position and speed, and the states of the motion, by the profile at the present time."""
     reg[at.ST_ACC] = reg[at.ST_DEC] = reg[at.ST_VCONST] = 0
     if reg[at.MOVE] == at.RESTING:
         return
@@ -272,13 +272,13 @@ _MINUTE = 60.0
 
 @exactly_compiled
 def warn(reg: Words, code: int, value: int) -> None:
-    """Raise a warning; the axis works on."""
+    """Raise a warning; the axis continues."""
     reg[at.ST_WARNING], reg[at.WRNCODE], reg[at.WRNVALUE] = 1, code, value
 
 
 @exactly_compiled
 def fail(reg: Words, real: Reals, code: int, value: int) -> None:
-    """Raise an error: the axis comes to rest, a homing search ends, and nothing moves until RSERR."""
+    """Raise an error: the axis stops on its ramp, a homing search ends, and no move starts until RSERR."""
     if reg[at.ST_ERROR] == 0:
         reg[at.ST_ERROR], reg[at.ERRCODE], reg[at.ERRVALUE] = 1, code, value
     reg[at.HOME_PHASE] = reg[at.ST_PRSON] = 0
@@ -287,7 +287,7 @@ def fail(reg: Words, real: Reals, code: int, value: int) -> None:
 
 @exactly_compiled
 def speed_unit(reg: Words) -> float:
-    """Return how many units of measure per s a speed of 1 is: whole units, tenths ... per minute or per second."""
+    """Return the units of measure per s of a speed of 1: whole units, tenths ... per minute or per second."""
     per_s = 1.0 if reg[at.UNITVEL] != 0 else 1.0 / _MINUTE
     return float(10.0 ** reg[at.DECPT] * per_s)
 
@@ -300,13 +300,13 @@ def top_speed(reg: Words) -> float:
 
 @exactly_compiled
 def has_resolution(reg: Words) -> bool:
-    """Say whether units of measure and edges can be converted; without, the output has no scale and is 0 V."""
+    """Return whether units of measure and edges can be converted; if not, the output has no scale and is 0 V."""
     return bool(reg[at.MEASURE] > 0 and reg[at.PULSE] > 0)
 
 
 @exactly_compiled
 def edges_a_sample(reg: Words) -> float:
-    """Return the encoder edges of a sample at full speed: the error that pgain 1000 makes 10 V of."""
+    """Return the encoder edges per sample at full speed; with pgain 1000, this error makes 10 V."""
     if not has_resolution(reg):
         return 0.0
     return float(top_speed(reg) * reg[at.TCAMP_NS] * 1e-9 * reg[at.PULSE] / reg[at.MEASURE])
@@ -314,7 +314,7 @@ def edges_a_sample(reg: Words) -> float:
 
 @exactly_compiled
 def place(reg: Words) -> float:
-    """Return the actual place in units of measure, with its fraction."""
+    """Return the actual position in units of measure, with its fraction."""
     return float(reg[at.NUMERATOR] / reg[at.PULSE]) if reg[at.PULSE] > 0 else 0.0
 
 
@@ -327,7 +327,7 @@ def check_resolution(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def take_edges(reg: Words, edges: int) -> None:
-    """Count some encoder edges."""
+    """Add encoder edges to the count."""
     reg[at.ENCODER] += edges
     reg[at.NUMERATOR] += edges * reg[at.MEASURE]
     if reg[at.PULSE] > 0:
@@ -336,7 +336,7 @@ def take_edges(reg: Words, edges: int) -> None:
 
 @exactly_compiled
 def slopes(reg: Words) -> tuple[float, float]:
-    """Return the inverse slopes of the ramps as they are set (rows Q-29, Q-39)."""
+    """Return the inverse slopes of the ramps of the parameters (rows Q-29, Q-39)."""
     up, down = (reg[at.TACC], reg[at.TDEC]) if reg[at.RAMPMODE] != 0 else (reg[at.TACCDEC], reg[at.TACCDEC])
     top = top_speed(reg)
     return slope_of(up * 0.01, top), slope_of(down * 0.01, top)
@@ -344,7 +344,7 @@ def slopes(reg: Words) -> tuple[float, float]:
 
 @exactly_compiled
 def catch_up(reg: Words, real: Reals) -> None:
-    """Set the theoretical position to the actual one; then a closing loop makes no jump (row Q-62)."""
+    """Set the theoretical position to the actual one, so that a closing loop makes no jump (row Q-62)."""
     ahead = real[at.THEORY] - place(reg)
     real[at.INTEGRAL], reg[at.LAST_ERROR] = 0.0, 0
     _slide(real, -ahead)
@@ -354,7 +354,7 @@ def catch_up(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def _is_bound(reg: Words) -> bool:
-    """Say whether the axis moves to a goal that it has to stop at: a target or a limit."""
+    """Return whether the axis moves to a position at which it must stop: a target or a limit."""
     return bool(reg[at.MOVE] == at.PLACING or reg[at.MOVE] == at.JOGGING)
 
 
@@ -367,13 +367,13 @@ def _slide(real: Reals, by: float) -> None:
 
 @exactly_compiled
 def _end(reg: Words) -> int:
-    """Return where a placement ends: at its target, within the software limits."""
+    """Return the end of a placement: its target, clamped to the software limits."""
     return int(min(max(reg[at.TARGET], reg[at.MINPOS]), reg[at.MAXPOS]))
 
 
 @exactly_compiled
 def _aim(reg: Words, real: Reals, end: float) -> bool:
-    """Let a placement or a jog in motion end elsewhere; false, and no change, if the axis cannot stop there."""
+    """Change the end of a placement or a jog in motion; False, without a change, if the axis cannot stop there."""
     if keeps_first_ramp(reg, real):
         return lengthen(reg, real, reg[at.DIRECTION] * (end - real[at.FROM]))
     return plan(reg, real, reg[at.DIRECTION] * (end - real[at.THEORY]), reg[at.OLD_SETVEL] * speed_unit(reg))
@@ -381,7 +381,7 @@ def _aim(reg: Words, real: Reals, end: float) -> bool:
 
 @exactly_compiled
 def start(reg: Words, real: Reals, target: int) -> None:
-    """Move to a place at setvel, within the software limits; from the actual place where the loop is open."""
+    """Move to a position at setvel, within the software limits; if the loop is open, from the actual position."""
     if reg[at.ST_LOOPON] == 0:
         catch_up(reg, real)
     reg[at.TARGET], reg[at.HAS_TARGET] = target, 1
@@ -390,7 +390,7 @@ def start(reg: Words, real: Reals, target: int) -> None:
 
 @exactly_compiled
 def travel(reg: Words, real: Reals, end: float) -> None:
-    """Place an axis at rest at the target in execution, or where it has to end before."""
+    """Move an axis at rest to `end`: the target in execution, or a limit before it."""
     reg[at.OLD_SETPOS], reg[at.OLD_SETVEL] = reg[at.SETPOS], reg[at.SETVEL]
     way = end - real[at.THEORY]
     if way == 0.0:
@@ -404,7 +404,7 @@ def travel(reg: Words, real: Reals, end: float) -> None:
 
 @exactly_compiled
 def jog(reg: Words, real: Reals, direction: int) -> None:
-    """Move towards a software limit at setvel; beyond it the axis does not move."""
+    """Move to a software limit at setvel; an axis beyond it does not move."""
     if reg[at.ST_LOOPON] == 0:
         catch_up(reg, real)
     real[at.LIMIT] = reg[at.MAXPOS] if direction > 0 else reg[at.MINPOS]
@@ -418,7 +418,7 @@ def jog(reg: Words, real: Reals, direction: int) -> None:
 
 @exactly_compiled
 def _epicycloid_ends(reg: Words) -> bool:
-    """Say whether the axis is in a deceleration that is epicycloidal."""
+    """Return whether the axis is in an epicycloidal deceleration."""
     return bool(reg[at.ST_DEC] != 0 and (reg[at.RAMPTYPE] == 1 or reg[at.RAMPTYPE] == 2))
 
 
@@ -429,7 +429,7 @@ def _goal(reg: Words, real: Reals) -> float:
 
 @exactly_compiled
 def shift(reg: Words, real: Reals, numerator: int, always: bool) -> bool:
-    """Put another count under the axis; False without a resolution, or, unless `always`, where it cannot stop."""
+    """Change the count; False without a resolution or, unless `always`, if the axis could not stop at its end."""
     if reg[at.PULSE] <= 0:
         return False
     by = (numerator - reg[at.NUMERATOR]) / reg[at.PULSE]
@@ -447,7 +447,7 @@ def shift(reg: Words, real: Reals, numerator: int, always: bool) -> bool:
 
 @exactly_compiled
 def retarget(reg: Words, real: Reals, target: int) -> bool:
-    """Let a placement in motion end at another target; false, and no change, if the axis cannot stop there."""
+    """Change the target of a placement in motion; False, without a change, if the axis cannot stop there."""
     before = reg[at.TARGET]
     reg[at.TARGET] = target
     if _epicycloid_ends(reg) or not _aim(reg, real, float(_end(reg))):
@@ -477,7 +477,7 @@ def _take_setvel(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def _take_ramps(reg: Words, real: Reals) -> None:
-    """Put new ramp times into execution if the axis can still stop at its target with them."""
+    """Use new ramp times if the axis can still stop at its target with them."""
     if _is_bound(reg) and not in_last_ramp(reg, real):
         up, down = real[at.UP_SLOPE], real[at.DOWN_SLOPE]
         real[at.UP_SLOPE], real[at.DOWN_SLOPE] = slopes(reg)
@@ -487,7 +487,7 @@ def _take_ramps(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def take_writes(reg: Words, real: Reals) -> None:
-    """Take parameters written since the last sample; speeds and ramp times wait for the end of a first ramp."""
+    """Use parameters written since the last sample; speeds and ramp times wait for the end of a curved first ramp."""
     written = reg[at.WRITTEN]
     reg[at.WRITTEN] = 0
     if written & at.NEW_RESOLUTION:

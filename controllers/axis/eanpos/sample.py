@@ -20,13 +20,13 @@ from edmsim.controllers.axis.eanpos.registers import Reals, Words
 # cam loads the count. In mode 2 nothing moves: each closing of the cam loads it.
 
 NONE, FAST, TURNING, SLOW, TO_MARK, OVERRUN, RETURNING, REVERSING = range(8)
-"""`HOME_PHASE`: no search; to the cam; stopping on it; off it; to the zero pulse; stopping behind the place that was
-loaded; placing the axis there; stopping to go the other way."""
+"""`HOME_PHASE`: no search; moving to the cam; stopping on it; leaving it; moving to the zero pulse; stopping after
+prspos was loaded; returning to prspos; stopping to reverse."""
 
 
 @exactly_compiled
 def _search(reg: Words, real: Reals, direction: int, speed: int, phase: int) -> None:
-    """Move at a speed until something is found."""
+    """Move at a speed without an end, in a phase of a search."""
     reg[at.MOVE], reg[at.ST_STILL], reg[at.HOME_PHASE] = at.SEARCHING, 0, phase
     moves.begin(reg, real, direction, moves.slopes(reg))
     moves.plan(reg, real, math.inf, speed * moves.speed_unit(reg))
@@ -41,7 +41,7 @@ def give_up(reg: Words) -> None:
 
 @exactly_compiled
 def preset(reg: Words, real: Reals) -> None:
-    """Start a search, or turn a running one about (row Q-A28)."""
+    """Start a search, or reverse a running one (row Q-A28)."""
     needed = at.HAS_HOME | at.HAS_INDEX if reg[at.PRSMODE] == 1 else at.HAS_HOME
     if reg[at.RESOURCES] & needed != needed:
         moves.fail(reg, real, at.RESOURCE_MISSING, reg[at.PRSMODE])
@@ -66,7 +66,7 @@ def preset(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def _set_out(reg: Words, real: Reals, again: bool) -> None:
-    """Go to the cam; an axis on the cam at the first PRESET leaves it at once (row Q-53)."""
+    """Move to the cam; an axis on the cam at the first PRESET leaves it at once (row Q-53)."""
     if reg[at.CAM] != 0 and not again:
         _search(reg, real, -reg[at.HOME_DIR], reg[at.SPRSVEL], SLOW)
     else:
@@ -75,7 +75,7 @@ def _set_out(reg: Words, real: Reals, again: bool) -> None:
 
 @exactly_compiled
 def _load(reg: Words, real: Reals, edges_since: int) -> None:
-    """Make the count prspos where the axis was some edges ago; a locked count is not loaded, and the search ends."""
+    """Set the count so that it was prspos `edges_since` ago; if the count is locked, end the search instead."""
     moves.brake(reg, real)
     if reg[at.ST_CNTLOCK] != 0:
         give_up(reg)
@@ -92,9 +92,9 @@ def _edges_since_mark(reg: Words, index_at: int) -> int:
 
 @exactly_compiled
 def search(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) -> None:
-    """Carry a search on by a sample; `cam_before` is the enabling input at the last one, `index_at` the last mark."""
+    """Advance a search by a sample; `cam_before` is the last sample's enabling input, `index_at` the last mark."""
     phase, rests = reg[at.HOME_PHASE], reg[at.MOVE] == at.RESTING
-    if phase == FAST and reg[at.CAM] != 0:  # a second PRESET may begin on it
+    if phase == FAST and reg[at.CAM] != 0:  # also if a second PRESET begins on it
         moves.brake(reg, real)
         reg[at.HOME_PHASE] = TURNING
     elif phase == TURNING and rests:
@@ -123,7 +123,7 @@ def search(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) 
 
 @exactly_compiled
 def _bound(reg: Words, real: Reals) -> None:
-    """Beyond the manual: let no phase of a search go further than a limit."""
+    """Beyond the manual: raise an error if a phase of a search exceeds a distance."""
     searched = abs(real[at.THEORY] - real[at.SEARCHED_FROM])
     if reg[at.MOVE] == at.SEARCHING and reg[at.HOME_LIMIT] > 0 and searched > reg[at.HOME_LIMIT]:
         what = at.MARK_NOT_FOUND if reg[at.HOME_PHASE] == TO_MARK else at.CAM_NOT_FOUND
@@ -132,7 +132,7 @@ def _bound(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def hold_loaded(reg: Words, real: Reals) -> None:
-    """Mode 2: load prspos while the input is closed, from its first closing after an opening on (row Q-52)."""
+    """Mode 2: load prspos while the input is closed, if it has been open before (row Q-52)."""
     if reg[at.CAM] == 0:
         reg[at.MODE2_ARMED] = 1
     elif reg[at.PRSMODE] == 2 and reg[at.MODE2_ARMED] != 0 and reg[at.ST_CNTLOCK] == 0:
@@ -143,7 +143,7 @@ def hold_loaded(reg: Words, real: Reals) -> None:
 
 
 # The 22 commands of a QEM EANPOS: their conditions and effects.
-# The commands of a sample are executed in order of priority, each on the state that the previous one leaves (manual
+# The commands of a sample are executed in order of priority, each in the state after the previous one (manual
 # 1.7.2, row Q-59). If a command's conditions fail, it does nothing and raises warning 1 (row Q-23).
 
 _ZERO_AT_INIT = (
@@ -156,14 +156,14 @@ _WITHOUT_CONDITION = (1 << at.RSERR) | (1 << at.RSWRN) | (1 << at.RSPRSOK)
 
 @exactly_compiled
 def _may_move(reg: Words) -> bool:
-    """Say whether a move may start: not in emergency, calibration, a search or an error (rows Q-A3, Q-61)."""
+    """Return whether a move may start: not in emergency, calibration, a search or an error (rows Q-A3, Q-61)."""
     blocked = reg[at.ST_REGOFF] + reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_PRSON] + reg[at.ST_ERROR]
     return bool(blocked == 0 and reg[at.ST_STILL] == 1)
 
 
 @exactly_compiled
 def _may(reg: Words, command: int) -> bool:
-    """Say whether an initialised device's state allows a command."""
+    """Return whether an initialised device's state allows a command."""
     if command == at.RESUME:
         return bool(reg[at.ST_EMRG] == 1)
     if command in (at.START, at.MANFW, at.MANBW):
@@ -187,7 +187,7 @@ def _may(reg: Words, command: int) -> bool:
 
 @exactly_compiled
 def _stop_all(reg: Words, real: Reals) -> None:
-    """Break off what moves, without a ramp, and any search."""
+    """End any motion, without a ramp, and any search."""
     moves.break_off(reg, real)
     give_up(reg)
     real[at.INTEGRAL], reg[at.LAST_ERROR] = 0.0, 0
@@ -282,7 +282,7 @@ def execute(reg: Words, real: Reals) -> None:
             moves.warn(reg, at.NOT_EXECUTED, command + 1)
 
 
-FULL_SCALE = 32768  # codes of 10 V: 16 bits with sign
+FULL_SCALE = 32768  # code of 10 V: 16 bits with sign
 _GATE_NS, _HOLD_NS = at.DEVICE["speed_gate_ns"], at.DEVICE["following_hold_ns"]
 _EDGES_A_LINE = 4
 
@@ -294,7 +294,7 @@ def _code(share: float) -> int:
 
 @exactly_compiled
 def _count(reg: Words, count: int) -> None:
-    """Take what the counter has moved by; nothing is made up that it moved while idle or locked (row Q-78)."""
+    """Count the counter's edges since the last sample; edges while idle or locked are lost (row Q-78)."""
     edges = count - reg[at.LAST_COUNT] if reg[at.FRESH] == 0 else 0
     reg[at.LAST_COUNT], reg[at.FRESH] = count, 0
     if reg[at.ST_INIT] == 1 and reg[at.ST_CNTLOCK] == 0 and reg[at.RESOURCES] & at.HAS_COUNTER:
@@ -303,7 +303,7 @@ def _count(reg: Words, count: int) -> None:
 
 @exactly_compiled
 def _follow_steps(reg: Words, real: Reals, edges: int) -> None:
-    """Beyond the manual: go where step edges lead, as a program would that writes setpos and sends START."""
+    """Beyond the manual: follow step edges, like a program that writes setpos and sends START."""
     moved = edges - reg[at.EDGES]
     reg[at.EDGES] = edges
     if reg[at.FOLLOW_STEP] == 0 or reg[at.ST_INIT] == 0:
@@ -323,7 +323,7 @@ def _follow_steps(reg: Words, real: Reals, edges: int) -> None:
 
 @exactly_compiled
 def _following_error(reg: Words, real: Reals) -> int:
-    """Return the error in edges, and judge it (row Q-A26); 0 without a resolution."""
+    """Return the following error in edges, and update st_foller (row Q-A26); 0 without a resolution."""
     if not moves.has_resolution(reg):
         reg[at.FOLLERR] = 0
         return 0
@@ -373,7 +373,7 @@ def _regulate(reg: Words, real: Reals, error: int) -> float:
 
 @exactly_compiled
 def _put_out(reg: Words, real: Reals) -> None:
-    """Set the converter's code: kept with the regulation off, 0 in emergency, vout in calibration."""
+    """Set the converter's code: unchanged with the regulation off, 0 in emergency, vout in calibration."""
     if reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_REGOFF] > 0:
         real[at.THEORY], real[at.INTEGRAL] = moves.place(reg), 0.0
     error = _following_error(reg, real)
@@ -402,13 +402,13 @@ def _measure_speed(reg: Words) -> None:
 
 @exactly_compiled
 def start_refused(reg: Words) -> bool:
-    """Say whether the last warning is that START was not executed."""
+    """Return whether the last warning is that START was not executed."""
     return bool(reg[at.ST_WARNING] == 1 and reg[at.WRNCODE] == at.NOT_EXECUTED and reg[at.WRNVALUE] == at.START + 1)
 
 
 @exactly_compiled
 def _judge_tolerance(reg: Words) -> None:
-    """Set st_toll once the axis has been near its target for toldly (row Q-A32)."""
+    """Set st_toll if the axis has been near its target for toldly (row Q-A32)."""
     if reg[at.HAS_TARGET] == 0 or abs(reg[at.TARGET] - reg[at.POSIT]) > abs(reg[at.TOLL]):
         reg[at.SINCE_NS], reg[at.ST_TOLL] = -1, 0
         return
@@ -420,7 +420,7 @@ def _judge_tolerance(reg: Words) -> None:
 
 @exactly_compiled
 def _run(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) -> None:
-    """Do what an initialised device does at a sample."""
+    """Run a sample of an initialised device."""
     if reg[at.HOME_PHASE] != 0:
         search(reg, real, cam_before, marks, index_at)
     hold_loaded(reg, real)
@@ -436,7 +436,7 @@ def _run(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) ->
 
 @sample
 def eanpos_sample(drive_at: Any, axis_at: Any) -> None:
-    """Do what the device does at a sampling instant."""
+    """Run a sample of the device."""
     drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
     reg, real = drive.reg, drive.real
     reg[at.NOW_NS] = drive.now_ns

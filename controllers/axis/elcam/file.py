@@ -42,11 +42,11 @@ from edmsim.errors import InputError, invalid_entry, refuses_wrong_types
 from edmsim.files import read_toml
 
 NAMES = "x", "y", "u", "v"  # axes in the order of their numbers
-PATH = "path"  # the length of path behind the wire, in mm: the control has it as an axis that nothing moves
-PLACES = (*NAMES, PATH)  # what a table can look up, in the order of the control's numbers
+PATH = "path"  # the wire's length of path in mm: for the control, an axis without a motor
+PLACES = (*NAMES, PATH)  # possible masters of a table, in the order of the control's numbers
 CAM_AXES = NAMES[2:]
-_STEEPEST = 1.0  # travel of a follower over that of its master, at most (ours): it then is no faster than the wire
-_GREATEST_UM = 10_000.0  # error of an axis, at most (ours): far beyond any machine, and within a table's travel
+_STEEPEST = 1.0  # greatest travel of a follower over its master's (ours), so it is no faster than the wire
+_GREATEST_UM = 10_000.0  # greatest error of an axis (ours): far above any machine's, and within a table's travel
 
 
 Real = Annotated[float, Strict(), AllowInfNan(False)]
@@ -142,7 +142,7 @@ class _Motion(_Section, frozen=True):
         k = int(np.argmax(np.abs(slope)))
         if abs(slope[k]) > _STEEPEST:
             raise InputError(
-                f"{cam.axis} moves {abs(slope[k]):g} mm for each mm of {cam.master} behind {cam.points[k, 0]:g} mm; "
+                f"{cam.axis} moves {abs(slope[k]):g} mm for each mm of {cam.master} after {cam.points[k, 0]:g} mm; "
                 f"it must be at most {_STEEPEST:g}"
             )
         return cam
@@ -168,7 +168,7 @@ class ErrorTable:
     master: str
     # (n, 2): position of the master in mm, and error in um (indicated less true position of the axis), row after row
     points: NDArray[np.float64]
-    reversal_um: float = 0.0  # error while the master moves up, less error while it moves down
+    reversal_um: float = 0.0  # error while the master moves up, minus error while it moves down
     cubic: bool = False  # whether a curve joins the points instead of straight lines
     rows: TableRows | None = None  # selector of the row of points
 
@@ -279,7 +279,7 @@ def load_tables(tables: Sequence[ErrorTable | Cam], file: str | Path | None = No
 
 
 def _load(at: TableAccess, table: ErrorTable | Cam) -> CallStatus:
-    """Set a table up in the document's order (chapter 2.6), and let it run."""
+    """Write a table's settings in the document's order (chapter 2.6), and start it."""
     mode, unit_mm = Mode.RUN, 1.0
     at.write_int(Function.AXIS, NAMES.index(table.axis))
     at.write_int(Function.MASTER, PLACES.index(table.master))
@@ -297,7 +297,7 @@ def _load(at: TableAccess, table: ErrorTable | Cam) -> CallStatus:
     return at.write_int(Function.MODE, mode)
 
 
-# The tables between a planner and motors: steps are added or left out to compensate errors, and step cam followers. A
+# The tables between a planner and motors: steps are added or left out to compensate errors and move followers. A
 # stepping motor reports no position to correct, so the error is added to its setpoint ("G3-ElCam Interface", chapter
 # 2.2.1), in whole steps. An axis of the upper guide that follows a cam has only these steps.
 
@@ -329,14 +329,14 @@ class StepCompensation:
     def begin(
         self, position_um: tuple[float, float], path_um: float = 0.0, lead_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[float, float]:
-        """Be at a place of the program and its path, without steps to there; return where x and y are then."""
+        """Set the program's position and length of path, without steps; return the resulting position of x and y."""
         for k, um in enumerate((*position_um, *lead_um, path_um)):
             self._put(k, um * 1e-3)
         self._extra = self._steps_due()
         return position_um[0] + self.offset_um[0], position_um[1] + self.offset_um[1]
 
     def motor_steps(self, steps: Sequence[Step], path_um: float = 0.0, of: int | None = None) -> list[Step]:
-        """Return the steps that the motors are to make for those of the program, the first of `of` to `path_um`."""
+        """Return the motors' steps for steps of the program, the first of `of` steps up to a length of path."""
         made: list[Step] = []
         path_mm, end_mm, planned = self._places[_PATH].setpoint, path_um * 1e-3, of or len(steps)
         for number, (time_ns, axis, direction) in enumerate(steps, 1):
@@ -354,14 +354,14 @@ class StepCompensation:
         place.setpoint = place.actual = place_mm
 
     def _steps_due(self) -> list[int]:
-        """Return the steps beyond those of the program; followers come first, as errors may depend on them."""
+        """Return the steps in addition to the program's; followers are first, because errors may depend on them."""
         cams = self._elcam.follow()
         for k, place_mm in cams.items():
             self._put(k, place_mm)
         return [round((cams.get(k, 0.0) + self._elcam.compensation(k)) * 1e3 / self._step_um) for k in _AXES]
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what changes, fit for JSON."""
+        """Return the state as types of JSON."""
         return {
             "places": [place.setpoint for place in self._places], "extra": list(self._extra),
             "directions": {str(k): table.direction for k, table in self._elcam.tables.items()},
@@ -369,7 +369,7 @@ class StepCompensation:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue where `snapshot` was taken, with the same tables."""
+        """Restore the state of a `snapshot`, with the same tables."""
         for k, place_mm in enumerate(state["places"]):
             self._put(k, place_mm)
         self._extra = list(state["extra"])
@@ -380,13 +380,13 @@ class StepCompensation:
 
 
 _STEEPEST_WIRE = 0.1
-"""The upper guide may lead by this share of the guides' distance (ours): the gap is computed slice by slice, as if
-each were upright, which holds for small angles."""
-_PLACES = 1000  # places of its master at which a cam is evaluated, besides its points (ours)
+"""Greatest lead of the upper guide as a share of the guides' distance (ours): the slices of the gap are computed as
+upright, which is valid for small angles."""
+_PLACES = 1000  # positions of its master at which a cam is evaluated, in addition to its points (ours)
 
 
 def check_cams(elcam: Elcam, contours_um: Sequence[NDArray[np.int64]], guide_distance_mm: float) -> None:
-    """Refuse a cam that leads the upper guide too far on a way: which axis, how far, and how far it may go."""
+    """Raise `InputError` if a cam moves the upper guide too far on a contour, with its axis, lead and limit."""
     points_mm = np.concatenate(contours_um) * 1e-3
     length_mm = sum(float(np.hypot(*np.diff(points, axis=0).T).sum()) for points in contours_um) * 1e-3
     ranges = {0: points_mm[:, 0], 1: points_mm[:, 1], len(PLACES) - 1: np.array([0.0, length_mm])}
@@ -405,7 +405,7 @@ def check_cams(elcam: Elcam, contours_um: Sequence[NDArray[np.int64]], guide_dis
 
 
 def _furthest(table: CamTable, low_mm: float, high_mm: float) -> tuple[float, float]:
-    """Return where a master in some range leads its follower furthest away from 0, and how far (mm)."""
+    """Return the position in the master's range at which the follower is furthest from 0, and its distance (mm)."""
     own = table.points[: table.size_master, 0]
     period = own[-1] - own[0]
     first, last = (np.floor((end - own[0]) / period) for end in (low_mm, high_mm))

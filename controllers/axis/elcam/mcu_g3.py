@@ -44,16 +44,16 @@ class ControlAxis:
 
     @property
     def actual(self) -> float:
-        """The place it shows: what was counted, less its compensation (a stepper has counted its own steps)."""
+        """Displayed position: the count (of its steps, for a stepper) minus the compensation."""
         return self.count / self.counts_per_unit - self.compensation
 
     @property
     def auxiliary(self) -> float | None:
-        """A stepper's place by its own encoder; None where that is not used."""
+        """A stepper's position by its own encoder; None if that is not used."""
         return self.auxiliary_count / self.auxiliary_factor if self.stepper and self.use_encoder else None
 
     def travel(self, dt: float) -> None:
-        """Carry speed and setpoint on over a cycle, towards a target or at the speed wanted."""
+        """Advance speed and setpoint by a cycle, towards a target or at the commanded speed."""
         demand = self.speed
         if self.target is not None:
             rest = self.target - self.setpoint
@@ -85,7 +85,7 @@ class MotionControl:
         self.axes = list(axes)
         self.elcam = Elcam(self.axes, **options)
         self._followers: set[int] = set()
-        self._ramps: dict[int, tuple[float, float, float]] = {}  # offset at first, time passed, time it takes
+        self._ramps: dict[int, tuple[float, float, float]] = {}  # initial offset, elapsed time, duration
 
     def move_absolute(self, axis: int, target: float, speed: float) -> bool:
         """Move an axis to a position; False if it follows a cam table and so refuses travel commands."""
@@ -126,7 +126,7 @@ class MotionControl:
         if at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) | Mode.RUN):
             return False
         axis = self.elcam.tables[table].axis
-        self._ramps.pop(axis, None)  # one that was broken off
+        self._ramps.pop(axis, None)  # of a ramp that was not completed
         if ramp_s > 0.0 and axis in (places := self.elcam.follow()):
             self._ramps[axis] = self.axes[axis].setpoint - places[axis], 0.0, ramp_s
         return True
@@ -186,7 +186,7 @@ class MotionControl:
         return self.axes[number]
 
     def _release(self) -> set[int]:
-        """Let axes go on at their speed that follow no longer; return those that do."""
+        """Let axes that have stopped following continue at their speed; return the axes that follow."""
         cams = {table.axis for table in self.elcam.tables.values() if table.leads}
         for k in self._followers - cams:
             self.axes[k].target, self.axes[k].speed = None, self.axes[k].velocity
@@ -195,7 +195,7 @@ class MotionControl:
         return cams
 
     def _place(self, k: int, place: float) -> None:
-        """Put a follower where its table says, or on the ramp to there."""
+        """Set a follower's setpoint to its position in the table, or on the ramp to it."""
         axis = self.axes[k]
         if k in self._ramps:
             offset, passed_s, ramp_s = self._ramps[k]
@@ -211,8 +211,8 @@ class MotionControl:
 
 
 TARGET, COMPENSATION, FEED_FORWARD, PROPORTIONAL, PER_SAMPLE, STILL, SUM = range(7)
-"""Numbers of a record's ``real``: target and compensation in counts, the command that holds the speed, gains, the
-error within which the integrator rests, the integrator in shares of the supply."""
+"""Indices of a record's ``real``: target and compensation in counts, the feed-forward of speed, gains, the error up
+to which the integrator is unchanged, the integrator as a share of the supply."""
 
 
 @sample

@@ -47,8 +47,8 @@ class Access(NamedTuple):
     kind: type[int] | type[float]
     rights: str  # of "r" and "w"
     name: str = ""  # attribute of `CamTable` that it reads, and writes unless the module does more; empty for none
-    while_running: bool = False  # whether it is written while the table runs (ours: only rows are forbidden there)
-    since: str = ""  # key in the data of the version from which on the firmware has it; empty for all
+    while_running: bool = False  # whether it is writable while the table runs (ours: the document forbids only rows)
+    since: str = ""  # key in the data of the first firmware version with it; empty for all versions
 
 
 ACCESS: dict[Function, Access] = {
@@ -86,9 +86,9 @@ class CallStatus(IntEnum):
     """Status of a call of the object interface; all but BUSY and LOCKED are ours."""
 
     OK = 0
-    REFUSED = 1  # no such object or right, an invalid number, or what its register forbids; nothing has changed
-    BUSY = 2  # not while the table runs
-    LOCKED = 16  # "Error 10 hex": the precision cannot change any more
+    REFUSED = 1  # unknown object, no such right, invalid number, or forbidden by its register; nothing has changed
+    BUSY = 2  # not allowed while the table runs
+    LOCKED = 16  # "Error 10 hex": the precision cannot be changed after the buffer size is set
 
 
 class LoadStatus(IntEnum):
@@ -119,14 +119,14 @@ def version_of(text: str) -> tuple[int, ...]:
 # Memory for cam tables: in the control (chapter 1 of the ELCAM document) and in the computer (chapter 2.8).
 
 BUFFER_VARIABLE = "SZELCAMPUFFER"  # environment variable with the bytes for the points of all tables
-_MANY_DIGITS = 20  # more digits than any count of bytes has (ours)
+_MANY_DIGITS = 20  # longer than any number of bytes (ours)
 
-_FIRST_ADDRESS = 0x1000_0000  # of the first piece given out (ours: some address above the first megabytes)
-_PAGE = 0x1000  # pieces begin at whole pages (ours)
+_FIRST_ADDRESS = 0x1000_0000  # of the first allocated block (ours: an address above the first megabytes)
+_PAGE = 0x1000  # blocks begin at whole pages (ours)
 
 
 def buffer_bytes_chosen() -> int:
-    """Return the room that SZELCAMPUFFER of the environment asks for, else the control's own."""
+    """Return the buffer's bytes by the environment variable SZELCAMPUFFER, or else the control's default."""
     text = os.environ.get(BUFFER_VARIABLE, "").strip()
     if not text:
         return int(DATA["elcam"]["buffer_bytes"])
@@ -139,9 +139,9 @@ def buffer_bytes_chosen() -> int:
 class Allocation(NamedTuple):
     """Result of an allocation."""
 
-    status: int  # 0 where there is memory
-    memory: bytearray  # the piece, for the program ("virtual address")
-    address: int  # where it is, for the control ("physical address")
+    status: int  # 0 on success
+    memory: bytearray  # the block, for the program ("virtual address")
+    address: int  # its address for the control ("physical address")
 
 
 class PhysicalMemory:
@@ -202,7 +202,7 @@ class CamAxis(Protocol):
 
 @dataclass
 class CamPlace:
-    """An axis that is nothing but its places."""
+    """An axis that consists of its positions only."""
 
     setpoint: float = 0.0
     actual: float = 0.0
@@ -211,10 +211,10 @@ class CamPlace:
 
 @dataclass
 class ControlFaults:
-    """Faults of the control to switch on."""
+    """Faults of the control that can be simulated."""
 
     rebooted: bool = False  # another program boots it while a table is loaded
-    system: bool = False  # the same, seen later
+    system: bool = False  # the same, but noticed later
     memory: bool = False  # the library cannot reach the tables' memory
 
 
@@ -387,7 +387,7 @@ class Elcam:
         return known and self.has("compensation")
 
     def _function(self, what: Descriptor, kind: type, right: str) -> Function | None:
-        """Return the function that a descriptor names; None if there is none for such a call."""
+        """Return a descriptor's function; None if there is none for a call of this kind."""
         if what.bus != DATA["elcam"]["bus"] or what.device != 1 or what.index < 0 or not self.option:
             return None
         if what.sub_index not in set(ACCESS):
@@ -464,12 +464,12 @@ class Elcam:
         return ObjectAnswer(CallStatus.OK, value)
 
     def _error(self, table: CamTable) -> int:
-        """Return the register ERROR: with points entered, also what would forbid to run with the present bits."""
+        """Return the register ERROR; after points were entered, with the errors that would prevent a start."""
         entered = table.size_master + table.size_follow > 0
         return int(table.error | table.faults(len(self.axes)) if entered else table.error)
 
     def _reserve(self, table: CamTable, count: int) -> CallStatus:
-        """Reserve room for points: once, in the control's memory or in a piece of the computer's."""
+        """Reserve memory for points, only once: in the control or in a block of the computer."""
         if len(table.points) or count < 1:
             return CallStatus.REFUSED
         size = count * 2 * np.dtype(table.dtype).itemsize
@@ -489,7 +489,7 @@ class Elcam:
         return CallStatus.OK
 
     def _set_mode(self, table: CamTable, value: int) -> CallStatus:
-        """Write MODE: all bits, set or clear; Run only of a table without an error, and of one table per follower."""
+        """Write all bits of MODE; Run is set only for a table without an error, and for one table per follower."""
         new_mode = Mode(value) & KNOWN
         if (new_mode ^ table.mode) & Mode.SINGLE and len(table.points):
             return CallStatus.LOCKED
@@ -533,7 +533,7 @@ class Elcam:
         return table.in_computer and self.memory.at(table.physical_address) is None
 
     def _places(self, table: CamTable) -> tuple[float, float]:
-        """Return the places of a table's master and of the axis that chooses its row."""
+        """Return the positions of a table's master and of the axis that chooses its row."""
         master = self._place(table.master, table.mode, Mode.ACTUAL, Mode.AUXILIARY)
         if table.row_count == 0:
             return master, 0.0

@@ -39,10 +39,10 @@ class Function(IntEnum):
     SIZE_MASTER = 13
     SIZE_FOLLOW = 14
     ROW_AXIS = 15  # number of the axis that chooses the row (MLAXIS)
-    ROW_START = 16  # its place at row 0 (MLSTART, MasterLineStart)
-    ROW_END = 17  # its place at the last row (MLEND, MasterLineEnd)
+    ROW_START = 16  # that axis' position at row 0 (MLSTART, MasterLineStart)
+    ROW_END = 17  # its position at the last row (MLEND, MasterLineEnd)
     ROW_COUNT = 18  # number of rows; 0 for a table without (MLCOUNT, MasterLineCount)
-    TARGET_POSITION = 19  # where the follower ought to be now (CALC TARGET POSITION)
+    TARGET_POSITION = 19  # present target of the follower (CALC TARGET POSITION)
     MEMORY_ADDRESS = 20
     TABLE_SIZE = 21  # points of a table in the computer's memory (SetTabSize)
     COMPENSATION = 30  # whether the table is one of errors to compensate (AxisCompensationMode)
@@ -71,7 +71,7 @@ class Mode(IntFlag):
 
     RUN = 1
     ACTUAL = 1 << 1  # the master's actual value is looked up, not its setpoint (RpModeTable)
-    ACTUAL_ROW = 1 << 2  # the same of the axis that chooses the row (RpModeLine)
+    ACTUAL_ROW = 1 << 2  # the same for the axis that chooses the row (RpModeLine)
     ROWS = 1 << 3  # set by the system: the table has rows (MultiDimTable)
     SINGLE = 1 << 4  # points are numbers of 32 bits (SinglePrecision)
     COMPENSATION = 1 << 5
@@ -83,7 +83,7 @@ class Mode(IntFlag):
 
 
 def cubic(xs: NDArray[Any], ys: NDArray[Any], k: int, share: float) -> float:
-    """Return Hermite's cubic on piece `k` at a share of its way, with Catmull and Rom's slopes for uneven points."""
+    """Return Hermite's cubic at a share of piece `k`, with Catmull and Rom's slopes for uneven points."""
     width = float(xs[k + 1]) - float(xs[k])
     y0, y1 = float(ys[k]), float(ys[k + 1])
     if width <= 0.0:
@@ -100,7 +100,7 @@ def _slope(xs: NDArray[Any], ys: NDArray[Any], a: int, b: int) -> float:
     return (float(ys[b]) - float(ys[a])) / width if width > 0.0 else 0.0
 
 
-UNSET = -1  # number of an axis that nobody has named yet
+UNSET = -1  # number of an axis that is not set
 _ROW_FAULTS = Error.ROW_SIZE | Error.ROW_START | Error.ROW_END | Error.ROW_AXIS
 
 
@@ -126,14 +126,14 @@ class CamTable:
         self.row_count = 0
         self.physical_address = 0
         self.cubic, self.reversal = False, 0.0
-        # whether a compensation table was asked for a place beyond its ends since it was last started
+        # whether the master of a compensation table was beyond its ends since the last start
         self.held = False
         self.direction, self._last_master = 0, math.nan
         self.clear()
 
     def clear(self) -> None:
-        """Discard points, sizes, errors and Run; axes, gain, phase, shift, rows and the mark stay."""
-        # (buffer size, 2): master and follower; those behind the sizes are not entered
+        """Discard points, sizes, errors and Run; keep axes, gain, phase, shift, rows and the mark."""
+        # (buffer size, 2): master and follower; entries from the sizes on are not set
         self.points: NDArray[Any] = np.zeros((0, 2))
         self.size_master = self.size_follow = 0
         self.error, self.mode = Error(0), self.mode & ~Mode.RUN
@@ -141,7 +141,7 @@ class CamTable:
 
     @property
     def dtype(self) -> type[np.floating[Any]]:
-        """Kind of number of a point."""
+        """Type of the numbers of points."""
         return np.float32 if Mode.SINGLE in self.mode else np.float64
 
     @property
@@ -151,12 +151,12 @@ class CamTable:
 
     @property
     def compensates(self) -> bool:
-        """Whether its bit says that the follower's values are errors to compensate."""
+        """Whether the follower's values are errors to compensate, by the bit of MODE."""
         return Mode.COMPENSATION in self.mode
 
     @property
     def corrects(self) -> bool:
-        """Whether it acts as a table of errors: it runs, has the bit, and function 30 has marked it (chapter 3.1)."""
+        """Whether it acts as a table of errors: it runs, has the bit, and was marked by function 30 (chapter 3.1)."""
         return self.runs and self.compensates and self.marked
 
     @property
@@ -169,21 +169,21 @@ class CamTable:
         self.mode = self.mode | bit if on else self.mode & ~bit
 
     def mark(self, on: bool) -> None:
-        """Make it a table of errors, or none (function 30); its bit of MODE follows."""
+        """Mark it as a table of errors or not (function 30), with its bit of MODE."""
         self.marked = on
         self.set_bit(Mode.COMPENSATION, on)
 
     def put(self, points: NDArray[Any]) -> None:
-        """Take all points at once, without a look at them."""
+        """Set all points at once, without checks."""
         self.points = points
         self.size_master = self.size_follow = len(points)
 
     def add_master(self, value: float) -> bool:
-        """Enter the next point of the master; a value that does not rise begins a row, if there is one left."""
+        """Enter the next point of the master; a value that does not rise begins the next row, if any."""
         if self.size_master == len(self.points):
             self.error |= Error.SIZE_MASTER
             return False
-        number = self.dtype(value)  # as it will be looked up
+        number = self.dtype(value)  # rounded as in the lookup
         last = self.points[self.size_master - 1, 0] if self.size_master else -math.inf
         if not math.isfinite(number) or (number <= last and self._rows_started() >= self.row_count):
             self.error |= Error.NOT_ASCENDING
@@ -206,7 +206,7 @@ class CamTable:
         return 1 + int(np.count_nonzero(entered[1:] <= entered[:-1]))
 
     def faults(self, axes: int) -> Error:
-        """Return further reasons not to follow the table, besides those in ``error``."""
+        """Return the errors that prevent a start, in addition to those in ``error``."""
         found = Error(0)
         if self.size_master != self.size_follow or self.size_master < 2:
             found |= Error.SIZE
@@ -233,23 +233,23 @@ class CamTable:
         return found
 
     def follow(self, master: float, row_place: float) -> float:
-        """Return where the follower belongs, at places of the master and of the axis that chooses the row."""
+        """Return the follower's target at positions of the master and of the axis that chooses the row."""
         offset = self.base if self.runs else self.shift
         return offset + self.gain * self.curve(master - self.phase, row_place)
 
     def compensation(self, master: float, row_place: float) -> float:
-        """Return the error to compensate, with the reversal of the way the master moves; see `follow`."""
+        """Return the error to compensate, with the reversal for the master's direction; see `follow`."""
         if master != self._last_master:
             self.direction = (master > self._last_master) - (master < self._last_master)
             self._last_master = master
         return self.follow(master, row_place) + 0.5 * self.direction * self.reversal
 
     def go_on(self, direction: int, master: float) -> None:
-        """Let the master of a compensation table have come to its place in some direction, as before a restart."""
+        """Restore the master's position, and the direction in which it was reached."""
         self.direction, self._last_master = direction, master
 
     def change_gain(self, gain: float, master: float, row_place: float) -> None:
-        """Change the gain; where each pass adds something, it acts from the present place on, without a jump."""
+        """Change the gain; if the follower advances with each pass, without a jump at the present position."""
         if self.runs and self._adds_up():
             self.base += (self.gain - gain) * self.curve(master - self.phase, row_place)
         self.gain = gain
@@ -260,13 +260,13 @@ class CamTable:
         return not self.compensates and bool((follow[::per_row] != follow[per_row - 1 :: per_row]).any())
 
     def curve(self, master: float, row_place: float = 0.0) -> float:
-        """Return the table's own value, as entered."""
+        """Return the table's value, without gain, phase and shift."""
         low, high, share = self._rows_at(row_place)
         value = self._row(low, master)
         return value if share == 0.0 else value + share * (self._row(high, master) - value)
 
     def _rows_at(self, place: float) -> tuple[int, int, float]:
-        """Return the rows around a place of their axis, and the share of the second of them."""
+        """Return the rows on both sides of a position of their axis, and the share of the second row."""
         last = self.row_count - 1
         if last < 1:
             return 0, 0, 0.0
@@ -279,7 +279,7 @@ class CamTable:
         return low, low + 1, at - low
 
     def _row(self, row: int, x: float) -> float:
-        """Look a place up in a row: the bracket by bisection, finite whatever the order of the points."""
+        """Return a row's value at a position, by bisection; it is finite even if the points are not in order."""
         count = self.size_master // max(self.row_count, 1)
         rows = self.points[row * count : (row + 1) * count]
         xs, ys = rows[:, 0], rows[:, 1]
@@ -290,7 +290,7 @@ class CamTable:
             x = min(max(x, first), last)
         elif last > first:
             turns = (x - first) / (last - first)
-            if math.isfinite(turns):  # else the master spans less, or more, than numbers can tell: the ends hold
+            if math.isfinite(turns):  # if not, the range is too small or too large for floats: use the ends
                 passes = math.floor(turns)
                 x -= passes * (last - first)
         k = min(max(bisect_right(xs, x) - 1, 0), count - 2)

@@ -1,7 +1,7 @@
 """The operator's line and its numbers: LINE, NORMAL, GNUMCI, GETNUM, GNUMHX and SKIP (5.1.2).
 
 The monitor's commands act on each character at once; here the operator types and corrects a whole line first. LINE
-puts it into the input buffer, and the others read it there. Characters are bytes, as on the serial channel.
+puts it into the input buffer, from which the others read it. Characters are bytes, as on the serial channel.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,19 +15,19 @@ from edmsim.controllers.mcu.firmware.poscal import WORD
 from edmsim.errors import InputError
 
 BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12
-"""The four correction characters BS, DEL, CAN (Ctrl-X) and Ctrl-R; the text counts them only (row T-A10)."""
+"""The four correction characters BS, DEL, CAN (Ctrl-X) and Ctrl-R; the text gives only their number (row T-A10)."""
 
 RETURN, LINE_FEED = 0x0D, 0x0A  # the two characters that end a line (row T-A10)
 BELL, TAB, SPACE, END = 0x07, 0x09, 0x20, 0x00
 """A refused character rings the bell; a tab is stored as a space; 00H ends the buffer (row T-55)."""
 
-SEPARATORS = b" ,;="  # what SKIP passes over (ours: the text says spaces and separators)
+SEPARATORS = b" ,;="  # characters that SKIP skips (ours: the text says spaces and separators)
 _RUB_OUT = b"\b \b"
 _NEW_LINE = b"\r\n"
 
 
 class InputBuffer:
-    """The input buffer (BPTR.DATA) in RAM, up to 64 characters closed by 00H, and the pointer BPTR to one of them."""
+    """The input buffer (BPTR.DATA) in RAM: up to 64 characters and a 00H; the pointer BPTR points to one of them."""
 
     def __init__(self, text: bytes = b"", streams: Streams | None = None) -> None:
         self._streams = streams or Streams(Bus())
@@ -36,7 +36,7 @@ class InputBuffer:
         self.fill(text)
 
     def fill(self, text: bytes) -> None:
-        """Take in a line and set the pointer to its first character."""
+        """Store a line and set the pointer to its first character."""
         for offset, character in enumerate(text + bytes([END])):
             self._memory.write(at.BPTR_DATA + offset, character)
         self._memory.store(at.BPTR, at.BPTR_DATA)
@@ -53,26 +53,26 @@ class InputBuffer:
 
     @property
     def column(self) -> int:
-        """Place of the pointer in the line, from 1."""
+        """Column of the pointer in the line, from 1."""
         return self._memory.word(at.BPTR) - at.BPTR_DATA + 1
 
     @property
     def waiting(self) -> int:
-        """Character at the pointer, 00H at the end; the pointer stays."""
+        """Character at the pointer, 00H at the end; the pointer is not moved."""
         return self._memory.read(self._memory.word(at.BPTR))
 
     def advance(self) -> None:
-        """Set the pointer to the next character; at the end it stays."""
+        """Set the pointer to the next character, unless it is at the end."""
         if self.waiting != END:
             self._memory.store(at.BPTR, self._memory.word(at.BPTR) + 1)
 
     def step_back(self) -> None:
-        """Set the pointer to the character before."""
+        """Set the pointer to the previous character."""
         self._memory.store(at.BPTR, self._memory.word(at.BPTR) - 1)
 
     @contextmanager
     def as_input(self) -> Iterator[Callable[[], int | None]]:
-        """Redirect the input stream to the buffer, and give the routine that fetches from the stream (row T-83)."""
+        """Redirect the input stream to the buffer; yields the routine that reads the stream (row T-83)."""
         before = self._memory.word(at.CIADR)
         self._memory.store(at.CIADR, at.BUFFER_IN)
         try:
@@ -88,11 +88,11 @@ class InputBuffer:
 
 
 class Line:
-    """LINE: takes a line character by character and lets it be corrected; only a terminator gives it away.
+    """LINE: reads a line character by character, with corrections; a terminator passes it on.
 
-    BS and DEL take the last character back, CAN the whole line, Ctrl-R types the line again. The 65th character and
-    every control character ring the bell and are not kept; a line of which characters were refused for its length,
-    and not corrected since, is not given away either (ours: half a number must move nothing).
+    BS and DEL delete the last character, CAN the whole line, Ctrl-R types the line again. The 65th character and all
+    control characters ring the bell and are not stored. A line that was too long, and was not corrected afterwards,
+    is refused (ours: a part of a number must not move the machine).
     """
 
     def __init__(self, buffer: InputBuffer, out: Callable[[bytes], None]) -> None:
@@ -106,12 +106,12 @@ class Line:
         return bytes(self._typed)
 
     def clear(self) -> None:
-        """Forget what was typed."""
+        """Delete the line."""
         self._typed = bytearray()
         self._too_long = False
 
     def take(self, character: int) -> bool:
-        """Take one character; True if it ended the line, which then lies in the buffer, in upper case."""
+        """Take one character; True if it ended the line, which is then in the buffer, in upper case."""
         if character in (RETURN, LINE_FEED):
             return self._end()
         if character in (BACKSPACE, DELETE, CANCEL):
@@ -145,26 +145,26 @@ class Line:
 
 
 def normal(text: bytes) -> bytes:
-    """Make small letters capitals and change nothing else (NORMAL, row T-54)."""
+    """Return the text with small letters as capitals (NORMAL, row T-54)."""
     return bytes(c - 0x20 if 0x61 <= c <= 0x7A else c for c in text)
 
 
 def gnumci(buffer: InputBuffer) -> int:
-    """Next character of the buffer, and the pointer one on; at the end a space (GNUMCI, row T-55)."""
+    """Return the character at the pointer, a space at the end, and advance the pointer (GNUMCI, row T-55)."""
     character = buffer.waiting
     buffer.advance()
     return character or SPACE
 
 
 def skip(buffer: InputBuffer) -> bool:
-    """Pass over spaces and separators (SKIP, row T-57); returns the carry, True if a character waits."""
+    """Skip spaces and separators (SKIP, row T-57); returns the carry flag, True unless the line has ended."""
     while buffer.waiting in SEPARATORS:
         buffer.advance()
     return buffer.waiting != END
 
 
 def getnum(buffer: InputBuffer) -> int:
-    """Read a decimal number of 16 bits at the pointer and pass it, right or not (GETNUM, rows T-56, T-60)."""
+    """Read a decimal number of 16 bits at the pointer and skip it, valid or not (GETNUM, rows T-56, T-60)."""
     return _number(buffer, 10, b"0123456789", "whole")
 
 
@@ -174,7 +174,7 @@ def gnumhx(buffer: InputBuffer) -> int:
 
 
 def _number(buffer: InputBuffer, base: int, digits: bytes, kind: str) -> int:
-    """What GETDEC and GETHX of the monitor do with the characters of the input stream."""
+    """Read a number as GETDEC and GETHX of the monitor do, from the input stream."""
     column, written, value = buffer.column, bytearray(), 0
     with buffer.as_input() as ci:
         while (passed := buffer.waiting) and (character := ci()) is not None and character in digits:
@@ -184,7 +184,7 @@ def _number(buffer: InputBuffer, base: int, digits: bytes, kind: str) -> int:
         buffer.step_back()
     if not written:
         found = buffer.rest[:1].decode("ascii") or "the end of the line"
-        raise InputError(f"a {kind} number must stand at column {column}, not {found}")
+        raise InputError(f"a {kind} number is expected at column {column}, not {found}")
     if value > WORD:
         top = f"{WORD:X}" if base == 16 else str(WORD)
         raise InputError(f"a number has 16 bits, 0..{top}, not {written.decode('ascii')}")

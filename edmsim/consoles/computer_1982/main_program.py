@@ -2,7 +2,7 @@
 
 The document's MAIN gets position, new position, t(i), t(p) and cutting speed, and then starts timers and machine; its
 dialogue did not exist yet in 1982 (5.1.2). The words are ours: MAIN asks for these values as in the document, and
-each value also has its own word.
+each value also has a word.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,16 +19,16 @@ from edmsim.errors import InputError
 
 
 class Desk(Protocol):
-    """What MAIN can do to the session."""
+    """Actions of the session that MAIN can request."""
 
     def wait(self, seconds: int | None) -> None:
-        """Take no further line until some machine time has passed, or the machine stands still."""
+        """Accept no line for some machine time or, for None, until the machine does not move."""
 
     def host_lines(self) -> Iterable[bytes]:
-        """Lines the host sends, in capitals."""
+        """Lines that the host sends, in capitals."""
 
     def monitor(self) -> None:
-        """Let the monitor take what is typed next; the machine goes on."""
+        """Pass the next characters to the monitor; the machine continues."""
 
     def leave(self) -> None:
         """End the session."""
@@ -39,7 +39,7 @@ _POSITION, _NEW, _T_I, _T_P, _SPEED, _START = range(6)
 
 
 def _alone(do: Callable[[], None]) -> Callable[[InputBuffer], None]:
-    """Return what obeys a word that stands alone on its line."""
+    """Return the handler of a word without arguments."""
 
     def word(buffer: InputBuffer) -> None:
         words.at_end(buffer)
@@ -49,11 +49,11 @@ def _alone(do: Callable[[], None]) -> Callable[[InputBuffer], None]:
 
 
 def _switched(word: str, on: str, off: str, buffer: InputBuffer) -> bool:
-    """Read which of two words follows another, and the end of the line."""
+    """Read one of two words and the end of the line; True if it is `on`."""
     found = words.read_word(buffer)
     words.at_end(buffer)
     if found not in (on, off):
-        raise InputError(f"{word} {on} or {word} {off} is wanted")
+        raise InputError(f"{word} {on} or {word} {off} is expected")
     return found == on
 
 
@@ -84,12 +84,12 @@ class MainProgram:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Every word there is."""
+        """All words."""
         return tuple(self._words)
 
     @property
     def target(self) -> Move | None:
-        """The new position; None while none was given, or what stands there was altered to none."""
+        """The new position; None if none was entered, or the monitor changed its bytes to something else."""
         try:
             found = self._new_place.read()
         except InputError:
@@ -105,7 +105,7 @@ class MainProgram:
         return f"{_QUESTIONS[self._question]}{f' ({shown})' if shown else ''} ? "
 
     def obey(self, buffer: InputBuffer) -> None:
-        """Do what a line says; an error means that nothing was done."""
+        """Execute a line; after an error, nothing was changed."""
         waits = skip(buffer)
         if self._question is not None and self._answers(buffer):
             self._answer(self._question, buffer)
@@ -155,7 +155,7 @@ class MainProgram:
     def _jog(self, buffer: InputBuffer) -> None:
         axis = "XY".index(self._word)
         if not skip(buffer):
-            raise InputError(f"{self._word} and a way are wanted, as in {self._word} 50 or {self._word} -200")
+            raise InputError(f"{self._word} and a distance are expected, as in {self._word} 50 or {self._word} -200")
         sign = -1 if buffer.waiting == ord("-") else 1
         if buffer.waiting in b"+-":
             buffer.advance()
@@ -201,7 +201,7 @@ class MainProgram:
         }[question]
 
     def _answers(self, buffer: InputBuffer) -> bool:
-        """Whether a line answers the question; a word ends the questions instead, but for yes and no."""
+        """Whether a line answers the question; a word other than yes or no ends the questions instead."""
         if self._question == _START:
             return buffer.rest.strip() in (b"Y", b"YES", b"N", b"NO")
         if self._question in (_T_I, _T_P) and words.is_code(words.until_separator(buffer.rest)):
@@ -223,7 +223,7 @@ class MainProgram:
         self._question = question + 1
 
     def _take(self, question: int, buffer: InputBuffer) -> None:
-        """Take an answer over; t(i) waits for t(p), as the two may not be set independently (row T-34)."""
+        """Use an answer; t(i) is set together with t(p), because they may not be set independently (row T-34)."""
         pulse_settings = self._machine.pulse_settings
         if question == _T_I:
             t_i = words.read_code(buffer, pulse_settings.code_of_t_i, "t(i) in us")
@@ -241,7 +241,7 @@ class MainProgram:
             self._pos(buffer)
 
     def _set_pulses(self, t_p: int | None) -> None:
-        """Set both; a pair that is refused is asked for again."""
+        """Set t(i) and t(p); after an invalid pair, MAIN asks for both again."""
         try:
             self._machine.set(Setting(self._t_i, t_p))
         except InputError:

@@ -22,9 +22,9 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.poscal import BYTE, WORD
 from edmsim.errors import InputError
 
-RECORD_BYTES = 16  # bytes in a record that is punched, as Intel's own programs punch them
+RECORD_BYTES = 16  # data bytes of a punched record, as in Intel's own programs
 DATA, END = 0x00, 0x01
-_FRAME = 5  # bytes of a record besides its data: count, address, kind, checksum
+_FRAME = 5  # other bytes of a record: count, address, kind, checksum
 
 
 class Tape(NamedTuple):
@@ -35,7 +35,7 @@ class Tape(NamedTuple):
 
 
 def read_tape(text: bytes) -> Tape:
-    """Read a tape; an invalid record, a wrong checksum or a missing end is refused with its line."""
+    """Read a tape; raises `InputError` for an invalid record, a wrong checksum or a missing end, with its line."""
     found: dict[int, int] = {}
     for number, line in enumerate(text.replace(b"\0", b"").splitlines(), 1):
         if not line.strip():
@@ -51,7 +51,7 @@ def read_tape(text: bytes) -> Tape:
 
 
 def punch(data: bytes, first: int) -> str:
-    """Return a tape of bytes from an address on."""
+    """Return a tape with bytes for memory from an address on."""
     records = [
         _punched(first + offset, DATA, data[offset : offset + RECORD_BYTES])
         for offset in range(0, len(data), RECORD_BYTES)
@@ -111,14 +111,14 @@ _Typing = Generator[None, int, None]
 
 
 class _Number(NamedTuple):
-    """A number typed, None where there was no figure, and the character that ended it."""
+    """A typed number, None if it has no digits, and the character that ended it."""
 
     value: int | None
     end: int
 
 
 class Monitor:
-    """The monitor's commands, a character at a time; `go` starts at an address, or goes back to MAIN for None."""
+    """The monitor's commands, read character by character; `go` starts at an address or, for None, resumes MAIN."""
 
     prompt = ". "
 
@@ -145,7 +145,7 @@ class Monitor:
         return bytes(self._typed)
 
     def clear(self) -> None:
-        """Forget the command that was begun."""
+        """Discard an incomplete command."""
         self._typed.clear()
         self._typing = None
 
@@ -206,15 +206,15 @@ class Monitor:
                 continue
             if character not in _HEX or count == figures:
                 found = chr(character) if SPACE < character < 0x7F else f"{character:02X}H"
-                raise InputError(f"a hexadecimal number of up to {figures} figures is wanted, not {found}")
+                raise InputError(f"a hexadecimal number of up to {figures} figures is expected, not {found}")
             value, count = value << 4 | _HEX.index(character), count + 1
 
     def _end(self) -> _Typing:
-        """Let nothing but the end of the line follow."""
+        """Read the end of the line; raises `InputError` for anything else."""
         while (character := (yield)) not in _ENDS:
             self._echo(character)
             if character != SPACE:
-                raise InputError("RETURN was wanted here")
+                raise InputError("RETURN is expected here")
 
     def _name(self) -> Generator[None, int, str]:
         name = bytearray()
@@ -225,19 +225,19 @@ class Monitor:
             name += bytes([character])
         found = name.decode("ascii").strip()
         if not found or found.startswith(".") or " " in found or len(found) > _NAME_MOST:
-            raise InputError(f"a tape's name of up to {_NAME_MOST} letters, figures, points and dashes is wanted")
+            raise InputError(f"a tape's name of up to {_NAME_MOST} letters, figures, points and dashes is expected")
         return found
 
     def _range(self, with_name: bool) -> Generator[None, int, tuple[int, int]]:
-        """Read two addresses; the second may be left away where the line may end."""
+        """Read two addresses; the second may be omitted unless a name follows."""
         first = yield from self._number(4)
         if first.value is None:
-            raise InputError("an address is wanted")
+            raise InputError("an address is expected")
         if first.end in _ENDS and not with_name:
             return first.value, first.value | BYTES_A_LINE - 1
         last = first if first.end in _ENDS else (yield from self._number(4))
         if last.value is None or last is first or (last.end in _ENDS) == with_name:
-            raise InputError("a first and a last address are wanted" + (", and a name" if with_name else ""))
+            raise InputError("a first and a last address are expected" + (", and a name" if with_name else ""))
         if last.value < first.value:
             raise InputError(f"the last address, {last.value:04X}H, lies before the first, {first.value:04X}H")
         return first.value, last.value
@@ -252,7 +252,7 @@ class Monitor:
     def _substitute(self) -> _Typing:
         address = yield from self._number(4)
         if address.value is None:
-            raise InputError("an address is wanted")
+            raise InputError("an address is expected")
         place = address.value
         if address.end in _ENDS:
             self._new_line()

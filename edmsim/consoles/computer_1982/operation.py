@@ -16,7 +16,7 @@ from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 
-# The front panel on the 8279: its keys and digits, which the document leaves open.
+# The front panel on the 8279: its keys and digits, which the document does not specify.
 #
 # Bank A shows x, y and the present cutting speed; bank B shows the number being entered and the percentages of short
 # and open pulses. Enter a number digit by digit, then press a key for its meaning (ours). A key acts like the
@@ -28,7 +28,7 @@ KEYS = {
         ("CLEAR", "X", "Y", "T(I)", "T(P)", "SPEED", "START", "STOP", "GO", "INIT", "X+", "X-", "Y+", "Y-")
     )
 }
-"""Keys by name; 0..9 are the digits. SHIFT with X or Y sets the position counter, without it the new position."""
+"""Keys by name; 0..9 are the digits. X and Y set the new position; with SHIFT, the position counter."""
 FIELDS = {
     "x": (0, 5), "y": (6, 5), "speed": (12, 4), "entry": (BANK, 5), "short": (BANK + 6, 3), "open": (BANK + 10, 3),
 }  # fmt: skip
@@ -37,7 +37,7 @@ _SHIFT = "SHIFT"
 
 
 def read_keys(text: str) -> list[int]:
-    """Return the codes of keys by their names, ``300 X SHIFT Y``; SHIFT belongs to the key after it."""
+    """Return the codes of keys in a text such as ``300 X SHIFT Y``; SHIFT belongs to the key after it."""
     codes: list[int] = []
     shift = 0
     for name in re.findall(f"[^{SEPARATORS.decode('ascii')}]+", text):
@@ -49,12 +49,12 @@ def read_keys(text: str) -> list[int]:
         codes += [shift | key for key in ([KEYS[name]] if name in KEYS else map(int, name))]
         shift = 0
     if shift or not codes:
-        raise InputError(f"a key is wanted: 0 to 9, SHIFT, {', '.join(KEYS)}")
+        raise InputError(f"a key is expected: 0 to 9, SHIFT, {', '.join(KEYS)}")
     return codes
 
 
 class FrontPanel:
-    """Keys and digits of one computer; the keys do what the words of MAIN do."""
+    """Keys and digits of one computer; the keys act like the words of MAIN."""
 
     def __init__(self, computer: Computer, machine: "Operation") -> None:
         self._computer, self._machine = computer, machine
@@ -82,7 +82,7 @@ class FrontPanel:
         self._commands[KEYS["Y"] | SHIFT] = lambda n: machine.set_position((computer.position[0], n))
 
     def serve(self) -> list[str]:
-        """Obey the keys pressed since the last call, and show what there is to show; return why some did nothing."""
+        """Execute the keys pressed since the last call and update the digits; return the reasons of refused keys."""
         refused = []
         for key in self._computer.take_keys():
             try:
@@ -105,7 +105,7 @@ class FrontPanel:
         self._commands[key](entry)
 
     def _start(self) -> None:
-        """Cut to the new position; an axis that was given none stays where it is."""
+        """Cut to the new position; an axis without one is not moved."""
         if not self._new:
             raise InputError("no new position was given; the keys X and Y give one")
         x, y = self._computer.position
@@ -113,7 +113,7 @@ class FrontPanel:
         self._new.clear()
 
     def show(self) -> None:
-        """Write the digits that have changed, each without touching its neighbour in the other bank."""
+        """Write the digits that have changed; digits of the other bank at the same addresses are kept."""
         computer = self._computer
         x, y = computer.position
         values = {
@@ -132,7 +132,7 @@ class FrontPanel:
                     write_digit(computer.board.display, digit, value)
 
 
-HELD_NS, RELEASED_NS = 60_000_000, 40_000_000  # how long a key is held, and until the next one (ours: a quick typist)
+HELD_NS, RELEASED_NS = 60_000_000, 40_000_000  # press of a key, pause after it (ours: a quick typist)
 TOGGLE = 0x0B  # Ctrl-K
 TYPED = {
     **{bytes([character]): digit for digit, character in enumerate(b"0123456789")},
@@ -142,7 +142,7 @@ TYPED = {
     b" ": KEYS["STOP"], b"g": KEYS["GO"], b"n": KEYS["INIT"],
     b"\x1b[C": KEYS["X+"], b"\x1b[D": KEYS["X-"], b"\x1b[A": KEYS["Y+"], b"\x1b[B": KEYS["Y-"],
 }  # fmt: skip
-"""Keys of the panel by what a person types at a terminal; the last four are the arrows."""
+"""Keys of the panel by the characters typed at a terminal; the last four are the arrow keys."""
 LEGEND = (
     "Ctrl-K ends  0-9  c CLEAR  x X  y Y (capital: SHIFT)  i T(I)  p T(P)\n"
     "v SPEED  Enter START  space STOP  g GO  n INIT  arrows X+ X- Y+ Y-"
@@ -150,7 +150,7 @@ LEGEND = (
 
 
 def typed_keys(data: bytes) -> list[int]:
-    """Return the codes of the keys that were typed; other characters are skipped."""
+    """Return the codes of the panel's keys in typed characters; other characters are skipped."""
     codes, at = [], 0
     while at < len(data):
         size = 3 if data[at : at + 2] == b"\x1b[" else 1
@@ -161,7 +161,7 @@ def typed_keys(data: bytes) -> list[int]:
 
 
 class KeyPresses:
-    """Keys of a board that are pressed one after the other, in machine time."""
+    """Presses of a board's keys, one after the other in machine time."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -170,17 +170,17 @@ class KeyPresses:
 
     @property
     def busy(self) -> bool:
-        """Whether a key is to be pressed or released yet."""
+        """Whether a key is pressed or waiting."""
         return bool(self._waiting)
 
     def press(self, codes: Iterable[int], now_ns: int) -> None:
-        """Press keys, after those that wait."""
+        """Press keys, after the waiting ones."""
         if not self.busy:
             self._down_ns = self._scan_ns = now_ns
         self._waiting.extend(codes)
 
     def scan_until(self, end_ns: int) -> Iterator[None]:
-        """Let the 8279 scan up to a time; yields whenever a key waits in it."""
+        """Scan the keys with the 8279 up to a time; yields whenever its buffer contains a key."""
         while self.busy and self._scan_ns < end_ns:
             self._scan_ns += SCAN_NS
             code, held_ns = self._waiting[0], self._scan_ns - self._down_ns
@@ -194,13 +194,13 @@ class KeyPresses:
 
 
 class Operation:
-    """The operator's actions on a rig. What cannot be done raises `InputError` and does nothing."""
+    """The operator's actions on a rig. An impossible action raises `InputError` and changes nothing."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
         self._panel = FrontPanel(rig.computer, self)
         self.presses = KeyPresses(rig.board)
-        self.at_panel = False  # whether what a person types goes to the keys of the front panel
+        self.at_panel = False  # whether typed characters press keys of the front panel
 
     @property
     def greeting(self) -> str:
@@ -217,7 +217,7 @@ class Operation:
 
     @property
     def pulse_settings(self) -> PulseSettings:
-        """What codes mean."""
+        """Relation between codes and times of pulses."""
         return self.rig.board.settings
 
     def status(self) -> Status:
@@ -238,7 +238,7 @@ class Operation:
         )
 
     def advance(self) -> list[str]:
-        """Let a window pass, with keys scanned, obeyed, and digits written; return why keys did nothing."""
+        """Run a window, then scan and execute keys and write the digits; return the reasons of refused keys."""
         self.rig.advance()
         refused = []
         for _ in self.presses.scan_until(self.rig.time_ns):
@@ -248,28 +248,28 @@ class Operation:
         return refused
 
     def press(self, codes: Iterable[int]) -> None:
-        """Press keys of the front panel, from now on."""
+        """Press keys of the front panel, beginning at the present time."""
         self.presses.press(codes, self.rig.time_ns)
 
     def digits(self) -> list[int]:
-        """Write the display, and return what its 32 digits show."""
+        """Write the display, and return its 32 digits."""
         self._panel.show()
         return self.rig.board.display.digits
 
     def set_position(self, position: Point) -> None:
-        """Set the position counters; they count on from there."""
+        """Set the position counters."""
         self._check_still()
         self.rig.computer.set_position(*position)
 
     def set(self, setting: Setting) -> None:
-        """Take over codes and speed, also while cutting."""
+        """Set codes and speed, also while cutting."""
         self._check_alive()
         if setting.t_i and not (self.rig.computer.pulse_codes[1] or setting.t_p):
             raise InputError("t(p) is not set yet; TI us TP us sets both")
         self.rig.set(setting)
 
     def cut(self, program: Sequence[Entry]) -> None:
-        """Start timers and generator along a path, after the settings before its first move."""
+        """Set the program's settings before its first move, then start timers and generator along its path."""
         self._check_still()
         route = lay_out(self.rig.computer.position, program, self.rig.unit_um)
         while route.dues and not route.dues[0][0]:
@@ -278,7 +278,7 @@ class Operation:
         self.rig.begin_cut(route)
 
     def go_on(self) -> None:
-        """Go on with the cut that was stopped, from where it was stopped."""
+        """Resume the stopped cut at the position where it was stopped."""
         self._check_still()
         if self.rig.held is None:
             raise InputError("no cut was stopped; START or RUN begins one")
@@ -289,7 +289,7 @@ class Operation:
         self.rig.resume_cut(planner, route)
 
     def jog(self, axis: int, way: int) -> None:
-        """Move one axis with the generator off, as fast as the timers run; past an open end switch only back."""
+        """Move one axis with the generator off, as fast as the timers run; at an open end switch only back."""
         self._check_still()
         if abs(way) * self.rig.unit_um < STEP_UM:
             raise InputError(f"a motor step is {STEP_UM} um; jog by at least that")
@@ -325,7 +325,7 @@ class Operation:
         self.rig.trip(STOP_BUTTON, "STOP BY THE OPERATOR")
 
     def init(self) -> None:
-        """INIT: a safe stand-by; the position stays (rows T-50, T-51). The stop button is pulled out before it."""
+        """INIT: a safe stand-by; the position is kept (rows T-50, T-51). The stop button is released before it."""
         switches = self.rig.board.switches
         still_open = [name for name in switches.open if name != STOP_BUTTON]
         switches.release()
@@ -335,12 +335,12 @@ class Operation:
         self.rig.computer.init()
 
     def reset(self) -> None:
-        """The reset button, which power-up presses as well: the machine safe, and the monitor listening."""
+        """The reset button, also pressed at power-up: the machine is made safe, and the monitor started."""
         self.init()
         self.rig.computer.reset()
 
     def thread_wire(self) -> None:
-        """Thread a new wire where the carriage stands."""
+        """Thread a new wire at the carriage's position."""
         self._check_still()
         if self.rig.wire:
             raise InputError("the wire is whole")
@@ -350,7 +350,7 @@ class Operation:
         self.rig.say("NEW WIRE")
 
     def tension(self, low: bool) -> None:
-        """Lower the wire's tension, or give it back in full."""
+        """Lower the wire's tension, or restore it."""
         self._check_alive()
         set_tension(self.rig.board, low)
 

@@ -32,29 +32,29 @@ from edmsim.plant.constants import table_mechanics
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError
 
-Point = tuple[int, int]  # a place by the position counters, in um or steps
+Point = tuple[int, int]  # a position in counter units: um or steps
 
 
 class Route(NamedTuple):
-    """A program laid out from where the wire is."""
+    """The path of a program from the wire's position on."""
 
     corners: list[Point]
     lengths_um: list[float]  # length of path up to every corner but the first
-    dues: list[tuple[float, Setting]]  # settings in order, each behind the length of path from which on it holds
-    moves: list[tuple[float, Move]]  # each behind the length of path up to its end
+    dues: list[tuple[float, Setting]]  # settings in order, each with the length of path from which it applies
+    moves: list[tuple[float, Move]]  # moves in order, each with the length of path up to its end
 
     def move_at(self, path_um: float) -> Move:
-        """Return the move that is under way."""
+        """Return the move at a length of path."""
         number = bisect_right([end_um for end_um, _ in self.moves], path_um)
         return self.moves[min(number, len(self.moves) - 1)][1]
 
     def corner_ahead(self, path_um: float) -> Point:
-        """Corner that the wire runs to."""
+        """Return the next corner after a length of path."""
         return self.corners[min(bisect_right(self.lengths_um, path_um), len(self.lengths_um) - 1) + 1]
 
 
 def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
-    """Lay a program out from a start on; `unit_um` is a counter's unit."""
+    """Return a program's path from a start on; `unit_um` is a counter's unit."""
     corners, lengths, dues, moves = [start], [0.0], [], []
     for entry in program:
         if isinstance(entry, Setting):
@@ -75,7 +75,7 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
 
 
 def moved(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
-    """Return a place after some steps."""
+    """Return a position after some steps."""
     place = [*place_um]
     for step in steps:
         place[step.axis] += STEP_UM * step.direction
@@ -86,7 +86,7 @@ END_SWITCHES = (X_END, Y_END)
 
 
 class TableEnds:
-    """Ends of the carriage's travel: the stops of the machine's MJCF, and switches that are not stuck."""
+    """Ends of the carriage's travel: the stops of the machine's MJCF, and end switches unless they are stuck."""
 
     def __init__(self, machine: Machine, switches: SafetySwitches) -> None:
         self._travel_um = machine.base.table.travel_mm.value * 1e3
@@ -94,13 +94,13 @@ class TableEnds:
         self._switches = switches
 
     def switch_open(self, axis: int, direction: int, place_um: float) -> bool:
-        """Whether a step of an axis in that direction has led to where its end switch opens."""
+        """Return whether a step of an axis in a direction has opened its end switch."""
         if END_SWITCHES[axis] in self._switches.stuck:
             return False
         return switches_open(place_um, self._travel_um, STEP_UM) == direction
 
     def passed(self, place_um: tuple[float, float], steps: Iterable[Step]) -> list[Step]:
-        """Return the steps that the table makes from a place; a motor that drives it against a stop loses its own."""
+        """Return the steps that the table makes from a position; steps of a motor against a stop are lost."""
         place, made = [*place_um], []
         low_um, high_um = self._stops_um
         for step in steps:
@@ -112,17 +112,17 @@ class TableEnds:
 
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
-LOW_TENSION = 0.5  # share of the wire's tension that is left while its spare line is up (ours: half)
+LOW_TENSION = 0.5  # share of the wire's tension while the spare line is high (ours: half)
 BENT_SHARE = 0.01
-"""A wire bent by more than this share of its free length breaks (ours: the model of a taut string does not hold that
-far; cuts bend it ten times less)."""
+"""A wire bent by more than this share of its free length breaks (ours: the model of a taut string is not valid
+beyond; cuts bend it ten times less)."""
 UNKNOWN_CAUSE = "NO SWITCH IS OPEN: CALLED BY A PROGRAM, OR BY A SPARK ON THE SWITCHES' LINE"
 
 
 class Rig:
-    """Computer and machine, with a fixed period, steps of 2 um and a counting planner, as in 1982; not ``exact``.
+    """Computer and machine, as in 1982: a fixed period, steps of 2 um, and a planner that counts (not ``exact``).
 
-    The computer's own timers make all jogs, and with ``poscal-literal`` all motion.
+    The computer's own timers generate all jogs, and with ``poscal-literal`` all motion.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class Rig:
         self._planner_name = planner
         self._literal = kind_of(planner).number == LITERAL
         self.computer = Computer(self.board, unit=self.unit, wrap=self._literal)
-        self.way, self.cause = STAND_BY, ""  # of the last emergency
+        self.way, self.cause = STAND_BY, ""  # cause of the last emergency
         self.held: tuple[Planner, Route, Point] | None = None  # an unfinished cut, and where it stopped
         self.wire = True
         self.windows = 0  # read while cutting
@@ -160,7 +160,7 @@ class Rig:
         self.computer.set_position(round(x / self.unit_um), round(y / self.unit_um))
 
     def warm_up(self) -> None:
-        """Compile the pulse loop, without any change of state."""
+        """Compile the pulse loop without changing the state."""
         before = self.plant.snapshot()
         self.plant.advance()
         self.plant.restore(before)
@@ -172,19 +172,19 @@ class Rig:
 
     @property
     def place_um(self) -> tuple[float, float]:
-        """True position of the carriage, whatever the counters show."""
+        """True position of the carriage, which the position counters may not show."""
         return self.plant.commanded_um
 
     @property
     def misses_wire(self) -> bool:
-        """Whether the sensor reports a broken wire; a stuck one does not."""
+        """Whether the sensor reports a broken wire; a stuck sensor does not."""
         return not self.wire and WIRE_BREAK not in self.board.switches.stuck
 
     @property
     def in_metal(self) -> bool:
-        """Whether the middle of a wire would be inside the workpiece: in a kerf, a wire that bends leads by less."""
+        """Whether a wire's centre would be inside the workpiece; in a kerf it is not, even if the wire was bent."""
         field, place = self.plant.field, np.array([self.place_um])
-        # where no tile is made yet, the stock says whether there is metal
+        # the stock, because tiles of the field may not be made yet
         blank = field.stock.fraction(place[:, 0], place[:, 1], field.cell_um)[0, 0]
         return bool(min(blank, metal_at(field, place).max()) >= 0.5)
 
@@ -195,7 +195,7 @@ class Rig:
 
     @property
     def stalled(self) -> bool:
-        """Whether a cut is under way at the greatest speed 0, which MAXVEL may hold but SPEED refuses."""
+        """Whether a cut has the greatest speed 0, which MAXVEL may contain although SPEED refuses it."""
         return self.moving and self.way == CUTTING and not self.computer.speed
 
     @property
@@ -205,7 +205,7 @@ class Rig:
 
     @property
     def in_emergency(self) -> bool:
-        """Whether nothing moves until INIT."""
+        """Whether the machine is stopped until INIT."""
         return self.computer.state == EMERGENCY
 
     @property
@@ -226,12 +226,12 @@ class Rig:
         return events
 
     def say(self, text: str) -> None:
-        """Add an event, with the place at which it happened."""
+        """Add an event with the present position."""
         x, y = self.computer.position
         self._events.append(f"{text}   X {x} Y {y} {self.unit_name}")
 
     def refuse(self, reason: str) -> None:
-        """Add an event: why a request failed."""
+        """Add an event: the reason of a failed request."""
         self._events.append(f"? {reason}")
 
     def set(self, setting: Setting) -> None:
@@ -244,7 +244,7 @@ class Rig:
             self.plant.set_generator(*self.board.settings.times_us(t_i, t_p))
         self.computer.set_pulse_codes(t_i, t_p)
         self._codes = self.computer.pulse_codes
-        if setting.speed is not None:  # the law's limit: the move under way keeps the speed that was decided for it
+        if setting.speed is not None:  # the limit of the law; the present speed is kept until its next decision
             self.board.bus.store(at.MAXVEL, check_speed(setting.speed))
 
     def begin_cut(self, route: Route) -> None:
@@ -256,7 +256,7 @@ class Rig:
             self.resume_cut(make_planner(self._planner_name, corners_um, unit=self.unit), route)
 
     def resume_cut(self, planner: Planner, route: Route) -> None:
-        """Start timers and generator at a planner's position on its route."""
+        """Start timers and generator at the planner's present position on its route."""
         self.computer.start()
         self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
         start = min(at.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
@@ -264,7 +264,7 @@ class Rig:
         self._run_at(start)
 
     def begin_jog(self, target: Point) -> None:
-        """Start the timers towards a place, with the generator off."""
+        """Start the timers towards a position, with the generator off."""
         self.computer.start(generator=False)
         self._planner, self.way = PathRun(self.computer, [self.computer.position, target]), JOGGING
         self._run_at(MAX_SPEED)
@@ -281,14 +281,14 @@ class Rig:
         self.say(text)
 
     def put_down(self) -> None:
-        """Store an unfinished cut for resuming, and end all motion."""
+        """End all motion, and store an unfinished cut so that it can be resumed."""
         if self.way == CUTTING and self._planner is not None:
             self.held = self._planner, self._route, self.computer.position
         self._planner, self.way = None, STAND_BY
         self.board.mean_current_A = 0.0
 
     def trip(self, switch: str, cause: str) -> None:
-        """Open a switch: the hardware acts at once, the emergency routine by interrupt, or here if masked."""
+        """Open a switch: the hardware acts at once, the emergency routine by interrupt, or here if that is masked."""
         self.board.switches.trip(switch)
         self.computer.serve()
         if not self.in_emergency:
@@ -311,7 +311,7 @@ class Rig:
         """Run one window."""
         self._obey_lines()
         tensioned = self._tensions[self.board.low_tension]
-        if self.plant.machine.tension != tensioned.tension:  # the wire's shape and all else stay
+        if self.plant.machine.tension != tensioned.tension:  # the rest of the state is unchanged
             self.plant = self.plant.with_machine(tensioned)
         start_ns = self.time_ns
         end_ns = start_ns + self.plant.window_ns
@@ -319,13 +319,13 @@ class Rig:
         self._fire(steps, moved(self.place_um, steps))
         self.computer.run_until(end_ns)
         if self._planner is not None and self._planner.done:
-            if self.way == CUTTING:  # within a step of the end: what stands behind the last move holds from now on
+            if self.way == CUTTING:  # within a step of the end: apply the settings after the last move
                 self._take_over(math.inf)
             self._planner = None
             self.stand("READY")
 
     def _obey_lines(self) -> None:
-        """Set the generator to what ports 4020H to 4022H hold; a length of 0 switches it off."""
+        """Set the generator by the ports 4020H to 4022H; a length of 0 switches it off."""
         on = self.board.generator_on and all(self.board.codes)
         if on and self.computer.pulse_codes != self._codes:
             self._codes = self.computer.pulse_codes
@@ -337,7 +337,7 @@ class Rig:
             self.plant.switch_generator(on)
 
     def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
-        """Motor steps of a window, by hand, program, timers and planner, as far as no end switch opens."""
+        """Return a window's motor steps, by hand, program, timers and planner, up to the opening of an end switch."""
         stopped = self.in_emergency
         self._carriage = [*moved(self.place_um, self.board.steps)]
         try:
@@ -348,19 +348,19 @@ class Rig:
             self.stand("STOPPED BY A PROGRAM")
         try:
             made = self._motion(start_ns, end_ns)
-        except InputError as error:  # a counter that was altered runs off the table
+        except InputError as error:  # an altered counter has led off the table
             made = self.computer.take_steps(end_ns)
             self.computer.emergency()
             self.computer.cause = (error.reason,)
         self.computer.serve()
         if self.in_emergency and (self.moving or not stopped):
-            self._planner = None  # off the table there is nothing to go on with
+            self._planner = None  # so that this cut is not stored for resuming
             causes = (cause if ":" in cause else f"{cause} SWITCH" for cause in self.computer.cause)
             self._stopped(" AND ".join(causes).upper() or UNKNOWN_CAUSE)
         return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)
 
     def _motion(self, start_ns: int, end_ns: int) -> list[Step]:
-        """Advance timers and planner by a window; a new speed counts from when the optimising routine is done."""
+        """Advance timers and planner by a window; a new speed is used when the optimising routine has finished."""
         if self._planner is None:
             return self.computer.run_until(end_ns)
         change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
@@ -372,13 +372,13 @@ class Rig:
         return planned if isinstance(self._planner, PathRun) else self.computer.drive(planned)
 
     def _carry(self, step: Step) -> None:
-        """Carry the wire by a step; where that leads the carriage beyond its travel, the end switch opens."""
+        """Move the carriage by a step; open the end switch if the carriage leaves its travel."""
         self._carriage[step.axis] += STEP_UM * step.direction
         if self.ends.switch_open(step.axis, step.direction, self._carriage[step.axis]):
             self.board.switches.trip(END_SWITCHES[step.axis])
 
     def _fire(self, steps: list[Step], place_um: tuple[float, float]) -> None:
-        """Let the plant pass a window that ends at a place, and the computer see it."""
+        """Advance the plant by a window that ends at a position, and pass its pulses to the computer."""
         pressed = "THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE"
         try:
             window = self.plant.advance(steps)
@@ -395,7 +395,7 @@ class Rig:
         elif math.hypot(*window.deflection_um) > BENT_SHARE * 1e3 * self.plant.machine.guide_distance_mm:
             self._lose_wire(pressed, place_um)
         elif self.in_emergency:
-            return  # its counters are reset, and the generator stands from now on
+            return  # the counters are reset and the generator is off
         elif self.plant.generator_on and window.pulses == WINDOW_PULSES:
             self.board.counters.count_window(window.short, window.open)
             self._read_counts()
@@ -403,7 +403,7 @@ class Rig:
             self.stand("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED")
 
     def _read_counts(self) -> None:
-        """Poll the latches once the last counts are dealt with; while cutting, decide on the speed."""
+        """Read the latches if the previous counts have been processed; while cutting, decide on the speed."""
         computer, now_ns = self.computer, self.plant.time_ns
         if self.way != CUTTING or self._planner is None:
             computer.read_counts()
@@ -422,7 +422,7 @@ class Rig:
         self._take_over(path_um)
 
     def _take_over(self, path_um: float) -> None:
-        """Take over the program's settings that are due."""
+        """Apply the program's settings up to a length of path."""
         dues = self._route.dues
         while dues and path_um >= dues[0][0]:
             try:
@@ -431,7 +431,7 @@ class Rig:
                 self.refuse(f"{error.reason}; the old setting stays")
 
     def _lose_wire(self, cause: str, place_um: tuple[float, float]) -> None:
-        """The wire is gone; the carriage made the window's steps, as the counters have it. If seen, all stops."""
+        """Remove the broken wire; the carriage keeps the window's steps. If the sensor reports it, all stops."""
         self.plant.rethread(place_um, 0)
         self.plant.go_bare()
         self.wire = False

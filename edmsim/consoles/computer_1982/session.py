@@ -39,7 +39,7 @@ _BAR_CELLS = 40
 
 
 class View(Keyboard):
-    """A person's terminal with a panel that stays at its lower edge; what is printed scrolls above it."""
+    """A person's terminal with a panel at its lower edge; printed lines scroll above it."""
 
     def __init__(self, interrupts: Interrupts) -> None:
         super().__init__(interrupts)
@@ -52,12 +52,12 @@ class View(Keyboard):
 
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:
-        """Keep the panel, as long as characters are read one by one."""
+        """Show the panel while characters are read one by one."""
         with super().in_character_mode(), self._live:
             yield
 
     def write(self, data: bytes) -> None:
-        """Print finished lines above the panel; keep the begun one in it."""
+        """Print complete lines above the panel, the incomplete line below it."""
         for character in data.decode("ascii", "replace"):
             if character == "\n":
                 self._live.console.print(Text(self._partial))
@@ -68,11 +68,11 @@ class View(Keyboard):
                 self._console.bell()
             elif character != "\r":
                 self._partial += character
-        # BS, space, BS takes a character back: the space came and went
+        # BS, space, BS deletes a character: the second BS deletes the space
         self._draw()
 
     def refresh(self, operation: Operation) -> None:
-        """Draw the machine, at most ten times a second."""
+        """Draw the machine's state, at most ten times a second."""
         if time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + _EVERY_S
@@ -89,14 +89,14 @@ class View(Keyboard):
 
 
 def panel(digits: list[int], status: Status, at_panel: bool) -> Panel:
-    """Return the digits with their names, the keys where they are pressed, and the pulses of the last window."""
+    """Return the digits with their names, the keys if they can be pressed, and the pulses of the last window."""
     keys = [Text(LEGEND, style="yellow")] if at_panel else []
     shown = Group(_digits(digits), *keys, Text(), _bars(status))
     return Panel(shown, title=status.state, title_align="left", expand=False)
 
 
 def _digits(shown: list[int]) -> Table:
-    """Two banks of sixteen; what is above 9 is dark."""
+    """Return two banks of sixteen digits; values above 9 are dark."""
     table = Table.grid(padding=(0, 3))
     for bank in (0, BANK):
         fields = {name: place for name, place in FIELDS.items() if bank <= place[0] < bank + BANK}
@@ -120,13 +120,13 @@ def _bars(status: Status) -> Table:
 
 
 class SerialLines:
-    """Bytes through the 8251s and the routines that CIADR and COADR name (rows T-58, T-59)."""
+    """Bytes through the 8251s and the routines at CIADR and COADR (rows T-58, T-59)."""
 
     def __init__(self, computer: Computer) -> None:
         self._computer = computer
 
     def heard(self, data: bytes, from_host: bool = False) -> bytes:
-        """Return what the program fetches of the bytes an operator sent, or the host; sparks may disturb them."""
+        """Return the characters that the program reads of bytes from operator or host; sparks may disturb them."""
         fetched = bytearray()
         for byte in data:
             self._computer.board.receive(byte, from_host)
@@ -136,7 +136,7 @@ class SerialLines:
         return bytes(fetched)
 
     def heard_from_host(self, data: bytes) -> bytes:
-        """Return what the program fetches of the bytes the host sent: the input stream is redirected meanwhile."""
+        """Return the characters that the program reads from the host; the input stream is redirected meanwhile."""
         self._computer.bus.store(at.CIADR, at.HOST_IN)
         try:
             return self.heard(data, from_host=True)
@@ -144,7 +144,7 @@ class SerialLines:
             self._computer.bus.store(at.CIADR, at.TERMINAL_IN)
 
     def spoken(self, data: bytes) -> bytes:
-        """Return what arrives at the operator's screen of the bytes the program sends."""
+        """Return the bytes that arrive at the operator's screen when the program sends bytes."""
         board = self._computer.board
         for byte in data:
             self._computer.streams.co(byte)
@@ -155,7 +155,7 @@ class SerialLines:
 
 
 def read_host(file: Path, lines: SerialLines) -> list[bytes]:
-    """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo."""
+    """Return the lines of the host's file as LINE reads them: at most 64 characters, in capitals, without echo."""
     data = bytes_of(file)
     buffer, taken = line_input.InputBuffer(), []
     line = line_input.Line(buffer, lambda echo: None)
@@ -173,7 +173,7 @@ def read_host(file: Path, lines: SerialLines) -> list[bytes]:
 
 
 def bytes_of(file: Path) -> bytes:
-    """Content of a host's file; raises `InputError` if it cannot be read."""
+    """Return the content of a host's file; raises `InputError` if it cannot be read."""
     try:
         return file.read_bytes()
     except OSError as error:
@@ -184,10 +184,10 @@ ETX, EOT, RESET = 0x03, 0x04, 0x1C
 """Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves, Ctrl-\\ is the reset button."""
 FINE, REFUSED, STOPPED = 0, 2, 3
 """Exit statuses: all was done; a line of a script was refused; the machine was left in an emergency."""
-_BEHIND_S = 0.5  # a machine that cannot keep up with the clock on the wall catches up by no more than this
-PROGRAM_NS = 60_000_000_000  # a script waits no longer for a program that the monitor started
+_BEHIND_S = 0.5  # greatest delay to real time that the machine catches up
+PROGRAM_NS = 60_000_000_000  # longest time for which a script waits for a program that the monitor started
 _STALLED = f"the greatest speed (MAXVEL, {at.MAXVEL:04X}H) is 0, so the cut does not end"
-_IDLE_S = 0.05  # longest wait between two looks at the machine
+_IDLE_S = 0.05  # longest wait for input between two windows
 
 
 class Session:
@@ -197,7 +197,7 @@ class Session:
         self, rig: Rig, screen: Pipe, interrupts: Interrupts, *, speed: float | None = None,
         host: Path | None = None, person: bool = False, monitor: bool = False, tapes: Path | None = None,
     ) -> None:
-        self.refused = 0  # lines that were refused; a person's are part of the work and leave the exit status
+        self.refused = 0  # number of refused lines; they set the exit status of a script, not of a person
         self._rig = rig
         self._operation = Operation(rig)
         self._lines = SerialLines(rig.computer)
@@ -226,7 +226,7 @@ class Session:
         self._prompted = False
 
     def run(self) -> int:
-        """Serve the operator until he leaves; return the exit status."""
+        """Serve the operator until the session ends; return the exit status."""
         if self._in_monitor:
             self._press_reset()
         else:
@@ -283,14 +283,14 @@ class Session:
         self._end_line()
 
     def _is_done(self) -> bool:
-        """Whether nothing moves at the end of the input; a cut that would never end is refused."""
+        """Return whether the machine is at rest after the input; a cut that would never end is left unfinished."""
         if self._rig.stalled:
             self._refuse(f"{_STALLED}; it is left unfinished")
             return True
         return not self._rig.moving
 
     def _ends_last_line(self) -> bool:
-        """End a script's last line where it has no end of its own, as files may; say whether it was done."""
+        """Append the end of a script's last line if its file has none; return whether it was appended."""
         ends = bool(self._typed) and not self._person and not self._input_ended
         self._input_ended = True
         if ends:
@@ -298,7 +298,7 @@ class Session:
         return ends
 
     def _receive(self, timeout_s: float) -> None:
-        """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten."""
+        """Read typed bytes; Ctrl-C acts at once, and bytes before it are discarded."""
         typed = self._to_panel(self._screen.read(timeout_s))
         if typed and self._rig.computer.code.running and not {ETX, line_input.CANCEL, RESET} & set(typed):
             for byte in typed:
@@ -316,7 +316,7 @@ class Session:
             del self._pending[: self._pending.rindex(line_input.CANCEL) + 1]
 
     def _heard(self, data: bytes) -> bytes:
-        """Return what the program fetches of what was typed; the reset button needs no program."""
+        """Return the characters that the program reads of typed bytes; the reset button acts without a program."""
         if RESET in data:
             data = data[data.rindex(RESET) + 1 :]
             self._press_reset()
@@ -327,7 +327,7 @@ class Session:
             return b""
 
     def _lose(self, error: InputError, character: int) -> None:
-        """A stream leads nowhere: only the reset button helps; what a script's line still has is not a command."""
+        """Reset, because CIADR or COADR is invalid; the rest of a script's line is not read as a command."""
         self._press_reset()
         self._passes_line = not self._person and character not in (line_input.RETURN, line_input.LINE_FEED)
         self._refuse(error.reason)
@@ -345,7 +345,7 @@ class Session:
         self._monitor.clear()
 
     def _to_panel(self, data: bytes) -> bytes:
-        """Give what is typed between two Ctrl-K to the keys of the front panel; return the rest."""
+        """Press the front panel's keys for bytes between two Ctrl-K; return the other bytes."""
         rest = b""
         for number, part in enumerate(data.split(bytes([TOGGLE]))):
             if number:
@@ -361,7 +361,7 @@ class Session:
         self._tell()
 
     def _take(self, character: int) -> None:
-        """Give a character to LINE, which gives a finished line to MAIN, or to the monitor at once.
+        """Pass a character to the monitor, or to LINE, whose complete lines go to MAIN.
 
         CR LF ends one line: a second, empty one would answer MAIN's next question.
         """
@@ -388,7 +388,7 @@ class Session:
                 self._prompted = False
                 self._main.obey(self._buffer)
         except InputError as error:
-            # what a script has behind a mistake is not a command of its own
+            # the rest of a script's line after a mistake is not a command
             ends = character in (line_input.RETURN, line_input.LINE_FEED)
             self._passes_line = self._in_monitor and not self._person and not ends
             self._prompted = False
@@ -396,7 +396,7 @@ class Session:
         self._tell()
 
     def _advance(self) -> None:
-        """Let a window of machine time pass."""
+        """Run a window of machine time."""
         for reason in self._operation.advance():
             self._refuse(reason)
         self._tell()
@@ -404,7 +404,7 @@ class Session:
         if over or (self._waits_for_rest and not self._rig.moving):
             self._end_wait()
         if self._program_until_ns is not None:
-            if sent := bytes(self._rig.board.sent):  # by a program; the line it began is left when it ends
+            if sent := bytes(self._rig.board.sent):  # by a program; its incomplete line is ended when it stops
                 self._transmit(b"")
                 self._prompted = not sent.endswith(b"\n")
             if not self._rig.computer.code.running:
@@ -414,7 +414,7 @@ class Session:
                 self._end_wait()
 
     def _tell(self) -> None:
-        """Print what the machine has to say; an emergency ends every wait."""
+        """Print the machine's events; an emergency ends every wait."""
         events = self._rig.take_events()
         if events:
             self._clear_line()
@@ -423,7 +423,7 @@ class Session:
             self._end_wait()
 
     def _refuse(self, reason: str) -> None:
-        """Say why a line or a key did nothing."""
+        """Print the reason why a line or a key was refused."""
         self._clear_line()
         self.refused += 1
         self._say(f"? {reason}")
@@ -437,7 +437,7 @@ class Session:
         return waits or self._operation.presses.busy
 
     def _end_wait(self) -> None:
-        """Take lines again; a program that runs is broken off."""
+        """Accept lines again; a running program is stopped."""
         self._waits_for_rest, self._wait_until_ns, self._program_until_ns = False, None, None
         code = self._rig.computer.code
         if code.running:
@@ -445,7 +445,7 @@ class Session:
             self._refuse(f"the program was broken off at {code.cpu.pc:04X}H")
 
     def _prompt(self) -> None:
-        """Print the prompt and what was typed after it, if they are not on the screen."""
+        """Print the prompt and the typed text after it, unless they are on the screen."""
         if not self._prompted and not self._leaving:
             prompt = self._monitor.prompt if self._in_monitor else self._main.prompt
             self._transmit(prompt.encode("ascii") + self._typed)
@@ -457,13 +457,13 @@ class Session:
         return self._monitor.typed if self._in_monitor else self._line.typed
 
     def _clear_line(self) -> None:
-        """Leave a line that is begun on the screen."""
+        """Continue on a new line, so that an incomplete line stays on the screen."""
         if self._prompted:
             self._transmit(b"\r\n")
             self._prompted = False
 
     def _end_line(self) -> None:
-        """Close the dialogue; a person's line without its end is not executed (row T-53)."""
+        """End the dialogue; a person's line without its end is not executed (row T-53)."""
         self._clear_line()
         if self._typed:
             self.refused += 1
@@ -482,7 +482,7 @@ class Session:
         self._screen.write(shown)
 
     def wait(self, seconds: int | None) -> None:
-        """Take no further line until some machine time has passed, or the machine stands still."""
+        """Accept no line for some machine time or, for None, until the machine does not move."""
         if seconds is None:
             if self._rig.stalled:
                 raise InputError(f"{_STALLED}; WAIT s waits s seconds")
@@ -493,7 +493,7 @@ class Session:
             self._say("WAITING; CTRL-X ENDS IT, CTRL-C IS THE EMERGENCY STOP")
 
     def host_lines(self) -> Iterable[bytes]:
-        """Lines the host sends through the second serial channel (row T-59)."""
+        """Return the lines that the host sends through the second serial channel (row T-59)."""
         host = self._connected_host()
         if self._rig.moving:
             raise InputError("the machine moves; a program is loaded while it stands still")
@@ -505,11 +505,11 @@ class Session:
         return self._host
 
     def monitor(self) -> None:
-        """Let the monitor take what is typed next; the machine goes on."""
+        """Pass the next characters to the monitor; the machine continues."""
         self._in_monitor = self._main_waits = True
 
     def _go(self, address: int | None) -> None:
-        """Start at an address, or go back to MAIN."""
+        """Start at an address or, for None, resume MAIN."""
         code = self._rig.computer.code
         if address is None or address == at.MAIN:
             if address is None and not self._main_waits:
@@ -568,7 +568,7 @@ def run(
 
 
 def choose_faults(names: Sequence[str], seed: int) -> Faults:
-    """Make the faults that are to be injected; raises `InputError` if there is no such fault."""
+    """Return the faults of these names, to be injected; raises `InputError` for an unknown name."""
     for name in names:
         if name not in FAULTS:
             raise InputError(f"there is no fault {name!r}; there are {one_of(name, FAULTS)}")

@@ -25,16 +25,16 @@ from edmsim.errors import InputError
 # The thesis says that programs come from the host through the second serial channel (4.1), without an example; the
 # lines are ours. They use the terminal's words, so the host can send all that you can type::
 #     * a punch                       (a comment)
-#     TI 30 TP 100 SPEED 100          settings from this place on
+#     TI 30 TP 100 SPEED 100          settings from this position on
 #     NEW 33000 32500                 a straight move, um
-#     CW 33500 32000 33000 32000      an arc to a place about a centre; CCW the other way round
+#     CW 33500 32000 33000 32000      an arc to a position about a centre; CCW counterclockwise
 #     END
 
 LAST_WORD, COMMENT = b"END", b"*"
 
 
 class Move(NamedTuple):
-    """A way to a new position in um: straight, or about a centre."""
+    """A move to a new position in um: straight, or about a centre."""
 
     end_um: tuple[int, int]
     centre_um: tuple[int, int] | None = None
@@ -49,7 +49,7 @@ class Move(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """Codes of V(t(i)) and V(t(p)), 0..511, and the cutting speed in units, 1..127; None leaves one as it is."""
+    """Codes of V(t(i)) and V(t(p)), 0..511, and the cutting speed in units, 1..127; None: unchanged."""
 
     t_i: int | None = None
     t_p: int | None = None
@@ -75,22 +75,22 @@ def read_word(buffer: InputBuffer) -> str:
 
 
 def until_separator(text: bytes) -> bytes:
-    """Return what stands before the first separator."""
+    """Return the text before the first separator."""
     return re.split(rb"[%b]" % re.escape(SEPARATORS), text)[0]
 
 
 def is_code(text: bytes) -> bool:
-    """Say whether a text is a code, hexadecimal digits and an H; the codes from AH on begin like a word."""
+    """Return whether a text is a code: hexadecimal digits and an H. Codes such as AH begin like a word."""
     return re.fullmatch(rb"[0-9A-F]+H", text) is not None
 
 
 def read_number(buffer: InputBuffer) -> int:
-    """Read a decimal number of 16 bits that ends where it should: at a separator or the end of the line."""
+    """Read a decimal number of 16 bits; raises `InputError` unless a separator or the line's end follows."""
     column, written = buffer.column, buffer.rest
     number = getnum(buffer)
     if buffer.waiting and buffer.waiting not in SEPARATORS:
         found = until_separator(written)
-        raise InputError(f"a whole number must stand at column {column}, not {found.decode('ascii')}")
+        raise InputError(f"a whole number is expected at column {column}, not {found.decode('ascii')}")
     return number
 
 
@@ -99,15 +99,15 @@ def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
     numbers: list[int] = []
     while len(numbers) < count:
         if not skip(buffer):
-            raise InputError(f"{what} is wanted")
+            raise InputError(f"{what} is expected")
         numbers.append(read_number(buffer))
     return numbers
 
 
 def at_end(buffer: InputBuffer) -> None:
-    """Refuse what is left of a line; raises `InputError` if anything but separators is left."""
+    """Raise `InputError` if a line has more than separators left."""
     if skip(buffer):
-        raise InputError(f"{buffer.rest.decode('ascii')} is more than is wanted here")
+        raise InputError(f"{buffer.rest.decode('ascii')} is not expected here")
 
 
 def read_move(word: str, buffer: InputBuffer) -> Move:
@@ -132,7 +132,7 @@ def read_setting(word: str, buffer: InputBuffer, pulses: PulseSettings) -> Setti
         elif word == "TP":
             found["t_p"] = read_code(buffer, pulses.code_of_t_p, "TP in us or as a code 0H to 1FFH")
         else:
-            raise InputError(f"{word} cannot stand beside settings; TI, TP and SPEED can")
+            raise InputError(f"{word} cannot follow settings; TI, TP and SPEED can")
         word = read_word(buffer)
     at_end(buffer)
     return Setting(**found)
@@ -146,21 +146,21 @@ def check_speed(units: int) -> int:
 
 
 def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> int:
-    """Read a time in us, turned into its code, or the code itself."""
+    """Return the code of a time: the line has the time in us, or the code itself."""
     if not skip(buffer):
-        raise InputError(f"{what} is wanted")
+        raise InputError(f"{what} is expected")
     number = until_separator(buffer.rest)
     if not number.endswith(b"H"):
         return code_of(read_number(buffer))
     code = gnumhx(buffer)
-    buffer.advance()  # the H
+    buffer.advance()  # skip the H
     if code > MOST_CODE:
         raise InputError(f"a code is 0H to {MOST_CODE:X}H, not {code:X}H")
     return code
 
 
 def read_program(lines: Iterable[bytes], pulses: PulseSettings) -> list[Entry]:
-    """Read the host's lines, in capitals, up to END; an error names its line."""
+    """Read the host's lines, in capitals, up to END; an `InputError` names the line."""
     entries: list[Entry] = []
     for number, text in enumerate(lines, 1):
         if text.strip() == LAST_WORD:
@@ -189,22 +189,22 @@ def _read_line(buffer: InputBuffer, pulses: PulseSettings) -> Entry | None:
     raise InputError(f"{word or buffer.rest.decode('ascii')} is not one of NEW, CW, CCW, TI, TP, SPEED, END")
 
 
-# The machine's state for its operator, and how STATUS prints it.
+# The machine's state, as STATUS prints it for the operator.
 
 
 class Status(NamedTuple):
-    """What the machine shows its operator."""
+    """The machine's state for the operator."""
 
-    state: str  # ``STAND-BY``, ``CUTTING``, ``JOGGING`` or ``EMERGENCY: ...`` with its cause
+    state: str  # ``STAND-BY``, ``CUTTING``, ``JOGGING`` or ``EMERGENCY: ...`` with the cause
     position: tuple[int, int]
-    unit: str  # what position counters count: ``um`` or ``STEPS``
-    speed: int  # greatest cutting speed set, in units
-    running: int  # the speed now; negative while running back
+    unit: str  # unit of the position counters: ``um`` or ``STEPS``
+    speed: int  # the set limit of the cutting speed, in units
+    running: int  # present speed; negative while moving back
     short: int
     open: int
     counted: int  # 255, or 0 while no pulses have been counted since INIT
-    windows: int  # read since the start
-    missed: int  # not read in time (row T-44)
+    windows: int  # number of windows read since the start
+    missed: int  # number of windows not read in time (row T-44)
     t_i: int  # code of V(t(i))
     t_p: int
     t_i_us: float
@@ -213,7 +213,7 @@ class Status(NamedTuple):
     voltage_V: float  # mean over the gap
     current_A: float
     time_s: float
-    move: Move | None  # of the cut under way
+    move: Move | None  # present move of a cut
 
     @property
     def erosion(self) -> int:
@@ -222,7 +222,7 @@ class Status(NamedTuple):
 
 
 def describe(status: Status, target: Move | None) -> str:
-    """What STATUS prints; where a cut is under way its move, wherever that was given, else the new position."""
+    """Return the text of STATUS, with the present move of a cut or else the new position."""
     x, y = status.position
     return "\n".join(
         (
@@ -237,7 +237,7 @@ def describe(status: Status, target: Move | None) -> str:
 
 
 def pulses(status: Status) -> str:
-    """Both times and their codes, as STATUS prints them."""
+    """Return both times and their codes, as STATUS prints them."""
 
     def show(code: int, us: float) -> str:
         return f"{time_text(us)} us ({code:02X}H)" if code else "NOT SET (00H)"
@@ -358,7 +358,7 @@ KEY names       presses keys of the front panel one after the other: digits,
     "BYE": """\
 BYE             makes the machine safe and leaves""",
 }
-"""What each word does, by the word."""
+"""Help text of each word."""
 
 ALIASES = {"CCW": "CW", "Y": "X", "?": "HELP"}  # words explained together with another
 
@@ -368,7 +368,7 @@ _WORDS = {STRAIGHT: 2, CLOCKWISE: 4, COUNTER_CLOCKWISE: 4, SETTING: 3}
 
 
 class ProgramStore:
-    """Entries in memory: address of the first one's kind, and how many fit."""
+    """A program in memory: address of its first entry, greatest number of entries."""
 
     def __init__(self, memory: Bus, first: int, most: int) -> None:
         self._memory = memory
@@ -376,13 +376,13 @@ class ProgramStore:
         self._most = most
 
     def write(self, entries: Sequence[Entry]) -> None:
-        """Put a program into memory."""
+        """Write a program to memory."""
         data = b"".join(map(_bytes_of, entries)) + bytes([END])
         for offset, byte in enumerate(data):
             self._memory.write(self._first + offset, byte)
 
     def read(self) -> list[Entry]:
-        """The program in memory; raises `InputError` if the bytes are not a program."""
+        """Return the program in memory; raises `InputError` if its bytes are not a program."""
         entries: list[Entry] = []
         address = self._first
         while kind := self._memory.read(address):

@@ -72,7 +72,7 @@ def test_a_setting_refused_on_the_way_is_reported_and_the_cut_goes_on(operate, h
     ("NEW 1 2\n", "the host's program ends without END"),
     ("", "the host's program ends without END"),
     ("SPEED 9\nEND\n", "the host's program moves nothing"),
-    ("NEW 1 2\nNEW 1\nEND\n", "line 2 of the host's program: NEW x y is wanted"),
+    ("NEW 1 2\nNEW 1\nEND\n", "line 2 of the host's program: NEW x y is expected"),
     ("NEW 1 70000\nEND\n", "line 1 of the host's program: a number has 16 bits, 0..65535, not 70000"),
     ("START\nEND\n", "line 1 of the host's program: START is not one of NEW, CW, CCW, TI, TP, SPEED, END"),
     ("NEW 1 2" + 60 * " " + "\nEND\n", "line 1 of the host's program: a line has at most 64 characters"),

@@ -171,7 +171,7 @@ def test_bad_words_are_refused(tmp_path):
         one.device("Bxis")
     with pytest.raises(InputError, match=r"a\.cnf: the section INTDEVICE declares 0 devices"):
         Station("END", "END", files=("a.cnf", "a.mod"))
-    with pytest.raises(InputError, match=r"a\.mod: line 1: 1 is divided by nought"):
+    with pytest.raises(InputError, match=r"a\.mod: line 1: 1 is divided by zero"):
         Station(FILES[0].read_text(encoding="utf-8"), "slShare = 1/0", files=("a.cnf", "a.mod")).run(0.1)
     with pytest.raises(InputError, match="--press closes ifStart at 2 s, but the run ends at 1 s"):
         run_and_tell(one, 1.0, [Press("ifStart", 2.0, 3.0)], print)
