@@ -96,7 +96,7 @@ def test_an_error_of_a_users_code_loses_a_minute_at_most(cut_small, tmp_path, mo
     with pytest.raises(StopIteration):  # between windows all is saved
         cut_small(watch=lambda _: next(windows), **options)
     monkeypatch.setattr(FixedController, "update", careless)
-    with pytest.raises(ZeroDivisionError), pytest.warns(UserWarning, match=r"at 0\.\d+ s of .*goes on at 0\.\d s by"):
+    with pytest.raises(ZeroDivisionError), pytest.warns(UserWarning, match=r"at 0\.\d+ s of .*continues at 0\.\d s"):
         cut_small(resume=True, **options)
     monkeypatch.undo()
     assert timeless(cut_small(resume=True, **options).report) == timeless(whole.report)
