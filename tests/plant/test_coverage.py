@@ -71,7 +71,7 @@ def test_pockets_damp_as_a_wire_that_drives_the_same_water_through_its_edges(gap
     per_speed = loss * density * through_m_s * (radius / (gap * 1e-6)) * 2 * radius
     speed_m_s = refill_um_s(gap, life) * 1e-6
     assert edge_loss_kg_m2(125.0, gap, loss) * speed_m_s == pytest.approx(per_speed)
-    assert refill_um_s(gap, 0.0) == refill_um_s(gap, 1.0)  # without gas a lifetime of 1 us
+    assert refill_um_s(gap, 0.0) == refill_um_s(gap, 1.0)  # the least lifetime is 1 us
 
 
 @pytest.mark.slow

@@ -247,7 +247,7 @@ def test_the_wire_breaks_where_steam_keeps_the_water_off():
 
 @pytest.mark.slow
 def test_favourable_constants_within_their_ranges_hold_all_that_the_gap_takes():
-    """With the usual constants the wire breaks; with these it holds down to the shortest pauses, as if unbreakable."""
+    """With the usual constants the wire breaks; with these it holds at the shortest pauses, as if unbreakable."""
     favourable = {
         "base.cooling.critical_W_m2": 1e7, "base.cooling.critical_stream": 9e4, "base.cooling.convection_W_m2K": 3e4,
         "base.dielectric.wake_mm": 6.0,
