@@ -71,7 +71,7 @@ def _version(version: Annotated[bool, typer.Option("--version", hidden=True)] = 
 
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
-    # by default the garbage collector scans all objects four times in a short cut; most belong to libraries for good
+    # by default the garbage collector scans all objects four times in a short cut; most belong to libraries
     gc.set_threshold(50_000, 10, 10)
     take_any_terminal()
     run_command(_run)

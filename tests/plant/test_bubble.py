@@ -1,4 +1,4 @@
-"""The push of a confined bubble: the loop's law and its limits, and the equations of the slit behind it."""
+"""The push of a confined bubble: the loop's law and its limits, and the equations of the slit."""
 
 import math
 from pathlib import Path

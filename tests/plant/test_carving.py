@@ -100,7 +100,7 @@ def test_carving_removes_what_was_requested_less_what_it_reports(parts, angle, w
     field = KerfField(1, Stock((MIDDLE + 10.0, 0.0, 4_000.0, 4_000.0)), CELL, 4_000.0)
     field.allocate(MIDDLE, MIDDLE, 300.0)
     taken, left = cut(field, parts, angle=angle, width=width, edge=edge, beyond=beyond)
-    assert taken.min() >= 0  # no cell gains metal, as by an underflow
+    assert taken.min() >= 0  # no cell gains metal, so none underflowed
     assert taken.sum() + left == parts
     assert 0 <= left <= parts
     assert field.removed_parts == taken.sum()

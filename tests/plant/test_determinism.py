@@ -43,7 +43,7 @@ def physics(plant):
 
 
 def run(plant, n=60, phase=0):
-    """Feed at some 25 um/s towards +x with a little y; the windows, in a form that compares NaN as equal."""
+    """Feed at about 25 um/s towards +x and a little y; return the windows in a form in which NaN is equal to NaN."""
     windows = []
     for k in range(n):
         steps = [(plant.time_ns + 1_000_000, 0, 1)] if (k + phase) % 3 else []
