@@ -47,11 +47,11 @@ __all__ = ["TableMeasurement", "load_tables", "measure_table"]
 
 
 # A machine's table as ISO 230 evaluates it: positioning of an axis (230-2), and the circular test (230-4).
-# Targets are approached from both sides, several times; deviations are where the axis truly is less its target, and
-# a compensation table holds the opposite. The circular test says how round, and how large, a circle is that two
-# axes go round together.
+# Targets are approached from both sides, several times; a deviation is the true position of the axis less its target,
+# and a compensation table has the opposite sign. The circular test measures how round and how large a circle is that
+# two axes make together.
 
-COVERAGE = 2.0  # standard deviations on either side of a mean that repeatability and accuracy take in (ISO 230-2)
+COVERAGE = 2.0  # standard deviations on either side of a mean in repeatability and accuracy (ISO 230-2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +60,10 @@ class Positioning:
 
     targets_mm: Floats  # (targets,)
     up_um: Floats  # (runs, targets): deviations at targets approached from below
-    down_um: Floats  # and from above
+    down_um: Floats  # deviations at targets approached from above
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be evaluated."""
+        """Refuse arrays of unequal shapes, and fewer than two runs."""
         shape = self.up_um.shape
         if shape != self.down_um.shape or len(shape) != 2 or shape[1:] != self.targets_mm.shape or shape[0] < 2:
             raise InputError(f"deviations need two runs or more to every target either way, not a shape of {shape}")
@@ -113,21 +113,21 @@ class Positioning:
 
 @dataclass(frozen=True, eq=False)
 class CircularTest:
-    """True places of the table on a circle, in both directions."""
+    """True positions of the table on a circle, in both directions."""
 
     radius_mm: float  # programmed
-    # (n, 2), both: places from the programmed centre, at equal steps of the angle from +x,
+    # (n, 2), both: positions from the programmed centre, at equal steps of the angle from +x,
     # both in anticlockwise order
     anticlockwise_um: Floats
     clockwise_um: Floats
 
     @property
     def angle_rad(self) -> Floats:
-        """Programmed angle of every place."""
+        """Programmed angle of every position."""
         return np.asarray(2 * np.pi * np.arange(len(self.anticlockwise_um)) / len(self.anticlockwise_um))
 
     def deviation_um(self, clockwise: bool = False) -> Floats:
-        """Return the radius of every place about the least-squares centre, less the programmed one, in um."""
+        """Return the radius of every position about the least-squares centre, less the programmed one, in um."""
         places = self.clockwise_um if clockwise else self.anticlockwise_um
         return np.asarray(np.hypot(*(places - _centre(places)).T) - self.radius_mm * 1e3)
 
@@ -153,7 +153,7 @@ class CircularTest:
 
 
 def _centre(places: Floats) -> Floats:
-    """Centre of the circle nearest to some places, by two steps of Gauss and Newton."""
+    """Return the centre of the least-squares circle through some positions, by two Gauss-Newton steps."""
     centre = places.mean(axis=0)
     for _ in range(2):
         away = places - centre
@@ -167,7 +167,7 @@ def _centre(places: Floats) -> Floats:
 
 
 _INTERFEROMETER = data_of("interferometer")
-_BEYOND_MM = 1.0  # how far the first and the last point of a compensation table lie outside the travel (ours)
+_BEYOND_MM = 1.0  # distance of a compensation table's first and last point beyond the travel (ours)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +207,7 @@ class TableMeasurement:
 
 
 class _Bench:
-    """The table with an interferometer on it, and a compensation, if there is one."""
+    """The table with an interferometer, and with the control's compensation, if any."""
 
     def __init__(self, machine: Machine, compensation: Elcam | None, rng: np.random.Generator) -> None:
         self._table, self._rng = StillTable(machine), rng
@@ -216,18 +216,18 @@ class _Bench:
         self.centre_um = machine.base.table.centre_um
 
     def move(self, x_um: float, y_um: float) -> tuple[float, float]:
-        """Move to a place, and return where the table truly is."""
+        """Move to a position, and return the true position of the table."""
         motors = (x_um, y_um) if self._compensation is None else self._compensation.begin((x_um, y_um))
         return self._table.move(motors)
 
     def deviation_um(self, x_um: float, y_um: float) -> Floats:
-        """Move to a place, and return by how much the readings of both axes are off it."""
+        """Move to a position, and return the readings of both axes less this position."""
         x, y = self.move(x_um, y_um)
         noise = self._rng.normal(0.0, _INTERFEROMETER["reading"]["noise_um"], 2)
         return np.array((x - x_um, y - y_um)) + noise
 
     def whole_steps(self, um: float) -> float:
-        """Return the place of the nearest motor step."""
+        """Return the position of the nearest motor step."""
         return round(um / self._step_um) * self._step_um
 
 
@@ -236,17 +236,17 @@ def measure_table(
     machine: Machine, *, interval_mm: float | None = None, runs: int | None = None, seed: int = 0,
     compensation: Elcam | None = None,
 ) -> TableMeasurement:
-    """Measure a machine's table at rest, each axis through the middle, and round a circle.
+    """Measure the positions of a machine's table at rest, along each axis through the middle, and on a circle.
 
     Parameters
     ----------
     machine : Machine
     interval_mm : float, optional
-        Between targets, 0.02 mm to a quarter of the travel; by default 0.5.
+        Distance between targets, 0.02 mm to a quarter of the travel; by default 0.5.
     runs : int, optional
-        To every target from each side, 2 to 100; by default 5.
+        Approaches of every target from each side, 2 to 100; by default 5.
     seed : int
-        Of the noise of the readings.
+        Seed of the noise of the readings.
     compensation : Elcam, optional
         The control's compensation, from `edmsim.controllers.axis.elcam.file.load_tables`.
 
@@ -280,13 +280,13 @@ def measure_table(
 
 
 def _traverses(bench: _Bench, k: int, targets: Floats, runs: int) -> tuple[Floats, Floats]:
-    """Go to and fro along an axis, (runs, targets, 2) deviations of both axes upwards and downwards."""
+    """Move to and fro along an axis; return the deviations of both axes upwards and downwards, (runs, targets, 2)."""
     passes = []
-    beyond = 0.25 * (targets[1] - targets[0])  # beyond the ends, so that every target is come upon from one side
+    beyond = 0.25 * (targets[1] - targets[0])  # overrun, so all targets of a traverse are approached from one side
     for way in (targets, targets[::-1]) * runs:
         back = np.sign(way[1] - way[0]) * beyond
         start = way[0] - back
-        bench.move(*_at(bench, k, float(start), float(back)))  # the axis at rest is come upon from both sides, too
+        bench.move(*_at(bench, k, float(start), float(back)))  # the other axis is approached from both sides, too
         passes.append(np.array([bench.deviation_um(*_at(bench, k, float(um))) for um in (start, *way)])[1:])
     return np.array(passes[::2]), np.array(passes[1::2])[:, ::-1]
 
@@ -297,7 +297,7 @@ def _at(bench: _Bench, k: int, um: float, aside_um: float = 0.0) -> tuple[float,
 
 
 def _round(bench: _Bench, circle: Sequence[Floats] | Floats) -> Floats:
-    """Go round twice, and return the places of the second time from the programmed centre."""
+    """Move round a circle twice; return the positions of the second round from the programmed centre."""
     x0, y0 = bench.centre_um
     places = []
     for x, y in [*circle, *circle]:
@@ -320,7 +320,7 @@ _OF_CIRCLE = {
 
 
 def headline(found: TableMeasurement) -> list[str]:
-    """Return the most telling figures as sentences."""
+    """Return the main figures as sentences."""
     lines = [
         f"Accuracy (ISO 230-2) of {axis}: {found.along[axis, axis].figures()['accuracy']:.1f} um."
         for axis in ("x", "y")
@@ -452,7 +452,7 @@ def _draw_part(axes: Axes, cuts: Mapping[str, ErrorMap]) -> None:
 
 
 def _smoothed(values: Floats) -> Floats:
-    """Return running means of what is finite."""
+    """Return running means of the finite values."""
     window = np.ones(round(_SMOOTHED_MM / PROFILE_STEP_MM))
     known = np.isfinite(values)
     count = np.convolve(known, window, "same")
@@ -460,23 +460,23 @@ def _smoothed(values: Floats) -> Floats:
     return np.asarray(np.divide(total, count, out=np.full(len(values), np.nan), where=count > 0))
 
 
-# Where a machine's wire guides are, found from a test cut: a block whose walls lean to one side.
-# A guide that is higher or lower than the control knows moves a leaning wall, towards the part on one side of the
-# block and away from it on the other. What the gap takes is the same on both, and goes out.
+# Heights of a machine's wire guides, from a test cut of a block whose walls lean to one side.
+# If a guide is higher or lower than the control assumes, leaning walls move: towards the part on one side of the
+# block, away from it on the other. The gap is the same on both sides, so it cancels in the difference.
 
-SIDE_MM = 3.0  # sides of the block (ours: most of each lies away from its corners)
-WALL_UM = 1.5  # by as much all slices of a leaning wall lie off alike (ours: 16 blocks, 3 to 15 degrees, true guides)
-CORNER_MM = 0.6  # so near to its corners a wall is not looked at (ours: what is cut twice there, or from the side)
+SIDE_MM = 3.0  # length of the block's sides (ours: most of each is away from the corners)
+WALL_UM = 1.5  # error that all slices of a leaning wall share (ours: 16 blocks, 3 to 15 degrees, true guides)
+CORNER_MM = 0.6  # walls are not measured this near to a corner (ours: metal there is cut twice, or from the side)
 
 
 class GuidesFound(NamedTuple):
-    """What a test cut says of the guides."""
+    """The heights of the guides from a test cut."""
 
     # how much higher the guides are than the machine's file says
     lower_mm: float
     upper_mm: float
-    uncertainty_mm: tuple[float, float]  # of these: scatter of the slices, and what shifts all slices alike
-    # (slices,): by how much the walls were moved the way they lean, slice by slice
+    uncertainty_mm: tuple[float, float]  # of these: from the scatter of the slices, and `WALL_UM`
+    # (slices,) each: heights of the slices, and shifts of their walls in the direction in which they lean
     heights_mm: Floats
     shift_um: Floats
 
@@ -497,7 +497,7 @@ def measure_guides(
     machine: Machine, angle_deg: float = 10.0, errors_mm: tuple[float, float] = (0.0, 0.0), *, seed: int = 0,
     resolution: str = "fast", watch: Callable[[Progress], None] | None = None,
 ) -> GuidesFound:
-    """Cut a block whose walls lean by an angle, and find from them where the guides are, less the errors known."""
+    """Cut a block with leaning walls, with known errors compensated, and find the errors of the guides' heights."""
     if not 1.0 <= angle_deg <= 30.0:
         raise InputError(f"a test block's walls cannot lean by {angle_deg:g} degrees: give 1 to 30")
     guides = guides_of(machine, errors_mm)
@@ -533,7 +533,7 @@ def measure_guides(
 
 
 def _shift_um(profile: ProfileError) -> Floats:
-    """Return by how much the leaning walls lie further towards -x than they should, slice by slice."""
+    """Return the deviation of the leaning walls towards -x, slice by slice."""
     middle = (profile.points_mm.min(axis=0) + profile.points_mm.max(axis=0)) / 2
     x, y = (profile.points_mm - middle).T
     counted = (np.abs(y) < SIDE_MM / 2 - CORNER_MM) & ~profile.at_lead_in

@@ -1,7 +1,7 @@
-"""Many runs: a table of the finished ones, and pools that make the others.
+"""Many runs: a table of the finished ones, and pools of threads or processes that make the others.
 
-Threads start at once and suit short cuts, as the pulse loop leaves Python to other threads. Processes suit long ones
-and the code of users, which may die; those of a Ray cluster need the extra ``cluster``.
+Threads start at once and suit short cuts, because the pulse loop releases Python's lock (GIL). Processes suit long
+cuts and users' code, which may crash; those of a Ray cluster need the extra ``cluster``.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class RunTable:
     file : path, optional
         Lines of JSON.
     of : mapping, optional
-        What the runs are of, if their ids do not say it.
+        What all runs have in common, if their ids do not include it.
     texts : sequence of str
         Texts that every row has.
 
@@ -87,7 +87,7 @@ class RunTable:
 
 
 def read_rows(file: str | Path, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)) -> list[Row]:
-    """Return the rows of a table, even while runs are made; each has these texts. A last line cut off is skipped."""
+    """Return the rows of a table, also while it grows; each must have `texts`. An incomplete last line is skipped."""
     try:
         lines = Path(file).read_bytes().split(b"\n")[:-1]
     except (FileNotFoundError, NotADirectoryError):
@@ -102,27 +102,27 @@ def read_rows(file: str | Path, of: Mapping[str, Any] | None = None, texts: Sequ
                 check_same(row["of"], json.loads(json.dumps(of)), file)
                 continue
             if not (isinstance(row, dict) and all(isinstance(row.get(name), str) for name in texts)):
-                raise ValueError("no row of a run")
+                raise ValueError("not a row of a run")
         except (ValueError, LookupError, TypeError, RecursionError) as error:
-            raise InputError(f"the journal is damaged ({error}): without this line its run is made again", file,
+            raise InputError(f"the journal is damaged ({error}): delete this line to repeat its run", file,
                              number) from None  # fmt: skip
         rows.append(row)
     return rows
 
 
 def read_of(file: Path) -> Row:
-    """Return what the runs of a table are of."""
+    """Return what all runs of a table have in common: `of` of `RunTable`."""
     with file.open(encoding="utf-8") as opened:
         found: Row = json.loads(opened.readline())["of"]
     return found
 
 
 def check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: str | Path) -> None:
-    """Refuse a file that has the runs of something else."""
+    """Refuse a file with runs that were made with other values."""
     for name, value in now.items():
         if before[name] != value:
             reason = f"it has the runs of {name} {before[name]!r}, not {value!r}"
-            if name == "files":  # of which only digests are known
+            if name == "files":  # their values are digests
                 reason = "one of your files has changed since its runs were made"
             raise InputError(f"{reason}: finish those, give another place, or delete it", file)
 
@@ -142,7 +142,7 @@ def _digest(file: str, _time_ns: int, _size: int) -> str:
 
 
 def digests_of(values: Iterable[Any]) -> dict[str, str]:
-    """Return the digests of program, constants, controller, policy and tables, wherever a value names a file."""
+    """Return the digests of all files named in values: program, constants, controller, policy, tables."""
     named: dict[str, str] = {}
     found_in, modules = [*values], list[Path]()
     for value in found_in:
@@ -186,7 +186,7 @@ def perform(
         Called with a job; returns its answer, a dict if there is a `table`.
     jobs : sequence
     watch : callable, optional
-        Called with the jobs done and to do, first before any of them.
+        Called with the number of jobs done and that of all jobs, first before any job is done.
     engine : Engine, optional
         By default threads. For another one, `work` and the jobs must be picklable.
     table : RunTable, optional
@@ -205,12 +205,12 @@ def perform(
         return row
 
     def made(numbered: tuple[int, Any]) -> Any:
-        # saved in its thread, so that runs are saved that end when an interruption has ended the loop below
+        # saved in the job's thread, so that runs are also saved if they end after an interruption of the loop below
         return saved(numbered[0], work(numbered[1]))
 
     left = [numbered for numbered in enumerate(jobs) if numbered[0] not in answers]
     watch = watch or (lambda *_: None)
-    watch(len(answers), len(jobs))  # the first job may take minutes
+    watch(len(answers), len(jobs))  # at once, because the first job may take minutes
     found = Threads().done(made, left) if engine is None else _done_elsewhere(engine, work, left, saved)
     for (number, _), answer in found:
         answers[number] = answer
@@ -233,7 +233,7 @@ def _done_elsewhere(
 
 
 def _refuse_not_importable(work: Function) -> None:
-    """Refuse a function of a notebook, of a script, or within another, which a new process does not have."""
+    """Refuse a function of a notebook or script, or nested in another, because a new process cannot import it."""
     function = getattr(work, "func", work)  # of a partial
     name = getattr(function, "__qualname__", "")
     if function.__module__ == "__main__" or "<" in name:
@@ -252,13 +252,13 @@ def _attempted(numbered: tuple[int, Function, Any]) -> Any:
         except Exception:
             return EdmsimError(str(error)) if isinstance(error, EdmsimError) else RuntimeError(text)
         if not isinstance(error, EdmsimError):
-            error.add_note(text)  # where it was raised, which is lost between processes
+            error.add_note(text)  # the traceback, which is lost between processes
         return error
 
 
 LONG_S = 3600.0
-"""Machine time of cuts above which processes are faster (ours: they start within some seconds, and threads of one
-process wait for each other's Python)."""
+"""Machine time of cuts above which processes are faster (ours: processes take some seconds to start, and threads
+wait for the GIL)."""
 
 
 def engine_for(machine_s: float) -> Engine | None:
@@ -266,13 +266,13 @@ def engine_for(machine_s: float) -> Engine | None:
     return Processes() if machine_s > LONG_S and processors() > 1 else None
 
 
-ATTEMPTS = 3  # how often a job is begun whose process or computer is lost, before it counts as failed (ours)
+ATTEMPTS = 3  # attempts at a job whose process or computer is lost, before it counts as failed (ours)
 Function = Callable[[Any], Any]
-"""What is done with a job: a function of a module that every computer has; job and answer can be pickled."""
+"""The function of jobs: in a module that every computer has; jobs and answers must be picklable."""
 
 
 class LostJob:
-    """Stands for the answer to a job whose process or computer was lost each time; says why."""
+    """The answer to a job whose process or computer was lost at every attempt, with the reason."""
 
     def __init__(self, why: str) -> None:
         self.why = f"{why}; given up after {ATTEMPTS} attempts"
@@ -351,7 +351,7 @@ class Processes:
 
 
 class _Worker:
-    """A process, and a thread that talks to it; a process that dies is replaced, and its job begun again."""
+    """A process, and a thread that exchanges jobs with it; a process that dies is replaced, and its job restarted."""
 
     def __init__(self, function: Function, answers: queue.SimpleQueue[tuple[Any, Any]]) -> None:
         self._name = f"{function.__module__}:{function.__qualname__}"
@@ -370,7 +370,7 @@ class _Worker:
         self._jobs.put((job, pickled))
 
     def stop(self) -> None:
-        """End thread and process, whatever they do."""
+        """End thread and process, even during a job."""
         self._stopped = True
         self._jobs.put(None)
         if (process := self._process) is not None:
@@ -400,13 +400,13 @@ class _Worker:
             except (EOFError, OSError, pickle.UnpicklingError):
                 self._end()
                 why = f"the process that made the run ended with status {process.returncode}"
-            except Exception as error:  # of a class that cannot be made again
+            except Exception as error:  # the class of the answer cannot be unpickled
                 self._end()
                 why = f"the answer of the process that made the run cannot be read: {error}"
         return LostJob(why)
 
     def _begin(self) -> subprocess.Popen[bytes]:
-        # what this process can import, a worker can; a library's own threads would only wait for each other
+        # a worker can import the same modules as this process; threads of libraries would only compete
         path = os.pathsep.join(place or os.getcwd() for place in sys.path)
         environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
         return subprocess.Popen(
@@ -427,11 +427,11 @@ class _Worker:
 
 
 def serve() -> None:
-    """Run the jobs of a pipe until it is closed, which also ends a job in progress: the main program of a process."""
+    """Run jobs from standard input until it is closed, which also ends a job in progress: the main program."""
     function = resolve_name(sys.argv[1])
     source = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a user's code prints goes where a person sees it, and not between the answers
+    os.dup2(2, 1)  # what a user's code prints goes to standard error, and not between the answers
     jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(source, jobs), daemon=True).start()
     while True:
@@ -445,14 +445,14 @@ def _read(source: BinaryIO, jobs: queue.SimpleQueue[Any]) -> None:
             jobs.put(pickle.load(source))
         except (EOFError, OSError):
             os._exit(0)
-        except Exception:  # of a job that names what this process cannot import
+        except Exception:  # a job that this process cannot import
             print_exc()
             os._exit(1)
 
 
 IN_FLIGHT = 2
-"""Jobs handed out per processor (ours): one that runs, and one that waits there while the answer travels."""
-LOOK_S = 2.0  # how often, at least, it is looked how many processors there are
+"""Jobs submitted per processor (ours): one runs, and one waits there until the answer has been transferred."""
+LOOK_S = 2.0  # longest time between two checks of the number of processors
 
 
 @methods_refuse_wrong_types
@@ -474,8 +474,8 @@ class Cluster:
     """
 
     def __init__(self, address: str = "auto") -> None:
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics unless the user asks
-        # Ray will change who hides the GPUs; runs use none
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics unless the user enables them
+        # avoids Ray's warning that it will not hide GPUs in future; runs use none
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         try:
             import ray
@@ -485,9 +485,9 @@ class Cluster:
         if not ray.is_initialized():
             try:
                 host, _, port = address.rpartition(":")
-                if port.isdecimal() and "/" not in host:  # Ray would try for minutes
+                if port.isdecimal() and "/" not in host:  # because Ray would try for minutes
                     socket.create_connection((host, int(port)), timeout=LOOK_S).close()
-                # of a cluster within one computer Ray would ask at the address other computers know it by
+                # for a cluster on one computer, Ray would use the address under which other computers know it
                 here: dict[str, Any] = {"_node_ip_address": host} if host.startswith("127.") else {}
                 ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **here)
             except (OSError, ValueError, RuntimeError) as error:
@@ -527,7 +527,7 @@ class Cluster:
     def _answer(self, reference: Any) -> Any:
         try:
             return self._ray.get(reference)
-        except self._ray.exceptions.LocalRayletDiedError:  # no job can be run now, so none of them has failed
+        except self._ray.exceptions.LocalRayletDiedError:  # no job can run any longer, so this one has not failed
             raise EdmsimError("Ray has ended on this computer: start it again, and run the same command") from None
         except self._ray.exceptions.RayError as error:
             return LostJob(str(error).strip().split("\n")[0] or type(error).__name__)

@@ -22,26 +22,26 @@ from .worker_stacks import pytest_configure  # noqa: F401, a hook
 
 
 def pytest_collection():
-    """Collect no garbage while modules are imported and tests are made: they stay."""
+    """Stop garbage collection while modules are imported and tests are collected, because these objects are kept."""
     gc.disable()
 
 
-@pytest.hookimpl(tryfirst=True)  # before what is slow is left out
+@pytest.hookimpl(tryfirst=True)  # before slow tests are deselected
 def pytest_collection_modifyitems(items):
-    """Call slow what waits for a whole cut."""
+    """Mark tests that need the whole cut as slow."""
     for item in items:
         if "small_cut" in getattr(item, "fixturenames", ()):
             item.add_marker("slow")
 
 
 def pytest_collection_finish():
-    """Let Python's garbage collector skip modules and tests, and seldom look at old objects: they took a tenth."""
+    """Let the garbage collector skip modules and tests, and seldom scan old objects: it took a tenth of the time."""
     gc.freeze()
     gc.set_threshold(700, 10, 100)
     gc.enable()
 
 
-# a busy machine is not a fault of ours; other runs try other examples
+# no deadline, because a busy machine is slow; each run draws other examples
 settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
@@ -62,13 +62,13 @@ M2
 
 @pytest.fixture(scope="session")
 def load_script():
-    """Load a Python file that no package holds, as if it were run."""
+    """Load a Python file outside packages as a script."""
 
     def load(file):
         spec = spec_from_file_location(f"script_{file.stem}", file)
         module = module_from_spec(spec)
         with pytest.MonkeyPatch.context() as patch:
-            patch.syspath_prepend(file.parent)  # a script imports what stands beside it
+            patch.syspath_prepend(file.parent)  # a script can import files next to it
             spec.loader.exec_module(module)
         return module
 
@@ -77,14 +77,14 @@ def load_script():
 
 @pytest.fixture(scope="session", autouse=True)
 def folders_of_learners(tmp_path_factory):
-    """Let stable-baselines3 make the folder of a learner without a logger among the tests' folders."""
+    """Let stable-baselines3 write the logs of a learner without logger to the folder of temporary files."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SB3_LOGDIR", str(tmp_path_factory.getbasetemp() / "sb3"))
         yield
 
 
 class Outcome(NamedTuple):
-    """What a command left: exit status, and what it wrote to either stream."""
+    """The result of a command: exit status, standard output and standard error."""
 
     status: int
     out: str
@@ -96,7 +96,7 @@ FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "wi
 
 
 def timeless(report):
-    """Return a report without what the computer's clock says."""
+    """Return a report without figures of the computer's clock."""
     return {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}
 
 
@@ -116,7 +116,7 @@ def command_line(monkeypatch, capsys):
 
 @pytest.fixture
 def signals():
-    """Signals as Python has them, where the test runner, nohup or the background have changed them."""
+    """Set Python's default signal handlers, which the test runner, nohup or a background job may have changed."""
     usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
     before = {number: signal.signal(number, handler) for number, handler in usual.items()}
     yield
@@ -135,7 +135,7 @@ def draws_pictures():
 
 @pytest.fixture(autouse=True)
 def pictures_of_cuts(request, monkeypatch):
-    """Let cuts write a point in place of their picture, and a page without figures: most of what a short cut takes.
+    """Let cuts write a point as their picture, and a page without figures, which take most of a short cut's time.
 
     `small_cut`, all of `tests/recording` and the tests with `draws_pictures` draw them.
     """
@@ -163,7 +163,7 @@ def own_file(tmp_path):
 
 @pytest.fixture
 def hot_machine(own_file):
-    """Write the file of a machine whose wire takes much heat and is hardly cooled, and breaks."""
+    """Write the file of a machine whose wire gets much heat and little cooling, and breaks."""
     return own_file(
         "machines", "agiecut-dem15",
         ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
@@ -175,7 +175,7 @@ def hot_machine(own_file):
 
 @pytest.fixture(scope="module")
 def short_episodes():
-    """Let controllers cut for four seconds where they are compared."""
+    """Limit episodes to four seconds in comparisons of controllers."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=4.0))
         yield
@@ -191,7 +191,7 @@ def small_punch(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def cut_small(small_punch):
-    """Cut the punch from thin stock, coarsely; options of `edmsim.cut` may be given."""
+    """Cut the punch from thin stock at coarse resolution; takes options of `edmsim.cut`."""
 
     def cut(**options):
         return edmsim.cut(small_punch, **{"height_mm": 5.0, "resolution": "fast", "seed": 1, **options})
@@ -201,7 +201,7 @@ def cut_small(small_punch):
 
 @pytest.fixture(scope="session")
 def small_cut(cut_small, tmp_path_factory):
-    """Give the finished cut of the punch, its folder, and what a watcher saw of it."""
+    """Return the finished cut of the punch, its folder, and the `Progress` after each window."""
     folder = tmp_path_factory.mktemp("out") / "new" / "punch"
     progress = []
     return SimpleNamespace(result=cut_small(out=folder, watch=progress.append), folder=folder, progress=progress)
@@ -209,7 +209,7 @@ def small_cut(cut_small, tmp_path_factory):
 
 @pytest.fixture
 def short_training(monkeypatch):
-    """Let trainings be short: few sub-environments, few windows between updates."""
+    """Shorten trainings: few sub-environments, few windows between updates."""
     load = hyperparameters.load
 
     def shorter(env_id, algo, settings=None):

@@ -1,10 +1,10 @@
-"""Record what the product does, item by item, and compare two recordings: a rebuild must keep every bit.
+"""Record results of the product, item by item, and compare two recordings: a refactoring must keep every bit.
 
-    python tests/golden.py record FOLDER [--only G1,G3]     the checkout it stands in, into FOLDER/G1.json ...
+    python tests/golden.py record FOLDER [--only G1,G3]     record this checkout, into FOLDER/G1.json ...
     python tests/golden.py compare OLD NEW [--only G1,G3]   a line for every item that differs; exit status 1 if any
 
 An item is a digest of the whole value and a short text of it: numbers here and there, a message, a transcript.
-What the clock of the computer says, the version, and the names of folders are left out.
+Times of the computer's clock, the version, and the names of folders are left out.
 """
 
 import argparse
@@ -28,7 +28,7 @@ import gymnasium
 import numpy as np
 from rerun.chunk import RrdReader
 
-# all that is known of where the product's parts stand
+# the only imports that depend on the modules of the product
 import edmsim
 from edmsim import Machine, Plant, PulseWindow, controllers, envs, validation
 from edmsim.cli import app as cli
@@ -42,13 +42,13 @@ ROOT = Path(__file__).resolve().parents[1]
 ENVIRONMENT = dict(pair.split("=") for pair in f"""EDMSIM_GOLDEN={ROOT} PYTHONPATH={ROOT} PYTHONSAFEPATH=1 COLUMNS=100
     PYTHONHASHSEED=0 PYTHONWARNINGS=ignore TERM=dumb NO_COLOR=1 MPLBACKEND=agg MUJOCO_GL=disable OMP_NUM_THREADS=1
     CUDA_VISIBLE_DEVICES= XDG_CACHE_HOME={tempfile.gettempdir()}/edmsim-golden-cache""".split())  # fmt: skip
-"""What a recording runs in; its cache of compiled loops is its own, so that no other checkout's is dropped."""
+"""Environment variables of a recording; it has a cache of its own, so that no other checkout's is evicted."""
 LEFT_OUT = frozenset({"wall_time_s", "realtime_factor", "edmsim_version"})
 MASKED = re.compile(r"computed in [^)<]*|<footer>edmsim [^<]*|\"edmsim_version\": \"[^\"]*\"|\(\d+\.\d+\.\d+\)")
 LONGEST, SAMPLES = 20_000, 24
 Items = dict[str, list[str]]
 CENTRE_UM = (32_500.0, 32_500.0)
-IDS = tuple(env_id for env_id in registered_ids() if "Part" not in env_id)  # a part is a cut, which is recorded
+IDS = tuple(env_id for env_id in registered_ids() if "Part" not in env_id)  # G2 records cuts of parts
 FILES = {
     "punch.ngc": "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n",
     "dwell.ngc": "G0 X0 Y0\nG1 X0.101\nG4 P3\nG1 Y0.203\nG4 P1\nG2 X0.2 Y0.302 I0.099 J0\nG1 X0\nM2\n",
@@ -58,7 +58,7 @@ FILES = {
     "host.txt": "* a round end\nTI 30 TP 100 SPEED 120\nNEW 1300 1000\nTI 20\nCCW 1300 1100 1300 1050\nEND\n",
     "own.py": "from edmsim import controllers\nclass Own(type(controllers.make('fixed'))):\n    name = 'own'\n",
 }  # fmt: skip
-"""What lies in the folder that a group is recorded in."""
+"""Files in the folder in which a group is recorded."""
 SESSIONS = {
     "": "HELP|STATUS|X -20|WAIT|POS 1000 1000|TI 30 TP 100 SPEED 110|NEW 1200 1000|START|WAIT 5|STATUS|WAIT|MAIN||"
         "1100 1000|20|100||YES|WAIT|STATUS|BYE",
@@ -83,7 +83,7 @@ CUT_WITH = """--material no|--machine no|--machine no.toml|--wire brass-10|--gen
 
 
 def take(items: Items, name: str, make: Callable[..., Any], *arguments: Any, **options: Any) -> None:
-    """Put in what a call returns, or its error; says so, and how long it took."""
+    """Record what a call returns, or its error; print its name and duration."""
     start_s, text = time.perf_counter(), ""
     try:
         put(items, name, make(*arguments, **options))
@@ -94,7 +94,7 @@ def take(items: Items, name: str, make: Callable[..., Any], *arguments: Any, **o
 
 
 def put(items: Items, name: str, value: Any) -> None:
-    """Put a value in: mappings, tables, records and lists of records field by field."""
+    """Record a value: mappings, tables, records and lists of records field by field."""
     if hasattr(value, "column_names"):
         value = {"schema": str(value.schema), **{c: value.column(c).to_numpy() for c in value.column_names}}
     elif isinstance(value, np.ndarray) and value.dtype.names:
@@ -111,9 +111,9 @@ def put(items: Items, name: str, value: Any) -> None:
 
 
 def entry(value: Any) -> list[str]:
-    """Return digest and text of a value that has no fields."""
+    """Return the digest and a text of a value without fields."""
     if isinstance(value, list):
-        with suppress(ValueError, OverflowError):  # of unequal lengths, or too large
+        with suppress(ValueError, OverflowError):  # lists of unequal lengths, or too large integers
             array = np.array(value)
             value = array if array.dtype.kind in "biuf" else value
     if isinstance(value, np.ndarray) and value.dtype != object:
@@ -151,7 +151,7 @@ def command(text: str, folder: str | None = None) -> dict[str, Any]:
 
 
 def driven(plant: Plant, windows: int, step_ns: int = 100_000_000, axis: int = 0) -> list[PulseWindow]:
-    """Advance with motor steps of 2 um at even times; ends early where the wire breaks."""
+    """Advance with motor steps of 2 um at equal intervals; stop early if the wire breaks."""
     done: list[PulseWindow] = []
     while len(done) < windows and not (done and done[-1].broken):
         times = range(-(-plant.time_ns // step_ns) * step_ns, plant.time_ns + plant.longest_window_ns, step_ns)
@@ -160,14 +160,14 @@ def driven(plant: Plant, windows: int, step_ns: int = 100_000_000, axis: int = 0
 
 
 def slotted(resolution: str = "fast", mechanics: str = "modal", altering: Any = None, **options: Any) -> Plant:
-    """Return a plant that stands at the end of a begun slot."""
+    """Return a plant whose wire is at the end of a partly cut slot."""
     machine = altered(Machine.load(**options), altering or {})
     stock = started_slot(machine, CENTRE_UM)
     return Plant(machine, 1, stock=stock, position_um=CENTRE_UM, resolution=resolution, mechanics=mechanics)
 
 
 def plant_run(windows: int, turn: Callable[[Plant], Any] | None = None, **options: Any) -> dict[str, Any]:
-    """Drive a plant, let something happen to it (a turn may give another plant back), drive on, and show it."""
+    """Return a plant after some windows, a call of `turn`, which may return another plant, and further windows."""
     plant = slotted(**options)
     first, turned = driven(plant, windows), turn(plant) if turn else None
     if isinstance(turned, Plant):
@@ -209,7 +209,7 @@ def record_plant(items: Items) -> None:
 
 
 def cut(program: str, **options: Any) -> dict[str, Any]:
-    """Cut a program, coarsely and not for long if nothing else is said; returns all that the cut leaves."""
+    """Cut a program, by default at coarse resolution and for a short time; return all results of the cut."""
     observed: list[Any] = []
     settings: Any = {"resolution": "fast", "seed": 1, "max_time_s": 30.0, "watch": observed.append, **options}
     result = edmsim.cut(program, **settings)
@@ -233,7 +233,7 @@ def steps_of(planner: str, nm_s: float, unit: Any) -> dict[str, Any]:
 
 
 def record_cuts(items: Items) -> None:
-    """G2: whole cuts, what they write, and the planners alone."""
+    """G2: whole cuts with their files, and the planners alone."""
     area = ([(-0.5, -2.0), (9.0, -2.0), (9.0, 9.0), (3.0, 9.0)], 11.0)
     controlled = [name for name in controllers.names() if name != "oracle"]
     controlled += ["policy:GapFeed-ppo", "policy:Contour-ppo", "fixed:feed_um_s=20", "own.py:Own:feed_um_s=25"]
@@ -262,7 +262,7 @@ def record_cuts(items: Items) -> None:
 
 
 def resumed(stop_s: float, program: str, **options: Any) -> dict[str, Any]:
-    """Press Ctrl-C in a cut at a time of the machine, and take it up again; without a time, cut it straight."""
+    """Interrupt a cut at a machine time by Ctrl-C, and resume it; if the time is 0, do not interrupt it."""
     if not stop_s:
         return {"cut": {**cut(program, **options), "progress": None}}
     folder = Path(f"{program}-{stop_s}-{len(options)}")
@@ -273,7 +273,7 @@ def resumed(stop_s: float, program: str, **options: Any) -> dict[str, Any]:
 
 
 def record_resumed(items: Items) -> None:
-    """G3: cuts interrupted and taken up again, and in what they differ from the straight one."""
+    """G3: resumed cuts, and their differences from the uninterrupted cut."""
     for program, options in (("punch.ngc", {}), ("dwell.ngc", {"max_time_s": None, "offset": "none"}),
                              ("punch.ngc", {"controller": "mcu", "planner": "dda", "generator": "iso-energetic"})):
         names = {stop_s: f"{program} {options} at {stop_s}" for stop_s in (0, 1.0, 8.0, 14.0)}
@@ -285,7 +285,7 @@ def record_resumed(items: Items) -> None:
 
 
 def played(env: Any, actions: Iterable[Any], **reset: Any) -> dict[str, Any]:
-    """Step through actions, after a reset if one is given; a single environment is reset after an episode's end."""
+    """Step through actions, after a reset if it has arguments; reset a single environment after an episode's end."""
     (first, drawn), rows = env.reset(**reset) if reset else (None, None), list[Any]()
     for action in actions:
         rows.append(env.step(action))
@@ -298,7 +298,7 @@ def played(env: Any, actions: Iterable[Any], **reset: Any) -> dict[str, Any]:
 
 
 def task_cut(env_id: str, windows: int) -> list[Any]:
-    """Cut an environment's episode by the counts."""
+    """Run an episode of an environment with the controller `counts`."""
     task, law = envs.Task(env_id, resolution="fast", planner="exact"), controllers.make("counts")
     results: list[Any] = []
     task.reset(seed=8)
@@ -329,7 +329,7 @@ def record_environments(items: Items) -> None:
 
 
 def record_terminal(items: Items) -> None:
-    """G5: sessions in a pipe, to the character."""
+    """G5: sessions in a pipe, character by character."""
     for options, lines in SESSIONS.items():
         words = [sys.executable, *f"-m edmsim console 1982 --resolution fast --height 5 {options}".split()]
         done = subprocess.run(words, input=f"{lines}|".replace("|", "\n").encode(), capture_output=True, check=False)
@@ -338,10 +338,10 @@ def record_terminal(items: Items) -> None:
 
 
 def record_studies(items: Items) -> None:
-    """G6: small runs of what makes many cuts."""
+    """G6: small runs of commands that make many cuts."""
     for words in (f"{IDS[0]} --controllers counts,voltage --json", f"{IDS[1]} --controllers fixed"):
         take(items, f"evaluate {words}", command, f"evaluate {words} --seeds 2 --resolution fast")
-    for check in validation.checks([name for name in validation.MODULES if name != "ignition"]):  # takes longest
+    for check in validation.checks([name for name in validation.MODULES if name != "ignition"]):  # the slowest
         take(items, f"validate {check.__name__}", lambda check=check: {row.name: vars(row) for row in check((1, 2))})
     take(items, "log", cut, "punch.ngc", out="log", height_mm=5.0)
     fit = "--fit material.removal_mm3_J --height 5 --json"
@@ -350,7 +350,7 @@ def record_studies(items: Items) -> None:
 
 
 def record_refusals(items: Items) -> None:
-    """G7: what bad usage and bad input are answered, and the help."""
+    """G7: messages for bad usage and bad input, and the help."""
     cuts = [f"cut punch.ngc --out o {words}" for words in re.split(r"[|\n]", CUT_WITH)]
     for text in (*re.split(r"[|\n]", REFUSED), *cuts, *(f"cut {name} --out o" for name in FILES if "bad" in name)):
         take(items, f"edmsim {text}", command, text)

@@ -1,4 +1,4 @@
-"""`edmsim check`, and what the command line says of options: one line for bad usage, names for what there is."""
+"""`edmsim check`, and messages about options: one line for bad usage, and the names that an option accepts."""
 
 import os
 import re
@@ -48,7 +48,7 @@ def test_a_program_is_drawn_with_its_figures(edmsim, tmp_path):
 
 @pytest.mark.slow
 def test_a_look_compiles_nothing(tmp_path):
-    """A user who looks at a program or mistypes a name waits for no compiler."""
+    """A user who checks a program or mistypes a name does not wait for the compiler."""
     both = (
         "import sys\nfrom edmsim.cli.app import main\n"
         f"for words in (['check', {str(EXAMPLES / 'punch.ngc')!r}], ['cut', 'no-such.ngc', '--drive', 'uhu']):\n"
@@ -144,7 +144,7 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, t
         (("cut", "a.ngc", "--colour", "red"), "no such option: --colour"),
         (("cut",), "missing argument 'program'; see edmsim cut --help"),
         (("cut", "a.ngc", "--height", "tall"), "invalid value for '--height'"),
-        # a variable of the shell that is not set; a path of no letters would be the present folder
+        # an unset variable of the shell; an empty path would be the current folder
         (("cut", "a.ngc", "--out", ""), "--out is empty: give a value, or leave it out"),
         (("cut", "a.ngc", "--out="), "--out is empty"), (("report", ""), "an argument is empty"),
         (("sweep", "run", "a.ngc", "--out", "a", "--height", ""), "--height is empty"),
@@ -251,7 +251,7 @@ def test_help_and_refusals_list_what_a_registry_has(edmsim, monkeypatch):
     assert "a-new-one" in edmsim("cut", "--help").out
     assert "a-new-one" in edmsim("console", "1982", "--help").out
     assert "a-new-one" in edmsim("check", EXAMPLES / "gear.dxf", "--planner", "nobody").err
-    assert "lead-oracle" in edmsim("evaluate", "--help").out  # it sees the true gap: none to cut with
+    assert "lead-oracle" in edmsim("evaluate", "--help").out  # it reads the true gap, so it cannot cut
     assert "lead-oracle" not in edmsim("cut", "--help").out
 
 
@@ -263,7 +263,7 @@ def test_what_is_listed_of_controllers_can_be_cut_with_and_what_is_not_is_refuse
     for text in cuts:
         assert make_controller(filled.get(text, text))
     for text in set(all_of_them) - set(cuts):
-        with pytest.raises(InputError, match="not cut with"):
+        with pytest.raises(InputError, match="cut with another"):
             make_controller(text)
     listed = re.escape(", ".join(cuts))
     with pytest.raises(InputError, match=f"'genius'; choose one of {listed}$"):
@@ -312,7 +312,7 @@ def test_a_tall_workpiece_is_limited_by_the_generator():
     machine = Machine.load(height_mm=400.0)
     feed_um_s, limited_by = greatest_feed_um_s(machine, "poscal", 400.0)
     assert limited_by == "generator"
-    # what all pulses together remove in a second fills the kerf of that second
+    # the volume that all pulses remove in a second is that of the kerf cut in it
     removed_mm3 = 6.61 * 0.3 * machine.material.burning_voltage_V.value * machine.material.removal_mm3_J.value
     assert feed_um_s * 1e-3 * 400.0 * 2 * machine.auto_offset_mm == pytest.approx(removed_mm3, rel=1e-3)
     assert greatest_feed_um_s(machine, "poscal", 200.0)[0] == pytest.approx(2 * feed_um_s)
@@ -326,7 +326,7 @@ def test_passes_are_listed_as_the_program_has_them(edmsim):
     assert rows[2].endswith("C003 after C002, on the same wire, then a stop")
     assert rows[6].startswith("contour 1")
     names = [row.split("  ")[0] for row in rows if not row.startswith("note")]
-    assert len(set(names)) == len(names)  # what the program says, and what comes of it, have names of their own
+    assert len(set(names)) == len(names)  # rows of the program and of the planned path have different names
 
 
 def test_the_dialect_and_the_conditions_are_options_of_check(edmsim):
@@ -355,7 +355,7 @@ def test_passes_are_estimated_by_their_technology():
         assert one.seconds == pytest.approx(60 * (one.length_mm + slower_mm) / setting.found.feed_mm_min)
     shifted = check(EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4, offset=0.2)).passes
     by_mm = [one.offset_mm - before.offset_mm for before, one in zip(found.passes, shifted, strict=True)]
-    assert by_mm == pytest.approx([0.2 - found.passes[-1].offset_mm] * 3)  # the last pass has the offset given
+    assert by_mm == pytest.approx([0.2 - found.passes[-1].offset_mm] * 3)  # the offset of the last pass is set
     outcome = dict(lines_of(found))
     assert outcome["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
     assert "time" not in outcome  # the least time is that of one pass at the rough setting
@@ -396,4 +396,4 @@ def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_t
     fast = check(EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4, resolution="fast"))
     (moved,) = [notice for notice in fast.path.notices if "technology" in notice]
     assert moved.startswith("the offsets of the passes were measured at the resolution default; at fast walls lie")
-    assert own.passes[0].seconds < found.passes[0].seconds  # shops cut aluminium some twice as fast
+    assert own.passes[0].seconds < found.passes[0].seconds  # aluminium is cut about twice as fast in practice

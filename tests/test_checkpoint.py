@@ -1,4 +1,4 @@
-"""An interrupted cut goes on bit for bit, and only as the cut it was."""
+"""A resumed cut has the same bits as an uninterrupted one, and is refused with other settings."""
 
 import json
 import shutil
@@ -44,7 +44,7 @@ def interrupted(cut, folder, windows=100, **options):
 
 @contextmanager
 def edited(file):
-    """Give the arrays and the document of a checkpoint to be changed."""
+    """Yield the arrays and the JSON of a checkpoint, and store their changes."""
     with np.load(file) as stored:
         arrays = dict(stored)
     document = json.loads(arrays["__json__"].tobytes())
@@ -66,7 +66,7 @@ def assert_same(a, b):
 
 @pytest.fixture(scope="module")
 def whole(cut_small):
-    """Give the cut that nobody interrupts."""
+    """Return the uninterrupted cut."""
     return cut_small(**SHORT)
 
 
@@ -94,7 +94,7 @@ def test_ctrl_c_within_a_window_waits_for_its_end(cut_small, whole, tmp_path):
     interrupted = 0
     while True:
         hand = threading.Timer(0.002, signal.raise_signal, (signal.SIGINT,))
-        # a busy machine may finish the cut before the hand comes: it comes four times, and once is enough
+        # up to four interrupts, of which one must succeed, because a busy machine may finish the cut first
         begin = iter([hand.start] if interrupted < 4 else [])
         try:
             result = cut_small(out=tmp_path, resume=interrupted > 0, watch=lambda _, b=begin: next(b, int)(), **SHORT)
@@ -135,7 +135,7 @@ def test_wall_time_goes_on_from_the_checkpoint(cut_small, tmp_path):
 
 @pytest.fixture(scope="module")
 def stopped(cut_small, tmp_path_factory):
-    """Return the folder of an interrupted cut, which nobody may change."""
+    """Return the folder of an interrupted cut, which tests must not change."""
     folder = tmp_path_factory.mktemp("stopped")
     interrupted(cut_small, folder, 20)
     return folder
@@ -143,7 +143,7 @@ def stopped(cut_small, tmp_path_factory):
 
 @pytest.fixture
 def own_stopped(stopped, tmp_path):
-    """Return the checkpoint of an interrupted cut, to be changed."""
+    """Return a copy of the checkpoint of an interrupted cut, which the test may change."""
     return Path(shutil.copy(stopped / CHECKPOINT, tmp_path))
 
 
@@ -232,7 +232,7 @@ def test_damaged_checkpoint_is_refused(cut_small, own_stopped, damage):
     ("part", "missing", "message"),
     [
         (0, "windows.rows", "damaged"),
-        # as checkpoints had none at first
+        # as in the oldest checkpoints
         (1, "format", "another version of edmsim wrote the checkpoint; cut again"),
     ],
 )
@@ -253,7 +253,7 @@ def test_interrupt_without_a_folder_just_stops_and_nothing_can_be_resumed(cut_sm
 
 @dataclass
 class Numpy:
-    """A law whose snapshot has numbers of numpy, from the beginning or after some windows."""
+    """A law whose snapshot has NumPy numbers, from the beginning or after some windows."""
 
     after: int
     name: ClassVar[str] = "numpy"

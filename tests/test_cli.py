@@ -56,7 +56,7 @@ def test_finished_cut_reports_and_exits_0(tmp_path, edmsim):
     assert "100.0 %" in outcome.err
     report = json.loads((out / "report.json").read_text())
     assert (report["outcome"], report["seed"], report["settings"]["height_mm"]) == ("finished", 4, 5.0)
-    # the wire's centre ran on what is drawn: no edge, no error, no better offset
+    # without offset the wire's centre follows the drawing: no edge, no error, no better offset
     assert report["profile_error_um"]["max"] is None
     assert (report["offset"]["mean_error_um"], report["offset"]["to_use_mm"]) == (None, None)
     assert re.search(r"^profile error +not measured", outcome.out, re.MULTILINE)
@@ -162,7 +162,7 @@ def test_interrupted_cut_is_taken_up_again(small_punch, tmp_path, edmsim, monkey
 @pytest.mark.usefixtures("signals")
 @pytest.mark.parametrize("late", ["checkpoint", "bar", "table"])
 def test_an_interrupt_when_all_is_written_ends_nothing(small_punch, tmp_path, edmsim, monkeypatch, late):
-    """Before the cut's own handler goes, behind it, and while the results are shown."""
+    """Before and after the cut's own handler is removed, and while the results are shown."""
     def interrupted(where, name):
         before = getattr(where, name)
 
@@ -177,7 +177,7 @@ def test_an_interrupt_when_all_is_written_ends_nothing(small_punch, tmp_path, ed
     interrupted(*{"checkpoint": (Path, "unlink"), "bar": (ShownProgress, "__exit__"),
                   "table": (report_module, "render_table")}[late])  # fmt: skip
     outcome = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, *FAST)
-    assert outcome.status == 3  # the time limit; as without the interrupt
+    assert outcome.status == 3  # the status of the time limit, as without interrupt
     assert "interrupted" not in outcome.err
     assert sorted(f.name for f in tmp_path.iterdir()) == FILES
 
@@ -202,7 +202,7 @@ def test_model_outside_its_validity_is_one_line_and_exit_1(small_punch, tmp_path
     monkeypatch.setattr(Simulation, "step", fail)
     outcome = edmsim("cut", small_punch, "--out", tmp_path, *FAST)
     assert outcome[:2] == (1, "")
-    assert outcome.err.splitlines()[-1] == "edmsim: the wire left its guides"  # behind the bar of the cut
+    assert outcome.err.splitlines()[-1] == "edmsim: the wire left its guides"  # after the progress bar
 
 
 def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path, edmsim, monkeypatch):
@@ -285,7 +285,7 @@ def test_ctrl_c_while_the_package_is_imported_is_silent(tmp_path):
         [sys.executable, "-m", "edmsim", "--version"], capture_output=True, check=False,
         env={**os.environ, "PYTHONPATH": path}, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
-    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, b"", b"")  # which shells call 130
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, b"", b"")  # status 130 in shells
 
 
 class _Gone:

@@ -1,4 +1,4 @@
-"""docs/controller-1982.md: every row of the thesis once, with the tests that quote it; every name it gives exists.
+"""docs/controller-1982.md: every row of the thesis once, with the tests that quote it; every name on the page exists.
 
 ``python tests/test_controller_1982.py`` writes the tests again into the page.
 """
@@ -57,12 +57,12 @@ def _first_line(node, lines):
 
 
 def table():
-    """Lines of the page's table of rows: row, what it asks, tests or reason."""
+    """Lines of the page's table of rows: row, requirement, tests or reason."""
     return ROW.findall(PAGE.read_text(encoding="utf-8").split(HEADING)[1])
 
 
 def refreshed(text):
-    """Return the page with the tests of every row as they are now; where there are none its reason stays."""
+    """Return the page with the current tests of every row; if a row has no tests, its reason is kept."""
     quoting = quoting_tests()
 
     def line(match):

@@ -18,7 +18,7 @@ START = (30_000, 30_000)
 
 
 def contour(points, dwells=()):
-    """Open contour without offset, its points given relative to the middle of the table."""
+    """Open contour without offset; the points are relative to the middle of the table."""
     points_um = np.array(points, np.int64) + START
     return WireContour(points_um, 0, points_um * 1e-3, False, "left", dwells, (1,) * (len(points) - 1))
 
@@ -35,7 +35,7 @@ def simulation(*contours, controller=None, hole_mm=0.5, **options):
 
 
 def windows_of(sim):
-    """Return the table of windows that looked on."""
+    """Return the table of windows that observed the simulation."""
     (table,) = sim.observers
     assert isinstance(table, WindowTable)
     return table
@@ -51,7 +51,7 @@ def run(sim, at_most=3000):
 
 
 class Script:
-    """Commands a given row of feeds over and over, and keeps what it was shown."""
+    """Commands a sequence of feeds repeatedly, and stores its observations."""
 
     name: ClassVar[str] = "script"
 
@@ -86,7 +86,7 @@ ZIGZAG = [(0, 0), (101, 53), (40, 160), (-77, 160), (-77, 31)]
     *(("production", planner) for planner in PLANNERS if planner != "poscal"),
 ])  # fmt: skip
 def test_position_is_start_and_2_um_for_every_step(generator, planner):  # T-16
-    period_us = 9.4 if generator == "production" else None  # windows shorter than the computer's routine, too
+    period_us = 9.4 if generator == "production" else None  # also windows shorter than the computer's routine
     machine = Machine.load(height_mm=5, generator=generator, t_period_us=period_us)
     sim = simulation(contour(ZIGZAG), planner=planner, machine=machine, controller=Script([30, 12.5, 30, -7]))
     expected, advance = list(START), sim.plant.advance
@@ -97,7 +97,7 @@ def test_position_is_start_and_2_um_for_every_step(generator, planner):  # T-16
         assert [s[0] for s in steps] == sorted(s[0] for s in steps)
         for time_ns, axis, direction in steps:
             assert time_ns >= begin
-            if time_ns < sim.plant.time_ns:  # a longest window's later steps are planned again
+            if time_ns < sim.plant.time_ns:  # later steps, up to the longest possible window, are planned again
                 expected[axis] += 2 * direction
         return window
 
@@ -107,7 +107,7 @@ def test_position_is_start_and_2_um_for_every_step(generator, planner):  # T-16
             break
         sim.step()
         assert sim.plant.commanded_um == tuple(expected) == sim.position_um
-    requested_um = 16.4e-9 * sim.plant.time_ns  # by the feeds in the mean; the windows of a fine generator are short
+    requested_um = 16.4e-9 * sim.plant.time_ns  # at the mean of the feeds; the windows of a fine generator are short
     assert abs(np.array(expected) - START).max() > min(60.0, 0.2 * requested_um)
 
 
@@ -134,7 +134,7 @@ def test_the_feed_ends_with_the_table_or_the_planner(planner, limit_um_s):
 
 
 class Late(Script):
-    """A script whose feeds count some time after the window's end."""
+    """A script whose feeds take effect some time after the window's end."""
 
     latency_s = 0.0
 
@@ -147,13 +147,13 @@ def test_a_late_controller_leaves_the_old_feed_in_force(latency_s, new_share):  
     law = Late([33.3375, 0.0])
     law.latency_s = latency_s
     sim = simulation(contour([(0, 0), (2000, 0)]), controller=law)
-    sim.step()  # the first feed counts from the leg's beginning
+    sim.step()  # the first feed has effect from the leg's beginning
     assert sim.step().feed_um_s == (0.0 if new_share else 33.3375)
     way = sim.plant.commanded_um[0] - START[0]
     assert way == pytest.approx(33.3375 * 0.0255 * (2 - new_share), abs=2)
     for _ in range(38):
         sim.step()
-    if 0 < new_share < 1:  # on and off by turns: late both ways, so half of the time on
+    if 0 < new_share < 1:  # alternately on and off: both changes are late, so the feed is on half of the time
         way = sim.plant.commanded_um[0] - START[0]
         assert way == pytest.approx(33.3375 * 0.0255 * 20, abs=2)
 
@@ -222,7 +222,7 @@ def test_alarm_of_the_controller_stops_the_machine():
 
 
 def test_short_that_never_clears_ends_with_the_alarm_of_counts(own_file):
-    """In metal on every side, with nothing removed, every pulse is a short."""
+    """With metal on every side, of which nothing is removed, every pulse is a short."""
     steel = own_file(
         "materials", "tool-steel",
         ("removal_mm3_J = { value = 9.3e-3, range = [5.6e-3, 1.13e-2],", "removal_mm3_J = { value = 1.0e-12,"),

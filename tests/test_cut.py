@@ -18,11 +18,11 @@ from edmsim.recording.windows import write_windows
 
 from .conftest import FILES, timeless
 
-pytestmark = pytest.mark.timeout(300)  # the first makes the whole cut, and may have its loop compiled
+pytestmark = pytest.mark.timeout(300)  # the first test makes the whole cut, and may compile the loop
 
 
 def numbers(value, place=""):
-    """Every figure of a report with its place."""
+    """Yield every figure of a report with its path."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from numbers(inner, f"{place}.{key}")
@@ -34,7 +34,7 @@ def numbers(value, place=""):
 
 
 def same_rows(a, b):
-    """Bit for bit, a missing value being equal to a missing value."""
+    """Compare tables bit for bit; missing values are equal."""
     return a.schema.equals(b.schema) and all(
         np.array_equal(x.to_numpy(), y.to_numpy(), equal_nan=True) for x, y in zip(a.columns, b.columns, strict=True)
     )
@@ -64,7 +64,7 @@ def test_report_agrees_with_itself_and_with_the_windows(small_cut):
     assert report["wire"]["temperature_K_max"] == rows["wire_temperature_K"].max()
     area_mm2 = report["overall_rate_mm2_min"] * report["machining_time_s"] / 60
     assert area_mm2 == pytest.approx(report["cutting_rate_mm2_min"] * report["cutting_time_s"] / 60, rel=1e-12)
-    # what is not cut: the start hole before the contour, and the last of the way, in the wire's own kerf
+    # the path in air: the start hole before the contour, and the end of the path, in the wire's own kerf
     air_mm = report["path_length_mm"] - area_mm2 / 5
     radius_mm = small_cut.result.path.start_hole_radius_mm
     air_s = report["machining_time_s"] - report["cutting_time_s"]
@@ -92,13 +92,13 @@ def test_removed_metal_is_what_the_craters_took(small_cut):
     report, field = small_cut.result.report, small_cut.result.field
     assert report["removed_mm3"] > 1
     areas_mm2 = [small_cut.result.contour(i).area for i in range(field.n_slices)]
-    # the contour is the half-removed level of 4 um cells
+    # the contour is the level of half-removed metal in cells of 4 um
     assert sum(areas_mm2) * 5 / field.n_slices == pytest.approx(report["removed_mm3"], rel=0.01)
 
 
 @pytest.mark.slow
 def test_roughness_is_that_of_the_mean_crater_of_sparks_and_arcs(cut_small):
-    report = cut_small(t_on_us=4.0, t_period_us=14.0, max_time_s=3.0).report  # so short a pause that arcs burn
+    report = cut_small(t_on_us=4.0, t_period_us=14.0, max_time_s=3.0).report  # a pause short enough for arcs
     share = report["pulse_share"]
     assert share["arc"] > 0.1 * share["spark"]
     crater_um3 = 1e9 * report["removed_mm3"] / (report["pulses"] * (share["spark"] + share["arc"]))
@@ -139,8 +139,8 @@ def test_the_profile_error_is_split(small_cut):
     np.testing.assert_allclose(edge.shares_um.sum(axis=0)[known], edge.error_um[known], atol=1e-9)
     shares = small_cut.result.report["profile_error_um"]["shares"]
     assert sum(share["of_mean_square"] for share in shares.values()) == pytest.approx(1.0)
-    assert shares["drive"]["max"] == 0  # nobody looks after a stepper
-    assert shares["path"]["max"] < 1  # whole um of the programmed path
+    assert shares["drive"]["max"] == 0  # a stepper has no following error
+    assert shares["path"]["max"] < 1  # the programmed path is rounded to whole um
     assert shares["planner"]["max"] < 3  # whole steps of 2 um, at corners on both axes
     assert shares["wire"]["rms"] > 0.1
 
@@ -154,7 +154,7 @@ def test_the_four_corners_are_found(small_cut):
     assert places == {(0, 0), (0, 1), (1, 1), (1, 0)}
     errors = [abs(c["error_um"]) for c in corners if c["error_um"] is not None]
     profile = small_cut.result.report["profile_error_um"]
-    assert 2 * profile["rms"] < max(errors)  # T-14: worst where the direction changes, some tens of um at most
+    assert 2 * profile["rms"] < max(errors)  # T-14: greatest where the direction changes, tens of um at most
     assert 3 < profile["max"] < 80
 
 
@@ -353,7 +353,7 @@ def test_a_folder_that_cannot_be_is_refused(cut_small, tmp_path, monkeypatch, ou
 
 @pytest.fixture
 def long_steps(own_file):
-    """Write the file of a machine that differs from ours in its motor step alone, which is 5 um."""
+    """Write the file of a machine that differs from the default one only in its motor step of 5 um."""
     return own_file("machines", "agiecut-dem15", ("step_um = { value = 2.0", "step_um = { value = 5.0"))
 
 

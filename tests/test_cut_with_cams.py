@@ -56,7 +56,7 @@ def simulation_of(line, tables, machine="agiecut-dem15", **options):
 
 
 def turns(simulation):
-    """Cut, and give path, place of the table's axes and of the program after every window, in um."""
+    """Cut, and yield path, position of the table's axes and programmed position after every window, in um."""
     while simulation.outcome is None:
         simulation.step()
         yield simulation.path_um, np.array(simulation.plant.axes_um), np.array(simulation.position_um)
@@ -98,7 +98,7 @@ def test_an_axis_of_the_upper_guide_chooses_a_row_and_is_compensated_itself():  
 
 @pytest.fixture(scope="module")
 def led(tmp_path_factory):
-    """A cut whose upper guide goes away from the lower one with the path, from 0.25 to 0.3 mm, and its way."""
+    """A cut whose upper guide moves along the path from 0.25 to 0.3 mm beyond the lower one, and its track."""
     file = tmp_path_factory.mktemp("cams") / "line.ngc"
     file.write_text(LINE, encoding="utf-8")
     cam = Cam("v", "path", np.array([(0.0, 0.25), (0.05, 0.3), (10.0, 0.3)]))
@@ -122,7 +122,7 @@ def test_the_wall_leans_as_the_wire_does(led):
         middle.append((y.min() + y.max()) / 2)
     clearance = machine.base.guides.clearance_mm.value
     slices_apart = machine.height_mm * (1 - 1 / field.n_slices)
-    stiff_mm = guide_bends(machine).stiff_mm  # so far inside the guides the wire bends
+    stiff_mm = guide_bends(machine).stiff_mm  # the wire bends this far inside the guides
     lean = 0.3 * slices_apart / (machine.height_mm + 2 * (clearance - stiff_mm))
     assert middle[1] - middle[0] == pytest.approx(lean, rel=0.15)
 
@@ -141,7 +141,7 @@ def test_the_upper_guide_is_in_place_before_the_cut_begins(line):  # E-44
 
 
 def test_windows_that_end_early_lose_no_step_of_what_goes_by_the_path():
-    # an iso-energetic generator's windows end as pulses ignite: their steps are planned for longer than they last
+    # windows of an iso-energetic generator end when the pulses have ignited, so steps are planned beyond their end
     saw = np.array([(0.0, 0.0), (0.01, 0.01), (0.02, 0.0)])
     tables = [Cam("u", "path", saw), ErrorTable("y", "path", saw * (1.0, 1e3))]
     compensation, planner = StepCompensation(load_tables(tables), 2.0), make_planner("exact", [(0, 0), (300, 200)])
@@ -235,7 +235,7 @@ def test_a_bad_file_gets_one_line(line, text, message, tmp_path):
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=re.escape(message)) as refused:
         edmsim.cut(line, compensation=str(file), max_time_s=1, **FAST)
-    assert refused.value.file == (None if "leads" in message else str(file))  # the table, not the file, is too small
+    assert refused.value.file == (None if "leads" in message else str(file))  # the table is too small, not the file
     assert "\n" not in str(refused.value)
 
 

@@ -85,7 +85,7 @@ def test_the_report_has_the_profile_error_with_and_without(file, bad):
     assert cut["settings"]["compensation"] == str(file)
     assert len(cut["settings"]["compensation_sha256"]) == 16
     shares = [report["profile_error_um"]["shares"]["drive"]["rms"] for report in (bare, cut)]
-    assert shares[1] < 0.3 * shares[0]  # what the table does stands with the drives
+    assert shares[1] < 0.3 * shares[0]  # the effect of the table is shown with the drives
     assert cut["notices"] == bare["notices"]
     assert re.search(r"max, .* rms; compensated to .* max", dict(summary(cut))["table"])
     assert "profile error without compensation" in dict(summary(cut))
@@ -98,7 +98,7 @@ def test_the_report_counts_neither_backlash_nor_what_takes_it_out_as_errors_left
     machine.write_text(BAD.replace("[geometry]", 'table.backlash_um = {value = 8.0, source = "ours"}\n[geometry]'))
     tables.write_text(text_of(measure_table(Machine.load(machine), seed=1).tables()), encoding="utf-8")
     cut = edmsim.cut(SMALL, machine=str(machine), compensation=str(tables), **FAST).report
-    assert cut["table_error_um"]["left_um"]["max"] < 2.0  # a motor step
+    assert cut["table_error_um"]["left_um"]["max"] < 2.0  # one motor step
     shares = cut["profile_error_um"]["shares"]
     assert shares["planner"]["max"] < 2.0
     assert shares["drive"]["rms"] < 2.5
@@ -159,11 +159,11 @@ def test_measure_table_writes_what_cut_reads(edmsim, tmp_path):
     assert picture.stat().st_size > 10_000
     assert {(t.axis, t.master) for t in read_tables(made)} == {("x", "x"), ("y", "y"), ("x", "y"), ("y", "x")}
     document = json.loads(edmsim(*words, "--compensation", made, "--out", left, "--json").out)
-    assert abs(document["squareness_um_m"]) < 40.0  # of 400
-    assert document["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
-    assert document["circle"]["circular_deviation"] < 6.0  # of 21
+    assert abs(document["squareness_um_m"]) < 40.0  # 400 without compensation
+    assert document["x"]["accuracy"] < 4.0  # 21 without compensation; most of the rest is the motor's steps
+    assert document["circle"]["circular_deviation"] < 6.0  # 21 without compensation
     rest = edmsim(*words, "--compensation", made, "--out", left)
-    assert "Cut with it" not in rest.out  # they do not replace the tables in force
+    assert "Cut with it" not in rest.out  # the new tables do not replace those in force
     assert "worn-table with made here.toml in force" in left.read_text()
     assert edmsim(*words, "--out", made / "a.toml").status == 2  # a file is not a folder
     once = edmsim("measure", "table", "--runs", 1)

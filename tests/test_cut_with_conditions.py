@@ -59,7 +59,7 @@ def test_options_that_contradict_the_table_are_refused(options, reason):
 
 def test_a_table_that_the_program_does_not_call_is_refused(tmp_path):
     program = tmp_path / "line.ngc"
-    program.write_text("C1\nG0 X0. Y0.\nG1 X2.\n")  # without a dialect C is idle
+    program.write_text("C1\nG0 X0. Y0.\nG1 X2.\n")  # without a dialect C has no meaning
     with pytest.raises(InputError, match="calls no condition: leave the table out, or name its --dialect"):
         prepared(program, CutSettings(conditions=str(TABLE)))
 

@@ -68,7 +68,7 @@ M2
 @pytest.mark.slow
 @pytest.mark.usefixtures("draws_pictures")
 def test_the_shares_of_the_error_do_not_take_a_rapid_for_a_cut(tmp_path):
-    """The way between two contours is no way of the wire through the metal."""
+    """On the move between two contours the wire is not in the metal."""
     (tmp_path / "two.ngc").write_text(TWO_SQUARES)
     result = edmsim.cut(tmp_path / "two.ngc", height_mm=1, resolution="fast")
     assert result.report["outcome"] == "finished"

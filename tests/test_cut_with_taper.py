@@ -36,7 +36,7 @@ TAN = math.tan(math.radians(ANGLE_DEG))
 
 
 def line_of(angle_deg, length_mm=0.6):
-    """A straight cut along x, threaded 0.5 mm before it, whose wall leans towards +y."""
+    """A straight cut along x whose wall leans towards +y, threaded 0.5 mm before its beginning."""
     points = np.array([[0.0, 0.0], [length_mm, 0.0]])
     outline = Outline(
         points, (0,), False, "right", "left", np.array([[-0.5, -0.164 / math.cos(math.radians(angle_deg))]]), (0,), 1,
@@ -62,7 +62,7 @@ def finished():
 
 
 def walls_um(cut):
-    """Where the metal begins on both sides of the wire, slice by slice, in the mean over some places of the path."""
+    """Edges of the metal on both sides of the wire, slice by slice, averaged over some points of the path."""
     return np.mean([_across_um(cut, x_mm) for x_mm in np.linspace(0.2, 0.4, 21)], axis=0)
 
 
@@ -107,7 +107,7 @@ def test_both_walls_lean_and_lie_an_ellipse_apart(finished):
     assert lean == pytest.approx(TAN, abs=2e-3)
     kerf, plain = np.diff(tilted, axis=1).mean(), np.diff(straight, axis=1).mean()
     assert kerf == pytest.approx(plain / math.cos(math.radians(ANGLE_DEG)), abs=4.0)
-    part = tilted[:, 1] - heights_um * TAN  # the part's wall, from where it was drawn
+    part = tilted[:, 1] - heights_um * TAN  # the part's wall, relative to the drawn line
     assert np.abs(part - straight[:, 1].mean()).max() < 5.0
 
 
@@ -159,7 +159,7 @@ def test_a_guide_that_is_higher_than_the_control_knows_moves_the_wall():
         plant.advance()
         plant.advance()
         found.append(plant._arrays.lean_share[: plant.resolution.slices] * lead[1])
-    # z wrong by 0.1 mm gives tan a x 0.1 mm at the lower guide, and less and less of it towards the upper one
+    # an error of z of 0.1 mm gives tan a x 0.1 mm at the lower guide, and less towards the upper one
     distance_mm = machine.guide_distance_mm - 2 * 1.45
     heights_mm = 10.0 - 1.45 + (np.arange(len(found[0])) + 0.5) / len(found[0]) * HEIGHT_MM
     expected = -lead[1] / distance_mm * 0.1 * (1 - heights_mm / distance_mm)
@@ -182,7 +182,7 @@ def in_passes(tensions_N=(10.0, 14.0)):
 
 @pytest.fixture(scope="module")
 def trimmed():
-    """A cut in passes at its end, and a snapshot in the middle of its trim."""
+    """A cut in passes after its end, and a snapshot from the middle of its trim."""
     cut, snapshot = in_passes(), None
     while cut.outcome is None:
         cut.step()
@@ -202,10 +202,10 @@ def test_a_leaning_wire_trims_its_wall_at_every_height(trimmed):
     heights_um = slice_heights_mm(cut.plant.field, HEIGHT_MM) * 1e3
     part = walls_um(cut)[:, 1]
     assert np.polyfit(heights_um, part, 1)[0] == pytest.approx(TAN, abs=2e-3)
-    # the wall as the pass measured it is that which is measured across it, square to itself
+    # the wall measured by the pass equals that measured at right angles to it
     across = (part - heights_um * TAN) * math.cos(math.radians(ANGLE_DEG))
     assert across.mean() == pytest.approx(-trim.wall.mean_um, abs=3.0)
-    for record in (rough, trim):  # the face kept for pictures, in the planes of the slices
+    for record in (rough, trim):  # the face stored for pictures, in the planes of the slices
         face = np.array(record.face_um)
         inner = face[:, len(face[0]) // 3 : -len(face[0]) // 3]
         assert np.nanmean(inner) * math.cos(math.radians(ANGLE_DEG)) == pytest.approx(record.wall.mean_um, abs=3.0)
@@ -216,7 +216,7 @@ def test_every_pass_leads_its_guides_by_its_own_tension(trimmed):
     cut, _ = trimmed
     bends = [guides_of(cut.machine_of(number), (0.0, 0.0)).bends_mm(np.array([[0.0, TAN]]))[0] for number in (1, 2)]
     leads = [one.lean.upper_um[-1, 1] for one in cut.path.contours[0].passes]
-    assert leads[1] > leads[0]  # under more tension it bends nearer to the guides
+    assert leads[1] > leads[0]  # with more tension the wire bends nearer to the guides
     np.testing.assert_allclose(leads, [1e3 * (high - low) * TAN for low, high in bends], atol=1.0)
 
 
@@ -278,7 +278,7 @@ def test_a_program_trims_its_leaning_wall_with_its_own_conditions(tmp_path):
     assert trim["stock_um"] == pytest.approx(30.0, abs=10.0)
     assert trim["straightness_um"] < 6.0
     leads = [one.lean.upper_um[-2, 1] for one in result.path.contours[0].passes]
-    assert leads[1] > leads[0]  # it bends nearer to the guides under more tension
+    assert leads[1] > leads[0]  # with more tension the wire bends nearer to the guides
     assert [face.error_um.shape[0] for face in result.scene.pass_faces] == [5, 5]
 
 

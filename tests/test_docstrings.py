@@ -12,7 +12,7 @@ PAGES = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "docs" / 
 NAMED = set(re.findall(r"auto(?:class|function|exception):: (?:\w+\.)*(\w+)", PAGES))
 WITH_MEMBERS = set(re.findall(r"autoclass:: (?:\w+\.)*(\w+)\n +:members:", PAGES))
 LONGEST, LONG_SHARE = 3, 0.1
-"""Lines that an internal's docstring has, and how much of the product longer ones may be."""
+"""Greatest number of lines of an internal docstring, and the share of longer ones that is allowed."""
 
 
 class Documented(NamedTuple):

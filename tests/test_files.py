@@ -1,4 +1,4 @@
-"""Files of outputs: replaced whole; `tests/test_nothing_lost.py` has what happens when writing fails."""
+"""Output files are replaced completely; failures of writing are tested in `tests/test_nothing_lost.py`."""
 
 from edmsim.files import replacing
 

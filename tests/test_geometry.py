@@ -1,4 +1,4 @@
-"""The wire's path behind guides it trails at a constant lag."""
+"""The path of a wire that follows its guides at a constant lag."""
 
 import math
 
@@ -23,9 +23,9 @@ def test_a_straight_path_is_followed_a_lag_behind():
 
 
 def test_a_quarter_turn_follows_the_tractrix():
-    """Known form behind a hitch that starts across: x = s - lag tanh(s / lag), y = lag / cosh(s / lag)."""
+    """The tractrix of a start at right angles to the motion: x = s - lag tanh(s / lag), y = lag / cosh(s / lag)."""
     wire = pursuit(corner(90.0), 50.0)[1:-1]
-    aside = -wire[:, 0] / 50.0  # from the second side, in lags
+    aside = -wire[:, 0] / 50.0  # distance from the second side, in lags
     s = np.arccosh(1.0 / aside[1:])
     np.testing.assert_allclose(wire[1:, 1] / 50.0, s - np.tanh(s), atol=1e-7)
 

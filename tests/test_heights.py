@@ -41,7 +41,7 @@ def test_the_height_changes_square_across_the_path():
     found = relief(Heights(10.0, [(2.0, 5.0), (3.0, 7.0)]), path_of([(0, 0), (6_000, 0)]))
     for across in (0.0, -REACH_UM + 1, REACH_UM - 1):
         assert height_at(found, (1_999, across), (2_001, across), (2_999, across), (3_001, across)) == [10, 5, 5, 7]
-    assert height_at(found, (-REACH_UM + 5, 0), (6_000 + REACH_UM - 5, 0)) == [10, 7]  # behind and ahead of it
+    assert height_at(found, (-REACH_UM + 5, 0), (6_000 + REACH_UM - 5, 0)) == [10, 7]  # before and after the path
     assert height_at(found, (2_500, REACH_UM + 1)) == [10]
 
 
@@ -52,7 +52,7 @@ def test_heights_count_from_the_start_over_all_contours():
 
 
 def test_outside_of_a_corner_nothing_is_left_unclaimed():
-    """All the metal the wire can see at a corner where the height changes has one of the two heights."""
+    """At a corner where the height changes, all metal in reach of the wire has one of the two heights."""
     for end in ([2_000, 3_000], [2_000, -3_000], [4_000, 1_500]):
         path = path_of([(0, 0), (2_000, 0), (end[0], end[1])])
         found = relief(Heights(5.0, [(2.0, 7.0), (3.0, 10.0)], []), path)
@@ -67,7 +67,7 @@ def test_outside_of_a_corner_nothing_is_left_unclaimed():
 def test_inside_a_corner_the_nearer_stretch_holds():
     found = relief(Heights(10.0, [(2.0, 5.0)], []), path_of([(0, 0), (2_000, 0), (2_000, 3_000)]))
     for away in (60.0, 150.0, 350.0):
-        near, far = away - 45, away + 45  # from one of the two ways
+        near, far = away - 45, away + 45  # distances from the two sides
         assert height_at(found, (2_000 - far, near), (2_000 - near, far)) == [10, 5]
 
 
@@ -78,7 +78,7 @@ def test_where_a_contour_closes_the_nearer_stretch_holds():
 
 
 def test_a_region_whose_border_touches_itself_in_um_is_one_still():
-    """Of lengths in mm, rounded once more: the border crossed itself, and the cut could not begin."""
+    """If lengths in mm are rounded again, the border crosses itself, and the cut cannot begin."""
     for place, x, y in ((0.5, 2_046, 1_772), (1.63, 1_869, 1_618)):
         corner = [(x, 0), (-x // 2, y), (-x // 2, -y), (x, 0)]
         found = relief(Heights(20.0, [(place, 10.0)]), path_of(corner))
@@ -142,7 +142,7 @@ def test_bad_heights_are_reported_and_nothing_is_written(cut_small, tmp_path, op
     assert list(tmp_path.iterdir()) == []
 
 
-# --- a cut over a ridge: 4 mm high, 10 mm from 0.9 mm of path on, 4 mm again from 1.7 mm on ---
+# --- a cut over a ridge: 4 mm high, from 0.9 mm of path on 10 mm, from 1.7 mm on 4 mm again ---
 
 LOW, HIGH, UP_MM, DOWN_MM, LENGTH_MM = 4.0, 10.0, 0.9, 1.7, 2.6
 
@@ -166,7 +166,7 @@ def between(ridge, name, start_mm, stop_mm):
 
 
 STRETCHES = ((0.5, 0.7), (1.0, 1.5), (1.8, 2.5))
-"""Of the path: low, high, low again; the front of the kerf runs some 0.15 mm ahead of the wire's centre."""
+"""Parts of the path: low, high, low; the front of the kerf is about 0.15 mm ahead of the wire's centre."""
 
 
 @pytest.mark.slow
@@ -179,14 +179,14 @@ def test_the_ridge_is_cut(ridge):
 
 @pytest.mark.slow
 def test_discharges_follow_the_height_where_the_front_meets_the_step(ridge):
-    """At one feed the area cut in a second is as the height, so the sparks that remove it nearly are, too.
+    """At constant feed the area cut in a second is proportional to the height, and so is nearly the number of sparks.
 
-    Not quite: a larger area ignites sooner, and what is left of the on-time makes a larger spark.
+    Not quite: a larger area ignites sooner, and the longer rest of the on-time makes a larger spark.
     """
     before, on, after = (between(ridge, "spark", *stretch) for stretch in STRETCHES)
     assert 0.8 * HIGH / LOW < on / before < HIGH / LOW
     assert 0.8 * HIGH / LOW < on / after < HIGH / LOW
-    # half way between both at the place where the front, half a kerf ahead, has passed half the step
+    # halfway between both when the front, half a kerf ahead, has passed half of the step
     place = ridge.windows["path_um"] / 1000
     front_mm = 0.125 + 0.03
     for step, low in ((UP_MM, before), (DOWN_MM, after)):
@@ -220,7 +220,7 @@ def test_upper_slices_are_cut_on_the_ridge_only(ridge):
         if number >= 2:
             assert (x0, x1) == pytest.approx(low, abs=0.003)
     assert sum(areas) * HIGH / 5 == pytest.approx(ridge.report["removed_mm3"], rel=0.01)
-    # the half-removed level lies half a cell beside the step, at most
+    # the level of half-removed metal is at most half a cell from the step
     kerf_mm = ridge.report["kerf_um"]["mean"] / 1000
     assert areas[2] == pytest.approx((DOWN_MM - UP_MM) * kerf_mm, rel=0.05)
 
@@ -249,7 +249,7 @@ def test_kerf_and_profile_are_measured_where_there_is_metal(ridge):
     assert known[2:, on_ridge].all()
     assert not known[2:, off_ridge].any()
     assert known[:2, (profile.s_mm > 0.8) & (profile.s_mm < 2.2)].all()
-    assert profile.stats()["max"] < 200  # nowhere the way to a wall that is not there
+    assert profile.stats()["max"] < 200  # no distance to a wall that does not exist
 
 
 @pytest.mark.slow

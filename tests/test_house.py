@@ -1,4 +1,4 @@
-"""The house: which folder is a package, who imports whom, how long a file is, and what a name means."""
+"""The structure of the code: packages, imports between them, length of files, and unique names."""
 
 import ast
 import re
@@ -39,7 +39,7 @@ ORDER = (
 
 @cache
 def modules():
-    """Every Python file of the product by the name it is imported by."""
+    """Every Python file of the product by the name of its module."""
     found = {}
     for package, folder in FOLDERS.items():
         for file in sorted(folder.rglob("*.py")):
@@ -64,7 +64,7 @@ def tree(name):
 
 @cache
 def imports(name):
-    """Modules of the product that a module imports anywhere, also for types only; without the front door."""
+    """Modules of the product that a module imports anywhere, also only for types; without `edmsim` itself."""
     imported = set()
     for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
@@ -109,7 +109,7 @@ def test_every_package_imports_only_from_those_below_it():
         f"{name} imports {other}"
         for name in modules() for other in imports(name) if ORDER.index(package(other)) > ORDER.index(package(name))
     }  # fmt: skip
-    assert upward == {"edmsim.models imports edmsim.errors"}  # errors stand beside, and import nothing
+    assert upward == {"edmsim.models imports edmsim.errors"}  # errors import nothing
 
 
 def test_recording_makes_no_plant():
@@ -144,7 +144,7 @@ def test_constants_of_a_machine_stand_under_models():
         place(modules()[name]) for name in modules() for node in ast.walk(tree(name))
         if isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.value in travel
     }  # fmt: skip
-    assert broken == {"edmsim/program/blocks.py"}  # a rule of reading programs (row T-61), whatever the machine
+    assert broken == {"edmsim/program/blocks.py"}  # a rule for reading programs (row T-61), for all machines
 
 
 def test_a_public_class_has_a_name_of_its_own_in_its_package():
@@ -163,7 +163,7 @@ def test_files_are_not_too_long():
 
 def test_a_folder_holds_several_files():
     files = [file for file in modules().values() if file.name != "__init__.py"]
-    data = {ROOT / "models"}  # it holds the tables of the machines, not code
+    data = {ROOT / "models"}  # it has the tables of the machines, and no code
     folders = {file.parent for file in modules().values()} - data
     few = [folder for folder in folders if sum(folder in file.parents for file in files) < FEWEST_FILES]
     assert few == []

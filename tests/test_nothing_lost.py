@@ -1,4 +1,4 @@
-"""Nothing of a cut is lost: however it is interrupted, its folder holds it whole, or what `--resume` finishes."""
+"""Nothing of a cut is lost: after any interruption its folder has all results, or a checkpoint for `--resume`."""
 
 import errno
 import os
@@ -93,10 +93,10 @@ def test_an_error_of_a_users_code_loses_a_minute_at_most(cut_small, tmp_path, mo
             raise ZeroDivisionError
         return update(law, window)
 
-    with pytest.raises(StopIteration):  # between windows all is saved
+    with pytest.raises(StopIteration):  # ends between windows, where the state is saved
         cut_small(watch=lambda _: next(windows), **options)
     monkeypatch.setattr(FixedController, "update", careless)
-    with pytest.raises(ZeroDivisionError), pytest.warns(UserWarning, match=r"at 0\.\d+ s of .*goes on at 0\.\d s by"):
+    with pytest.raises(ZeroDivisionError), pytest.warns(UserWarning, match=r"at 0\.\d+ s of .*continues at 0\.\d s"):
         cut_small(resume=True, **options)
     monkeypatch.undo()
     assert timeless(cut_small(resume=True, **options).report) == timeless(whole.report)
@@ -114,7 +114,7 @@ def test_one_cut_at_a_time_works_in_a_folder(cut_small, tmp_path):
 
 @pytest.mark.slow
 def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path):
-    """The lock's file comes and goes: nobody may hold one that is no longer there."""
+    """The lock's file is deleted and made again: nobody may hold the lock of a deleted file."""
     inside, most, refused = 0, 0, 0
 
     def work():
@@ -155,7 +155,7 @@ def test_files_appear_together_or_not_at_all(tmp_path):
         raise RuntimeError
     assert names(tmp_path) == ["notes.txt", "report.json"]
     assert (tmp_path / "report.json").read_text() == "old"
-    (tmp_path / ".edmsim-new-left").mkdir()  # by a process that was killed
+    (tmp_path / ".edmsim-new-left").mkdir()  # left by a process that was killed
     with together(tmp_path, "report.json") as folder:
         (folder / "report.json").write_text("new")
         (folder / "a.npz").write_text("new")

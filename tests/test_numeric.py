@@ -1,4 +1,4 @@
-"""Whatever is a real or whole number is one wherever a user gives one; not a truth value or a text."""
+"""All types of real and whole numbers are accepted wherever a user passes a number; bool and str are refused."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What is installed is what stands in the folders: from a wheel, from a checkout, and where links are plain files."""
+"""Installations from a wheel, a checkout, and a checkout whose links are plain files have the files of the tree."""
 
 import os
 import shutil
@@ -24,7 +24,7 @@ BUILD = "from setuptools import build_meta as b; print(b.build_{kind}('dist'))"
 
 
 def product():
-    """Files of the product by their place in an installation."""
+    """Files of the product by their path in an installation."""
     found = set()
     for folder in ("edmsim", *LINKS):
         for file in (ROOT / folder).rglob("*"):
@@ -36,7 +36,7 @@ def product():
 
 
 def checkout(to, *, links):
-    """Copy what a build needs, with the links as links, or as the text files that some systems make of them."""
+    """Copy the files for a build, with the links as links, or as text files, which some systems make instead."""
     to.mkdir()
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, to / name)
@@ -51,13 +51,13 @@ def checkout(to, *, links):
 
 
 def run(*command, at, path=None, status=0):
-    """Run a command that sees no other Python files than its own and those of `path`; return its output.
+    """Run a command that can import only its own Python files and those of `path`; return its output.
 
     Its cache of compiled code is in `at`.
     """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    environment["XDG_CACHE_HOME"] = str(at / "cache")  # nothing of it shall stay
-    environment["MPLCONFIGDIR"] = matplotlib.get_cachedir()  # but the list of fonts, which takes seconds to make
+    environment["XDG_CACHE_HOME"] = str(at / "cache")  # of which nothing is kept
+    environment["MPLCONFIGDIR"] = matplotlib.get_cachedir()  # shared, because the list of fonts takes seconds to make
     if path is not None:
         environment["PYTHONPATH"] = str(path)
     words = [str(word) for word in command]
@@ -115,19 +115,19 @@ def test_the_source_archive_holds_every_file_once(tmp_path):
 def test_an_installed_wheel_cuts_the_same_bits(wheel, tmp_path):
     """In an environment outside the tree that has the dependencies of this one, but not its edmsim.
 
-    Of compiled code it has what this tree keeps, less the pulse loop's machine code, which it makes of the rest: the
-    folder's name says that both have the same sources.
+    It starts with this tree's cache of compiled code, less the machine code of the pulse loop, which it makes from
+    the rest: the name of the cache's folder ensures that both have the same sources.
     """
     venv.create(tmp_path / "clean", symlinks=True)
     programs = tmp_path / "clean" / "bin"
     pip = (sys.executable, "-m", "pip", "--python", programs / "python", "--quiet")
     run(*pip, "install", "--no-compile", "--no-index", "--no-deps", wheel, at=tmp_path)
     site = Path(run(programs / "python", "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", at=tmp_path))
-    # a folder that a .pth names is searched, but its own .pth files, one of which leads to this tree, are not read
+    # the .pth file makes the dependencies importable, but not their own .pth files, one of which leads to this tree
     cached = cache.folder.relative_to(cache.folder.parents[2])
     shutil.copytree(cache.folder, tmp_path / "cache" / cached, ignore=shutil.ignore_patterns("*.o", "*.lock"))
     (site / "dependencies.pth").write_text(f"{Path(pytest.__file__).parents[1]}\n", encoding="utf-8")
-    # a drive's compiled sample comes first: the loop's bits must not depend on what was compiled before it
+    # a drive's sample function is compiled first: the loop's bits must not depend on code compiled before it
     drive_first = f"from edmsim.controllers import axis\naxis.from_text('uhu').sample.address\n{HASH}"
     place = "import edmsim.envs\nprint(edmsim.envs.__file__)\n"
     found, digest = run(programs / "python", "-c", place + drive_first, at=tmp_path).splitlines()

@@ -1,4 +1,4 @@
-"""What a preset's defaults do with the example, from the start hole on, and what is said of denser pulses."""
+"""The example with the defaults of a preset, from the start hole on, and messages about denser pulses."""
 
 from pathlib import Path
 
@@ -36,11 +36,11 @@ def test_production_pulses_leave_the_start_hole(height_mm):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("height_mm", [80.0, 100.0])  # 20 and 40 mm hold them, 60 mm until they leave the hole
+@pytest.mark.parametrize("height_mm", [80.0, 100.0])  # it holds at 20 and 40 mm, and in the hole at 60 mm
 def test_of_pulses_too_dense_the_report_says_which_period_holds(height_mm):
     report = cut(8.0, height_mm=height_mm, t_period_us=9.4, **PRODUCTION)
     assert report["outcome"] == "wire-break"
-    assert report["cutting_rate_mm2_min"] is None  # it never left its start hole
+    assert report["cutting_rate_mm2_min"] is None  # the wire never left its start hole
     assert "a period of 9.4 us is too short for it; from 72 us on" in report["reason"]
 
 
@@ -51,7 +51,7 @@ def test_the_period_that_holds_goes_with_the_current_density():
     assert held_period_us(own.with_(t_on_us=0.7)) == pytest.approx(own.t_period_us / 2)
     assert held_period_us(own.with_(wire_diameter_um=200.0)) == pytest.approx(own.t_period_us * 1.25**2)
     assert held_period_us(own.with_(peak_current_A=70.0)) == pytest.approx(own.t_period_us / 10, rel=0.01)
-    thin = edmsim.Machine.load("production", generator="production", wire="molybdenum")  # 0.1 mm by default
+    thin = edmsim.Machine.load("production", generator="production", wire="molybdenum")  # by default 0.1 mm
     assert held_period_us(thin) == pytest.approx(own.t_period_us * 2.5**2)
 
 

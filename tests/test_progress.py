@@ -1,4 +1,4 @@
-"""Progress: lines in a file, one bar in a notebook, nothing before there is anything to say."""
+"""Progress: lines in a file, one bar in a notebook, and nothing before the first message."""
 
 import io
 import sys
@@ -49,7 +49,7 @@ def test_a_narrow_terminal_keeps_share_and_time(monkeypatch):
 
 
 class FakeDisplay:
-    """IPython's display: the first picture, and what is drawn over it."""
+    """IPython's display: the first output and its updates."""
 
     def __init__(self):
         self.shown = []
@@ -73,7 +73,7 @@ def test_a_cut_shows_its_progress_in_a_notebook_only(now, monkeypatch):
     bar = CutProgress(ShownProgress(), "<punch>.ngc")
     bar.enter("cutting")
     now[0] += 1.0
-    for _ in range(3):  # a browser is not drawn to more often than can be seen
+    for _ in range(3):  # a browser is updated less often than windows end
         bar.show(Progress(500.0, 2000.0, 65.0, 12.5, 51, 102, 4.0))
     bar.enter("finished")
     first, middle, last = display.shown
@@ -87,5 +87,5 @@ def test_a_cut_shows_its_progress_in_a_notebook_only(now, monkeypatch):
     monkeypatch.setenv("EDMSIM_PROGRESS", "0")
     assert not in_notebook()
     monkeypatch.delenv("EDMSIM_PROGRESS")
-    shell.kernel = None  # IPython at a terminal
+    shell.kernel = None  # IPython in a terminal
     assert not in_notebook()

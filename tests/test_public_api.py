@@ -36,7 +36,7 @@ def test_nothing_heavy_is_imported_before_it_is_needed():
     code = "import sys\n" + "".join(f"{step}\nprint(*sys.modules)\n" for step in steps)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     imported, made, cut = (set(line.split()) for line in done.stdout.splitlines())
-    assert imported.isdisjoint({*HEAVY, "edmsim.envs.environment"})  # though environments are registered
+    assert imported.isdisjoint({*HEAVY, "edmsim.envs.environment"})  # although environments are registered
     assert made.isdisjoint({"rerun", "matplotlib", "torch", "mujoco", "scipy.signal", "pyarrow"})
     assert cut.isdisjoint({"rerun", "matplotlib", "torch", "scipy.signal"})
 

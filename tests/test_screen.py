@@ -1,4 +1,4 @@
-"""Tables at any width: names are shortened and stay different, numbers stay whole. Progress in a file: lines."""
+"""Tables at any width: names are shortened and stay different, numbers stay complete. Progress in a file: lines."""
 
 import io
 
@@ -32,7 +32,7 @@ def test_numbers_stay_whole_and_names_different(width):
         of_row = [f"{number}{row}" for number in NUMBERS]
         assert all(number in text for number in of_row)
         holding = {line.split()[0] for line in lines if any(number in line for number in of_row)}
-        assert len(holding) == 1  # wherever the table goes on, the row has the same name
+        assert len(holding) == 1  # the row has the same name in all parts of the table
     assert len({line.split()[0] for line in lines if "0.953" in line}) == len(LONG)
     assert (LONG[0] in text) == (width == 200)
 

@@ -1,4 +1,4 @@
-"""Every test has a limit: what hangs, in Python, in compiled code or in a process it began, ends with its stack."""
+"""Every test has a time limit: hangs in Python, compiled code or a child process end, and their stack is printed."""
 
 import shutil
 import subprocess
@@ -52,4 +52,4 @@ def test_a_test_that_hangs_ends_with_its_stack(where, workers, tmp_path):
     assert "Timeout" in said
     assert all(f"in test_hangs_{number}" in said for number in range(len(where))), said
     if workers:
-        assert "2 failed, 1 passed" in said  # the worker is replaced, and what is left is run
+        assert "2 failed, 1 passed" in said  # the worker is replaced, and the other tests are run

@@ -1,4 +1,4 @@
-"""The house has nothing that only tests reach: what it defines is used by itself, by its pages or by its examples."""
+"""The product has no code that only tests use: all definitions are used by the product, its pages or examples."""
 
 import ast
 import re
@@ -9,22 +9,22 @@ import pytest
 from .test_house import ROOT, modules, place, tree
 
 OTHERS = ("docs", "examples", "notebooks", "models", "README.md", "pyproject.toml", "Makefile")
-"""What uses the product besides itself."""
+"""Folders and files that use the product, besides itself."""
 REASONS = {
     "EdmsimGap": "the FMU's runtime finds the class by its file",
     "VectorEnv": "the classes of vector environments are registered by the name of their task",
     "_repr_html_": "notebooks show a result by it", "_repr_png_": "notebooks show a figure by it",
 }  # fmt: skip
-"""Names, or ends of names, that nothing mentions, and who calls them."""
+"""Names, or ends of names, that appear nowhere else, and what calls them."""
 PLAIN = {
     "abstractmethod", "cache", "cached_property", "classmethod", "compiled", "contextmanager", "dataclass",
     "exactly_compiled", "final", "lru_cache", "override", "property", "record", "runtime_checkable", "sample",
     "staticmethod", "total_ordering",
 }  # fmt: skip
-"""Decorators that do not hand a function to a registry."""
+"""Decorators that do not register a function."""
 WORD = re.compile(r"\w+")
 SHORT = 80
-"""A text this short may be a name that is looked up."""
+"""Greatest length of a string that may be a name that is looked up."""
 
 
 class Definition(NamedTuple):
@@ -41,7 +41,7 @@ def decorators(node):
 
 
 def definitions(body, file, owner):
-    """Functions, classes, methods and a module's constants; an enumeration in one assignment is one thing."""
+    """Functions, classes, methods and a module's constants; an assignment to several names counts as one."""
     for node in body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             if set(decorators(node)) <= PLAIN:
@@ -57,7 +57,7 @@ def definitions(body, file, owner):
 
 
 def mentions(module):
-    """Every name that is read, imported under another name, or may be looked up by a text."""
+    """Every name that is read, imported under another name, or may be looked up by a string."""
     for node in ast.walk(module):
         match node:
             case ast.Name(id=name, ctx=ast.Load()) | ast.Attribute(attr=name, ctx=ast.Load()):

@@ -1,4 +1,4 @@
-"""``edmsim warm-up``: afterwards a cut and an environment find all that they would compile."""
+"""``edmsim warm-up``: after it a cut and an environment compile nothing."""
 
 import subprocess
 import sys

@@ -19,7 +19,7 @@ LONG = "G21 G90\nG0 X100.001 Y0\nG1 X0 Y20.003\nM2\n"
 
 @pytest.fixture
 def cut_on(own_file, tmp_path):
-    """Cut a program on a machine whose table travels as far as its file says."""
+    """Cut a program on a machine with another travel of its table."""
 
     def run(travel_mm, program=LONG, **settings):
         travel = "travel_mm = { value = 65.0", f"travel_mm = {{ value = {travel_mm}"

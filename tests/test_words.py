@@ -1,4 +1,4 @@
-"""The house's words: names are the field's terms, and prose says things as Gymnasium's documentation would."""
+"""Words of code and pages: names are terms of the field, and texts are in the style of Gymnasium's documentation."""
 
 import ast
 import re
@@ -17,7 +17,7 @@ NAMES = {
     "strung": "string", "swing": "oscillation", "told": "message, document, status",
     "wanted": "target, expected, requested", "whoever": "user, caller", "worth": "score, result",
 }  # fmt: skip
-"""Words that no name may have among its parts, and what to call such a thing instead."""
+"""Words that must not be part of a name, and what to use instead."""
 PROSE = {
     r"\b[Aa]fresh\b": "again", r"\bastray\b": "out of range, away from the path",
     r"\b(?:is|are|was|were|be|been|being|if|as) told\b": "is reported, is recorded, is set",
@@ -32,7 +32,7 @@ PROSE = {
         "is not a ...",
     r"\bdesign section\b": "a page that exists",
 }  # fmt: skip
-"""Phrases that no text may have, and what to write instead."""
+"""Phrases that must not appear in texts, and what to write instead."""
 COMMENT = re.compile(r"#\s(.*)$", re.MULTILINE)
 BLANKS = re.compile(r"\s+")
 
@@ -47,7 +47,7 @@ def files(ending):
 
 
 def names(tree):
-    """Every name that a file gives to something."""
+    """Every name that a file defines."""
     for node in ast.walk(tree):
         match node:
             case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):

@@ -1,12 +1,12 @@
-"""Where the stacks of a worker's hanging test are printed: pytest-xdist gives a worker no standard output."""
+"""Printing the stacks of a hanging test in a worker, because workers of pytest-xdist have no standard output."""
 
 import os
 
 import pytest
 
 
-@pytest.hookimpl(trylast=True)  # the terminal of pytest itself comes first
+@pytest.hookimpl(trylast=True)  # after pytest has set up its terminal
 def pytest_configure(config: pytest.Config) -> None:
-    """Let what pytest-timeout prints in a worker go to standard error, as long as no test captures that."""
+    """Let pytest-timeout print to standard error in a worker, unless a test captures it."""
     if hasattr(config, "workerinput"):
         config.get_terminal_writer()._file = os.fdopen(os.dup(2), "w", encoding="utf-8")

@@ -30,7 +30,7 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, cls=_Commands,
     options_metavar="[--version | --help]", help="A wire-EDM machine, simulated discharge by discharge.",
 )
-_UsageError: Any = typer.BadParameter.__base__  # of click, which newer releases of typer hold inside themselves
+_UsageError: Any = typer.BadParameter.__base__  # that of click, which newer releases of typer contain
 
 COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "": ("", {
@@ -51,7 +51,7 @@ COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "1982": groups.terminal, "servo": groups.servo, "positioner": groups.positioner,
     }),
 }  # fmt: skip
-"""Every command by its group: what the group is for, and its commands."""
+"""Purpose and commands of each group; those of the group ``""`` are commands without a group."""
 
 for _name, (_purpose, _commands) in COMMANDS.items():
     _group = typer.Typer(no_args_is_help=True, help=_purpose) if _name else app
@@ -71,7 +71,7 @@ def _version(version: Annotated[bool, typer.Option("--version", hidden=True)] = 
 
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
-    # by default Python looks through all objects four times in a short cut, most of which libraries made and keep
+    # by default the garbage collector scans all objects four times in a short cut; most belong to libraries
     gc.set_threshold(50_000, 10, 10)
     take_any_terminal()
     run_command(_run)
@@ -80,11 +80,11 @@ def main() -> None:
 def _run() -> None:
     try:
         status = app(prog_name="edmsim", standalone_mode=False)
-        OUT.file.flush()  # a full disk is reported here, and not by Python at its end
+        OUT.file.flush()  # so that a full disk is reported here, and not by Python at exit
     except _UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "edmsim"
         reason = error.format_message().strip().rstrip(".")
-        if not reason:  # of commands without one: their help is printed
+        if not reason:  # called without a command or arguments: the help has been printed
             sys.exit(BAD_INPUT)
         raise InputError(f"{reason[:1].lower()}{reason[1:]}; see {command} --help") from None
     except typer.Abort:

@@ -23,7 +23,7 @@ from edmsim.user_code import listed, policy_of
 
 
 def _default_folder(program: Path) -> Path:
-    """Return the folder for the outputs of a program that was given none."""
+    """Return the default folder for the outputs of a program."""
     return Path("out") / program.stem
 
 
@@ -58,7 +58,7 @@ def cut(
         except KeyboardInterrupt:
             say(f"interrupted: the results are in {folder}, the traces are not written")
             raise typer.Exit(INTERRUPTED) from None
-    with suppress(KeyboardInterrupt):  # all is written
+    with suppress(KeyboardInterrupt):  # all files are written
         if not quiet:
             from edmsim.recording.report import render_table
 
@@ -160,7 +160,7 @@ def report(
         raise InputError("--format is that of figures: give the folder with --figures")
     written: list[Path] = []
     if film is not None:
-        from edmsim.recording.film import SECONDS, check_film, render  # by Matplotlib
+        from edmsim.recording.film import SECONDS, check_film, render  # loads Matplotlib
 
         recording, length_s = find_recording(directory), SECONDS if seconds is None else seconds
         check_film(film, length_s)
@@ -222,7 +222,7 @@ def train(
     ] = None,
     **options: Any,
 ) -> None:
-    """Train a policy (extra rl, but for the bandit)."""
+    """Train a policy (extra rl, except for the bandit)."""
     from edmsim.evaluation.episode import is_part
     from edmsim.learning.command import BANDIT, TrainOptions, run
     from edmsim.learning.hyperparameters import has_training
@@ -270,7 +270,7 @@ def dataset(
     )
 
 
-USUAL_EPISODES = 20  # held-back episodes that a policy is measured on at every resolution (ours)
+USUAL_EPISODES = 20  # number of held-back episodes for scoring a policy at each resolution (ours)
 
 
 @takes("resolution", resolution=Unset("Default: that of the environment; for a policy all, fast in Part and shifts."))
@@ -329,7 +329,7 @@ def evaluate(
         for env_id in (compare.env_ids() if named == ["all"] else map(resolve, named))
     }
     for name in policy or ():
-        score.env_id_of(name)  # an unknown one is refused before the first cut
+        score.env_id_of(name)  # an unknown policy is refused before the first cut
     for env_id, laws in chosen.items():
         compare.check(env_id, laws, episode.lines_of(env_id).seeds if seeds is None else seeds, resolution)
     if page is not None:
@@ -594,7 +594,7 @@ _LINE = "G0 X0 Y0\nG1 X0.5\nM2\n"
 
 
 def warm_up() -> None:
-    """Compile beforehand what cuts and environments would wait for."""
+    """Compile the code of cuts and environments in advance."""
     from edmsim.plant.kernel.memory import window_function
     from edmsim.plant.plant import shapes
     from edmsim.runs import perform
@@ -609,7 +609,7 @@ def warm_up() -> None:
 
 
 def _use_once() -> None:
-    """Make a cut and a step of an environment: planners, observations and rewards are compiled with their types."""
+    """Run a cut and a step of an environment, which compile planners, observations and rewards."""
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "line.ngc"
         program.write_text(_LINE, encoding="ascii")

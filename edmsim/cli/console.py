@@ -1,4 +1,4 @@
-"""Shared by all commands: standard output and error, and what Ctrl-C does."""
+"""Standard output and error, progress, and the effect of Ctrl-C, for all commands."""
 
 import codecs
 import signal
@@ -20,7 +20,7 @@ _PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "…": "~",
 
 
 def take_any_terminal() -> None:
-    """Print on terminals of any encoding: what they lack, a figure's unit or a file's name, is spelt plainly."""
+    """Replace characters that the terminal's encoding lacks, as in units and names of files, by ASCII."""
 
     def spelt_plainly(error: UnicodeError) -> tuple[str, int]:
         if not isinstance(error, UnicodeEncodeError):
@@ -45,7 +45,7 @@ def print_line(text: str) -> None:
 
 
 def progress(quiet: bool = False, keep: bool = False) -> "ShownProgress":
-    """Return what shows progress; it is loaded by commands that last."""
+    """Return a progress display; its module is imported here, because short commands do not need it."""
     from edmsim.progress import ShownProgress
 
     return ShownProgress(quiet, keep)
@@ -53,7 +53,7 @@ def progress(quiet: bool = False, keep: bool = False) -> "ShownProgress":
 
 @contextmanager
 def interruptible(then: str | Callable[[], str] = RESUME, keep: bool = False) -> "Iterator[ShownProgress]":
-    """Yield what shows progress; Ctrl-C ends the command with one line, which says what to do then."""
+    """Yield a progress display; Ctrl-C ends the command with one line, `then`, which says how to continue."""
     try:
         with progress(keep=keep) as bar:
             yield bar
@@ -62,6 +62,6 @@ def interruptible(then: str | Callable[[], str] = RESUME, keep: bool = False) ->
 
 
 def interrupted(interrupt: KeyboardInterrupt, said: str) -> typer.Exit:
-    """Say on standard error what a signal interrupted, and return what ends the command as shells have it."""
+    """Print a line on standard error; return the exception that ends the command with 128 + the signal's number."""
     say(said)
     return typer.Exit(128 + next(iter(interrupt.args), signal.SIGINT))

@@ -142,7 +142,7 @@ def population(
             env_id, out, address=ray, population=learners, generations=generations, steps=steps, algo=algo, seed=seed,
             seeds=seeds, watch=watch,
         )  # fmt: skip
-    _print_values(env_id, found.values, f"worth {found.value:.4g}; {learners} learners", out)
+    _print_values(env_id, found.values, f"score {found.value:.4g}; {learners} learners", out)
 
 
 @takes("machine", SET_UP, machine=Unset(""), material=Unset(""), wire=Unset(""), generator=Unset(""),
@@ -241,7 +241,7 @@ def _print_values(name: str, values: dict[str, float], score: str, out: Path) ->
 
 @takes(
     "machine", "compensation", "seed",
-    compensation=Unset("What is written is then what these tables, in force, have left."),
+    compensation=Unset("The errors written are those that remain with these tables."),
 )
 def table(
     out: Annotated[Path | None, typer.Option(help="File for the compensation tables, .toml.")] = None,
@@ -271,7 +271,7 @@ def table(
     found = measure_table(worn, interval_mm=interval, runs=runs, seed=settings.seed, compensation=loaded)
     if out is not None:
         left = "" if compensation is None else f" with {Path(compensation).name} in force"
-        about = f"Errors of the table of {settings.machine}{left}: what an axis indicates less where it truly is."
+        about = f"Errors of the table of {settings.machine}{left}: indicated less true position of an axis."
         with replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
@@ -379,7 +379,7 @@ def servo(
             screen.close()
 
 
-_SHOWN = 10  # problems of a text that are listed (ours): the manual's example has fewer
+_SHOWN = 10  # problems of a text that are listed (ours); the manual's example has fewer
 
 
 def positioner(

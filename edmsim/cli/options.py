@@ -1,4 +1,4 @@
-"""Options that several commands have; those of a cut with names, types, defaults and help of their declaration."""
+"""Options shared by commands; those of a cut take names, types, defaults and help from their declaration."""
 
 import inspect
 import itertools
@@ -28,17 +28,17 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 _Command = TypeVar("_Command", bound=Callable[..., None])
 _TAKEN = "_options_taken"
-SET_UP = "set-up"  # in the place of names: all options of a set-up but the machine
+SET_UP = "set-up"  # stands for the names of all options of a set-up except the machine
 
 
 class Unset(NamedTuple):
-    """In the place of a default: there is none, and the help says what holds."""
+    """Replaces a default: the option has none, and this text is added to its help."""
 
     text: str
 
 
 class Among(NamedTuple):
-    """In the place of a default: the default holds, and this command takes some of the names only."""
+    """Replaces a default: the default applies, but the command accepts only these names, which its help lists."""
 
     listed: Callable[[], list[str]]
 
@@ -49,8 +49,8 @@ class _Taken(NamedTuple):
 
 
 def takes(*names: str, **instead: Any) -> Callable[[_Command], _Command]:
-    """Give a command with ``**options`` the options of a cut, all or those named; it gets those that are not None."""
-    # `instead` are defaults of this command that are not those of a cut, or `Unset`, or `Among`
+    """Add the options of a cut, all or those named, to a command; its ``**options`` are those that are not None."""
+    # `instead`: defaults of this command that differ from those of a cut, `Unset` or `Among`
 
     def mark(command: _Command) -> _Command:
         setattr(command, _TAKEN, _Taken(names, instead))
@@ -63,7 +63,7 @@ def takes(*names: str, **instead: Any) -> Callable[[_Command], _Command]:
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command with the options that `takes` gives it in its signature."""
+    """Return a command whose signature includes the options added by `takes`."""
     taken: _Taken | None = getattr(command, _TAKEN, None)
     if taken is None:
         return command
@@ -87,17 +87,17 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def settings_of(options: dict[str, Any]) -> "CutSettings":
-    """Return the options of a cut that a command got, checked, with the others at their defaults."""
+    """Return the checked options of a cut from those of a command; the others have their defaults."""
     from edmsim.job.options import CutSettings
 
     return CutSettings.model_validate(options)
 
 
-_NO_FLAG = {"height_areas", "watch", "enter"}  # options that are no text: a polygon, functions
+_NO_FLAG = {"height_areas", "watch", "enter"}  # options that cannot be typed: polygons, functions
 
 
 class Command(TyperCommand):
-    """A command that looks up the options it takes when it is run or explained, not when all commands are listed."""
+    """A command that looks up its options when it runs or shows its help, not when all commands are listed."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return arguments and options."""
@@ -105,7 +105,7 @@ class Command(TyperCommand):
         return super().get_params(ctx)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Take what was typed; refuse empty values, as of a shell's unset variable: paths would be ``.``."""
+        """Parse arguments; refuse empty values, as of a shell's unset variable, because paths would become ``.``."""
         for before, word in itertools.pairwise(["", *args]):
             name, joined, value = word.partition("=")
             if not word or (name.startswith("--") and joined and not value):
@@ -113,7 +113,7 @@ class Command(TyperCommand):
                 raise InputError(f"{what} is empty: give a value, or leave it out")
         typed = [word.partition("=")[0] for word in args]
         for option in self.get_params(ctx):
-            if option.metavar == "A,B" and sum(map(typed.count, option.opts)) > 1:  # only the last list would count
+            if option.metavar == "A,B" and sum(map(typed.count, option.opts)) > 1:  # the last list would override it
                 raise InputError(f"{option.opts[0]} appears twice: write its values with commas, as A,B")
         return super().parse_args(ctx, args)
 
@@ -127,7 +127,7 @@ class Command(TyperCommand):
 
 
 def _with_names(parameter: inspect.Parameter) -> inspect.Parameter:
-    """Return a command's own argument or option, with the controllers' names for ``{controllers}`` in its help."""
+    """Return a command's own argument or option; in its help, ``{controllers}`` is replaced by their names."""
     kind, info = get_args(parameter.annotation)
     if "{controllers}" not in info.help:
         return parameter
@@ -139,7 +139,7 @@ def _with_names(parameter: inspect.Parameter) -> inspect.Parameter:
 
 
 def flag(name: str, field: "FieldInfo") -> str:
-    """Return an option as it is typed."""
+    """Return the name of an option on the command line."""
     from edmsim.machine.options import Flag, bare_name, fact
 
     own = fact(field, Flag)
@@ -168,7 +168,7 @@ def _parameter(name: str, field: "FieldInfo", taken: _Taken) -> inspect.Paramete
 
 
 def _kind(kind: Any, is_list: bool) -> Any:
-    """Return the type that the command line reads an option as; what it does not know is a text."""
+    """Return the type as which the command line parses an option: str for all types that it does not know."""
     if is_list:
         return list[str]
     if get_origin(kind) is Annotated:

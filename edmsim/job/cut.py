@@ -1,6 +1,6 @@
 """One cut from program file to outputs: `edmsim.cut` and ``edmsim cut``.
 
-Ctrl-C, SIGTERM and SIGHUP (its terminal closes) end it only at points where no work is half done.
+Ctrl-C, SIGTERM and SIGHUP (the terminal closes) end a cut only at points where no work is half done.
 """
 
 import hashlib
@@ -35,15 +35,15 @@ from edmsim.recording.report import duration_text, outcome_text
 from edmsim.runs import digests_of
 from edmsim.signals import NotedSignals, noted
 
-CHECKPOINT = "checkpoint.npz"  # file in the output folder; gone when the results are there
+CHECKPOINT = "checkpoint.npz"  # file in the output folder, deleted after the results are written
 CHECKPOINT_EVERY_S = 60.0  # wall time between checkpoints of a long cut
-CHECKPOINT_FORMAT = 12  # raised when what a checkpoint holds changes: one of another format is refused
+CHECKPOINT_FORMAT = 12  # increased when the contents of a checkpoint change; other formats are refused
 
 _Options = ParamSpec("_Options")
 
 
 class _Cut(Protocol[_Options]):
-    """What type checkers know of `cut`: its keywords are those of the class that declares the options."""
+    """The type of `cut` for type checkers: its keywords are those of the class that declares the options."""
 
     def __call__(self, program: str | Path, *no: _Options.args, **options: _Options.kwargs) -> CutResult: ...
 
@@ -116,7 +116,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
 
 
 def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Simulation, Recorders]:
-    """Read the program; set up machine, path, controller and recorders; return the settings in force with them."""
+    """Read the program and set up the simulation; return the settings in force, the simulation and its recorders."""
     ready = prepared(program, settings)
     settings = ready.settings
     recorders = recorders_for(ready.machine, ready.steps, settings.resolution)
@@ -131,7 +131,7 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
 
 
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:
-    """Return the report's settings: the options, what they come to, and digests of the files they name."""
+    """Return the report's settings: options, values derived from them, and digests of the files that they name."""
     machine, path = simulation.machine, simulation.path
     file = user_code.file_of(settings.controller) if isinstance(settings.controller, str) else None
     tables = settings.compensation
@@ -150,7 +150,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
 
 
 def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
-    """Return what the user should know about a cut that is over."""
+    """Return notices for the user about a cut that has ended."""
     notices = [*simulation.path.notices, *simulation.passes.notices, *simulation.beyond_training]
     if simulation.refused is not None:
         notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
@@ -192,7 +192,7 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
 
 
 def _without_effect(simulation: Simulation, settings: CutSettings) -> list[str]:
-    """Return the constants set by option that the modal mechanics leave out of a table under steppers."""
+    """Return the constants set by an option that have no effect, because modal mechanics with steppers omit them."""
     if settings.mechanics != "modal" or simulation.plant.own_step_um:
         return []
     left_out = ["table.friction_N", "table.presliding_um"]
@@ -202,7 +202,7 @@ def _without_effect(simulation: Simulation, settings: CutSettings) -> list[str]:
 
 
 class _Run:
-    """A cut under way, and what its folder keeps of it: a checkpoint until the results are there."""
+    """A running cut, with a checkpoint in its folder until the results are written."""
 
     def __init__(
         self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any], signals: NotedSignals
@@ -213,10 +213,10 @@ class _Run:
         self._held_s: float | None = None  # machine time of the checkpoint
 
     def begin(self, resume: bool, overwrite: bool) -> None:
-        """Take up the folder's interrupted cut, or see that there is none to lose."""
+        """Resume the interrupted cut of the folder, or refuse to overwrite it unless `overwrite` is set."""
         if self._folder is None:
             return
-        snapshot_text(self._simulation.controller)  # so that no cut is lost to one that cannot be stored
+        snapshot_text(self._simulation.controller)  # raises before the cut if the controller's state cannot be saved
         file = self._folder / CHECKPOINT
         if resume:
             self._before_s = self.wall_time_s = load_checkpoint(self._simulation, file, self._made_with)
@@ -228,7 +228,7 @@ class _Run:
             )
 
     def to_the_end(self, watch: Callable[[Progress], None] | None) -> None:
-        """Cut; Ctrl-C, SIGTERM and what `watch` raises end it between two windows, behind a checkpoint."""
+        """Run the cut; Ctrl-C, SIGTERM and exceptions of `watch` end it between two windows, after a checkpoint."""
         started, between = time.monotonic(), False
 
         def turn(progress: Progress) -> None:
@@ -243,7 +243,7 @@ class _Run:
 
         try:
             self._simulation.run(turn)
-        except PlantError:  # it would come again
+        except PlantError:  # would be raised again after a resume
             raise
         except BaseException:
             if between:
@@ -255,21 +255,21 @@ class _Run:
         self._signals.at_once()
 
     def _tell_unsaved(self) -> None:
-        """Say from where a cut can go on that an error, of its controller say, has stopped within a window."""
+        """Warn from when the cut can be resumed after an error within a window, for example of its controller."""
         if self._folder is not None:
             held_s = self._held_s
-            then = "nothing was saved" if held_s is None else f"it goes on at {held_s:.1f} s by --resume"
+            then = "nothing was saved" if held_s is None else f"--resume continues at {held_s:.1f} s"
             at = f"at {self._simulation.plant.time_ns * 1e-9:.3f} s of machine time, within a window"
             warnings.warn(f"{self._folder}: an error stopped the cut {at}: {then}", stacklevel=2)
 
     def leave(self, result: CutResult, tell: Callable[[str], None]) -> None:
-        """Write the results; only then the checkpoint has done its work."""
+        """Write the results, then delete the checkpoint."""
         assert self._folder is not None
         try:
             result.write(self._folder, tell)
         except OSError as error:
             saved = self._save()
-            held = "the checkpoint holds the cut: make room and take it up with --resume"
+            held = "the checkpoint holds the cut: make room and continue with --resume"
             raise EdmsimError(
                 f"{self._folder}: the results could not be written: {error.strerror or error}; "
                 f"{held if saved else 'nor could a checkpoint: the cut is lost'}"
@@ -278,21 +278,21 @@ class _Run:
         (self._folder / CHECKPOINT).unlink(missing_ok=True)
 
     def _save(self) -> bool:
-        """Write a checkpoint and say whether there is one; where that fails, the last one stays."""
+        """Write a checkpoint and return whether there is one; if writing fails, the previous one is kept."""
         if self._folder is None:
             return False
         self._saved, file = time.monotonic(), self._folder / CHECKPOINT
         try:
             save_checkpoint(self._simulation, file, self._made_with, self.wall_time_s)
             self._held_s = self._simulation.plant.time_ns * 1e-9
-        except (OSError, TypeError, ValueError) as error:  # a law may put into its snapshot what JSON cannot hold
+        except (OSError, TypeError, ValueError) as error:  # JSON cannot represent a controller's snapshot
             why = getattr(error, "strerror", None) or error
             warnings.warn(f"{self._folder}: no checkpoint could be written: {why}; the cut goes on", stacklevel=2)
         return file.exists()
 
 
 def save_checkpoint(simulation: Simulation, file: Path, settings: Mapping[str, Any], wall_time_s: float) -> None:
-    """Write a checkpoint, replacing the last one whole or not at all."""
+    """Write a checkpoint; it replaces the previous one completely or not at all."""
     arrays, values = simulation.snapshot()
     own = {"format": CHECKPOINT_FORMAT, "settings": dict(settings), "values": values, "wall_time_s": wall_time_s}
     text = np.frombuffer(json.dumps(own).encode(), np.uint8)
@@ -301,9 +301,9 @@ def save_checkpoint(simulation: Simulation, file: Path, settings: Mapping[str, A
 
 
 def load_checkpoint(simulation: Simulation, file: Path, settings: Mapping[str, Any]) -> float:
-    """Take up the cut of a checkpoint; returns the wall time spent so far.
+    """Restore the state of a cut from a checkpoint; return the wall time spent so far.
 
-    Raises `InputError` if it is damaged or of another version, or belongs to a cut with other settings.
+    Raises `InputError` if the file is damaged, of another version, or of a cut with other settings.
     """
     try:
         arrays = read_arrays(file.read_bytes())
@@ -321,7 +321,7 @@ def load_checkpoint(simulation: Simulation, file: Path, settings: Mapping[str, A
 
 
 def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path) -> None:
-    # digests last: a setting by name says more
+    # digests last, because the name and value of a setting are more informative
     for name in sorted(stored.keys() | expected.keys(), key=lambda name: (name.endswith("sha256"), name)):
         if _unplaced(stored.get(name)) == _unplaced(expected.get(name)):
             continue
@@ -336,7 +336,7 @@ def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path)
 
 
 def _unplaced(value: Any) -> Any:
-    """Return a file's name without its folder: the digests tell whether it is the same file."""
+    """Return a file's name without its folder, because digests decide whether two files are the same."""
     return Path(value).name if isinstance(value, str) else value
 
 
@@ -344,11 +344,11 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-_EVERY_S = 0.1  # between two looks at a cut: windows are shorter (ours)
+_EVERY_S = 0.1  # between two updates of the bar, because windows are shorter (ours)
 
 
 class CutProgress:
-    """What `edmsim.cut` calls back, as a bar."""
+    """The callbacks of `edmsim.cut` that show a progress bar."""
 
     def __init__(self, bar: ShownProgress, name: str) -> None:
         self._bar, self._name = bar, name
@@ -356,11 +356,11 @@ class CutProgress:
         self._drawn_s = 0.0
 
     def enter(self, phase: str) -> None:
-        """Name what is being done from now on, or how it ended."""
+        """Show the name of the phase that begins, or the outcome."""
         self._draw(phase, at_once=True)
 
     def show(self, progress: Progress) -> None:
-        """Take in a window."""
+        """Update the bar after a window."""
         self._last = progress
         now = time.monotonic()
         if now < self._drawn_s + _EVERY_S:
@@ -373,6 +373,6 @@ class CutProgress:
         share, times = 0.0, ""
         if (last := self._last) is not None:
             share = min(1.0, last.path_um / last.total_um)
-            within = f" in {duration_text(last.wall_time_s)}" if last.wall_time_s else ""  # test cuts have no clock
+            within = f" in {duration_text(last.wall_time_s)}" if last.wall_time_s else ""  # 0 for test cuts
             times = f"{duration_text(last.time_s)} simulated{within}, "
         self._bar.show(self._name, share, 1.0, times + words, at_once)

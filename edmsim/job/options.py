@@ -35,15 +35,15 @@ from edmsim.program.passes import OVERLAP_MM, TAB_MM
 if TYPE_CHECKING:
     from edmsim.controllers import FeedController
     from edmsim.cosim.simulation import Progress
-else:  # only named in signatures: to load them takes the compiler, and seconds, which a command's help does not have
+else:  # placeholders for annotations: to import the classes loads the compiler, which takes too long for a help text
     FeedController, Progress = (type(name, (), {}) for name in ("FeedController", "Progress"))
 
-METADATA_KEY = b"edmsim"  # under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON
-MOST_GUIDE_ERROR_MM = 5.0  # further from where the file says, no guide is (ours)
+METADATA_KEY = b"edmsim"  # key of a cut's settings, as JSON, in the metadata of ``windows.parquet``
+MOST_GUIDE_ERROR_MM = 5.0  # greatest error of a guide's height in the machine's file (ours)
 
 
 def _words(value: object) -> object:
-    """Take ``A,B`` apart."""
+    """Split ``A,B`` at the commas."""
     return [word.strip() for word in value.split(",") if word.strip()] if isinstance(value, str) else value
 
 
@@ -189,7 +189,7 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @pydantic.field_serializer("height_areas")
     def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
-        """Return areas as lists of corners; those with holes, which such a list cannot tell, as GeoJSON."""
+        """Return areas as lists of corners; those with holes, which a list cannot represent, as GeoJSON."""
         return [
             [shapely.geometry.mapping(area) if area.interiors else shapely.get_coordinates(area).tolist(), height]
             for area, height in areas
@@ -261,7 +261,7 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @classmethod
     def of_report(cls, report: Mapping[str, Any]) -> CutSettings:
-        """Return the settings of the cut that a report is of, ``report.json`` or a `Report`."""
+        """Return the settings of the cut from its report, ``report.json`` or a `Report`."""
         settings = {**report["settings"], "seed": report["seed"]}
         offset_um = settings["offset_um"]  # None: the contours have those of their registers
         settings |= {"tension": settings["tension_N"], "offset": "auto" if offset_um is None else offset_um * 1e-3}
@@ -295,7 +295,7 @@ class CutSettings(SetUpOptions, MachineOption):
 
 
 class Running(Options):
-    """How a cut is run, not what is cut."""
+    """Options for running a cut that do not change its result."""
 
     out: Annotated[str | Path | None, Flag(metavar="PATH")] = None
     """Folder for the outputs."""
@@ -311,7 +311,7 @@ class Running(Options):
 
     @classmethod
     def taken_from(cls, options: dict[str, Any]) -> Running:
-        """Take these options out of all of a cut; raises `InputError` for a value that cannot be used."""
+        """Remove these options from all those of a cut and return them; raises `InputError` for an invalid value."""
         try:
             return cls.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
         except pydantic.ValidationError as error:
@@ -319,4 +319,4 @@ class Running(Options):
 
 
 class CutOptions(CutSettings, Running):
-    """All that `edmsim.cut` takes beside the program."""
+    """All options of `edmsim.cut`."""

@@ -1,4 +1,4 @@
-"""A cut before its first pulse: program and settings to path, passes and drives; its notices and least time."""
+"""Preparation of a cut: program and settings to path, passes and drives; notices and least time of a program."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -33,12 +33,12 @@ from edmsim.recording.report import duration_text, mm_text
 
 
 def make_controller(choice: str | FeedController) -> FeedController:
-    """Return a feed controller for a cut, from its text or as given; see `edmsim.controllers.from_text`."""
+    """Return a feed controller for a cut: from its text, see `edmsim.controllers.from_text`, or the object itself."""
     controller = from_text(choice, cutting=True) if isinstance(choice, str) else check_is_controller(choice)
     if isinstance(controller, SeesTruth):
         raise InputError(
-            f"the {controller.name} controller looks at the true gap, which no machine shows: it can be compared "
-            "with (edmsim evaluate), not cut with"
+            f"the {controller.name} controller looks at the true gap, which no machine shows: use it only in "
+            "comparisons (edmsim evaluate), and cut with another"
         )
     return controller
 
@@ -54,7 +54,7 @@ def read_program(program: str | Path, settings: CutSettings) -> Program:
 def planned(
     program: str | Path | Program, settings: CutSettings, machines: Sequence[Machine], passes: PassPlan | None = None
 ) -> CutPath:
-    """Plan the wire's path of a cut with these settings on a machine, set up pass by pass; raises as `plan_path`."""
+    """Plan the wire's path of a cut; `machines` has the machine as set up for every pass. Raises as `plan_path`."""
     machine, errors_mm = machines[0], settings.guide_errors_mm or (0.0, 0.0)
     table = machine.base.table
     step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
@@ -77,27 +77,27 @@ def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights 
     return GuideHeights(lower_mm, upper_mm, machine.height_mm, travel.value, bends.stiff_mm, bends.radius_mm)
 
 
-# A cut in passes: what a technology says, put in place of the options that it decides.
+# A cut in passes: the values of a technology replace the options that it decides.
 
 _Plan = Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath]
 
 
 class Passes(NamedTuple):
-    """A cut as a technology sets it."""
+    """A planned cut, with the values of its technology if it is in passes."""
 
     settings: CutSettings  # with the technology's machine, wire, planner and the setting of the rough pass
     path: CutPath
     setups: tuple[PassSetup, ...] = ()  # one per pass; none for a cut in one pass
     approach: PassSetup | None = None
-    table: PassTable | None = None  # what the technology says
+    table: PassTable | None = None  # offsets and settings of the technology
 
 
 _OF_PASSES = {"tab_mm": "a tab", "overlap_mm": "an overlap", "after_tab": "what is done before a tab"}
-"""Options that have an effect only on passes which the program does not have."""
+"""Options that affect only passes requested by the settings, not those of the program."""
 
 
 def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan = planned) -> Passes:
-    """Plan a cut, in passes where the settings ask for some or the program has some."""
+    """Plan a cut, in passes if the settings request them or the program has them."""
     if settings.passes is None:
         path = plan(program, settings, [settings.load_machine()], None)
         remedy = "say how many, as --passes 4" if path.passes == 1 else "the program has its own, leave it out"
@@ -150,12 +150,12 @@ def _in_passes(
 
 
 def _by_conditions(program: str | Path | Program, settings: CutSettings, path: CutPath, plan: _Plan) -> Passes:
-    """Give every pass the settings that the user's table has for the program's condition."""
+    """Plan a cut whose passes have the settings of the program's conditions in the user's table."""
     if settings.technology is not None:
         raise InputError("a technology and a table of conditions both decide the passes: give one of them")
     of_passes = [_with_condition(settings, path.conditions, name) for name in path.conditions.names]
     setups = tuple(_setup(one) for one in of_passes)
-    if path.leans:  # where a wire bends follows from the tension of each pass
+    if path.leans:  # because the bends of the wire depend on the tension of each pass
         path = plan(program, of_passes[0], [one.machine for one in setups], None)
     if path.passes == 1:
         return Passes(of_passes[0], path)
@@ -165,7 +165,7 @@ def _by_conditions(program: str | Path | Program, settings: CutSettings, path: C
 
 
 def _with_condition(settings: CutSettings, conditions: Conditions, name: str | None) -> CutSettings:
-    """Return the settings of a cut with what the table says of a condition."""
+    """Return the settings of a cut with those of a condition, from the user's table."""
     if name is None:
         return settings
     found = dict(conditions.settings[name])
@@ -189,7 +189,7 @@ def _setup(settings: CutSettings) -> PassSetup:
 
 
 def in_force(settings: CutSettings, technology: Technology, table: PassTable) -> CutSettings:
-    """Return settings with what the technology decides, that of its rough pass; refuse what contradicts it."""
+    """Return settings with those of the technology and its rough pass; refuse options that contradict them."""
     rough = table.settings[0]
     decided: dict[str, Any] = {
         "machine": technology.machine, "wire": technology.wire, "planner": technology.planner,
@@ -233,7 +233,7 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
         table = table._replace(notices=(*table.notices, moved))
     if technology.material == material:
         return table
-    file = f"{Path(material).stem}-passes.toml"  # not the material's own
+    file = f"{Path(material).stem}-passes.toml"  # must differ from the material's file
     notice = (
         f"there is no technology for {material}: the passes take the settings of '{technology.title}', the material "
         f"most like it; search its own with edmsim tune technology {material} --height {height_mm:g} --passes "
@@ -243,7 +243,7 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
 
 
 def setup_of(settings: CutSettings, one: PassSetting) -> PassSetup:
-    """Return the set-up of a pass: that of a cut's settings, but for what the pass has of its own."""
+    """Return the set-up of a pass: the settings of the cut, overridden by those of the pass."""
     own = {name: getattr(one, of_pass) for name, of_pass in OF_PASS.items()}
     return _setup(settings.model_copy(update={**own, "controller": one.controller()}))
 
@@ -316,7 +316,7 @@ class Check:
     path_length_mm: float  # of the wire's path over all passes, with lead-ins
     cutting_s: float  # least time of the path: at `feed_um_s`, and of trims, which remove little, at `trim_feed_um_s`
     feed_um_s: float  # highest possible feed of a rough cut
-    trim_feed_um_s: float  # that of a trim: the largest of machine and planner
+    trim_feed_um_s: float  # highest possible feed of a trim: that of machine and planner
     # the machine's or the planner's largest feed, or that at which every pulse removes its maximum
     limited_by: Limit
     waiting_s: float  # threading, moves between contours and dwells
@@ -361,7 +361,7 @@ def _between_um(path: CutPath) -> list[tuple[float, bool]]:
 
 
 def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
-    """Return what the technology expects of each pass: its feed was that of a straight cut; lead-ins are slower."""
+    """Return the estimate of each pass: feeds of the technology are those of straight cuts; lead-ins are slower."""
     estimates = []
     for number, one in enumerate(found.table.settings if found.table else (), 1):
         ways = [p for contour in found.path.contours for p in contour.passes if p.number == number]
@@ -379,7 +379,7 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
 
 
 def feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
-    """Return the lower one of the greatest feeds of machine and planner, and whose it is."""
+    """Return the lower of the greatest feeds of machine and planner, and which of the two it is."""
     own, of_planner_um_s = machine.base.table.max_feed_um_s, kind_of(planner).max_feed_um_s
     own_um_s = MAX_FEED_UM_S if own is None else own.value
     return (own_um_s, "machine") if own_um_s <= of_planner_um_s else (of_planner_um_s, "planner")
@@ -387,8 +387,8 @@ def feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
 
 def greatest_feed_um_s(machine: Machine, planner: str, height_mm: float) -> tuple[float, Limit]:
     """Return the highest possible feed of a rough cut and its limit."""
-    # every pulse that ignites at once removes what its energy melts, from a kerf as wide as the wire and twice
-    # the gap; most cuts are slower: pulses stay open, or short
+    # the generator's limit: every pulse ignites at once and removes the metal that its energy melts, and the kerf is
+    # as wide as the wire and two gaps; most cuts are slower, because pulses are open or short
     limit_um_s, limited_by = feed_limit(machine, planner)
     power_W = mean_current_A(machine) * machine.material.burning_voltage_V.value
     removed_um3_s = power_W * timing(machine).removal_um3_J
@@ -397,7 +397,7 @@ def greatest_feed_um_s(machine: Machine, planner: str, height_mm: float) -> tupl
 
 
 def _waiting_s(path: CutPath, machine: Machine) -> float:
-    """Return the time in which the wire does not cut: dwells, ways to the next start hole, threading there."""
+    """Return the time in which the wire does not cut: dwells, moves to the next start hole, threading there."""
     dwells = sum(contour.waiting_s for contour in path.contours)
     table = machine.base.table
     return dwells + sum(
@@ -415,7 +415,7 @@ def _pass_lines(found: Check) -> list[tuple[str, str]]:
 
 
 def _program_rows(program: Program) -> Sequence[tuple[str, str]]:
-    """Return what a program says of all that it cuts, each by its line; nothing if it has no words for it."""
+    """Return a row for each outline, by its line; none if the program sets no condition, taper or feed for them."""
     noted = [o for o in program.outlines if o.condition or o.continues or o.taper or o.adaptive is not None]
     if not noted:
         return []

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 # Measurements of the part, for report, picture and recording.
 
 _WINDOW_REACH_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
-_HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the path
+_HEIGHT_STEP_UM = 10.0  # spacing of points on the path at which the local height is evaluated
 
 
 class Inspection(NamedTuple):
@@ -58,14 +58,14 @@ class Inspection(NamedTuple):
 
 
 def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> reports.Totals:
-    """Return what was counted over the cut."""
+    """Return the sums over the cut."""
     values, records = windows.columns(), simulation.passes.records
     cut = cut_alone(values, np.array(simulation.plant.field.stock.holes_um, np.float64).reshape(-1, 3))
-    # of passes, the area of the rough one, which the others cut again; it may begin inside the start hole
+    # in passes only the area of the rough one, because trims cut it again; it may begin inside the start hole
     ways = [(max(a, r.begin_um), min(b, r.end_um)) for r in records if r.number == 1 for a, b in cut.ways_um]
     ways += [(a, b) for a, b in cut.ways_um if all(r.end_um <= a or b <= r.begin_um for r in records)]
     took_s = durations_s(values)
-    at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s  # feeds are whole speed units
+    at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s  # tolerance, because feeds are whole speed units
     all_s = float(took_s[cut.rows].sum())
     return reports.Totals(
         simulation.plant.time_ns * 1e-9, wall_time_s, simulation.sums, simulation.path_um * 1e-3,
@@ -75,12 +75,12 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
 
 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
-    """Return a way along the path times the local height in mm2; of a tilted wire, the height along it."""
+    """Return the area cut along a part of the path in mm2: length times local height, along the wire if it tilts."""
     length, relief = max(to_um - from_um, 0.0), simulation.plant.field.relief
     if length <= 0 or (relief is None and not simulation.path.leans):
         return length * simulation.machine.height_mm * 1e-3
     ways = [way for contour in simulation.path.contours for way in contour.ways]
-    # a way between contours is not a cut: it counts for nothing
+    # moves between contours cut nothing, so their length is 0
     moves = np.concatenate([np.append(np.diff(way.along_um), 0.0) for way in ways])
     slant = np.concatenate([np.append(way.slant, 1.0) for way in ways])
     place, wall = (np.concatenate([[0.0], np.cumsum(um)[:-1]]) for um in (moves, moves * slant))
@@ -135,7 +135,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
 
 
 def _pass_faces(records: list[PassRecord], profiles: list[ProfileError]) -> tuple[PassFace, ...]:
-    """Return the faces that finished passes left."""
+    """Return the faces after each finished pass."""
     return tuple(
         PassFace(
             record.contour - 1, record.end_s, record.end_um, profiles[record.contour - 1].points_mm[::FACE_EVERY],
@@ -161,7 +161,7 @@ def _lead(path: CutPath) -> Floats | None:
 
 
 def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
-    """Measure a contour's profile error; what the wire's centre was to follow is not an edge, and has none."""
+    """Measure a contour's profile error; it is NaN without offset, because the wire's centre line is not an edge."""
     found = profile_error(field, contour)
     return found if contour.offset_um else replace(found, error_um=np.full_like(found.error_um, np.nan))
 
@@ -170,7 +170,7 @@ def _profile_errors(
     contours: tuple[WireContour, ...], profiles: list[ProfileError], left_um: list[Floats], scene: Scene,
     origin_mm: tuple[float, float],
 ) -> reports.ProfileErrors:
-    """Set the profile error beside what the wire can reach."""
+    """Return the profile error's statistics, with and without the metal that the wire cannot reach."""
     reached = [p.error_um - left for p, left in zip(profiles, left_um, strict=True)]
     shares = [edge.shares_um for edge in scene.maps]
 
@@ -197,8 +197,8 @@ def _element(found: ElementError, origin_mm: tuple[float, float]) -> reports.Ele
 
 
 def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats, ...]]:
-    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour."""
-    # a contour begins where a wire was threaded: the longest times between two windows
+    """Return the tracks of commanded position, guides and wire, (n, 2) each, contour by contour."""
+    # a contour begins after a threading, which takes the longest times between two windows
     commanded, following, lag, time_s, path_um = windows.ways_um()
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
@@ -217,7 +217,7 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats,
 
 
 def _last_ways_um(simulation: Simulation, ways_um: tuple[Floats, ...], time_s: Floats) -> list[tuple[Floats, ...]]:
-    """Return the ways of the last passes, contour by contour: they made the wall."""
+    """Return the tracks of the last pass of each contour, because it made the wall."""
     found = []
     for contour, last in enumerate(_last_passes(simulation), 1):
         mine = np.zeros(len(time_s), np.bool_)
@@ -229,7 +229,7 @@ def _last_ways_um(simulation: Simulation, ways_um: tuple[Floats, ...], time_s: F
 
 
 def pass_figures(simulation: Simulation) -> tuple[reports.PassFigures, ...]:
-    """Return what every pass of a cut did; none of a cut in one pass."""
+    """Return the figures of every pass; empty for a cut in one pass."""
     records = simulation.passes.records
     return tuple(
         figures
@@ -263,7 +263,7 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[repor
 
 
 def _discharge_us(machine: Machine, sums: Sums) -> float:
-    """Return how long the discharges of a cut or a pass burnt on average, by their energy; 0 if there were none."""
+    """Return the mean duration of the discharges of a cut or a pass, from their energy; 0 if there were none."""
     power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
     return sums.energy / (max(sums.spark + sums.arc, 1) * power_W) * 1e6
 
@@ -271,7 +271,7 @@ def _discharge_us(machine: Machine, sums: Sums) -> float:
 def _shares(
     simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[Floats, ...]]
 ) -> list[Floats | None]:
-    """Split the profile error; not where the wire's centre runs on the edge itself, or leans."""
+    """Split the profile error of each contour into shares; None if the contour has no offset, or leans."""
     each = zip(profiles, simulation.path.contours, ways_um, _last_passes(simulation), strict=True)
     return [
         causes.error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
@@ -280,13 +280,13 @@ def _shares(
 
 
 def _last_passes(simulation: Simulation) -> list[int | None]:
-    """Return the last pass begun of every contour; None without one, or in one pass."""
+    """Return the last pass begun on every contour; None if there is none, or in a cut in one pass."""
     contours = range(1, len(simulation.path.contours) + 1)
     return [max((r.number for r in simulation.passes.records if r.contour == k), default=None) for k in contours]
 
 
 def _table(simulation: Simulation, profiles: list[ProfileError]) -> reports.TableShare | None:
-    """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
+    """Return the effect of the table's errors on the part; None for a perfect table without compensation."""
     machine, elcam, contours = simulation.machine, simulation.elcam, simulation.path.contours
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
     if not compensated and not machine.base.geometry.has_errors:
@@ -352,17 +352,17 @@ def _part(
 
 
 def _is_finished(number: int, contour: WireContour, records: Sequence[PassRecord]) -> bool:
-    """Say whether all passes of a contour have been cut; the wall of one without passes is as it will be."""
+    """Return whether all passes of a contour have been cut; True if it has none, because its wall is final."""
     return sum(r.contour == number and r.wall is not None for r in records) == len(contour.passes)
 
 
 def _as_last(one: reports.PassFigures | PassRecord) -> tuple[bool, float]:
-    """Rank passes: the face of the part is that of the greatest."""
+    """Return a sort key: the pass with the greatest one made the face of the part."""
     return one.piece == "profile", one.end_s
 
 
 def _electrolysed_um(simulation: Simulation, kerf: reports.Kerf) -> float | None:
-    """Return the depth that the water dissolved: in passes, in the last one, as trims take more than a layer."""
+    """Return the depth dissolved by the water, in passes only by the last, because trims remove earlier layers."""
     sums, length_um = simulation.sums, simulation.path_um
     gap_um = ((math.nan if kerf.mean is None else kerf.mean) - simulation.machine.wire_diameter_um) / 2
     if simulation.passes.records:
@@ -393,7 +393,7 @@ def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
 
 
 def _section(widths: list[KerfWidth], height_mm: float) -> list[reports.KerfSlice]:
-    """Put the walls measured along all contours together, slice by slice."""
+    """Combine the walls measured along all contours, slice by slice."""
     part = np.concatenate([w.part_um for w in widths], axis=1)
     rest = np.concatenate([w.width_um for w in widths], axis=1) - part
     slice_mm = height_mm / len(part)
@@ -412,7 +412,7 @@ def _wall(distance_um: Floats) -> reports.Wall:
 
 
 def _error_per_window(guides_um: Floats, profiles: list[ProfileError]) -> Floats:
-    """Profile error at the point of the edge nearest to the wire, window by window."""
+    """Return the profile error at the point of the edge nearest to the wire, window by window."""
     points = np.concatenate([p.points_mm for p in profiles])
     error = np.append(np.concatenate([p.mean_um for p in profiles]), np.nan)
     _, nearest = scipy.spatial.KDTree(points).query(guides_um * 1e-3, distance_upper_bound=_WINDOW_REACH_MM)
@@ -458,7 +458,7 @@ def sample_like(report: reports.Report, windows: pa.Table, *, pulses: int = PULS
 
 
 def sample_or_reason(report: reports.Report, windows: pa.Table) -> PulseSample | str:
-    """Return what `sample_like` does, or why it cannot."""
+    """Return the sample of `sample_like`, or the message of its error."""
     try:
         return sample_like(report, windows)
     except EdmsimError as error:
@@ -479,7 +479,7 @@ class CutResult:
     machine: Machine  # the set-up
 
     def __repr__(self) -> str:
-        """Say how it ended and the key figures: the fields of the report hold the rest."""
+        """Return the outcome and key figures; the report has the others."""
         shown = ("machining time", "path", "kerf", "profile error", "corners")
         lines = [f"  {name:14} {text}" for name, text in reports.summary(self.report) if name in shown]
         return "\n".join([f"<CutResult of {self.report.title}: {reports.outcome_text(self.report)}", *lines]) + ">"
@@ -626,7 +626,7 @@ def result_of(
     simulation: Simulation, recorders: Recorders, settings: CutSettings, made_with: Mapping[str, Any],
     notices: Sequence[str], wall_time_s: float,
 ) -> CutResult:
-    """Measure a cut that is over."""
+    """Measure the part after the cut, and return the cut's result."""
     found = inspect(simulation, recorders.windows)
     windows = recorders.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None
@@ -635,7 +635,7 @@ def result_of(
         reason=simulation.reason, notices=notices, seed=settings.seed, settings=made_with, version=__version__,
     )
     whose, passes = reports.cut_id(report), simulation.path.passes
-    logged = settings if passes == 1 else settings.model_copy(update={"passes": passes})  # also those of the program
+    logged = settings if passes == 1 else settings.model_copy(update={"passes": passes})  # also the program's own
     return CutResult(
         report, windows.replace_schema_metadata({METADATA_KEY: logged.model_dump_json(), CUT_KEY: whose}),
         simulation.path, simulation.plant.field, recorders.frames, replace(found.scene, cut=whose),
@@ -646,7 +646,7 @@ def result_of(
 def remake(
     directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
 ) -> list[Path]:
-    """Write a folder's ``report.html`` again, or its figures as files of their own; returns the files written."""
+    """Write a folder's ``report.html`` again, or its figures as separate files; return the files written."""
     from edmsim.recording.figures.style import FORMATS, write_figure
     from edmsim.recording.html_report import pictures, write_html
 

@@ -1,4 +1,4 @@
-"""Arrays of a plant at rest, of a model alone."""
+"""Arrays of a plant at rest, for a mechanical model without the rest of the plant."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ def arrays(
     model: ModalModel | FullMechanics, sizes: ArraySizes, water_K: float,
     along_wire: Mapping[str, NDArray[np.float64]],
 ) -> Arrays:
-    """Allocate them; ``along_wire`` are what a set-up has for every slice, by name."""
+    """Allocate the arrays; ``along_wire`` has values for every slice, by name of the array."""
     a = allocate(Arrays, sizes)
     fill_model(a, model)
     stand_upright(a)

@@ -1,4 +1,4 @@
-"""Set-ups shared by the tests of the plant: quiet physics, a hole of known gap, a motor at fixed speed."""
+"""Set-ups shared by the tests of the plant: a hole with known gap and few effects, motor steps at fixed speed."""
 
 import pytest
 
@@ -24,13 +24,13 @@ def published():
 
 @pytest.fixture(scope="session")
 def altered():
-    """Replace constants, whatever their range."""
+    """Replace constants, also beyond their ranges."""
     return setups.altered
 
 
 @pytest.fixture(scope="session")
 def in_a_hole():
-    """A plant whose wire hangs in the middle of a round hole, where discharges do (nearly) nothing."""
+    """A plant whose wire is in the middle of a round hole, and whose discharges have (nearly) no effect."""
     quiet = {
         "material.removal_mm3_J": 1e-15, "base.discharge.impulse_10mJ_Ns": 0.0, "base.discharge.bubble_share": 1e-12,
         "base.gas.steam_share": 0.0, "base.gas.permanent_share": 0.0, "material.magnetic_share": 0.0,

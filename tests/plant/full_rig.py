@@ -16,7 +16,7 @@ SMOOTH = DriveSetup(step_m=2e-6, friction_N=0.0, presliding_m=5e-6, backlash_m=0
 ALL_MODES = 31  # nodes of the machine's file
 PERIOD_NS = 100_000  # 10 kHz
 DRY = Constants(*(0.0 for _ in Constants._fields))
-"""No water, so no film; its constants are all that the motion asks for."""
+"""Constants without water, so without film; the motion needs no others."""
 START_UM = 32_500.0
 
 
@@ -29,7 +29,7 @@ def _pulses(
     state, a, c, axes, link, p, t, load, films, scales, ignite_us, period_ns, kicks, kick_slice, end_us, steps,
     wire, table,
 ):
-    """Move over many pulses; note every pulse's nodes, and place, rotor and command of the axes."""
+    """Move over many pulses; record nodes, and position, rotor and command of the axes, after every pulse."""
     following = 0
     for i in range(kicks.shape[0]):
         following = move_full(
@@ -70,7 +70,7 @@ class Rig:
         self, n, *, kicks=None, at=None, end_us=None, pull=None, scales=(1.0, 1.0), ignite_us=1e9, steps=(),
         period_ns=PERIOD_NS,
     ):
-        """Move on over `n` pulses; `steps` count their time from now."""
+        """Move over `n` pulses; the times of `steps` are relative to the present."""
         a = self.arrays
         sums, load = np.zeros((len(a.shape), 4)), np.zeros_like(a.wire_q)
         if pull is not None:

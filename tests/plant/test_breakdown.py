@@ -23,14 +23,14 @@ FAST = resolution("fast")
 
 
 def sums(gaps_um, law, shift, angles, debris):
-    """Return rate, primed weight, contact depth and pull of rays with these gaps, along these angles."""
+    """Return rate, primed weight, contact depth and pull of rays with these gaps and angles."""
     row = np.zeros((1, 4))
     contact = slice_sums(rays_with(gaps_um, angles), 0, *shift, law, row, debris)
     return row[0, 0], row[0, 1], contact, row[0, 2], row[0, 3]
 
 
 def front_rate(gap_um, law, res):
-    """Rate of half the wire's girth and the whole height, at one gap everywhere."""
+    """Rate over half of the wire's circumference and the whole height, with a constant gap."""
     n = res.slices * res.rays // 2
     return sums(np.full(n, gap_um), law, (0.0, 0.0), np.zeros(n), 0.0)[0]
 
@@ -67,7 +67,7 @@ def test_rate_of_the_reference_area_is_the_published_one(name, machine, publishe
     [(10, 250, 80.0), (60, 50, 60.0), (20, 100, 250.0), (40, 360, 120.0), (20, 250, 100.0)],
 )
 def test_sums_over_the_rays_are_those_of_the_page(height, diameter, voltage, debris, machine):
-    """Sites of patches at gaps of equal field, narrowed by what the wire has moved; below 3.84 um the rate stays."""
+    """Sites of patches at gaps of equal field, less the wire's movement; below 3.84 um the rate is constant."""
     set_up = machine.with_(height_mm=height, wire_diameter_um=diameter, tension=0.2)
     law, field = gap_law(set_up, FAST, voltage), voltage / 80
     rng, n = np.random.default_rng(1), 400
@@ -91,7 +91,7 @@ def test_places_of_ignition_follow_the_weights(primed, debris):
     gaps = np.array([6.0, 9.0, 30.0, 7.0, 11.0, 12.5, 8.0, 10.0], np.float32)
     gap_um = gaps.astype(float)
     weights = np.maximum(12.0 - gap_um, 0.0) ** 2 if primed else 1 / parabola(gap_um * 0.8)
-    if primed:  # the widest gap has the most particles, but needs the largest
+    if primed:  # the widest gap has most particles, but needs larger ones
         weights += PARTICLES_UM * debris * gap_um * larger_than(np.maximum(gap_um - 9.0, 0.0), 4.0)
     draws = 20_000
     targets = [uniform(key_of(3), np.uint64(n)) * weights.sum() for n in range(draws)]
@@ -115,7 +115,7 @@ def test_primed_delays_are_weibull(scale, shape):
     assert stats.kstest(draws, stats.weibull_min(shape, scale=scale).cdf).pvalue > 1e-3
 
 
-# --- the law at work in the pulse loop: the wire in the middle of a hole has the same gap everywhere ---
+# --- the law in the pulse loop: a wire in the middle of a hole has the same gap everywhere ---
 
 LONG = {"t_on_us": 300.0, "t_period_us": 2_000.0}
 
@@ -129,7 +129,7 @@ def _many_delays(state, a, sums, rate, wait_us, delays, slices):
 @pytest.mark.slow
 @pytest.mark.parametrize("carried", [(0.0, 0.0), (0.02, 0.02), (0.005, 0.08)])
 def test_the_flow_puts_off_delays_as_the_integral_of_its_rate_says(carried):
-    """Thinning against numerical integration: the distribution of delays, and in which slice they end."""
+    """Thinning compared with numerical integration: distribution of delays, and slices in which they end."""
     state, a, sums = np.zeros(1, STATE), allocate(Arrays, sizes_of(2, 24, 4)), np.zeros((2, 4))
     state["key"], a.carried_per_us[:], sums[:, 0] = key_of(7), carried, (0.01, 0.03)
     delays, slices = np.empty(20_000), np.empty(20_000, np.int64)
@@ -168,11 +168,11 @@ def test_share_of_open_pulses_follows_rate_time_and_flow(gap, height, voltage, p
 # --- particles of debris ---
 
 SPARSE = {"base.gap.median_c_us": 1e15, "base.gap.critical_width_um": 0.1, "base.gap.chaining": 0.0}
-"""Only particles ignite a gap above the critical one, and none bridges it."""
+"""Above the critical gap only particles cause ignition, and none bridges the gap."""
 
 
 def loaded(in_a_hole, machine, gap_um, debris, mean_um, **constants):
-    """A plant in a hole, in water that stands, with debris of so large a mean size; craters add next to none."""
+    """A plant in a hole with stagnant water and debris of this mean size; its craters add almost no debris."""
     stagnant = machine.with_(**LONG, height_mm=10, flushing_lower_Pa=0.0, flushing_upper_Pa=0.0)
     crater_um3 = 1e-15 * 1e9 * 22.0 * discharge_current_A(stagnant) * 300e-6
     size = {"base.gap.particle_share": mean_um / crater_um3 ** (1 / 3)}
@@ -184,18 +184,18 @@ def loaded(in_a_hole, machine, gap_um, debris, mean_um, **constants):
 
 
 def test_debris_of_a_setting_is_as_large_as_its_craters_make_it(machine):
-    """A share of the cube root of a crater's volume: longer pulses of one current make coarser debris."""
+    """A share of the cube root of the crater's volume: with equal current, longer pulses make coarser debris."""
     sizes = [gap_law(machine.with_(t_on_us=on), FAST, 100.0).particle_um for on in (2.5, 20.0)]
-    per_J = 9.3e-3 * 1e9 * np.array([(2.5 / 20) ** 0.45, 1.0])  # short ones remove less
+    per_J = 9.3e-3 * 1e9 * np.array([(2.5 / 20) ** 0.45, 1.0])  # short pulses remove less
     crater_um3 = per_J * 22.0 * discharge_current_A(machine) * np.array([2.5e-6, 20e-6])
     np.testing.assert_allclose(sizes, 0.05 * np.cbrt(crater_um3), rtol=1e-6)
     dead = gap_law(machine, FAST, 1e-6)
-    assert dead.particles_um == 0.0  # a generator switched off
+    assert dead.particles_um == 0.0  # the generator is switched off
 
 
 @pytest.mark.parametrize(("gap", "debris", "mean_um"), [(14.0, 2e-6, 3.0), (16.0, 4e-6, 2.0), (30.0, 2e-4, 2.0)])
 def test_debris_hastens_ignition(gap, debris, mean_um, in_a_hole, machine):  # T-9
-    """``exp(-N)`` of the pulses stay open, N particles large enough being around the wire."""
+    """A share ``exp(-N)`` of the pulses stays open if N particles around the wire are large enough."""
     plant = loaded(in_a_hole, machine, gap, debris, mean_um)
     critical = 9.0 * 100.0 / 80.0
     number = 250.0 * 10_000.0 * gap * debris / mean_um**3 * larger_than(gap - critical, mean_um)
@@ -211,7 +211,7 @@ def test_debris_hastens_ignition(gap, debris, mean_um, in_a_hole, machine):  # T
 
 
 def test_a_particle_that_finds_others_bridges_the_gap(in_a_hole, machine):
-    """Of the sites that particles prime in a wide gap, the share ``chaining x debris`` are shorts."""
+    """Of the sites primed by particles in a wide gap, a share ``chaining x debris`` becomes shorts."""
     for debris in (0.005, 0.02):
         plant = loaded(in_a_hole, machine, 20.0, debris, 3.0, **{"base.gap.chaining": 20.0})
         windows = [plant.advance() for _ in range(20)]
@@ -219,16 +219,16 @@ def test_a_particle_that_finds_others_bridges_the_gap(in_a_hole, machine):
         assert primed > 0.99 * 20 * 255
         assert sum(w.short for w in windows) / primed == pytest.approx(20.0 * debris, abs=0.025)
     near = loaded(in_a_hole, machine, 8.0, 0.02, 3.0, **{"base.gap.chaining": 20.0})
-    assert near.advance().short == 0  # a site so near is primed without a particle
+    assert near.advance().short == 0  # in so narrow a gap sites are primed without particles
 
 
 def test_at_the_point_of_figure_2_9_delays_rise_with_the_gap_and_beyond_the_critical_one_with_flow(
     in_a_hole, own_file
 ):  # T-9, T-10
-    """A pulse of 600 W, 300 V open, 50 us in 100 us, flows of 0 to 4 m/s, gaps of 10, 20 and 30 um, and two more.
+    """Pulses of 600 W, 300 V open, 50 us in 100 us; flows of 0 to 4 m/s; gaps of 10, 20 and 30 um, and two more.
 
-    At 300 V the critical gap is 34 um: in the figure's gaps sites are primed, which the flow does not carry off. That
-    the figure's own delays rise with the flow is a row of the validation, which fails.
+    At 300 V the critical gap is 34 um: in the figure's gaps sites are primed, and the flow does not carry them off.
+    In the figure these delays rise with the flow; that is a row of the validation, which fails.
     """
     strong = own_file(
         "generators", "iso-pulse", ("{ value = 100.0, range = [60.0, 120.0],", "{ value = 300.0,"),
@@ -247,12 +247,12 @@ def test_at_the_point_of_figure_2_9_delays_rise_with_the_gap_and_beyond_the_crit
             windows = [plant.advance() for _ in range(16)]
             pulses = [w.mean_delay_us * (w.spark + w.arc) + machine.t_on_us * w.open for w in windows]
             delays[gap, flow] = sum(pulses) / (16 * 255)
-    within_us = 2.0 + 0.2  # of a primed site
+    within_us = 2.0 + 0.2  # delay of a primed site
     assert all(delays[gap, flow] == pytest.approx(within_us, rel=0.05) for gap in narrow for flow in flows)
     assert all(delays[50.0, flow] > 2 * delays[40.0, flow] > 4 * within_us for flow in flows)
     assert all(delays[gap, one] < delays[gap, more] for gap in wide for one, more in pairwise(flows))
     assert delays[50.0, 4.0] > 1.2 * delays[50.0, 0.0]
-    with pytest.raises(edmsim.InputError, match="above the generator's 2 A"):  # this machine's own cannot
+    with pytest.raises(edmsim.InputError, match="above the generator's 2 A"):  # the machine's own generator cannot
         edmsim.Machine.load(peak_current_A=6.6, t_on_us=50.0, t_period_us=100.0)
 
 
@@ -261,11 +261,11 @@ def test_unknown_resolution_is_refused():
         resolution("coarse")
 
 
-# --- the place that burned last ---
+# --- the place of the last discharge ---
 
 
 def arcs_by_chain(in_a_hole, pause_us, **constants):
-    """Share of arcs among the pulses after a spark, and after a spark and an arc, so long after they burned."""
+    """Share of arcs among pulses after a spark, and after a spark and an arc, with this pause."""
     machine = edmsim.Machine.load(
         generator="iso-energetic", peak_current_A=0.5, t_on_us=10.0, t_period_us=10.0 + pause_us
     )
@@ -284,7 +284,7 @@ def arcs_by_chain(in_a_hole, pause_us, **constants):
 
 @pytest.mark.parametrize(("pause", "gain"), [(6.0, 1.0), (10.0, 1.0), (20.0, 1.0), (6.0, 0.0)])
 def test_arcs_return_the_more_the_shorter_the_pause_and_the_longer_their_chain(pause, gain, in_a_hole):
-    """Ions leave in 3 us; the heat of a spark makes that twice as long, and fades itself within 40 us."""
+    """Ions decay in 3 us; the heat of a spark doubles this time, and decays itself in 40 us."""
     hot = gain * math.exp(-pause / 40.0)
     once, twice = (math.exp(-pause / (3.0 * (1.0 + heat))) for heat in (hot, (1.0 + hot) * hot))
     found = arcs_by_chain(in_a_hole, pause, **{"base.discharge.spot_gain": gain})
@@ -296,14 +296,14 @@ def test_after_a_long_pause_no_spark_leaves_an_arc(in_a_hole):
 
 
 def test_a_short_leaves_the_clock_of_the_ions_alone(in_a_hole, machine):
-    """Time goes on through shorts and open pulses, from the end of the last discharge."""
+    """The time since the end of the last discharge continues through shorts and open pulses."""
     plant = in_a_hole(machine, 6.0)
     spark = plant.advance_pulse()
     assert spark.spark == 1
     quiet = plant.snapshot()["state"]["since_discharge_us"][0]
     assert quiet == pytest.approx(100.0 - 30.0)
     state = plant.snapshot()
-    state["debris"][: plant.resolution.slices] = 1.0  # bridges the gap for sure
+    state["debris"][: plant.resolution.slices] = 1.0  # certainly bridges the gap
     plant.restore(state)
     for n in (1, 2, 3):
         assert plant.advance_pulse().short == 1

@@ -1,4 +1,4 @@
-"""The push of a confined bubble: the law of the loop and its limits, the slit's equations behind it."""
+"""The push of a confined bubble: the loop's law and its limits, and the equations of the slit."""
 
 import math
 from pathlib import Path
@@ -38,7 +38,7 @@ def strip(slit):
 @pytest.mark.parametrize("power_W", [0.2, 10.0, 145.0, 7000.0])
 @pytest.mark.parametrize("gap_um", [-1.0, 0.5, 5.0, 20.0, 40.0])
 def test_vent_time_and_impulse_are_those_of_the_page(diameter_um, power_W, gap_um):
-    """Water driven out until the gas escapes, which pushes on against the ambient pressure; 5 um is the least gap."""
+    """Gas drives out the water until it escapes, and pushes against the ambient pressure; the least gap is 5 um."""
     share, impulse_Ns, half_m, gap_m = 0.04, 4.3e-6, math.pi / 4 * diameter_um * 1e-6, max(gap_um, 5.0) * 1e-6
     law = bubble_law(diameter_um, impulse_Ns, share)
     inertia = 2 * math.pi * DENSITY_KG_M3 * gap_m * 0.6
@@ -59,7 +59,7 @@ def test_vent_time_and_impulse_are_those_of_the_page(diameter_um, power_W, gap_u
 
 
 def test_a_steady_growth_of_a_disc_pushes_as_its_momentum_integral_says(slit):
-    """R R' = K gives rho pi K Ro^2 / 4, by the Bernoulli term alone: the flow's own impulse is 0 at the edge."""
+    """R R' = K gives rho pi K Ro^2 / 4, by the Bernoulli term alone, as the flow's own impulse is 0 at the edge."""
     radius, k = 196e-6, 0.01
     pushed, _ = quad(lambda r: DENSITY_KG_M3 * math.pi * k**2 * slit.DISC.bernoulli(r / radius) * r / k, 0, radius)
     assert pushed == pytest.approx(DENSITY_KG_M3 * math.pi * k * radius**2 / 4, rel=1e-6)

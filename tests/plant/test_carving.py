@@ -1,4 +1,4 @@
-"""The kerf field as the wire sees and cuts it: edges at any angle, craters exact to the part."""
+"""The kerf field seen and cut by rays: edges at any angle, craters exact to a part of a cell."""
 
 import math
 
@@ -71,8 +71,8 @@ def test_the_edge_recedes_smoothly_as_a_cell_is_emptied():
 
 def test_where_no_metal_is_there_is_none():
     field = half_plane(0.0, 100.0)
-    assert look(field, MIDDLE, MIDDLE, math.pi, end=200.0) == NO_METAL_UM  # away from it
-    assert look(field, MIDDLE, MIDDLE, 0.0, end=90.0) == NO_METAL_UM  # not so far
+    assert look(field, MIDDLE, MIDDLE, math.pi, end=200.0) == NO_METAL_UM  # in the opposite direction
+    assert look(field, MIDDLE, MIDDLE, 0.0, end=90.0) == NO_METAL_UM  # the metal begins farther away
     assert look(field, 2.0, MIDDLE, math.pi, end=200.0) == NO_METAL_UM  # off the table
 
 
@@ -100,7 +100,7 @@ def test_carving_removes_what_was_requested_less_what_it_reports(parts, angle, w
     field = KerfField(1, Stock((MIDDLE + 10.0, 0.0, 4_000.0, 4_000.0)), CELL, 4_000.0)
     field.allocate(MIDDLE, MIDDLE, 300.0)
     taken, left = cut(field, parts, angle=angle, width=width, edge=edge, beyond=beyond)
-    assert taken.min() >= 0  # nothing grows, so nothing wrapped below zero
+    assert taken.min() >= 0  # no cell gains metal, so none underflowed
     assert taken.sum() + left == parts
     assert 0 <= left <= parts
     assert field.removed_parts == taken.sum()
@@ -110,7 +110,7 @@ def test_carving_removes_what_was_requested_less_what_it_reports(parts, angle, w
         x = (tx * TILE + ix + 0.5) * CELL - MIDDLE
         y = (ty * TILE + iy + 0.5) * CELL - MIDDLE
         ahead, aside = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
-        # along the grid's axis nearer to the direction, so beside it by as much at the most
+        # metal is removed along the grid axis nearest to the direction, so it deviates sideways by at most this
         assert -12.0 - 2 * CELL <= ahead - edge <= beyond + width / 2 + 2 * CELL
         assert abs(aside) <= width / 2 + max(12.0, beyond) * abs(math.sin(2 * angle)) + 2 * CELL
 
@@ -141,7 +141,7 @@ def test_a_wall_recedes_where_it_was_carved_by_what_was_taken(degrees):
 
 @pytest.mark.slow
 def test_a_round_wall_stays_round_when_its_rays_carve_it():
-    """Two hundred windows of equal removal on every one of 64 rays: no ridges, whatever the angle to the grid."""
+    """After 200 windows of equal removal on 64 rays there are no ridges, at any angle to the grid."""
     x = MIDDLE + 0.3
     field = KerfField(1, Stock((0.0, 0.0, 1024.0, 1024.0), ((x, x, 150.0),)), CELL, 4_000.0)
     field.allocate(x, x, 300.0)
@@ -160,7 +160,7 @@ def test_a_round_wall_stays_round_when_its_rays_carve_it():
     assert np.ptp(edges) < CELL + 2.0
 
 
-# --- what the plant removes ---
+# --- removal by the plant ---
 
 
 @pytest.mark.parametrize("resolution", ["fast", "default"])
@@ -170,18 +170,18 @@ def test_removed_metal_balances_the_craters(machine, drive, resolution):
     assert plant.removed_mm3 > 0.3
     assert plant.removed_mm3 == pytest.approx(plant.craters_mm3, rel=1e-9)
     reported_mm3 = sum(w.crater_um3 for w in windows) * 1e-9
-    assert plant.removed_mm3 == pytest.approx(reported_mm3, rel=1e-4)  # less what is kept for the next part
+    assert plant.removed_mm3 == pytest.approx(reported_mm3, rel=1e-4)  # less remainders smaller than a part
 
 
 def test_craters_wait_on_the_rays_until_they_are_traced_again(machine, drive):
-    """At `fast` that is every fourth window; what waits counts as removed, and outlasts the wire."""
+    """At `fast` they are traced every fourth window; waiting craters count as removed, also after a new wire."""
     plant = edmsim.Plant(machine, seed=4, resolution="fast")
     assert plant.resolution.trace_windows == 4
     drive(plant, 25.0, 3.0)
     while plant.pulses % (4 * 255):
         plant.advance()
     def counted_mm3():
-        """What is removed, and what was too little for a part of a cell."""
+        """Return the removed volume, with remainders too small for a part of a cell."""
         return plant.removed_mm3 + plant.snapshot()["carry_um2"].sum() * 20e3 / plant.resolution.slices * 1e-9
 
     carved = [plant.field.removed_parts]
@@ -202,7 +202,7 @@ def test_craters_wait_on_the_rays_until_they_are_traced_again(machine, drive):
 
 
 def test_energy_and_material_give_the_volume(machine, altered, drive):
-    """Metal per joule is the material's where no gas takes of it: 9.3e-3 mm3/J, but for the little shorts melt."""
+    """Without loss by gas, metal per joule is the material's 9.3e-3 mm3/J, except for the little melted by shorts."""
     plant = edmsim.Plant(altered(machine, {"base.gas.ejection": 0.0}), seed=4, resolution="fast")
     windows = drive(plant, 15.0, 5.0)
     joule = sum(w.energy_J for w in windows)
@@ -213,7 +213,7 @@ def test_a_row_of_cells_gives_less_the_further_away_its_metal_begins():
     field, y = half_plane(0.0, 40.0), MIDDLE + 64.0  # in the middle of a tile
     tile = field.tiles[field.index[int(MIDDLE + 40.0) // 128, int(y) // 128], 0]
     first, rows = int(MIDDLE + 40.0) // 4 % TILE, int(y) // 4 % TILE + np.arange(-5, 5)
-    tile[first, rows[2]] = tile[first - 1, rows[6]] = FULL // 2  # half a cell, 2 um, further away, and nearer
+    tile[first, rows[2]] = tile[first - 1, rows[6]] = FULL // 2  # edge half a cell, 2 um, farther away, and nearer
     taken, left = cut(field, 10 * FULL // 8, edge=40.0, level=4.0, place=(MIDDLE, y))
     assert left == 0
     lost = taken[taken.any(axis=(1, 2, 3)), 0].sum(axis=(0, 1))[rows]
@@ -226,7 +226,7 @@ def test_a_row_of_cells_gives_less_the_further_away_its_metal_begins():
 @pytest.mark.slow
 @pytest.mark.parametrize("resolution", ["fast", "default"])
 def test_the_front_of_a_straight_cut_is_level_between_the_rays(machine, drive, resolution):
-    """Rays that stay on their lines all the way leave no furrows beside them, which no ray would see."""
+    """Rays that keep their lines do not leave ridges between them, which no ray would see."""
     plant = edmsim.Plant(machine, seed=4, resolution=resolution)
     drive(plant, 28.0, 30.0)
     field, (x, y) = plant.field, plant.commanded_um

@@ -1,4 +1,4 @@
-"""The cache of compiled code: damaged files are made anew, and it needs neither a home nor a shared folder."""
+"""The cache of compiled code: damaged files are compiled again, and it needs neither a home nor a shared folder."""
 
 import importlib
 import os
@@ -41,7 +41,7 @@ def flipped(content):
 
 
 def test_damaged_files_are_compiled_anew(script, tmp_path, monkeypatch):
-    """A truncated one aborted the interpreter."""
+    """A truncated file aborted the interpreter."""
     monkeypatch.setattr(cache, "folder", tmp_path)
 
     def again():
@@ -71,7 +71,7 @@ print(folder, oct(folder.stat().st_mode & 0o777))
 
 @pytest.mark.slow
 def test_without_a_home_the_cache_is_a_folder_of_this_run(tmp_path):
-    """Not one under a name that another user of the machine could foresee and fill."""
+    """Its name is random, because another user could otherwise predict it and put files there."""
     folders = set()
     for _ in range(2):
         done = subprocess.run(
@@ -96,7 +96,7 @@ def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(script, tmp_pa
 
 
 def test_two_kinds_stored_at_once_are_not_mixed_up(tmp_path):
-    """Two processes that know of no code take names for theirs: never the same one, for different code."""
+    """Two processes that find no code in the cache choose different names for their different code."""
     from edmsim.compiled.numba_internals import _SignedFiles
 
     first, second = (_SignedFiles(str(tmp_path), "twice", "stamp") for _ in range(2))
@@ -123,7 +123,7 @@ def add(place, factor, twice):
 
 @pytest.fixture
 def adders(tmp_path, monkeypatch):
-    """A module with a program that is compiled for two constants; the cache is the folder it stands in."""
+    """A module with a program that is compiled for two constants; the cache is in the module's folder."""
     (tmp_path / "adders.py").write_text(ADDERS)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(cache, "folder", tmp_path)
@@ -132,7 +132,7 @@ def adders(tmp_path, monkeypatch):
 
 
 def use(adders, *constants):
-    """Add some products to 1, each by machine code loaded or made anew."""
+    """Add some products to 1, each by machine code that is loaded or compiled."""
     total = np.array([[1]])
     for pair in constants:
         specialised(adders.add, *pair)(total.ctypes.data)
@@ -146,7 +146,7 @@ def cached(folder, suffix):
 
 @pytest.mark.slow
 def test_constants_put_in_later_give_the_same_code_in_any_order(adders, tmp_path, monkeypatch):
-    """Nor does it matter what the process had compiled before; a program is translated once, damaged code made again.
+    """Earlier compilations do not matter either; a program is translated once; damaged code is compiled again.
     """
     assert use(adders, (3, 1)) == 7
     (file,), (code,) = tmp_path.rglob("add-*.bc"), tmp_path.rglob("add-*.o")
@@ -173,7 +173,7 @@ def test_a_compiler_that_cannot_be_started_is_named(adders, monkeypatch):
 
 @pytest.mark.slow
 def test_where_nothing_can_be_stored_the_code_comes_by_the_compilers_output(adders, tmp_path, monkeypatch, capsys):
-    """Here in a notebook that is to show no progress."""
+    """Tested in a notebook whose progress bars are off."""
     monkeypatch.setitem(sys.modules, "ipykernel", sys)
     monkeypatch.setenv("EDMSIM_PROGRESS", "0")
     monkeypatch.setattr(cache, "folder", Path("/proc/nowhere"))
@@ -188,4 +188,4 @@ def test_a_notebook_says_that_code_is_compiled(adders, monkeypatch, capsys):
     use(adders, (4, 1))
     assert "compiles its pulse loop" in capsys.readouterr().err
     use(adders, (4, 1))
-    assert capsys.readouterr().err == ""  # it is in the cache
+    assert capsys.readouterr().err == ""  # the code is in the cache

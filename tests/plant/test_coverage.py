@@ -1,4 +1,4 @@
-"""Gas on the wire's front: its closed forms, what it shields, and that its energy is there."""
+"""Gas on the wire's front: closed forms, shielding, and energy balance."""
 
 import math
 
@@ -71,7 +71,7 @@ def test_pockets_damp_as_a_wire_that_drives_the_same_water_through_its_edges(gap
     per_speed = loss * density * through_m_s * (radius / (gap * 1e-6)) * 2 * radius
     speed_m_s = refill_um_s(gap, life) * 1e-6
     assert edge_loss_kg_m2(125.0, gap, loss) * speed_m_s == pytest.approx(per_speed)
-    assert refill_um_s(gap, 0.0) == refill_um_s(gap, 1.0)  # no gas, no life
+    assert refill_um_s(gap, 0.0) == refill_um_s(gap, 1.0)  # the least lifetime is 1 us
 
 
 @pytest.mark.slow
@@ -84,11 +84,11 @@ def test_steam_damps_the_wire_by_its_mean_share(machine):
 
 
 def test_water_creeps_back_against_friction_and_its_own_mass():
-    """Over a quarter girth at 20 um and 20 C: 0.08 ms by Washburn, and 0.05 ms by inertia."""
+    """Over a quarter of the circumference at 20 um and 20 C: 0.08 ms by Washburn's law, and 0.05 ms by inertia."""
     filled = refill_us(200.0, 20.0, 1e-3, 293.15, 1.0)
     assert filled == pytest.approx(82.4 + 52.4, abs=0.5)
     slow = refill_us(200.0, 20.0, 1e-3, 293.15, 0.3) / filled
-    assert 1 / 0.3 > slow > 1 / math.sqrt(0.3)  # friction goes with the driving pressure, inertia with its root
+    assert 1 / 0.3 > slow > 1 / math.sqrt(0.3)  # friction depends on the driving pressure, inertia on its root
     assert refill_us(200.0, 5.0, 1e-3, 293.15, 1.0) > 2 * filled
 
 
@@ -117,9 +117,9 @@ def test_a_discharge_covers_its_length_of_every_slice_it_reaches(slab):
     blow(a, slab, law, 1, 0.9, 1.0, 0, 0.0)
     np.testing.assert_allclose(a.steam[:4], [0.0, 0.4, 0.2, 0.0], atol=1e-12)
     np.testing.assert_allclose(a.gas[:4], [0.0, 0.2, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(a.covered[:4], [0.0, 0.4 + 0.2 - 0.4 * 0.2, 0.2, 0.0], atol=1e-12)  # either of them
+    np.testing.assert_allclose(a.covered[:4], [0.0, 0.4 + 0.2 - 0.4 * 0.2, 0.2, 0.0], atol=1e-12)  # by steam or gas
     low = front(4)
-    blow(low, slab, law, 0, 0.1, 4.0, 0, 0.0)  # four times the energy reaches twice as far; part of it lies outside
+    blow(low, slab, law, 0, 0.1, 4.0, 0, 0.0)  # four times the energy reaches twice as far, partly outside
     np.testing.assert_allclose(low.steam[:4], [0.7, 0.0, 0.0, 0.0], atol=1e-12)
 
 
@@ -148,11 +148,11 @@ def test_the_water_that_creeps_back_brings_the_kerf_s_gas():
     fade(a, law, 400)
     left = math.exp(-400 / 800)
     np.testing.assert_allclose(a.gas[:2], [0.2 + 0.3 * left, 0.3 - 0.2 * left])
-    np.testing.assert_allclose(a.steam[:2], 0.4 * math.exp(-2))  # steam vanishes for good
+    np.testing.assert_allclose(a.steam[:2], 0.4 * math.exp(-2))  # steam leaves nothing
 
 
 def test_a_discharge_spreads_its_debris_over_its_pocket(slab):
-    """By length; what comes to lie beyond the workpiece is out, and without steam all lies in its slice."""
+    """In proportion to length; debris beyond the workpiece is lost; without steam all debris is in its slice."""
     still, law = slab._replace(pumping=0.0), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
     for s, spread in ((1, [1 / 3, 2 / 3, 0.0]), (0, [2 / 3, 0.0, 0.0])):
         a = front(3)
@@ -167,7 +167,7 @@ def test_a_discharge_spreads_its_debris_over_its_pocket(slab):
 
 
 def test_what_leaves_the_gap_is_in_the_kerf_and_comes_back_with_its_water(slab):
-    """By volume; where gap and kerf hold the same share nothing changes."""
+    """In proportion to volume; nothing changes if gap and kerf have the same share."""
     a, law = front(3), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
     a.debris[:3], a.wake_debris[:3] = 0.2, (0.0, 0.3, 0.2)
     before = slab.cavity_um3 * a.debris + slab.wake_um3 * a.wake_debris
@@ -178,7 +178,7 @@ def test_what_leaves_the_gap_is_in_the_kerf_and_comes_back_with_its_water(slab):
 
 
 def test_permanent_gas_gathers_in_the_kerf_at_ambient_pressure(machine, slab):
-    """In the slice of its discharge: a share of the energy over the pressure, of the water that is left there."""
+    """In the slice of the discharge, a share of the energy divided by the pressure displaces the remaining water."""
     a, law = front(3), GasLaw(0.0, 0.0, 0.0, lasting(1e9, 1e9))
     for _ in range(2):
         blow(a, slab, law, 1, 0.5, 0.01, 0, 0.0)
@@ -189,8 +189,8 @@ def test_permanent_gas_gathers_in_the_kerf_at_ambient_pressure(machine, slab):
 
 
 def test_the_kerf_of_a_plant_keeps_its_craters_where_no_jet_flushes_it(in_a_hole, machine):
-    """Balance of debris over gap and kerf while bubbles pump between them; pockets of half length R throw it out of
-    the faces, of discharges anywhere on the height R / (2 h)."""
+    """Balance of debris over gap and kerf while bubbles pump between them; pockets of half length R throw a share
+    R / (2 h) of it out of the faces, averaged over discharges on the height h."""
     still = machine.with_(flushing_lower_Pa=0.0, flushing_upper_Pa=0.0)
     gas = machine.base.gas
     plant = in_a_hole(still, 10.0, **{
@@ -207,7 +207,7 @@ def test_the_kerf_of_a_plant_keeps_its_craters_where_no_jet_flushes_it(in_a_hole
     assert held == pytest.approx(remaining * sum(w.crater_um3 for w in windows), rel=0.005)
     assert 0 < state["debris"].mean() < 3 * state["wake_debris"].mean()
     made = c.gas_um3_J * sum(w.energy_J for w in windows)
-    logarithms = np.log1p(-state["wake_gas"][: FAST.slices])  # each discharge fills a share of what is water
+    logarithms = np.log1p(-state["wake_gas"][: FAST.slices])  # each discharge fills a share of the remaining water
     assert -c.wake_um3 * logarithms.sum() == pytest.approx(made, rel=1e-2)
 
 
@@ -221,7 +221,7 @@ def loaded_kerf(plant, share=0.2):
 
 
 def test_jets_flush_the_kerf_slice_by_slice(in_a_hole, machine):
-    """In one heat step of 1.5 ms; at the lower nozzle clean water comes in, further up that of the slice below."""
+    """In one heat step of 1.5 ms clean water enters the lowest slice, and others get that of the slice below."""
     jet = machine.with_(flushing_lower_Pa=100.0, flushing_upper_Pa=0.0)
     speed = kerf_jets(100.0, 0.0, 328.0, 20.0).lower_m_s
     debris, gas = loaded_kerf(in_a_hole(jet, 80.0))
@@ -240,7 +240,7 @@ def test_along_a_wall_the_kerf_s_water_is_the_bath_s(gap, held, in_a_hole, machi
         state = in_a_hole(still, gap).snapshot()
         plant = in_a_hole(still, gap)
     else:
-        plant = edmsim.Plant(still, 1, resolution="fast")  # a block in front of it
+        plant = edmsim.Plant(still, 1, resolution="fast")  # the wire is in front of a block
         state = plant.snapshot()
     state["wake_debris"][: FAST.slices] = state["wake_gas"][: FAST.slices] = 0.2
     plant.restore(state)
@@ -249,16 +249,16 @@ def test_along_a_wall_the_kerf_s_water_is_the_bath_s(gap, held, in_a_hole, machi
     if held:
         np.testing.assert_array_equal(state["wake_debris"][: FAST.slices], 0.2)
         np.testing.assert_array_equal(state["wake_gas"][: FAST.slices], 0.2)
-    else:  # but for what the last pulses have left
+    else:  # only from the last pulses
         assert state["wake_debris"].max() < 0.01
         assert state["wake_gas"].max() < 0.01
 
 
-# --- what it shields ---
+# --- shielding ---
 
 
 def covered_sums(machine, share):
-    """Rate, primed weight and pull of a slice at 9 um, of whose front gas covers a share."""
+    """Return rate, primed weight and pull of a slice at 9 um whose front is covered by gas to this share."""
     a, c = front(1), constants(machine, FAST)
     a.distance[0, :8], a.cosine[0, :8] = 9.0, 1.0
     a.blocks[0], a.unbroken[0], a.covered[0] = 1, 8, share
@@ -282,7 +282,7 @@ def test_where_edges_of_bubbles_ignite_gas_hastens(machine, altered):
 
 
 def one_discharge(in_a_hole, machine, share, dryness=0.0):
-    """What a pulse does whose front gas covers so far: speed by a push that moves it little, crater, energy."""
+    """Return speed by the push (which is small), crater and energy of a pulse with this share of gas on the front."""
     plant = in_a_hole(machine.with_(t_on_us=400.0, t_period_us=2_000.0), 14.0, **{
         "base.discharge.impulse_10mJ_Ns": 1e-9, "base.gas.dryness": dryness, "material.removal_mm3_J": 9.3e-3,
         "base.discharge.crater_cv": 0.0, "base.dielectric.viscosity_Pa_s": 1e-9, "base.dielectric.edge_loss": 0.0,
@@ -300,22 +300,22 @@ def one_discharge(in_a_hole, machine, share, dryness=0.0):
 
 def test_a_discharge_in_gas_pushes_and_ejects_less(in_a_hole, machine):
     speeds, craters, energies = np.array([one_discharge(in_a_hole, machine, share) for share in (0.0, 0.5, 1.0)]).T
-    np.testing.assert_allclose(energies, energies[0])  # the same draws, the same pulse
+    np.testing.assert_allclose(energies, energies[0])  # equal draws give equal pulses
     assert speeds[0] > 0
     np.testing.assert_allclose(speeds / speeds[0], [1.0, 0.5, 0.0], atol=0.03)
     np.testing.assert_allclose(craters / craters[0], [1.0, 0.75, 0.5], rtol=1e-6)
 
 
 def test_sparks_strike_in_water_more_often_than_its_share(in_a_hole, machine):
-    """Where gas ignites more rarely: of a front half dry, ``0.5 / (1 - 0.5 x 0.7)`` of the sparks are in water."""
+    """Gas ignites less often: if half of the front is dry, ``0.5 / (1 - 0.5 x 0.7)`` of the sparks are in water."""
     sparks = [one_discharge(in_a_hole, machine, share, 0.7) for share in (0.0, 0.5)]
-    ejected = [crater / energy for _, crater, energy in sparks]  # the second comes later and is weaker
+    ejected = [crater / energy for _, crater, energy in sparks]  # the second spark ignites later and is weaker
     wet = 0.5 / (1 - 0.5 * 0.7)
     assert ejected[1] / ejected[0] == pytest.approx(1 - 0.5 * (1 - wet), rel=1e-6)
 
 
 def one_arc(in_a_hole, machine, arc_share=0.45):
-    """A spark and the arc that follows it, as `one_discharge`."""
+    """A spark and the arc after it, as in `one_discharge`."""
     generator = machine.generator.model_copy(update={"arc_share": machine.base.gas.dryness})
     plant = in_a_hole(machine.model_copy(update={"generator": generator}), 6.0, **{
         "base.discharge.impulse_10mJ_Ns": 1e-9, "material.removal_mm3_J": 9.3e-4, "generator.arc_share": arc_share,
@@ -334,7 +334,7 @@ def one_arc(in_a_hole, machine, arc_share=0.45):
 
 @pytest.mark.parametrize("share", [0.45, 1.0])
 def test_an_arc_burns_in_the_gas_of_the_discharge_before(share, in_a_hole, machine):
-    """It pushes nothing, ejects half per joule, and lasts the share of the on-time that the generator gives it."""
+    """It does not push, ejects half as much per joule, and lasts the generator's share of the on-time for arcs."""
     spark, arc, pushed, later = one_arc(in_a_hole, machine, share)
     assert later < 1e-3 * pushed
     assert arc.crater_um3 / arc.energy_J == pytest.approx(0.5 * spark.crater_um3 / spark.energy_J, rel=1e-6)
@@ -342,7 +342,7 @@ def test_an_arc_burns_in_the_gas_of_the_discharge_before(share, in_a_hole, machi
     assert arc.energy_J == pytest.approx(share * power_W * 30e-6, rel=1e-6)
 
 
-# --- its energy ---
+# --- energy of the gas ---
 
 
 def test_what_boils_and_what_heats_the_wire_is_never_more_than_the_discharge(machine):
@@ -353,7 +353,7 @@ def test_what_boils_and_what_heats_the_wire_is_never_more_than_the_discharge(mac
     boiling, splitting = 0.598 * 2.257e6 / AMBIENT_PA, 286e3 / (1.5 * 8.314 * 298.0)
     assert boiling == pytest.approx(13.6, rel=0.03)
     assert max(steam.range) * boiling + max(wire.range) < 1.0
-    assert permanent.value * splitting == pytest.approx(0.06, abs=0.005)  # as its source says
+    assert permanent.value * splitting == pytest.approx(0.06, abs=0.005)  # as in the source of the constant
     assert steam.value * boiling + permanent.value * splitting + wire.value < 1.0
 
 

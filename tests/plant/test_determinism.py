@@ -1,4 +1,4 @@
-"""Same seed, same set-up, same motion: same bits; and nothing of one run reaches another."""
+"""Equal seed, set-up and motion give equal bits, and runs do not affect each other."""
 
 import hashlib
 import os
@@ -26,7 +26,7 @@ print(digest.hexdigest())
 
 
 def bits(plant):
-    """Digest of everything that changes in a plant."""
+    """Digest of the whole state of a plant."""
     digest = hashlib.sha256()
     for name, array in sorted(plant.snapshot().items()):
         digest.update(name.encode() + np.ascontiguousarray(array).tobytes())
@@ -34,7 +34,7 @@ def bits(plant):
 
 
 def physics(plant):
-    """Digest of a plant that leaves out which tiles of untouched metal happen to be stored."""
+    """Digest of a plant's state that does not depend on which tiles of untouched metal are stored."""
     digest = hashlib.sha256(plant.field.patch(0, 7_900, 8_500, 7_900, 8_500).tobytes())
     for name, array in sorted(plant.snapshot().items()):
         if not name.startswith("field."):
@@ -43,7 +43,7 @@ def physics(plant):
 
 
 def run(plant, n=60, phase=0):
-    """Feed at some 25 um/s towards +x with a little y; the windows, in a form that compares NaN as equal."""
+    """Feed at about 25 um/s towards +x and a little y; return the windows in a form in which NaN is equal to NaN."""
     windows = []
     for k in range(n):
         steps = [(plant.time_ns + 1_000_000, 0, 1)] if (k + phase) % 3 else []
@@ -74,7 +74,7 @@ def test_another_seed_other_bits(machine):
     ("iso-pulse", "mujoco", 6),
 ])  # fmt: skip
 def test_a_restored_plant_continues_bit_for_bit(mode, mechanics, windows):
-    """Through another setting, a new wire, and with the generator off; another past does not count."""
+    """Also after another setting, a new wire, and with the generator off; the plant's own past has no effect."""
     machine = edmsim.Machine.load(generator=mode)
     plant, other = (edmsim.Plant(machine, seed, resolution="fast", mechanics=mechanics) for seed in (11, 99))
     fresh = bits(plant)
@@ -139,7 +139,7 @@ def test_another_process_gives_the_same_bits(tmp_path):
 
 
 def test_plants_in_two_threads_do_what_they_do_alone(machine, drive):
-    """The pulse loop holds no lock and shares nothing: the same bits, whatever runs in other threads."""
+    """The pulse loop holds no lock and shares no data, so other threads do not change the bits."""
 
     def cut(seed):
         return drive(edmsim.Plant(machine, seed, resolution="fast"), 25.0, 2.0)
@@ -163,6 +163,6 @@ def test_memory_does_not_grow_but_for_the_tiles_of_the_kerf(machine, drive):
         grown = tracemalloc.get_traced_memory()[0] - before
     finally:
         tracemalloc.stop()
-    # tiles made before the count began are not in it, those that replaced them are
+    # the first tiles were allocated before the measurement, those that replaced them during it
     assert grown - plant.field.tiles.nbytes < 100_000
     assert plant.field.tiles.nbytes > tiles

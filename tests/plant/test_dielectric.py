@@ -1,4 +1,4 @@
-"""Debris and flushing: what the water carries off, and when debris bridges the gap."""
+"""Debris and flushing: removal by the water, and debris that bridges the gap."""
 
 import math
 
@@ -33,7 +33,7 @@ def flush_alike(debris, changes):
 
 
 def shares(lower_share, slices):
-    """Flow shares of two jets that meet at a share of the height."""
+    """Flow shares of two jets that meet at this share of the height."""
     return Jets(lower_share, 1.0, 1.0).flow_share(slices)
 
 
@@ -57,7 +57,7 @@ def test_debris_gathers_at_mid_height(n_slices):
 
 @pytest.mark.parametrize(("slices", "lower_share"), [(9, 0.5), (3, 0.4), (5, 0.5), (5, 0.0), (4, 1.0), (15, 0.77)])
 def test_short_steps_of_flushing_follow_the_flow(slices, lower_share):
-    """Water comes from the slice upstream, in the slice where the jets meet from both sides, each in its share."""
+    """Water comes from the slice upstream; where the jets meet, from both sides, in their shares."""
     start, flows = np.random.default_rng(2).uniform(0.0, 0.3, slices), np.array([0.7, 1.9])
     entering = shares(lower_share, slices) * flows[:, None]
     rates = np.diag(-entering.sum(axis=0)) + np.diag(entering[0, 1:], -1) + np.diag(entering[1, :-1], 1)
@@ -70,7 +70,7 @@ def test_short_steps_of_flushing_follow_the_flow(slices, lower_share):
 
 
 def test_slot_flow():
-    """Water in a slot: speed = dp g^2 / (12 eta z) over the way z."""
+    """Water in a slot: speed = dp g^2 / (12 eta z) over the length z."""
     at = flow_speed_m_s(30_000.0, 1e-3, 45.0, 10.0)
     assert at == pytest.approx(30_000.0 * 45e-6**2 / (12 * 1e-3 * 0.01))
     assert flow_speed_m_s(60_000.0, 1e-3, 45.0, 10.0) == pytest.approx(2 * at)
@@ -85,12 +85,12 @@ def test_the_stronger_jet_reaches_further_and_both_come_to_rest_where_they_meet(
     np.testing.assert_allclose(faces_and_meeting, [both.lower_m_s, 0.0, both.upper_m_s], rtol=1e-9)
     assert both.lower_m_s == pytest.approx(flow_speed_m_s(lower, 1e-3, 45.0, 20.0 * both.lower_share))
     slopes = both.lower_m_s / both.lower_share, both.upper_m_s / (1 - both.lower_share)
-    assert slopes[0] == pytest.approx(slopes[1])  # as much leaves at every height
+    assert slopes[0] == pytest.approx(slopes[1])  # the same amount leaves at every height
 
 
 @pytest.mark.parametrize(("lower", "upper", "share"), [(30_000.0, 0.0, 1.0), (0.0, 30_000.0, 0.0)])
 def test_a_nozzle_that_is_off_leaves_the_whole_height_to_the_other_jet(lower, upper, share):
-    """Its way is twice as long, so it is half as fast, and debris stays four times as long."""
+    """The flow's path is twice as long, so it is half as fast, and debris stays four times as long."""
     one = jets(lower, upper, 1e-3, 45.0, 20.0)
     both = jets(30_000.0, 30_000.0, 1e-3, 45.0, 20.0)
     assert one.lower_share == share
@@ -99,7 +99,7 @@ def test_a_nozzle_that_is_off_leaves_the_whole_height_to_the_other_jet(lower, up
     for _ in range(5_000):
         flush(debris, 0.05 * share, 0.05 * (1 - share), one.flow_share(9))
         debris += 1e-4
-    assert (np.diff(debris if share else debris[::-1]) > 0).all()  # it gathers at the far end
+    assert (np.diff(debris if share else debris[::-1]) > 0).all()  # debris gathers at the far end
 
 
 @pytest.mark.parametrize("pressures", [(3e6, 1e-30), (1e-30, 3e6)])
@@ -119,7 +119,7 @@ def test_one_jet_drives_the_whole_kerf(lower, upper, share):
 
 @given(st.floats(1.0, 3e6), st.floats(1.0, 3e6), st.floats(0.1, 80.0))
 def test_the_kerf_s_jets_meet_where_the_gap_s_do_and_each_falls_to_rest_there(lower, upper, height):
-    """As their heads are lost: ``dp = (1.5 + 0.04 z / (2 w)) rho v^2 / 2``."""
+    """By their losses of pressure: ``dp = (1.5 + 0.04 z / (2 w)) rho v^2 / 2``."""
     wake, gap = kerf_jets(lower, upper, 312.0, height), jets(lower, upper, 1e-3, 45.0, height)
     assert wake.lower_share == gap.lower_share
     ways = wake.lower_share, 1 - wake.lower_share
@@ -131,7 +131,7 @@ def test_the_kerf_s_jets_meet_where_the_gap_s_do_and_each_falls_to_rest_there(lo
 
 
 def test_eddies_stir_the_kerf_where_the_jets_meet(machine):
-    """Down the kerf as the jets go, and everywhere a share of the faster one's speed, at right angles in the mean."""
+    """The speed has the jets' part along the kerf, and everywhere a share of the faster jet's, at right angles."""
     res, set_up = resolution("fast"), machine.with_(flushing_lower_Pa=2e5, flushing_upper_Pa=2e5)
     nozzle = kerf_jets(2e5, 2e5, 328.0, 20.0).lower_m_s
     down = nozzle * np.array([0.8, 0.4, 0.0, 0.4, 0.8])
@@ -175,14 +175,14 @@ def test_half_of_the_pulses_find_a_bridge_at_the_critical_share(gap, critical):
 
 @pytest.fixture(scope="module")
 def production():
-    """Give the machine of 2 bar."""
+    """Return the machine with 2 bar."""
     return edmsim.Machine.load("production", generator="production")
 
 
 @pytest.mark.parametrize("standoff_mm", [0.0, 0.2, 0.5, 2.0, 100.0])
 @pytest.mark.parametrize(("bore_mm", "flow_l_min"), [(6.0, 6.0), (4.0, 15.0), (10.0, 3.0)])
 def test_a_nozzle_off_the_workpiece_keeps_what_its_flow_takes(altered, production, standoff_mm, bore_mm, flow_l_min):
-    """Bernoulli: through the curtain around the rim, and the stagnation of a free jet, but no more than is set."""
+    """Bernoulli's pressure of the flow round the rim and of the free jet's stagnation, at most the set pressure."""
     set_Pa, flow_m3_s, bore_m = 200_000.0, flow_l_min / 60_000, bore_mm / 1000
     jet_m_s = 4 * flow_m3_s / (math.pi * bore_m**2)
     escapes_m_s = flow_m3_s / (math.pi * bore_m * standoff_mm / 1000) if standoff_mm else math.inf
@@ -195,7 +195,7 @@ def test_a_nozzle_off_the_workpiece_keeps_what_its_flow_takes(altered, productio
 
 @pytest.mark.parametrize("standoff_mm", [0.0, 1e-320, 1e-200, 1e-9, 0.5, 100.0])
 def test_a_nozzle_that_is_off_stays_off_at_any_distance_and_one_that_lies_on_keeps_all(production, standoff_mm):
-    """Also at distances whose curtain, or the speed through it, no number can hold."""
+    """Also at distances at which the area round the rim underflows, or the speed overflows."""
     off = production.with_(flushing_lower_Pa=0.0, standoff_lower_mm=standoff_mm, standoff_upper_mm=standoff_mm)
     lower, upper = faces_Pa(off)
     assert lower == 0.0
@@ -203,7 +203,7 @@ def test_a_nozzle_that_is_off_stays_off_at_any_distance_and_one_that_lies_on_kee
 
 
 def test_a_stand_off_weakens_the_flow_in_the_gap(production):
-    """As a nozzle of the pressure that is left would: the upper end gets less water, the jets meet higher up."""
+    """It acts as a lower pressure of the nozzle: the upper end gets less water, and the jets meet higher up."""
     res = resolution("fast")
     away = production.with_(standoff_upper_mm=2.0)
     flow, usual = flow_m_s(away, res), flow_m_s(production, res)
@@ -245,7 +245,7 @@ def test_the_gap_has_the_water_of_its_temperature(machine, altered):
 
 
 def test_a_loaded_slot_flows_more_slowly(in_a_hole, machine):
-    """By Einstein's viscosity, 1 + 2.5 times the share: what one interval carries off falls by so much."""
+    """By Einstein's viscosity, 1 + 2.5 times the share: an interval carries off less by this factor."""
     changes = []
     for debris in (1e-6, 0.2):
         plant = in_a_hole(machine, 200.0)

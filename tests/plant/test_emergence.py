@@ -1,4 +1,4 @@
-"""What comes out of the pulse loop and is put in nowhere: gaps, kerf, shapes, shorts, lag, corners, rupture."""
+"""Results of the pulse loop that are not inputs: gaps, kerf, shapes, shorts, lag, corners, rupture."""
 
 import math
 
@@ -41,7 +41,7 @@ def without_pull(machine):
 
 @pytest.fixture(scope="module")
 def tall():
-    """Cuts of 40 mm by the size of debris, next to none to coarse, where weak jets and no bubbles carry it off.
+    """Cuts of 40 mm by the size of debris, from almost none to coarse, which only weak jets carry off.
 
     Particles ignite the gap, but do not bridge it.
     """
@@ -52,7 +52,7 @@ def tall():
     }
 
 
-# --- the measuring set-up itself ---
+# --- the set-up of the measurements ---
 
 
 @pytest.mark.parametrize("gap", [20.0, 35.0])
@@ -74,10 +74,10 @@ def test_a_traverse_travels_at_its_feed_whatever_the_period(generator):
 
 @pytest.mark.slow
 def test_the_fast_resolution_tells_the_same(usual, without_pull, machine):
-    """What the rows measure at `fast` is what `default` shows; the lag within a tenth of what pull and push make."""
+    """Results at `fast` equal those at `default`; the lag agrees within a tenth of the effects of pull and push."""
     fine = cut_straight(machine, 20.0, 1, settle_s=6.0, seconds=15.0, resolution="default")
     assert fine.kerf_um.mean() == pytest.approx(usual.kerf_um.mean(), rel=0.01)
-    fast_us, fine_us = (  # one seed's delay is known to 1 %
+    fast_us, fine_us = (  # the delay of one seed is known only to 1 %
         np.mean([one.mean_delay_us] + [
             cut_straight(machine, 20.0, seed, settle_s=6.0, seconds=15.0, resolution=name).mean_delay_us
             for seed in (2, 3, 4)
@@ -96,7 +96,7 @@ def test_the_fast_resolution_tells_the_same(usual, without_pull, machine):
 
 @pytest.mark.slow
 def test_discharges_fade_out_round_the_wire(machine):
-    """Dense in front, thin on the sides, hardly any behind: by hazard alone, no side gap is given."""
+    """Many in front, few at the sides, almost none behind: from ignition rates alone, without a set side gap."""
     plant = begin(machine, 1)
     traverse = Traverse(plant, 20.0)
     traverse.run(8.0)
@@ -127,7 +127,7 @@ def test_secondary_discharges_on_debris_widen_the_kerf(tall):
 
 
 def test_the_kerf_bulges_where_debris_gathers(tall):
-    """Drum shape: the middle is the widest, as both jets come to rest there; without debris it is straight."""
+    """Drum shape: the middle is widest, because both jets come to rest there; without debris the kerf is straight."""
     bulge = [drum_um(tall[size]) for size in SIZES]
     assert abs(bulge[0]) < 4.0
     assert bulge[1] > 3.0
@@ -135,7 +135,7 @@ def test_the_kerf_bulges_where_debris_gathers(tall):
 
 
 def test_the_kerf_does_not_taper(tall):
-    """The model's two jets are alike, and heat carried down by the running wire does not change the gap."""
+    """The model's two jets are equal, and heat carried down by the running wire does not change the gap."""
     for cut in tall.values():
         assert abs(cut.kerf_um[-1] - cut.kerf_um[0]) < 4.0
 
@@ -145,17 +145,17 @@ def test_the_kerf_does_not_taper(tall):
 
 @pytest.fixture(scope="module")
 def still(machine):
-    """The same without pull and push: only jets move the wire, and those steadily."""
+    """The same without pull and push: only jets deflect the wire, and their load is constant."""
     return cut_straight(altered(machine, {PULL: 1e-6, **NO_PUSH}), 20.0, 1, settle_s=6.0, seconds=15.0)
 
 
 def test_pull_and_push_shake_the_wire(usual, without_pull, still):
-    """The pull draws it to the wall between discharges, and they throw it about."""
+    """The pull draws the wire to the wall between discharges, which push it back."""
     assert usual.vibration_um > without_pull.vibration_um > 5 * still.vibration_um
 
 
 def test_shorts_at_a_moderate_feed_are_particles_that_find_others(machine, usual, still):
-    """A wire that nothing shakes has as many; where particles do not chain up there are next to none."""
+    """A wire that does not vibrate has as many shorts; without chains of particles there are almost none."""
     unbridged = cut_straight(altered(machine, UNBRIDGED), 20.0, 1, settle_s=6.0, seconds=15.0)
     assert unbridged.share("short") < 0.05 * usual.share("short")
     assert usual.share("short") > 0.01
@@ -163,7 +163,7 @@ def test_shorts_at_a_moderate_feed_are_particles_that_find_others(machine, usual
 
 
 def test_where_debris_gathers_chains_of_particles_short_a_cut_out():
-    """The same cut of 40 mm goes on where they do not bridge the gap."""
+    """The same cut of 40 mm continues if particles do not bridge the gap."""
     thick = altered(Machine.load(height_mm=40.0), LOADED)
     jammed, free = (cut_straight(m, 12.0, 1, settle_s=8.0, seconds=5.0) for m in (thick, altered(thick, UNBRIDGED)))
     assert jammed.share("short") > 0.5
@@ -172,21 +172,21 @@ def test_where_debris_gathers_chains_of_particles_short_a_cut_out():
 
 @pytest.mark.slow
 def test_the_wire_leads_by_its_pull_and_lags_by_its_discharges_and_jets(machine, usual, without_pull, still):  # T-14
-    """At the default setting they are of one size, so that the sign is that of the impulse within its range."""
+    """At the default setting both effects are similar, so the sign depends on the impulse within its range."""
     low, high = machine.base.discharge.impulse_10mJ_Ns.range
     lags = [
         cut_straight(altered(machine, push), 20.0, 1, settle_s=6.0, seconds=15.0).lag_um
         for push in (NO_PUSH, {IMPULSE: low}, {IMPULSE: high}, {**NO_PUSH, **NO_JETS})
     ]
     assert lags[0] < lags[1] < 0.0 < usual.lag_um < lags[2] < without_pull.lag_um
-    assert without_pull.lag_um > still.lag_um > 0.5  # jets alone
+    assert without_pull.lag_um > still.lag_um > 0.5  # by jets alone
     assert lags[3] < -1.0
     assert lags[0] - lags[3] == pytest.approx(still.lag_um, rel=0.1)
 
 
 @pytest.mark.slow
 def test_the_wire_lags_the_more_the_faster_it_is_fed(machine, usual):
-    """More discharges push it, and the nearer the metal the harder."""
+    """More discharges push the wire, and harder, because the metal is nearer."""
     lags = [cut_straight(machine, feed, 1, settle_s=8.0, seconds=15.0).lag_um for feed in (10.0, 28.0)]
     assert lags[0] < usual.lag_um < lags[1]
 
@@ -196,7 +196,7 @@ def test_the_wire_lags_the_more_the_faster_it_is_fed(machine, usual):
 
 @pytest.mark.slow
 def test_the_force_turns_with_the_place_of_the_discharges():
-    """Past a corner the deflection turns from the old direction to the new one as the new front is cut."""
+    """After a corner the deflection turns from the old direction to the new one while the new front is cut."""
     observed = []
     corner = cut_corner(corner_rig(8.0), 1, lambda deflection, past: observed.append((past, *deflection)))
     past, x, y = np.array(observed).T
@@ -207,8 +207,8 @@ def test_the_force_turns_with_the_place_of_the_discharges():
     assert abs(np.mean(y[before][straight])) < 0.05 * lag
     turned = x[after], y[after]
     fifths = [[float(part.mean()) for part in np.array_split(column, 5)] for column in turned]
-    assert sorted(fifths[0]) == fifths[0]  # the old direction's deflection dies away
-    assert sorted(fifths[1], reverse=True) == fifths[1]  # and the new one's grows
+    assert sorted(fifths[0]) == fifths[0]  # the deflection in the old direction decays
+    assert sorted(fifths[1], reverse=True) == fifths[1]  # and that in the new direction grows
     assert fifths[1][-1] == pytest.approx(-lag, rel=0.15)
     assert abs(fifths[0][-1]) < 0.25 * lag
     assert 5 * lag < min(BEFORE_UM, AFTER_UM)
@@ -217,20 +217,20 @@ def test_the_force_turns_with_the_place_of_the_discharges():
 
 @pytest.mark.slow
 def test_a_wire_that_leads_runs_on_beyond_the_corner():
-    """Neither discharges nor jets push it back, and particles do not keep it off the metal that pulls it."""
+    """Discharges and jets do not push it back, and particles do not keep it away from the metal that attracts it."""
     machine = altered(Machine.load(height_mm=15.0), {**NO_PUSH, **NO_JETS, PARTICLES: 0.001}).with_(tension=5.0)
     corners = [cut_corner(machine, seed, feed=make("counts")) for seed in (1, 2, 3)]
     lag, farthest, nearest = np.mean([(c.lag_um, c.farthest_um, c.nearest_um) for c in corners], axis=0)
     assert lag < -3.0
     assert farthest == pytest.approx(-lag, rel=0.2)
-    assert nearest < 1.0  # it passes through the corner itself
+    assert nearest < 1.0  # it passes through the corner
 
 
 # --- rupture ---
 
 
 def test_the_wire_breaks_where_steam_keeps_the_water_off():
-    """Boiling holds a slice near the boiling point until it passes the critical flux and runs away."""
+    """Boiling keeps a slice near the boiling point until the critical flux is exceeded and it runs away."""
     broken = 0
     for seed in (1, 2, 3):
         plant = begin(sato_rig(60.0).with_(flushing_lower_Pa=2e4, flushing_upper_Pa=2e4), seed)
@@ -241,13 +241,13 @@ def test_the_wire_breaks_where_steam_keeps_the_water_off():
             temperature = plant.snapshot()["temperature_K"]
             hottest = int(plant.broken_height_mm / 60.0 * len(temperature))
             assert temperature[hottest] > BOILING_K + 30.0
-            assert temperature.max() - temperature[hottest] < 30.0  # a spot may add what it lacks
+            assert temperature.max() - temperature[hottest] < 30.0  # the heat of a spot may add the difference
     assert broken
 
 
 @pytest.mark.slow
 def test_favourable_constants_within_their_ranges_hold_all_that_the_gap_takes():
-    """As set, the wire breaks before; with them the pauses shorten to the generator's least, as if it could not."""
+    """With the usual constants the wire breaks; with these it holds at the shortest pauses, as if unbreakable."""
     favourable = {
         "base.cooling.critical_W_m2": 1e7, "base.cooling.critical_stream": 9e4, "base.cooling.convection_W_m2K": 3e4,
         "base.dielectric.wake_mm": 6.0,

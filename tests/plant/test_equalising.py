@@ -1,4 +1,4 @@
-"""Equalising pulses at the gap: what they hold at 0 V, where they cannot, what they take, and what is refused."""
+"""Equalising pulses at the gap: mean voltage of 0 V and its limits, power, and refused settings."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ resistance_ohm = { value = 400.0, source = "a test" }
 
 
 def driven(plant, windows=8, steps=2):
-    """Advance with motor steps of 2 um in every window; its counts, and what equalised them."""
+    """Advance with motor steps of 2 um in every window; yield the window and its equalising pulses."""
     for _ in range(windows):
         now = plant.time_ns
         window = plant.advance([(now + 1_000_000 * (n + 1), 0, 1) for n in range(steps)])
@@ -30,7 +30,7 @@ def driven(plant, windows=8, steps=2):
 
 
 def with_supply(own_file, name, supply=SUPPLY):
-    """The path of a generator with a supply for equalising pulses."""
+    """Return the file of a generator with a supply for equalising pulses."""
     file = Path(own_file("generators", name))
     file.write_text(file.read_text(encoding="utf-8") + supply, encoding="utf-8")
     return str(file)
@@ -44,7 +44,7 @@ def test_the_mean_gap_voltage_is_0_and_the_cut_the_same(name, own_file):
     kinds = set()
     for (window, nothing), (same, opposite) in zip(driven(plain), driven(equalised), strict=True):
         assert nothing is None
-        assert same == window  # a controller's signal is that of the working pulses
+        assert same == window  # a controller observes only the working pulses
         assert opposite.net_voltage_V == pytest.approx(0.0, abs=1e-9)
         duration_us = window.duration_ns * 1e-3
         assert -opposite.voltage_V * opposite.on_us == pytest.approx(window.mean_voltage_V * duration_us)
@@ -66,14 +66,14 @@ def test_what_the_pauses_have_no_room_for_is_left(on, period, left_V, in_a_hole)
 
 @pytest.mark.parametrize("name", ["equalising", "iso-energetic"])
 def test_no_pulse_follows_a_short(name, own_file):
-    weak = with_supply(own_file, "iso-energetic", SUPPLY.replace("80.0", "3.0"))  # it needs more than all pauses
+    weak = with_supply(own_file, "iso-energetic", SUPPLY.replace("80.0", "3.0"))  # needs more than all pauses
     machine = edmsim.Machine.load(generator=weak if name == "iso-energetic" else name, height_mm=5.0)
     plant = edmsim.Plant(machine, 3, stock=STOCK, resolution="fast")
-    for window, opposite in driven(plant, 40, steps=8):  # faster than 5 mm of steel are cut
+    for window, opposite in driven(plant, 40, steps=8):  # faster than 5 mm of steel can be cut
         room_us = (255 - window.short) * 70.0
         if name == "equalising":
             assert opposite.on_us <= room_us + 1e-6
-        else:  # whose pulses lie on a grid
+        else:  # its pulses begin on a grid
             assert opposite.on_us == pytest.approx(room_us, abs=255 * 0.08)
         if window.short == 255:
             assert opposite.net_voltage_V == opposite.on_us == opposite.power_W == 0.0
@@ -94,7 +94,7 @@ def test_their_supply_gives_what_water_and_resistor_take(conductivity_uS_cm, sto
     in_resistor = opposite.current_A**2 * 150.0 * share
     assert opposite.power_W == pytest.approx(in_water + in_resistor)
     assert 0 < opposite.power_W < 0.4 * 60.0 * share
-    # the same water takes from the working pulses: 100 V behind 11.8 ohm, of which an open pulse shows what is left
+    # the same conductance loads the working pulses: 100 V through 11.8 ohm, which lowers the voltage of open pulses
     plant.watch_pulses()
     plant.advance()
     assert plant.last_pulses()["open_V"].max() == pytest.approx(100.0 / (1.0 + 11.8 * water_S), rel=1e-6)

@@ -45,7 +45,7 @@ SIDE_UM = 31.0
 
 
 def beyond(gap_um, power):
-    """Integral over a quarter of what resists between a wire and straight walls, from 90 degrees on."""
+    """Integral of the resistance over a quarter between a wire and straight walls, from 90 degrees on."""
     return quad(lambda psi: math.cos(psi) ** 2 / (gap_um + R_UM * (1 - math.cos(psi))) ** power, 0, math.pi / 2)[0]
 
 
@@ -83,7 +83,7 @@ def test_the_water_in_the_slot_weighs_about_half_of_the_wire():
 
 
 def test_random_motion_meets_the_linearised_loss_at_the_film_s_edges():
-    """<F v> of F = k rho r (r/g)^2 v |v| in normally distributed speeds is that of the linear force."""
+    """<F v> of F = k rho r (r/g)^2 v |v| for normally distributed speeds equals that of the linear force."""
     spread, loss = 0.3, 1.5
 
     def density(v):
@@ -106,7 +106,7 @@ def test_the_pull_that_stands_for_the_film_is_that_of_the_rays(front, side, mach
 
 @pytest.mark.parametrize(("front", "ratio"), [(3.0, 1.19), (6.0, 1.10), (14.0, 0.905), (20.0, 0.786)])
 def test_in_a_kerf_the_film_follows_the_pull_within_a_quarter(front, ratio):
-    """Around a wire that leads its kerf's axis by 16 um, as those of the laboratory machine do."""
+    """Around a wire 16 um ahead of its kerf's axis, as on the laboratory machine."""
 
     def over_pull(front_um):
         return drag_N_s_m2(R_UM, front_um, front_um + 16, ETA) / pull_sum_um2(R_UM, front_um, front_um + 16, 24)
@@ -116,7 +116,7 @@ def test_in_a_kerf_the_film_follows_the_pull_within_a_quarter(front, ratio):
 
 @pytest.mark.parametrize("front", [3.0, 6.0, 14.0, 20.0])
 def test_the_pull_tells_the_front_gap_by_its_root_of_the_third_power(front):
-    """In a kerf it grows as ``g^(-3/2)``: within a tenth of the gap."""
+    """In a kerf the pull is proportional to ``g^(-3/2)``, within a tenth of the gap."""
     pulls = [pull_sum_um2(R_UM, gap, gap + 16.0, 24) for gap in (12.0, front)]
     assert 12.0 * (pulls[0] / pulls[1]) ** (2 / 3) == pytest.approx(front, rel=0.1)
 
@@ -139,7 +139,7 @@ def test_suction_is_limited_by_the_ambient_pressure_and_squeezing_is_not(machine
 
 @pytest.mark.slow
 def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine):
-    """An impulse there, no more: the other axis keeps all, and the energy lost is that of the slice's own mass."""
+    """It is one impulse: the other axis keeps its speed, and the energy lost is that of the slice's own mass."""
     model = modal_model(machine, FAST)
     a = arrays(model, sizes_of(FAST.slices, FAST.rays, FAST.modes), 293.0, {})
     draw = np.random.default_rng(3)
@@ -153,7 +153,7 @@ def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine
     np.testing.assert_array_equal(a.wire_v[1], before_v[1])
     lost = 0.5 * ((before_v**2).sum() - (a.wire_v**2).sum())
     assert lost == pytest.approx(0.5 * model.slice_mass_kg[2] * float((a.shape @ before_v[0])[2]) ** 2)
-    push_out(a, 2, into, 0.0, 1.0)  # it leaves already: its speed stays
+    push_out(a, 2, into, 0.0, 1.0)  # it is already leaving, so its speed does not change
     np.testing.assert_allclose(a.shape @ a.wire_v[0], speed[:, 0], atol=1e-6)
 
 
@@ -161,7 +161,7 @@ def test_a_contact_takes_only_the_speed_of_its_slice_along_its_direction(machine
 
 
 def exact_period(omega, zeta, drag, spans_s, pull, jump):
-    """Exact map of a mode's place and speed over a pulse and what a period adds: pull before the kick, none after."""
+    """Exact map of a mode's position and speed over a period, and what it adds: pull before the kick, none after."""
     system = np.array([[0.0, 1.0, 0.0], [-(omega**2), -2 * zeta * omega - drag, pull], [0.0, 0.0, 0.0]])
     first = expm(system * spans_s[0])
     second = expm(system[:2, :2] * spans_s[1])
@@ -196,7 +196,7 @@ def first_mode(machine):
 @pytest.mark.parametrize("k_first", [50, 350, 800])
 @pytest.mark.parametrize(("pull", "impulse"), [(1e7, 0.0), (0.0, 1e-6)])
 def test_a_mode_in_a_film_bends_and_decays_as_its_exact_propagator(first_mode, pull, impulse, k_first, braking):
-    """In the mean over pulses that are all alike, and left alone; the film's resistance is `braking` per period."""
+    """In the mean over equal pulses, and without load; the film's resistance is `braking` per period."""
     omega, zeta, shape, period = first_mode
     spans = np.array([k_first, 1_000 - k_first]) * 1e-7
     exact, added = exact_period(omega, zeta, braking / 100e-6, spans, pull, shape * impulse * 1e6)
@@ -220,7 +220,7 @@ PURE = {
     "base.dielectric.gap_temperature_K": 293.15, "base.dielectric.edge_loss": 0.0, "base.guides.damping_ratio": 1e-6,
     "base.dielectric.film_stirring": 1.0, "base.dielectric.jet_drag": 0.0,
 }  # fmt: skip
-"""The film alone, at 1e-3 Pa s: laminar, and no jets that push."""
+"""Only the film, at 1e-3 Pa s: laminar, and without the push of jets."""
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +235,7 @@ def off(plant):
 
 
 def led(machine, front, side, *, mechanics="modal", **setting):
-    """A plant without voltage whose wire stands off the middle of a round hole, `front` um off the metal along +x."""
+    """A plant without voltage whose wire is off the middle of a round hole, `front` um from the metal along +x."""
     stock = Stock((29_500.0, 29_500.0, 35_500.0, 35_500.0), ((*CENTRE_UM, R_UM + side),))
     place = CENTRE_UM[0] + side - front, CENTRE_UM[1]
     machine = machine.with_(**setting) if setting else machine
@@ -250,7 +250,7 @@ def deflect(plant, **arrays):
 
 
 def linear(machine, drag, load_N, q0, times):
-    """Wire in a film of constant resistance (N s/m2 of every slice): places (times, slices) in um."""
+    """Wire in a film of constant resistance (N s/m2 of every slice): deflections (times, slices) in um."""
     model = modal_model(machine, FAST)
     shape, n = model.wire_shape, len(model.wire_omega)
     slice_m = machine.height_mm * 1e-3 / FAST.slices
@@ -287,7 +287,7 @@ def test_a_wire_in_a_slot_rings_with_the_damping_of_its_mean_film(gap, period, p
 
 
 def film_of(plant, come_um):
-    """Resistance (N s/m2) towards +x of the film in the gaps the plant sees, once the wire has come so far."""
+    """Resistance (N s/m2) towards +x of the film in the plant's gaps after the wire has moved by `come_um`."""
     rays = plant.rays()
     gaps = rays.distance.astype(float) - come_um * rays.cosine
     return 12 * ETA * R_UM**3 * math.tau / FAST.rays * float((rays.sine**2 / gaps**3).sum(axis=1).mean())
@@ -298,9 +298,9 @@ def film_of(plant, come_um):
     ("front", "side", "period"), [(8.0, 24.0, 20.0), (8.0, 24.0, 100.0), (3.0, 19.0, 20.0), (3.0, 19.0, 100.0)]
 )
 def test_a_loaded_wire_creeps_through_a_narrow_film(front, side, period, mechanics, pure):
-    """Far slower than it would go freely: its speed is the load over the film's resistance."""
+    """Far slower than a free wire: the speed is the load divided by the film's resistance."""
     plant = led(pure, front, side, mechanics=mechanics, t_on_us=period / 4, t_period_us=period)
-    load_N = np.full(FAST.slices, 0.02 * 20e-3 / FAST.slices)  # 20 mN/m: 0.3 um at rest
+    load_N = np.full(FAST.slices, 0.02 * 20e-3 / FAST.slices)  # 20 mN/m, which deflect it by 0.3 um at rest
     model = modal_model if mechanics == "modal" else full_mechanics
     shape, crept, pulses = model(pure, FAST).wire_shape, [], round(200.0 / period)
     for _ in range(pulses):
@@ -331,12 +331,12 @@ def test_no_period_is_too_long_and_no_gap_too_narrow_for_the_film(period, mechan
 
 
 def test_a_wire_torn_off_the_metal_leaves_no_slower_than_suction_lets_it(pure):
-    """The film alone would hold it longer: it cavitates at the ambient pressure on the wire's diameter.
+    """The film alone would hold it longer, but cavitates at the ambient pressure on the wire's diameter.
 
-    The wire swings as its second mode, so that its halves stand before opposite walls and there is no mean film.
+    The wire oscillates in its second mode, so its halves are at opposite walls and there is no mean film.
     """
     plant = led(pure, 14.0, 14.0, t_on_us=1.0, t_period_us=5.0)
-    plant.reset(1)  # its rays are traced where it is put now
+    plant.reset(1)  # traces the rays again, for the present position
     plant.switch_generator(False)
     shape = modal_model(pure, FAST).wire_shape
     bow = 11.0 / np.abs(shape[:, 1]).max() * np.eye(FAST.modes)[1]
@@ -357,7 +357,7 @@ def test_a_wire_torn_off_the_metal_leaves_no_slower_than_suction_lets_it(pure):
 
 
 def string_um(machine, pressures_Pa, of_force):
-    """Deflection at the slices' middles of a string under loads that fade from the faces on, even in every slice."""
+    """Deflection at the middles of the slices of a string under loads that decay from the faces inwards."""
     n, height = 8_000, machine.height_mm * 1e-3
     clearance = machine.base.guides.clearance_mm.value * 1e-3
     z = (np.arange(n) + 0.5) / n * (height + 2 * clearance) - clearance
@@ -373,7 +373,7 @@ def string_um(machine, pressures_Pa, of_force):
 
 
 def pushed_um(machine, stock, place):
-    """Places of the slices under the jets alone, once at rest, and what the rays see there."""
+    """Deflections of the slices at rest under the jets alone, and the rays there."""
     plant = off(edmsim.Plant(machine, 1, stock=stock, position_um=place, resolution="fast"))
     for _ in range(12):
         plant.advance()
@@ -388,7 +388,7 @@ def test_jets_push_the_wire_to_the_open_side_of_a_kerf_as_end_loads_push_a_strin
     bent, rays = pushed_um(jets, started_slot(jets, CENTRE_UM), CENTRE_UM)
     closed = math.pi / FAST.rays * float(rays.cosine[0].astype(float).sum())  # 1 for a half circle
     half_width = R_UM + SLOT_GAP_UM
-    behind = math.asin(half_width / (R_UM + RAY_RANGE_UM))  # from there on the rays do not reach the sides
+    behind = math.asin(half_width / (R_UM + RAY_RANGE_UM))  # from this angle on the rays do not reach the sides
     assert closed == pytest.approx(math.sin(behind), abs=0.1)
     expected = string_um(jets, pressures, 0.05 * closed)
     assert 0.3 < expected.mean() < 10.0
@@ -410,7 +410,7 @@ def test_along_a_wall_and_in_a_hole_jets_push_nothing(machine):
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [90.0, 180.0, 225.0])
 def test_jets_push_to_wherever_the_kerf_is_open(degrees, machine):
-    """A slot that was cut in another direction."""
+    """In a slot that was cut in another direction."""
     jets, angle = machine.with_(flushing_lower_Pa=2e5, flushing_upper_Pa=2e5), math.radians(degrees)
     x, y = CENTRE_UM
     along = np.arange(0.0, 600.0, 20.0)
@@ -428,11 +428,11 @@ UNLIT = {
     "base.gap.median_c_us": 1e15, "base.gap.critical_um": 1e-3, "base.gap.critical_width_um": 1e-6,
     "base.dielectric.conductivity_uS_cm": 1e-9, "generator.resistance_ohm": 1e4, "base.guides.damping_ratio": 1.5,
 }  # fmt: skip
-"""No pulse ignites, and the wire does not overshoot."""
+"""Constants with which no pulse ignites and the wire does not overshoot."""
 
 
 def equilibrium_um(compliance, pull_N_um2, gap_um):
-    """Places of the slices under a pull of ``(1/g + 1/(2 r))^2``; None if there is none."""
+    """Deflections of the slices under a pull of ``(1/g + 1/(2 r))^2``; None without equilibrium."""
     place = np.zeros(len(compliance))
     for _ in range(2_000):
         field = 1 / (gap_um - place) + 0.5 / R_UM
@@ -448,13 +448,13 @@ def equilibrium_um(compliance, pull_N_um2, gap_um):
 @pytest.mark.slow
 @pytest.mark.parametrize(("of_critical", "holds"), [(0.96, True), (1.04, False)])
 def test_the_pull_takes_the_wire_from_a_third_of_the_free_gap_on(of_critical, holds, machine, altered):
-    """Half of the remaining gap: there ``1/g^2`` grows by what the string gives back. One ray faces the metal."""
+    """At half of the remaining gap ``1/g^2`` grows as fast as the string's force. One ray faces the metal."""
     gap_um = 20.0
     quiet = altered(machine, UNLIT).with_(t_on_us=99.0, t_period_us=100.0)
     model = modal_model(quiet, FAST)
     compliance = model.wire_shape @ np.diag(model.wire_omega**-2.0) @ model.wire_shape.T
     low, high = 0.0, 1.0
-    for _ in range(30):  # newton times um^2 of a slice's ray at which nothing holds the wire
+    for _ in range(30):  # force of a slice's ray, in N um^2, above which there is no equilibrium
         middle = 0.5 * (low + high)
         low, high = (middle, high) if equilibrium_um(compliance, middle, gap_um) is not None else (low, middle)
     at_fold = equilibrium_um(compliance, 0.9999 * low, gap_um).mean()

@@ -1,4 +1,4 @@
-"""The full model under MuJoCo: against closed forms, and against the modal plant."""
+"""The full model in MuJoCo, compared with closed forms and with the modal plant."""
 
 import math
 from itertools import pairwise
@@ -56,7 +56,7 @@ def test_static_lag_is_the_string_s_and_the_modes(height_m):
 
 
 def sparks(n):
-    """A recorded train: kick (N s) on both axes, slice, moment in the pulse (us)."""
+    """A sequence of sparks: impulse (N s) on both axes, slice, time in the pulse (us)."""
     draw = np.random.default_rng(11)
     size, angle = 3e-7 * draw.uniform(0.5, 1.5, n), draw.normal(0.0, 0.5, n)  # physics 10
     kicks = -size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -64,7 +64,7 @@ def sparks(n):
 
 
 def modal_answer(modes, kicks, at, end_us):
-    """The modes' answer to the train: deflection (pulses, axes, slices) in um at every pulse's end."""
+    """The modes' response to the sparks: deflection (pulses, axes, slices) in um at every pulse's end."""
     whole = [p[0] for p in propagator_table(modes.wire_omega, modes.wire_zeta, [PERIOD_NS * 1e-9])]
     rests = propagator_table(modes.wire_omega, modes.wire_zeta, (PERIOD_NS * 1e-3 - end_us) * 1e-6)
     q, v = np.zeros((2, 2, len(modes.wire_omega)))
@@ -78,7 +78,7 @@ def modal_answer(modes, kicks, at, end_us):
 
 
 def string(wire, n_modes):
-    """Modes of the continuous string: sines, drag per metre the same for all."""
+    """Modes of the continuous string: sines, all with the same drag per metre."""
     n = np.arange(1, n_modes + 1)
     omega = n * np.pi / wire.guide_distance_m * wire.wave_speed
     amplitude = math.sqrt(2 / (wire.line_density * wire.guide_distance_m))
@@ -87,7 +87,7 @@ def string(wire, n_modes):
 
 
 def differ(one, other):
-    """Root mean square of a difference as a share of the other's."""
+    """Root mean square of the difference, relative to that of `other`."""
     return math.sqrt(np.mean((one - other) ** 2) / np.mean(other**2))
 
 
@@ -112,7 +112,7 @@ def full_answer(train):
 def test_in_short_steps_impulses_move_every_slice_as_the_modes_do(train, full_answer):
     modal = modal_answer(Rig().full.modes, *train)
     assert differ(full_answer(1.0), modal) < 0.05  # 1.4 %
-    assert differ(full_answer(0.25), modal) < 0.01  # 0.3 %: what is left is the time step's
+    assert differ(full_answer(0.25), modal) < 0.01  # 0.3 %: the rest is due to the time step
 
 
 @pytest.mark.slow
@@ -125,7 +125,7 @@ def test_at_the_plant_s_step_the_mean_deflection_moves_as_the_modes_do(train, fu
 
 @pytest.mark.slow
 def test_at_the_plant_s_step_waves_run_more_like_the_string_s_than_the_modes(train, full_answer):
-    # slice by slice, kicks without duration send fronts shorter than nodes or modes can carry
+    # in single slices, kicks without duration make waves shorter than nodes or modes can represent
     exact = modal_answer(string(BRASS, 400), *train)
     modes = reduce_model(build_model(BRASS), ALL_MODES, slice_heights(BRASS))
     assert differ(full_answer(), exact) < differ(modal_answer(modes, *train), exact) < 0.25  # 18 %, 23 %
@@ -145,7 +145,7 @@ def test_the_pull_acts_until_ignition_and_weaker_until_the_end(ignite_us, end_us
     modes = rig.full.modes
     left = (np.array([100.0, 100.0 - ignite_us, 100.0 - end_us])) * 1e-6
     p11 = propagator_table(modes.wire_omega, modes.wire_zeta, left)[0]
-    push = 2e3 * (p11[1] - p11[0]) + 5e2 * (p11[2] - p11[1])  # a force from t on acts as (1 - p11) / omega^2
+    push = 2e3 * (p11[1] - p11[0]) + 5e2 * (p11[2] - p11[1])  # response to a force from t on: (1 - p11) / omega^2
     exact = (pull.T @ modes.wire_shape * push / modes.wire_omega**2) @ modes.wire_shape.T
     np.testing.assert_allclose(found, exact, atol=0.01 * max(np.abs(exact).max(), 1e-9))
 
@@ -187,7 +187,7 @@ def test_the_period_is_cut_into_equal_steps_no_longer_than_stable():
 def test_the_full_model_has_the_machine_s_motors_and_screws():
     rig, whole = Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, 6e-6)), build_model(BRASS)
     link = rig.full.link
-    slope = link.holding_Nm * link.teeth  # of the sine at rest
+    slope = link.holding_Nm * link.teeth  # slope of the sine at rest
     np.testing.assert_allclose(slope, [whole.actuator(f"{axis}_stepper").gainprm[0] for axis in "xy"])
     assert link.teeth * 4 == whole.numeric("steps_per_revolution").data[0]
     np.testing.assert_allclose(rig.full.model.tendon_lengthspring[:2], [[-3e-6, 3e-6]] * 2)

@@ -1,4 +1,4 @@
-"""The pulse generator: settings it refuses, and what its three modes do in the gap."""
+"""The pulse generator: refused settings, and its three modes in the gap."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_dead_time_is_255_periods_exactly(period, machine, altered):  # T-36, T-
     ("ignition-pulse", "rectangle"), ("production", "triangle"), ("fine", "triangle"),
 ])  # fmt: skip
 def test_a_window_is_the_sum_of_its_pulses(generator, shape, drive):  # T-3, T-5
-    """Of an iso-pulse t(e) = t(i) - t(d), of the others t(e) is set and the period of two of them varies."""
+    """For iso-pulses t(e) = t(i) - t(d); for the others t(e) is set, and the period of two of them varies."""
     machine = load(generator, pulse_shape=shape)
     own, on_us, mean = machine.generator, machine.t_on_us, 0.5 if shape == "triangle" else 1.0
     supply_V, ohm = (own.supply_voltage_V or own.open_voltage_V).value, own.resistance_ohm.value
@@ -98,7 +98,7 @@ def test_an_ignition_pulse_nearly_always_ignites(in_a_hole):  # T-5
 
 @pytest.mark.parametrize(("on", "period"), [(30.0, 100.0), (30.0, 400.0), (200.0, 1000.0)])
 def test_the_mean_voltage_is_to_be_divided_by_the_relative_pulse_duration(on, period, in_a_hole, machine):  # T-6, T-7
-    """An open gap and a sparking one show the same voltages at every duty, once rescaled with it."""
+    """Divided by the duty cycle, the voltages of an open and a sparking gap are the same at every duty cycle."""
     setting = machine.with_(t_on_us=on, t_period_us=period)
     relative = on / period
     assert in_a_hole(setting, 300.0).advance().mean_voltage_V / relative == pytest.approx(100.0)
@@ -134,7 +134,7 @@ def test_a_generator_switched_off_moves_no_metal_and_lets_the_table_move(machine
 
 
 def test_a_triangle_heats_the_wire_by_its_current_a_third_more_than_a_rectangle_of_its_charge(in_a_hole, altered):
-    """The integral of i^2 is I^2 t/3 against (I/2)^2 t: seen where nothing but the current heats."""
+    """The integral of i^2 is I^2 t/3 against (I/2)^2 t: measured with heat from the current alone."""
     only_current = {"base.cooling.wire_heat_share": 0.0, "base.cooling.convection_W_m2K": 1.0,
                     "wire.resistivity_per_K": 0.0, "material.removal_mm3_J": 1e-15,
                     "base.discharge.impulse_10mJ_Ns": 0.0}  # fmt: skip

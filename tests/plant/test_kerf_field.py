@@ -1,4 +1,4 @@
-"""The kerf field as a store: what it counts, what it remembers, and that tiles do not show from outside."""
+"""The kerf field as a store: counts, snapshots, and tiles that are invisible from outside."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_stock_is_metal_inside_the_rectangle_and_outside_the_hole():
     field = KerfField(1, STOCK)
     patch = field.patch(0, 0, 400, 0, 400)
     assert patch[:25].max() == 0.0  # x below 100 um
-    assert patch[30, 25] == pytest.approx(0.5, abs=1e-4)  # the rim at 102 um runs through the cell's middle
+    assert patch[30, 25] == pytest.approx(0.5, abs=1e-4)  # the rim at 102 um is in the middle of this cell
     assert patch[30, 26:].min() == 1.0
     hole_um2 = (1 - patch[150:200, 150:200]).sum() * 16.0
     assert hole_um2 == pytest.approx(np.pi * 90.0**2, rel=1e-3)
@@ -74,7 +74,7 @@ def test_allocate_says_whether_it_added_tiles_and_keeps_what_was_cut():
     assert not field.allocate(600.0, 600.0, 200.0)
     field.tiles[: field.count] = 7
     before = field.count
-    for x in range(600, 4_000, 100):  # past the first capacity
+    for x in range(600, 4_000, 100):  # beyond the initial capacity
         field.allocate(float(x), 600.0, 200.0)
     assert field.count > 64
     assert (field.tiles[:before] == 7).all()

@@ -1,4 +1,4 @@
-"""Marks in a compiled program: while it runs, a number says which of its parts it is in."""
+"""Marks in a compiled program: while it runs, a number shows which of its parts is running."""
 
 import ctypes
 import importlib
@@ -36,7 +36,7 @@ entry:
   ret i64 %seen
 }
 """
-"""What each sees: `outer` ten times the part in which `inner` is, and its own."""
+"""Return values: `outer` returns ten times the part during `inner`, plus its own part."""
 
 
 def engine_of(program):
@@ -55,8 +55,8 @@ def test_a_function_counts_for_its_own_part_and_gives_back_that_around_it():
     assert call["_ZN4room5outerB2v2"](1) == 21
     assert part.value == 0
     part.value = 7
-    assert call["_ZN4room5outerB2v2"](0) == 0  # the other way out
-    assert call["_ZN4room10outer_partB2v3"](0) == 7  # another function, whose name only begins alike
+    assert call["_ZN4room5outerB2v2"](0) == 0  # the other return
+    assert call["_ZN4room10outer_partB2v3"](0) == 7  # another function, whose name has the same beginning
     assert part.value == 7
 
 
@@ -96,7 +96,7 @@ def test_marks_of_a_compiled_program_are_observed_while_it_runs(tmp_path, monkey
 
     thread = threading.Thread(target=look)
     thread.start()
-    for _ in range(100):  # a busy machine may let the other thread wait
+    for _ in range(100):  # repeated, because the other thread may wait on a busy machine
         total[:] = 0
         run(total.ctypes.data)
         if {1, 2} <= observed:
@@ -107,4 +107,4 @@ def test_marks_of_a_compiled_program_are_observed_while_it_runs(tmp_path, monkey
         x = ((x * 31 + turn) % 1_000_003 * 17 + 5) % 999_983
     assert (total[0, 0], observed - {0}, part()) == (x, {1, 2}, 0)
     (bitcode,) = tmp_path.rglob("loop-*.bc")
-    assert bitcode.name.count("-") == 2  # beside that of the program without marks
+    assert bitcode.name.count("-") == 2  # separate from that of the program without marks

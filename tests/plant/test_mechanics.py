@@ -169,12 +169,12 @@ def test_table_settles_on_a_step_and_the_modes_follow_the_full_model(machine, mo
         reduced = (rest - p11 * rest) @ modal.table_slide_shape[axis]
         assert np.abs(full[:, axis] - reduced).max() < 0.05 * 2e-6
         assert full[-1, axis] == pytest.approx(2e-6, rel=1e-3)
-        assert 2e-6 < full[:, axis].max() < 4e-6  # a stepper rings, but within a step
+        assert 2e-6 < full[:, axis].max() < 4e-6  # a stepper oscillates by less than a step
 
 
 def test_table_frequencies_are_those_of_rotor_and_carriage(modal):
     # XML: holding torque 25 N m/rad on 6e-5 kg m2; screw 100e6 N/m on 45 kg and 20 kg. The reflected
-    # rotor is 300 times a carriage, so either hardly feels the other.
+    # rotor has 300 times the mass of a carriage, so they hardly affect each other.
     rotor = math.sqrt(25 / 6e-5)
     carriages = np.sqrt(100e6 / np.array([45.3, 20.0]))
     np.testing.assert_allclose(modal.table_omega[:, 0], rotor, rtol=0.01)
@@ -264,7 +264,7 @@ def test_an_unknown_data_file_is_named():
 
 @pytest.mark.slow
 def test_the_model_loads_no_mujoco_and_a_plant_neither_scipy_linalg_nor_asyncio():
-    """All would make every start longer; scipy.linalg, loaded afterwards, shares the routine."""
+    """Each would delay every start; scipy.linalg, if loaded later, shares the routine."""
     code = """
 import sys, edmsim.plant.mechanics.model
 print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)

@@ -40,7 +40,7 @@ def test_a_slip_of_the_pen_is_refused_in_one_line(own_file):
     with pytest.raises(InputError, match=r"impulse_10mJ_Ns.*1e\+09 is out of range: it must be within 0..0.001"):
         Machine.load(file)
     wide = own_file("machines", "agiecut-dem15", ("range = [1.2e-6, 7.2e-6]", "range = [1.2e-6, 7.2]"))
-    with pytest.raises(InputError, match=r"7\.2 is out of range"):  # what may be drawn counts as well
+    with pytest.raises(InputError, match=r"7\.2 is out of range"):  # the range of random draws is checked, too
         Machine.load(wide)
     never = own_file("machines", "agiecut-dem15", ("median_c_us = { value = 14.05", "median_c_us = { value = 7.0"))
     with pytest.raises(InputError, match="must be above zero at every gap"):
@@ -49,7 +49,7 @@ def test_a_slip_of_the_pen_is_refused_in_one_line(own_file):
 
 @pytest.mark.parametrize("impulse_Ns", [1e-3, 1.0, 1e9, 1e300])
 def test_a_wire_kicked_beyond_all_bounds_ends_as_an_error(impulse_Ns):
-    """Past the files' bounds, to see what the loop itself does; it aborted the interpreter."""
+    """Beyond the limits of the files, to test the loop itself, which aborted the interpreter."""
     plant = Plant(with_values(Machine.load(), {"discharge.impulse_10mJ_Ns": impulse_Ns}), 1, resolution="fast")
 
     def push():
@@ -96,7 +96,7 @@ def test_an_altered_snapshot_is_refused(named):
     with pytest.raises(InputError, match=named) as caught:
         fresh.restore(snapshot)
     assert "\n" not in str(caught.value)
-    np.testing.assert_equal(fresh.snapshot(), before)  # nothing of it was taken
+    np.testing.assert_equal(fresh.snapshot(), before)  # the plant is unchanged
 
 
 @pytest.mark.parametrize(("options", "drives"), [
@@ -110,7 +110,7 @@ def test_a_snapshot_of_another_set_up_is_refused(options, drives):
 
 
 def test_random_changes_of_a_snapshot_never_leave_the_arrays():
-    """A hundred snapshots, a few numbers of each replaced by any bits: refused, or the plant goes on or says why."""
+    """A hundred snapshots with some numbers replaced by random bits are refused, or run, or end with an error."""
     sound, rng, refused = plant_at_work().snapshot(), np.random.default_rng(5), 0
     plant = Plant(Machine.load(), 1, resolution="fast")
     names = [name for name in sound if sound[name].size]
@@ -131,8 +131,8 @@ def test_random_changes_of_a_snapshot_never_leave_the_arrays():
 
 
 def test_a_plant_whose_wire_broke_refuses_to_go_on():
-    """It fired windows of one pulse each."""
-    weak = {"wire.half_strength_K": 300.0, "wire.strength_MPa": 220.0}  # past its bounds: it breaks when warm
+    """Such a plant fired windows of one pulse each."""
+    weak = {"wire.half_strength_K": 300.0, "wire.strength_MPa": 220.0}  # beyond the limits: breaks when warm
     plant = Plant(with_values(Machine.load(), weak), 1, resolution="fast")
     window = plant.advance()
     while not window.broken:
@@ -147,7 +147,7 @@ def test_a_plant_whose_wire_broke_refuses_to_go_on():
     assert 0 < plant.advance().pulses <= 255
 
 
-# --- arrays of the loop are declared once; memory refuses what is not as declared ---
+# --- arrays of the loop are declared once; allocation refuses other declarations ---
 
 SIZES = sizes_of(5, 24, 4)
 

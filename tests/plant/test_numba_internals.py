@@ -1,4 +1,4 @@
-"""What edmsim does with numba beyond its documented interface: a release that changes that fails here."""
+"""Uses of numba beyond its documented interface: with a release that changes it, these tests fail."""
 
 import inspect
 import re
@@ -23,7 +23,7 @@ def _thirds(x):
 
 
 def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "folder", tmp_path)  # nothing is kept there of a run before
+    monkeypatch.setattr(cache, "folder", tmp_path)  # an empty cache
     part = exactly_compiled(_thirds)
 
     @exactly_compiled
@@ -55,7 +55,7 @@ def test_python_calls_what_a_part_calls_and_is_compiled_with_liberties(tmp_path,
 
     assert whole(3.0) == pytest.approx(2.0)
     assert third(6.0) == pytest.approx(2.0)
-    again = compiled(_thirds)  # as another process finds it
+    again = compiled(_thirds)  # as in another process
     assert again(9.0) == pytest.approx(3.0)
     assert sum(again.stats.cache_hits.values()) == 1
 
@@ -64,7 +64,7 @@ def test_a_part_is_linked_after_all_that_call_it(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "folder", tmp_path)
 
     @compiled
-    def inlined(x):  # numba's own `int` is inlined as well from now on
+    def inlined(x):  # numba's own `int` is then inlined, too
         return int(x)
 
     @exactly_compiled
@@ -84,7 +84,7 @@ def test_a_part_is_linked_after_all_that_call_it(tmp_path, monkeypatch):
         return with_machine_code(x) + first(x) + second(x)
 
     assert inlined(1) == 1
-    assert with_machine_code(1) == 3  # it holds `first`, whose own parts nothing calls any more
+    assert with_machine_code(1) == 3  # it includes `first`, whose own parts are not called any more
     assert whole(1) == 8
 
 
@@ -131,7 +131,7 @@ def test_no_other_file_uses_them():
 
 
 def test_a_process_keeps_the_objects_that_it_froze_itself():
-    """`gc.unfreeze` would bring them back to the collector."""
+    """`gc.unfreeze` would return them to the collector."""
     code = "from edmsim.compiled.numba_internals import garbage_left; import gc; gc.freeze()\n"
     code += "with garbage_left(): pass\nprint(gc.get_freeze_count() > 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

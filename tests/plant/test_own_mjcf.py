@@ -1,4 +1,4 @@
-"""A user's own machine: the MJCF beside its TOML file is read, checked, and noticed when changed."""
+"""A user's own machine: the MJCF next to its TOML file is read, checked, and read again after a change."""
 
 import os
 
@@ -36,7 +36,7 @@ def test_the_mjcf_next_to_the_file_is_the_machines(tmp_path, own_file):
     names = "agiecut-dem15", own_file("machines", "agiecut-dem15", NAME)
     ours, own = (modes(edmsim.Machine.load(name)) for name in names)
     np.testing.assert_allclose(own.wire_omega, ours.wire_omega)
-    assert (own.table_omega[0] < ours.table_omega[0]).all()  # the x carriage weighs more, the y carriage does not
+    assert (own.table_omega[0] < ours.table_omega[0]).all()  # only the x carriage is heavier
     np.testing.assert_allclose(own.table_omega[1], ours.table_omega[1])
 
 

@@ -1,4 +1,4 @@
-"""Heights that are not whole numbers of slices: the topmost slice stands for what is over or lacking."""
+"""Heights that are not whole numbers of slices: the topmost slice is weighted by its metal."""
 
 import numpy as np
 import pytest
@@ -18,19 +18,19 @@ EVERYWHERE = shapely.box(0, 0, 65_000, 65_000)
 
 
 def stepped_plant(full_mm, lowered, *, resolution="fast", mechanics="modal", seed=1):
-    """Return a plant in a slot; `lowered` are lengths of cut in mm from which on it is lower, and heights."""
+    """Return a plant in a slot; `lowered` has lengths of cut in mm and the lower heights from there on."""
     machine = edmsim.Machine.load(height_mm=full_mm)
     x, y = machine.base.table.centre_um
     steps = [
         LowerRegion(EVERYWHERE if at is None else shapely.box(x + 1e3 * at, 0, 65_000, 65_000), height)
-        for at, height in reversed(lowered)  # the earlier one of a list holds
+        for at, height in reversed(lowered)  # the first region that matches applies
     ]
     stock = started_slot(machine, (x, y), steps=steps)
     return Plant(machine, seed, stock=stock, position_um=(x, y), resolution=resolution, mechanics=mechanics)
 
 
 class Stretch:
-    """A cut at one feed, from some seconds on."""
+    """A cut at constant feed, after some seconds of settling."""
 
     def __init__(self, plant, settle_s, seconds):
         traverse = Traverse(plant, FEED_UM_S)
@@ -48,7 +48,7 @@ class Stretch:
 
     @property
     def kerf_mm(self):
-        """Width of the kerf in the lowest slice, from where it has been passed for good."""
+        """Width of the kerf in the lowest slice, where the wire has passed completely."""
         x, y = self.from_um, self.plant.machine.base.table.centre_um[1]
         along = np.arange(x, x + 1e3 * self.travel_mm - 200.0, 4.0)
         places = np.stack(np.meshgrid(along, y + np.arange(-300.0, 300.0, 2.0), indexing="ij"), axis=-1)
@@ -95,7 +95,7 @@ def test_three_heights_follow_each_other_and_nothing_is_lost():
 
 @pytest.mark.slow
 def test_the_topmost_slice_gets_discharges_by_its_metal():
-    """26 mm of 30 in slices of 6: of the four with metal the topmost stands for 8 mm."""
+    """26 of 30 mm in slices of 6 mm: the topmost of the four slices with metal represents 8 mm."""
     plant = stepped_plant(30.0, [(None, 26.0)])
     traverse = Traverse(plant, FEED_UM_S)
     traverse.run(4.0)
@@ -112,7 +112,7 @@ def test_the_topmost_slice_gets_discharges_by_its_metal():
 @pytest.mark.slow
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
 def test_same_seed_same_bits_and_a_snapshot_goes_on_alike(mechanics):
-    """Over the step itself, where the rays see both heights."""
+    """Across the step, where rays reach both heights."""
     plant, other = (stepped_plant(30.0, [(0.02, 10.0)], mechanics=mechanics, seed=5) for _ in range(2))
     first, second = Traverse(plant, FEED_UM_S), Traverse(other, FEED_UM_S)
     assert [first.window() for _ in range(40)] == [second.window() for _ in range(40)]
@@ -138,7 +138,7 @@ def test_a_snapshot_with_heights_no_slice_has_is_refused(name):
 
 
 def test_a_snapshot_whose_mean_height_is_rounded_is_restored():
-    """At 15 mm of 30 the topmost slice has one and a half times its metal, and the mean of its rays a bit more."""
+    """At 15 of 30 mm the topmost slice has 1.5 times its metal, and the mean of its rays is a little larger."""
     plant = stepped_plant(30.0, [(None, 15.0)])
     state = plant.snapshot()
     state["metal"][:2] = np.nextafter(0.5, 0.0), np.nextafter(1.5, 2.0)
@@ -148,7 +148,7 @@ def test_a_snapshot_whose_mean_height_is_rounded_is_restored():
 
 @pytest.mark.parametrize("heights", [(6.3,), (4.0, 7.1), (2.1, 5.0, 8.99), (9.2,)])
 def test_the_field_counts_the_true_volume(heights):
-    """Bands on the grid of cells; all metal in reach is taken, and back after a snapshot as well."""
+    """Bands aligned with the cells; all metal in reach is removed, also after restoring a snapshot."""
     bands = [LowerRegion(shapely.box(400.0 + 200 * k, 0, 600.0 + 200 * k, 5_000), h) for k, h in enumerate(heights)]
     stock = Stock((0.0, 0.0, 5_000.0, 5_000.0), (), tuple(bands), 10.0)
     field, other = KerfField(5, stock), KerfField(5, stock)

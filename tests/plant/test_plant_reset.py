@@ -1,4 +1,4 @@
-"""A plant after `reset` is the plant it was when it was made, and its defaults are its own machine's."""
+"""After `reset` a plant equals a new one, and its defaults are those of its machine."""
 
 import math
 
@@ -28,7 +28,7 @@ def test_reset_restores_generator_and_setting(machine):
 
 
 def cut(plant, windows):
-    """Lead a wire towards +x, 8 um a window, and return the windows."""
+    """Move the wire towards +x, 8 um per window, and return the windows."""
     return [plant.advance([(plant.time_ns + k * 3_000_000, 0, 1) for k in range(8)]) for _ in range(windows)]
 
 
@@ -51,7 +51,7 @@ def test_reset_with_another_machine_is_a_plant_made_with_it(machine):
 
 
 def test_a_drift_changes_the_water_and_nothing_else(machine):
-    """A leaning wire bends where it did; jets of other pressures meet elsewhere from then on."""
+    """A leaning wire bends at the same points; jets of other pressures then meet at another height."""
     leaning = (*machine.base.table.centre_um, 0.0, -8_000.0)
     plant, other = (edmsim.Plant(machine, 4, position_um=leaning, resolution="fast") for _ in range(2))
     assert cut(plant, 10) == cut(other, 10)
@@ -65,7 +65,7 @@ def test_a_drift_changes_the_water_and_nothing_else(machine):
 
 
 def test_a_leaning_wire_is_where_it_bends_from_the_first_pulse_of_a_pass(machine):
-    """Rays that were traced as if it bent at the guides begin in the metal: all pulses are shorts."""
+    """If rays were traced as if it bent at the guides, they would begin in the metal, and all pulses be shorts."""
     leaning = (*machine.base.table.centre_um, 0.0, -8_000.0)
     plant = edmsim.Plant(machine, 4, position_um=leaning, resolution="fast")
     for k in range(80):

@@ -1,4 +1,4 @@
-"""The plant from outside: what a window of 255 pulses shows as the wire is fed, forced, withdrawn or stepped."""
+"""The plant from outside: windows of 255 pulses while the wire is fed, forced into metal, withdrawn or stepped."""
 
 import math
 
@@ -41,7 +41,7 @@ def test_faster_feed_closes_the_gap(settled, share):
 
 
 def test_what_is_removed_follows_the_feed(machine, settled):
-    """Once the cut is steady, volume per second is feed times height times the kerf's width."""
+    """In a steady cut the volume per second is feed times height times kerf width."""
     for feed in FEEDS_UM_S[1:3]:
         windows = settled[feed]
         seconds = sum(w.duration_ns for w in windows) * 1e-9
@@ -74,8 +74,8 @@ def test_discharges_are_located_in_every_fifth_of_the_height(settled):
 def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, altered, drive):
     """Without electrostatic pull the wire lags: impulses per second over tension, ``F/T (c/2 + h/12)``.
 
-    The impulse is the bubble's where liquid fills the slit, times the share of the front that is wet. At the gaps'
-    mean it is a little under its mean, and sparks off the middle push sideways, too.
+    The impulse is the bubble's where liquid fills the slit, times the share of the front that is wet. Its value
+    at the mean gap is a little below its mean, and sparks off the middle also push sideways.
     """
     neutral = altered(machine, {"base.dielectric.permittivity": 1e-6})
     windows = drive(edmsim.Plant(neutral, seed=1, resolution="fast"), 20.0, 8.0)[-100:]
@@ -93,7 +93,7 @@ def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, alt
 
 
 def test_a_short_that_melts_metal_pushes_the_wire_off(in_a_hole, machine):
-    """By a share of what the bubble of that energy does at 20 um; no film holds the wire here."""
+    """By a share of the push of a bubble of that energy at 20 um; there is no film to slow the wire here."""
     speeds = []
     for share in (0.0, 0.3, 0.6):
         pushed = {"base.discharge.impulse_10mJ_Ns": 4.3e-6, "base.discharge.bubble_share": 0.04,
@@ -106,7 +106,7 @@ def test_a_short_that_melts_metal_pushes_the_wire_off(in_a_hole, machine):
     assert speeds[2] == pytest.approx(2 * speeds[1], rel=0.05)
 
 
-# --- nothing, everything, and water in between ---
+# --- no metal, only metal, and water between ---
 
 
 def test_without_metal_every_pulse_is_open(in_a_hole, machine):  # T-7
@@ -124,12 +124,12 @@ def test_without_metal_every_pulse_is_open(in_a_hole, machine):  # T-7
 def test_a_wire_forced_into_the_metal_shorts_until_it_is_withdrawn(machine, drive, share):  # T-7
     plant = edmsim.Plant(machine, seed=1, resolution="fast")
     pressed = drive(plant, 300.0, 1.0)[-10:]
-    assert share(pressed, "short") > 0.98  # the push of what melts may take it off for a pulse
+    assert share(pressed, "short") > 0.98  # the push of melting metal may lift it off for a pulse
     for w in pressed:
         assert w.mean_voltage_V < 0.2
         assert w.mean_current_A == pytest.approx(100.0 / 11.8 * 0.3, rel=0.02)
-        assert w.deflection_um[0] < -50.0  # it stays behind the table
-    assert sum(w.crater_um3 for w in pressed) > 0.0  # the current melts what touches
+        assert w.deflection_um[0] < -50.0  # the wire lags behind the table
+    assert sum(w.crater_um3 for w in pressed) > 0.0  # the current melts metal at the contact
     clear = drive(plant, -300.0, 1.2)[-5:]
     assert share(clear, "short") == 0.0
     assert share(clear, "open") > 0.9
@@ -156,7 +156,7 @@ def test_conducting_water_takes_voltage_from_an_open_gap(gap, conductivity, in_a
 
 
 def far(machine):
-    """Return a plant with nothing near its wire."""
+    """Return a plant without metal near its wire."""
     stock = edmsim.plant.workpiece.kerf_field.Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))
     return edmsim.Plant(machine, 1, stock=stock, position_um=(10_000.0, 20_000.0), resolution="fast")
 
@@ -204,7 +204,7 @@ def test_the_bare_wire_hangs_straight_and_leans_to_metal_nearby(machine, altered
 
 
 def message_of(machine, change, kind):
-    """Advance a plant whose state was changed by hand; returns the error."""
+    """Advance a plant whose state is modified by `change`; return the error's message."""
     plant = far(machine)
     plant.advance()
     state = plant.snapshot()
@@ -220,7 +220,7 @@ def message_of(machine, change, kind):
 
 
 def test_a_wire_that_leaves_its_guides_is_reported(machine):
-    """A wire bent by metres is not a wire any more: the error says when, where, and what the window was like."""
+    """A wire bent by metres is an error, which says when, where, and describes the window."""
 
     def bend(state):
         state["wire_q"][0, 0] = 1e9
@@ -240,7 +240,7 @@ def test_a_number_that_becomes_none_is_reported(machine, name):
 
 
 def test_a_wire_inside_the_metal_is_reported(machine):
-    """A wire set down where only metal is finds no way out."""
+    """A wire surrounded by metal cannot move out of it."""
     plant = edmsim.Plant(machine, 1, resolution="fast")
     state = plant.snapshot()
     state["state"]["axis_um"][0, 0] += 1_000.0

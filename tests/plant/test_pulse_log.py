@@ -1,4 +1,4 @@
-"""The pulses of a window, noted one by one: where they lie, and that noting them changes nothing."""
+"""Records of single pulses of a window: their places; recording changes nothing else."""
 
 import copy
 
@@ -36,7 +36,7 @@ def test_discharges_lie_in_front_of_the_wire_where_the_metal_is():
     assert {int(s) for s in placed["slice"]} == set(range(plant.resolution.slices))
     angle = 2 * np.pi * placed["ray"] / plant.resolution.rays
     x = placed["x_um"] + (125.0 + placed["gap_um"]) * np.cos(angle)
-    assert np.all(x > STOCK.rectangle_um[0] - 8.0)  # a motor step may press the wire a little into the metal
+    assert np.all(x > STOCK.rectangle_um[0] - 8.0)  # a motor step may press the wire slightly into the metal
     assert np.all(x < STOCK.rectangle_um[0] + 60.0)
     assert np.all(pulses["slice"][pulses["kind"] == OPEN] == -1)
 

@@ -1,4 +1,4 @@
-"""Counter-based draws: uniform, and unrelated between counts and keys."""
+"""Counter-based draws: uniform, and uncorrelated between counts and keys."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The arc of rays that faces metal: it has every ray that meets metal once, wherever it begins."""
+"""The arc of rays that faces metal has every ray that meets metal once, from any first ray on."""
 
 import numpy as np
 import pytest

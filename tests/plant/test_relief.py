@@ -1,4 +1,4 @@
-"""Stepped workpieces: which slices have metal where, exactly, and what a plant removes of it."""
+"""Stepped workpieces: exact metal of each slice at each place, and its removal by a plant."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_a_step_off_the_grid_leaves_the_exact_share_of_its_cells():
     field = stepped((shapely.box(601.0, 0.0, 5_000.0, 603.0), 6.0))
     top, below = (field.patch(k, 149, 152, 148, 152) for k in (3, 2))
     assert (below == 1.0).all()
-    # the step's corner lies at (601, 603) in the cell from (600, 600): x 3/4, y 3/4 of it lack metal
+    # the step's corner is at (601, 603), in the cell from (600, 600): in x 3/4 and in y 3/4 of it have no metal
     np.testing.assert_allclose(top, [[1, 1, 1, 1], [0.25, 0.25, 1 - 9 / 16, 1], [0, 0, 0.25, 1]], atol=HALF_PART)
 
 
@@ -122,7 +122,7 @@ def test_exact_accounting_with_steps_and_a_snapshot():
     rng = np.random.default_rng(3)
     taken = 0
     for step in range(40):
-        field.allocate(600.0 + 60.0 * step, 600.0, 200.0)  # new tiles count for nothing
+        field.allocate(600.0 + 60.0 * step, 600.0, 200.0)  # new tiles do not count as removed
         assert field.removed_parts == taken
         tile = field.tiles[rng.integers(field.count)]
         place = tuple(int(v) for v in (rng.integers(5), *rng.integers(32, size=2)))

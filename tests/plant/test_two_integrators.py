@@ -1,4 +1,4 @@
-"""The same cut by modes and by MuJoCo: what a controller sees of it must not depend on the integrator."""
+"""The same cut by modes and by MuJoCo: a controller's observations must not depend on the integrator."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from edmsim.recording.windows import WindowTable
 from edmsim.validation.breakage import rough_rig
 
 SETTLE_S, CUT_S = 2.0, 2.5
-"""The wire leaves its start hole and finds its gap; then the cut that is compared."""
+"""Time in which the wire leaves its start hole and finds its gap, and time of the compared cut."""
 SEEDS = {"modal": range(3), "mujoco": range(1)}
 
 
@@ -50,7 +50,7 @@ def cuts():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "name", "closest"),
-    # and so close that agreement means something: in % of the pulses, um/s and um
+    # greatest difference, small enough to be significant: in % of the pulses, um/s and um
     [(0, "short", 1.0), (1, "open", 1.5), (2, "spark", 1.5), (3, "feed", 1.0), (4, "lag", 0.5)],
 )
 def test_a_controlled_cut_has_the_same_statistics_with_both(cuts, column, name, closest):
@@ -60,7 +60,7 @@ def test_a_controlled_cut_has_the_same_statistics_with_both(cuts, column, name, 
 
 
 def rough(mechanics, seed):
-    """Lag and vibration in um and working current in A of a rough cut, whose pulses come when they ignite."""
+    """Lag and vibration in um and working current in A of a rough cut, whose periods depend on ignition."""
     machine = rough_rig(30.0)
     centre_um = machine.base.table.centre_um
     stock = started_slot(machine, centre_um)
@@ -74,7 +74,7 @@ def rough(mechanics, seed):
 
 @pytest.mark.slow
 def test_a_rough_cut_is_alike_with_both_whose_time_steps_change_from_pulse_to_pulse():
-    """Time steps near the longest stable one, changing with the pulses, once threw the chain's last node away."""
+    """Time steps near the longest stable one that vary from pulse to pulse made the chain's last node diverge."""
     modal, full = (np.mean([rough(name, seed) for seed in (1, 2, 3)], axis=0) for name in ("modal", "mujoco"))
     assert abs(full[0] - modal[0]) < 3.0
     np.testing.assert_allclose(full[1:], modal[1:], rtol=0.25)
@@ -87,7 +87,7 @@ def test_an_unknown_integrator_is_refused(machine):
 
 @pytest.mark.slow
 def test_lost_steps_are_known_to_the_carriage_alone(machine):  # T-19
-    """A motor stepped far above its pull-out rate stands still; the counter does not know, the table does."""
+    """A motor stepped far above its pull-out rate does not turn: the counter advances, the table does not."""
     far = Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))
     start = (10_000.0, 20_000.0)
     plant = edmsim.Plant(machine, 1, stock=far, position_um=start, resolution="fast", mechanics="mujoco")

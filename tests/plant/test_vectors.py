@@ -96,7 +96,7 @@ def _sum_by_slices(a, first, rows, whole):
 
 @pytest.mark.parametrize("slices", [PACK, 3, 8])
 def test_sums_over_the_lanes_of_slices_go_to_their_rows(numbers, slices):
-    """Rows that there are not stay unwritten; the sum of the rows has those of the whole pack."""
+    """Rows beyond the slices are not written; the sum over the rows includes the whole pack."""
     x, rows, whole = numbers[0][0, :GAPS], np.full((slices + 1, 4), -1.0), np.zeros(COORDINATES)
     first = slices // PACK * PACK if slices > PACK else 0
     _sum_by_slices(numbers[0], first, rows[:slices], whole)

@@ -43,18 +43,18 @@ STILL = HeatLaw(
     resistance_per_K=0.0, water_K=WATER_K, boiling_K=BOILING_K, superheat_K=30.0, film_W_m2K=2e3,
     dry_share=0.5, melting_K=1173.0, spot_K_m_J=0.0, spot_m2=6.25e-8, spreading_m2_us=0.0,
 )  # fmt: skip
-"""No heat goes anywhere."""
+"""A law without any flow of heat."""
 VACUUM_PERMEABILITY_N_A2 = 4e-7 * math.pi
 
 
 @pytest.mark.parametrize("gap", [5.0, 10.0, 20.0, 30.0])
 @pytest.mark.parametrize("name", ["fast", "default", "fine"])
 def test_rays_on_a_flat_wall_pull_as_the_published_table_says(gap, name, machine, published):
-    """Each ray pulls as coaxial cylinders its gap apart would; together they make a cylinder before a plane."""
+    """Each ray pulls as coaxial cylinders with its gap; the sum is that of a cylinder in front of a plane."""
     res, table = resolution(name), published("analytic_electrostatic_force")
     (expected_N_m,) = (row["force_N_per_m"] for row in table if (row["V"], row["gap_um"]) == (100.0, gap))
     angle = 2 * math.pi * np.arange(res.rays) / res.rays
-    angle = angle[np.cos(angle) > (125.0 + gap) / (125.0 + RAY_RANGE_UM)]  # those that meet the wall
+    angle = angle[np.cos(angle) > (125.0 + gap) / (125.0 + RAY_RANGE_UM)]  # rays that meet the wall
     gaps = (125.0 + gap) / np.cos(angle) - 125.0
     sums = np.zeros((1, 4))
     slice_sums(rays_with(gaps, angle), 0, 0.0, 0.0, gap_law(machine, res, 100.0), sums)
@@ -70,7 +70,7 @@ def test_rays_on_a_flat_wall_pull_as_the_published_table_says(gap, name, machine
 
 
 def wire(temperature_K, **arrays):
-    """Return slices of a wire at these temperatures, with what stands for every slice under its name."""
+    """Return arrays of a wire's slices at these temperatures, with other arrays by name."""
     a = allocate(Arrays, sizes_of(len(temperature_K), 24, 4))
     a.temperature_K[:] = temperature_K
     a.metal.fill(1.0)
@@ -91,7 +91,7 @@ def heat_step(a, law, dt_us):
 
 
 def even_current(n, current2_us):
-    """Currents of discharges that flow alike in all of `n` slices."""
+    """Currents of discharges that flow equally in all `n` slices."""
     return np.full((2, n), current2_us / n)
 
 
@@ -110,7 +110,7 @@ def test_a_running_wire_enters_cold_at_the_top_and_warms_on_its_way_down():
     law = STILL._replace(run_per_us=1e-4, joule_K_per_A2_us=1e-3)
     a = wire(np.full(5, 500.0))
     heat_step(a, law, 2_000.0)
-    assert (np.diff(a.temperature_K) < 0).all()  # the top, the last slice, is renewed first
+    assert (np.diff(a.temperature_K) < 0).all()  # new wire reaches the top, the last slice, first
     a.current2_us[:] = even_current(5, 1.0 * 50.0)
     for _ in range(5_000):
         heat_step(a, law, 50.0)
@@ -162,15 +162,15 @@ def test_the_wire_gets_no_hotter_than_it_melts():
 
 
 def of_piece(covered):
-    """Mean of i^2 over the piece, over that of the current; ``covered`` is its share of the way between contacts."""
+    """Mean of i^2 over the workpiece, relative to the current's; ``covered`` is its share between the contacts."""
     return 0.25 - covered / 6 + covered**2 / 12
 
 
 @pytest.mark.parametrize("covered", [0.5, 0.8, 1.0])
 def test_discharges_spread_evenly_heat_the_wire_by_a_quarter_less_the_piece_s_square(covered):
-    """Piece h between contacts L apart: of the current's, the mean of i^2 over L is 1/4 - h^2 / (12 L^2).
+    """With a workpiece h between contacts L apart, the mean of i^2 over L is 1/4 - h^2 / (12 L^2) of the current's.
 
-    The piece itself has less, as discharges above and below a place send it smaller shares.
+    In the workpiece it is less, because discharges above and below a point send smaller shares through it.
     """
     n = 200
     z = 0.5 + covered * ((np.arange(n) + 0.5) / n - 0.5)
@@ -184,7 +184,7 @@ def test_discharges_spread_evenly_heat_the_wire_by_a_quarter_less_the_piece_s_sq
     assert squares.mean() == pytest.approx(of_piece(covered), rel=1e-3)
     end = (1 - covered) / 2
     profile = ((1 - z) ** 3 + z**3 - 2 * end**3) / (3 * covered)
-    np.testing.assert_allclose(squares, profile, atol=5e-4)  # 1/3 at the ends, 1/12 midway where all is piece
+    np.testing.assert_allclose(squares, profile, atol=5e-4)  # 1/3 at the ends, 1/12 midway for covered = 1
 
 
 def test_one_discharge_divides_as_the_resistances_to_the_contacts():
@@ -210,13 +210,13 @@ def test_the_flux_rises_by_convection_then_by_boiling_to_the_critical_one_and_fa
     temperatures = np.linspace(WATER_K + 1.0, hottest - 1e-6, 300)
     fluxes = np.array([flux_W_m2(t) for t in temperatures])
     assert (np.diff(fluxes) > 0).all()
-    assert np.diff(fluxes).max() < 0.05 * 4e6  # no jump on the way up
+    assert np.diff(fluxes).max() < 0.05 * 4e6  # no jump while it rises
 
 
 def test_gas_takes_its_share_from_convection_and_from_the_critical_flux():
     assert flux_W_m2(350.0, dry=0.6) == pytest.approx(0.7 * flux_W_m2(350.0))
     assert flux_W_m2(BOILING_K + 30.0 - 1e-6, dry=0.6) == pytest.approx(0.7 * 4e6, rel=1e-5)
-    driest = STILL._replace(dry_share=1.0)  # gas before and behind the wire takes all, and no more
+    driest = STILL._replace(dry_share=1.0)  # gas in front of and behind the wire removes all cooling, but not more
     assert flux_W_m2(350.0, dry=1.8, law=driest) == 0.0
 
 
@@ -226,7 +226,7 @@ def test_strong_convection_is_not_lessened_by_boiling_and_a_film_is_not_better_t
 
 
 def test_convection_follows_the_water_past_every_slice(machine):
-    """The front half is in the gap's water, the back half in that of the kerf behind the wire."""
+    """The front half is cooled by water of the gap, the back half by that of the kerf behind the wire."""
     res = resolution("fast")
     for setting in ({}, {"flushing_upper_Pa": 0.0}):
         set_up = machine.with_(**setting)
@@ -237,7 +237,7 @@ def test_convection_follows_the_water_past_every_slice(machine):
 
 
 def test_the_critical_flux_of_a_stream_is_gunther_s(machine):
-    """7.19e4 W/m2 times the root of m/s and the subcooling, where that is more than in water that stands."""
+    """7.19e4 W/m2 times the root of m/s and the subcooling, if this is more than in stagnant water."""
     res = resolution("fast")
     strong = machine.with_(flushing_lower_Pa=2e5, flushing_upper_Pa=2e5)
     speed = wake_m_s(strong, res)
@@ -247,7 +247,7 @@ def test_the_critical_flux_of_a_stream_is_gunther_s(machine):
         critical_W_m2(machine.with_(flushing_lower_Pa=0.0, flushing_upper_Pa=0.0), res), 4e6
     )
     one = critical_W_m2(machine.with_(flushing_lower_Pa=0.0, flushing_upper_Pa=3e4), res)
-    assert (np.diff(one) > 0).all()  # it falls from the nozzle on
+    assert (np.diff(one) > 0).all()  # it falls with the distance from the nozzle
 
 
 @pytest.mark.slow
@@ -265,20 +265,20 @@ def test_every_slice_has_its_own_critical_flux_and_gas_before_and_behind_takes_f
 
 
 def test_heat_of_one_place_spreads_along_the_wire_by_conduction(machine):
-    """``Q / (rho c A sqrt(pi a t + d^2))``: a line source in a rod, of no less than its diameter at the beginning."""
+    """``Q / (rho c A sqrt(pi a t + d^2))``: a line source in a rod, initially as long as the diameter."""
     law = heat_law(machine, resolution("fast"))
     volumetric, section, diffusivity = 8400.0 * 377.0, math.pi / 4 * 0.25e-3**2, 120.0 / (8400.0 * 377.0)
     assert machine.wire.conductivity_W_mK.value == 120.0
     for heat_J, time_us in ((1e-3, 0.0), (1e-3, 500.0), (0.2, 2e4)):
         length_m = math.sqrt(math.pi * diffusivity * time_us * 1e-6 + 0.25e-3**2)
         assert spot_K(law, heat_J, time_us) == pytest.approx(heat_J / (volumetric * section * length_m))
-    long_us, heat_J = 1e6, 0.01  # heat that comes in evenly: q sqrt(t) of a rod that is heated at one place
+    long_us, heat_J = 1e6, 0.01  # limit for long times: constant heating of a rod at one point
     rod_K = heat_J / (volumetric * section) / math.sqrt(math.pi * diffusivity * long_us * 1e-6)
     assert spot_K(law, heat_J, long_us) == pytest.approx(rod_K, rel=1e-3)
 
 
 def burnt(in_a_hole, machine, deionisation_us):
-    """A plant whose pulses have burned in a gap of 6 um until the wire broke, or for a second."""
+    """A plant after pulses in a gap of 6 um until the wire broke, or for a second."""
     plant = in_a_hole(machine, 6.0, **{
         "base.cooling.wire_heat_share": 0.3, "base.gap.deionisation_us": deionisation_us,
         "base.discharge.spot_gain": 0.0,
@@ -289,7 +289,7 @@ def burnt(in_a_hole, machine, deionisation_us):
 
 
 def test_a_chain_of_arcs_breaks_a_wire_that_sparks_at_other_places_do_not(in_a_hole, machine):
-    """It breaks at the arc with which slice and spot together pass the heat at which its strength is its tension."""
+    """It breaks at the arc with which slice and spot exceed the temperature at which strength equals tension."""
     plant, window = burnt(in_a_hole, machine, 1e7)
     assert window.broken
     assert (window.spark, window.short, window.open) == (1, 0, 0)
@@ -300,7 +300,7 @@ def test_a_chain_of_arcs_breaks_a_wire_that_sparks_at_other_places_do_not(in_a_h
     spots = [spot_K(law, state["chain_J"] - less, state["chain_us"]) for less in (0.0, arc_J)]
     assert slice_K + spots[0] > breaks_K > slice_K + spots[1]
     assert slice_K < 450.0
-    assert state["chain_J"] == pytest.approx(arc_J * (window.arc + 1), rel=0.02)  # a spark waits some us before
+    assert state["chain_J"] == pytest.approx(arc_J * (window.arc + 1), rel=0.02)  # the spark ignites after some us
     assert state["chain_us"] == pytest.approx(100.0 * window.arc, rel=0.02)
     plant, window = burnt(in_a_hole, machine, 1e-3)
     assert not window.broken
@@ -329,7 +329,7 @@ def test_strength_falls_by_half_at_the_half_strength_temperature():
 
 @pytest.mark.parametrize(("material", "sign"), [("tool-steel", 1), ("cemented-carbide", 1), ("copper", -1)])
 def test_a_current_is_drawn_to_steel_and_pushed_off_copper_by_the_slot_s_formula(material, sign):
-    """mu0 i^2 / (2 w) per metre in an ideally permeable slot, times the metal's share."""
+    """mu0 i^2 / (2 w) per metre in an ideally permeable slot, times the material's share."""
     machine = edmsim.Machine.load(material=material)
     share = machine.material.magnetic_share.value
     kerf_m, slice_m = 328e-6, 20e-3 / 5
@@ -360,7 +360,7 @@ DRY = {
     "base.cooling.convection_W_m2K": 1.0, "base.cooling.critical_W_m2": 1.0, "base.cooling.critical_stream": 0.0,
     "base.guides.wire_speed_m_s": 1e-3,
 }  # fmt: skip
-"""The water takes next to no heat, boiling or not, and the wire stays."""
+"""The water takes almost no heat, boiling or not, and the wire hardly moves on."""
 
 
 def test_no_temperature_runs_away_where_the_wire_cannot_break(machine, altered, drive):
@@ -371,7 +371,7 @@ def test_no_temperature_runs_away_where_the_wire_cannot_break(machine, altered, 
 
 
 def test_a_short_that_melts_metal_heats_the_wire_there(machine, altered, drive):
-    """Nothing else does: the wire has no resistance here, and no pulse ignites in a metal."""
+    """There is no other heat: the wire has no resistance here, and no pulse ignites inside metal."""
     rises = []
     for share in (0.0, 0.03):
         cold = altered(machine, {
@@ -402,7 +402,7 @@ def test_a_badly_cooled_wire_breaks(machine, altered, drive):
 
 
 def test_a_worn_wire_breaks_cold(machine, altered, drive):
-    """Ten newton on a wire that holds 46 N: it breaks once some 80 % of it is gone."""
+    """10 N on a wire that holds 46 N: it breaks when about 80 % of it is worn away."""
     worn = altered(machine, {"base.discharge.wear_ratio": 100.0, "base.cooling.wire_heat_share": 0.0})
     windows = drive(edmsim.Plant(worn, seed=1, resolution="fast"), 30.0, 4.0)
     assert windows[-1].broken

@@ -1,4 +1,4 @@
-"""Programs and drawings made and read back."""
+"""Fixtures that write programs and drawings and read them."""
 
 import ezdxf
 import pytest
@@ -9,7 +9,7 @@ from edmsim.program.dxf import read_dxf
 
 @pytest.fixture
 def read(tmp_path):
-    """Return a function that reads G-code; it is in ``part.ngc`` then."""
+    """Return a function that writes G-code to ``part.ngc`` and reads it."""
 
     def read_text(text, **options):
         file = tmp_path / "part.ngc"
@@ -21,7 +21,7 @@ def read(tmp_path):
 
 @pytest.fixture
 def drawing(tmp_path):
-    """Return a function that draws with a callback and reads the drawing back."""
+    """Return a function that draws with a callback, and reads the drawing."""
 
     def make(draw, units=4, version="R2010"):
         document = ezdxf.new(version)
@@ -36,7 +36,7 @@ def drawing(tmp_path):
 
 @pytest.fixture
 def own_text(tmp_path):
-    """Return a function that reads a drawing given as text: lines of its entities, or all of them as bytes."""
+    """Return a function that reads a drawing from the text of its entities, or from bytes of the whole file."""
 
     def read(entities, before=""):
         file = tmp_path / "own.dxf"

@@ -1,4 +1,4 @@
-"""What a user's table says of the conditions that a program calls."""
+"""A user's table of settings for the conditions that a program calls."""
 
 from pathlib import Path
 

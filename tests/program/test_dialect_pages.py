@@ -1,4 +1,4 @@
-"""The pages of the dialects: their programs are read, and their tables name the words that the code knows."""
+"""The pages of the dialects: their programs can be read, and their tables list the words that the code accepts."""
 
 import re
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_the_program_of_a_page_is_read_as_its_dialect(name, tmp_path):
 def test_a_page_names_the_words_of_its_dialect(name):
     dialect = DIALECTS[name]
     cells = first_cells((DOCS / f"{name}.md").read_text(encoding="utf-8"))
-    if name != "freecad":  # its table has the switches of the post
+    if name != "freecad":  # its table lists the switches of the post-processor
         codes = {f"{letter}{number:g}" for letter, number in dialect.codes}
         common = {"M98", "M99", "G2", "G3", "G4", "T1"}  # words of all dialects, and the angle T1.5
         assert set(re.findall(r"[GMT]\d+", cells)) - common == codes

@@ -1,4 +1,4 @@
-"""Programs in the words of machines: each of our examples against its geometry, and what makes no sense in them."""
+"""Programs in dialects of machines: the geometry of each example, and errors in programs."""
 
 import math
 from pathlib import Path
@@ -129,7 +129,7 @@ def test_two_planes_by_a_colon():
     below, above = shapely.Polygon(outline.points_mm), shapely.Polygon(upper)
     assert below.area == pytest.approx(64 - (4 - math.pi), abs=0.005)
     assert above.area == pytest.approx(36 - 4 * (4 - math.pi), abs=0.01)
-    ends = np.flatnonzero(np.diff([0, *outline.elements, 0]))  # where elements meet below they meet above
+    ends = np.flatnonzero(np.diff([0, *outline.elements, 0]))  # elements begin and end together below and above
     assert upper[ends][:4] == pytest.approx(np.array([[4, 1], [3, 1], [1, 3], [1, 5]]))
 
 
@@ -274,7 +274,7 @@ steps_50th_mm = st.lists(st.integers(5, 400), min_size=2, max_size=8)
     steps=steps_50th_mm, offsets=st.lists(st.integers(100, 300), min_size=2, max_size=6, unique=True), data=st.data()
 )
 def test_passes_to_and_fro_are_the_same_profile(tmp_path_factory, steps, offsets, data):
-    """A staircase, which crosses itself nowhere, to and fro with any offsets, with G40 between passes or without."""
+    """A staircase, which does not cross itself, to and fro with any offsets, with or without G40 between passes."""
     profile = [(0.0, 0.0)]
     for number, step in enumerate(steps):
         x, y = profile[-1]

@@ -1,4 +1,4 @@
-"""Drawings in: closed outlines out."""
+"""Reading of drawings as closed outlines."""
 
 import math
 
@@ -23,7 +23,7 @@ def area(outline):
 
 
 def chord_error(outline, curve):
-    """Return how far the chords' middles are from a curve given as a dense line."""
+    """Return the greatest distance of the chords' middles from a curve, a dense polyline."""
     points = outline.points_mm
     return shapely.distance(shapely.LineString(curve), shapely.points((points[1:] + points[:-1]) / 2)).max()
 
@@ -217,7 +217,7 @@ def test_an_unknown_unit_is_refused(drawing):
 
 
 def plate(space):
-    """A plate with holes in blocks within a block, turned, stretched and as a grid."""
+    """A plate with holes in nested blocks, which are rotated, stretched and repeated in a grid."""
     hole = space.doc.blocks.new("HOLE")
     hole.add_circle((0, 0), 1)
     hole.add_text("H")
@@ -292,7 +292,7 @@ def test_a_unit_that_makes_no_sense_is_requested(tmp_path):
 RING = [(10 * math.cos(a), 10 * math.sin(a), 0.0) for a in np.linspace(0, math.tau, 13)[:-1]]
 
 
-def wrapped(spline):  # control points repeated, knots that go on beyond the ends
+def wrapped(spline):  # repeated control points, knots beyond the ends
     spline.set_closed(RING)
 
 

@@ -1,4 +1,4 @@
-"""The example programs, and two from a working shop where they are at hand."""
+"""The example programs, and two from a workshop if their files are present."""
 
 import math
 import runpy
@@ -80,7 +80,7 @@ def test_the_gear_is_what_its_script_draws(tmp_path):
     runpy.run_path(str(script), run_name="__main__")
     drawn, shipped = (planned(folder / "gear.dxf") for folder in (tmp_path, EXAMPLES))
     for one, other in zip(drawn.contours, shipped.contours, strict=True):
-        # not to the point: sines differ in their last bit from processor to processor, and chords with them
+        # not exactly: the last bit of a sine depends on the processor, and so do the chords
         apart = shapely.LineString(one.points_um).hausdorff_distance(shapely.LineString(other.points_um))
         assert apart < 2.0
 

@@ -1,4 +1,4 @@
-"""Programs as FreeCAD's post for wire EDM writes them: whatever its switches, one contour is read."""
+"""Programs of FreeCAD's post-processor for wire EDM: one contour is read with all its switches."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from edmsim.program.gcode import read_gcode
 
 @dataclass(frozen=True)
 class Switches:
-    """What the post can be asked for; places and radii are whole numbers of its last decimal place."""
+    """Options of the post-processor; positions and radii are multiples of its last decimal place."""
 
     header: bool
     comments: bool
@@ -37,7 +37,7 @@ class Switches:
 
     @property
     def per_unit(self):
-        """Steps of the grid in a unit: 0.001 mm, or 0.0001 inch."""
+        """Number of grid steps per unit: steps of 0.001 mm or 0.0001 inch."""
         return 10_000 if self.inches else 1000
 
     def number(self, steps):
@@ -49,7 +49,7 @@ class Switches:
 
 
 def written(moves, how):
-    """Write moves as the post does; the first leads to the contour from X0 Y0."""
+    """Write moves as the post-processor does; the first leads to the contour from X0 Y0."""
     lines = []
 
     def line(*words, ended=True):
@@ -89,7 +89,7 @@ def written(moves, how):
 
 
 def rounded_rectangle(corner, width, height, radius):
-    """Return the moves to and round a rectangle with four round corners, clockwise from its lower side."""
+    """Return the moves to a rectangle with four round corners and round it, clockwise from its lower side."""
     x, y = corner
     x2, y2, r = x + width, y + height, radius
     middle = (x + width // 2, y)
@@ -131,7 +131,7 @@ def read(tmp_path_factory):
 )  # fmt: skip
 def test_whatever_its_switches_one_contour_is_read(read, how, whole, corner, width, height, radius):
     if how.inches and not (how.units or how.comments):
-        return  # nothing in it tells of inches: read as mm, as its page says
+        return  # nothing in the program shows inches, so it is read as mm, as the page says
     if whole and how.scale == 1000:
         how = Switches(**{**vars(how), "places": 1 if how.inches else 0})
     moves = rounded_rectangle(corner, width, height, radius)

@@ -1,4 +1,4 @@
-"""G-code in: geometry out, decisions told, nothing guessed."""
+"""Reading of G-code: geometry, notices of decisions, and refusal of unclear programs."""
 
 import math
 
@@ -77,7 +77,7 @@ def test_incremental_and_absolute_give_the_same_path(tmp_path_factory, moves):
 @pytest.mark.parametrize(("text", "end_mm"), [
     ("G20 G0 X0 Y0\nG1 X1. Y.5\n", [25.4, 12.7]),
     ("G0 X0 Y0\nG1 X20\nG1 Y10\n", [20, 10]),  # whole numbers that fit the table
-    ("G0 X100 Y100\nG1 X110\nG1 Y120\n", [110, 120]),  # so do these, though far from zero
+    ("G0 X100 Y100\nG1 X110\nG1 Y120\n", [110, 120]),  # also if far from zero
     ("G91\nG1 X400\nX400\nY-300\n", [0.8, -0.3]),  # whole um
 ])  # fmt: skip
 def test_the_unit_of_a_program(read, text, end_mm):

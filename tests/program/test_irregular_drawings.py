@@ -1,4 +1,4 @@
-"""What CAD programs and scripts write besides plain lines: polylines of every kind, annotations, damaged files."""
+"""Drawings by CAD programs and scripts other than plain lines: all polylines, annotations, damaged files."""
 
 import itertools
 import random
@@ -49,7 +49,7 @@ CURVE = [(0.0, 0.0, 0.0, 8), (10.0, 0.0, 0.0, 8), (10.0, 6.0, 0.0, 8), (0.0, 6.0
     (13, [*[(x, y, 7.0, 48) for x, y, _, _ in FRAME], *[(x, y, 4.0, 40) for x, y, _, _ in CURVE]]),
 ])  # fmt: skip
 def test_polylines_are_drawn_by_their_flags(own_text, flags, vertices):
-    """What only controls a spline (16) is not drawn; what fits it (8) or a curve (1) is; 3D at one height is flat."""
+    """Control points of a spline (16) are not drawn; fitted points (8, 1) are; 3D of one height is flat."""
     assert size(own_text(polyline(flags, vertices))) == [10, 6]
 
 

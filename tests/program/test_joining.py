@@ -1,4 +1,4 @@
-"""Short, repeated and doubled entities of drawings: joined away, removed, cut once."""
+"""Short, repeated and doubled entities of drawings are joined, removed, or cut once."""
 
 import math
 import warnings
@@ -16,7 +16,7 @@ from edmsim.program.path import plan_path
 
 
 def lines(space, corners):
-    """Draw a closed contour of loose lines."""
+    """Draw a closed contour of separate lines."""
     for start, end in pairwise([*corners, corners[0]]):
         space.add_line(start, end)
 
@@ -43,7 +43,7 @@ CORNERS = {
 @pytest.mark.parametrize("gap_mm", [0.0, 0.003])
 @pytest.mark.parametrize("kind", CORNERS)
 def test_what_is_shorter_than_the_tolerance_is_joined_away(drawing, kind, gap_mm):
-    """The ends it lies between are then up to 5 um apart, and the tolerance at either end more."""
+    """The ends that it joins are up to 5 um apart, in addition to the tolerance at either end."""
     program = drawing(lambda m: [three_sides(m, gap_mm), CORNERS[kind](m)])
     assert sizes(program) == [(10, 10)]
     assert len(program.outlines[0].points_mm) == 5
@@ -57,7 +57,7 @@ def test_without_anything_between_ends_that_far_apart_are_open(drawing):
 
 @pytest.mark.parametrize("step_mm", [0.0, 0.0001, 0.002])
 def test_short_lines_in_a_row_lead_on(drawing, step_mm):
-    """Of 3 um each, with gaps between them: together they are no longer short."""
+    """Lines of 3 um each, with gaps between them, are not short together."""
     low = np.arange(5) * (0.003 + step_mm)
 
     def draw(space):
@@ -92,7 +92,7 @@ def test_what_touches_nothing_is_left_out_with_a_notice(drawing):
         lines(space, [(0, 0), (10, 0), (10, 10), (0, 10)])
         space.add_circle((3, 3), 0.003)
         space.add_line((6, 6), (6.004, 6))
-        space.add_line((10, 0), (10.003, -0.001))  # at a corner where two lines meet already
+        space.add_line((10, 0), (10.003, -0.001))  # at a corner where two lines already meet
 
     program = drawing(draw)
     assert sizes(program) == [(10, 10)]
@@ -110,7 +110,7 @@ def test_a_third_line_that_is_not_short_still_branches(drawing):
 
 @pytest.mark.parametrize("scale", [{}, {"xscale": 2.0, "rotation": 20.0}, {"xscale": -1.0}, {"yscale": 0.5}])
 def test_in_blocks_too_arcs_of_equal_angles_are_points(drawing, scale):
-    """So BricsCAD and TrueView draw them; the DXF library makes full circles of them, or ellipses when it scales."""
+    """BricsCAD and TrueView draw them so; the DXF library makes full circles of them, or ellipses if it scales."""
 
     def draw(space):
         block = space.doc.blocks.new("PART")
@@ -204,7 +204,7 @@ def chain(points, place=0):
 def test_lines_in_any_order_with_noise_short_ones_between_and_copies_join(corners, noise, radius_mm):
     """A polygon on a circle; each corner is left open by up to 4 um, bridged by a short line, or drawn exactly.
 
-    Corners lie further apart than what is joined of both reaches: what ends there could belong to either.
+    Corners are farther apart than the reach of both together, because an end in between could belong to either.
     """
     draw = np.random.default_rng(noise)
     angle = np.sort(np.array(corners)) * math.tau / 41

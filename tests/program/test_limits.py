@@ -1,4 +1,4 @@
-"""Programs no machine could cut are refused in one line, by size and count, before work on them begins."""
+"""Programs that no machine could cut are refused in one line, by size and count, before they are processed."""
 
 import time
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ AUTO = {"auto_offset_mm": 0.15}
 
 @contextmanager
 def refused(match, within_s=10.0):
-    """Expect a line that says so, soon: these took minutes and gigabytes, or ended in a traceback."""
+    """Expect a one-line error within a time; such programs took minutes and gigabytes, or ended in a traceback."""
     started = time.perf_counter()
     with pytest.raises(InputError, match=match) as caught:
         yield
@@ -140,7 +140,7 @@ def first_loop(places):
 
 @pytest.mark.slow
 def test_a_wire_that_goes_back_and_forth_is_not_compared_with_all_of_its_past():
-    """Every pass was compared with every one before it, over all the moves between: three thousand took minutes."""
+    """If every pass is compared with all passes before it, over all moves between, three thousand take minutes."""
     started = time.process_time()
     assert first_loop([0j, 5 + 0j, 6 + 0j] * 20_000 + [0j]) is None
     assert first_loop([0j, 5 + 0j, 6 + 0j] * 20_000 + [0j, 5j, -5 + 5j, 0j]) == (0, 60_003)

@@ -1,4 +1,4 @@
-"""Passes of a contour: offsets, tab, overlap, the way to and fro, and passes that a program has."""
+"""Passes of a contour: offsets, tab, overlap, directions, and passes of the program itself."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -30,14 +30,14 @@ def of_square(folder, offsets_mm=OFFSETS_MM, **plan_options):
 
 
 def test_rough_forward_trims_to_and_fro_then_the_tab(tmp_path):
-    """The order of shops: the profile without the tab, to and fro, a stop, the tab with the rough condition first."""
+    """The usual order: the profile without the tab, to and fro, a stop, then the tab, rough pass first."""
     contour = of_square(tmp_path, tab_mm=1.5)
     rows = [(p.number, p.piece, p.reversed, p.stops_before, p.frees) for p in contour.passes]
     assert rows == [
         (1, "profile", False, False, False), (2, "profile", True, False, False), (3, "profile", False, False, False),
         (1, "tab", False, True, True), (2, "tab", True, False, False), (3, "tab", False, False, False),
     ]  # fmt: skip
-    assert contour.offset_um == 150.0  # that of the last pass
+    assert contour.offset_um == 150.0  # the offset of the last pass
     for before, now in zip(contour.passes, contour.passes[1:], strict=False):
         np.testing.assert_array_equal(before.points_um[-1], now.points_um[0])  # the wire stays threaded
 
@@ -62,7 +62,7 @@ def test_the_tab_stays_until_its_own_passes(tmp_path):
     contour = of_square(tmp_path, tab_mm=1.5)
     around = 16.0
     rough, tab = contour.passes[0], contour.passes[3]
-    corners = 3 * np.pi / 2 * 0.25  # three quarters, and the fourth is round about as well
+    corners = 3 * np.pi / 2 * 0.25  # of three corners; the path goes round the fourth, too
     assert rough.length_mm == pytest.approx(around - 1.5 + corners + np.pi / 2 * 0.25, abs=0.01)
     assert tab.length_mm == pytest.approx(1.5 + 2 * 0.1, abs=0.01)
     trims = [p.length_mm for p in contour.passes if p.piece == "profile"]
@@ -110,7 +110,7 @@ def test_points_are_on_the_grid_and_within_the_table(tmp_path, offsets_mm):
 
 @pytest.mark.parametrize("offsets_mm", [OFFSETS_MM, OFFSETS_MM[:2]])
 def test_a_long_overlap_leads_no_pass_once_more_round_the_contour(tmp_path, offsets_mm):
-    """The way there would cut the tab, before the stop."""
+    """The move there would cut the tab before the stop."""
     contour = of_square(tmp_path, offsets_mm, overlap_mm=3.0)
     for one in contour.passes[1:]:
         assert one.way.along_um[one.approach_moves] < 5000
@@ -121,7 +121,7 @@ def test_a_long_overlap_leads_no_pass_once_more_round_the_contour(tmp_path, offs
     "begin", ["X-1.5 Y2\nG41 G1 X0\nY4\nX4\nY0\nX0\nY2", "X-1 Y-1\nG41 G1 X0 Y0\nY4\nX4\nY0\nX0"]
 )
 def test_no_way_from_one_pass_to_the_next_cuts_a_corner(tmp_path, tab_mm, begin):
-    """Where a tab ends just behind an outer corner, the wire goes round it to the next pass, not straight there."""
+    """If a tab ends just after an outer corner, the wire goes round the corner to the next pass, not straight."""
     offsets_mm = (0.27, 0.203, 0.158, 0.14)
     text = f"G21 G90\nG0 {begin}\nG40\nM2\n"
     contour = plan(tmp_path, text, passes=PassPlan(offsets_mm, tab_mm=tab_mm)).contours[0]
@@ -156,7 +156,7 @@ def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path, tab_mm):
 
 
 def test_dwells_of_a_program_stay_in_its_passes(tmp_path):
-    """On the way to each pass, and within the second alone."""
+    """Dwells on the move to each pass, and within the second pass alone."""
     back = "Y0\nX4\nG4 P3\nY4\nX0\nY2\n"
     text = "G21 G90\nD1=0.25\nD2=0.2\nG0 X-1.5 Y2\nG41 D1 G1 X-1\nG4 P1\nX0\n" + ROUND + "G40\n"
     again = AGAIN.format("G42", "D2", back).replace("Y2\n", "Y2\nG4 P2\n", 1)
@@ -164,9 +164,9 @@ def test_dwells_of_a_program_stay_in_its_passes(tmp_path):
     first, second = contour.passes
     assert [seconds for _, seconds in first.dwells] == [1.0]
     place = first.points_um[first.dwells[0][0]] * 1e-3 - contour.nominal_mm[0]
-    np.testing.assert_allclose(place, (-1.0, 0.25))  # beside the way, as G41 says
+    np.testing.assert_allclose(place, (-1.0, 0.25))  # at the offset, because of G41
     assert [seconds for _, seconds in second.dwells] == [2.0, 3.0]
-    assert second.dwells[0][0] == second.approach_moves  # the wire is threaded: it waits where this pass begins
+    assert second.dwells[0][0] == second.approach_moves  # the wire stays threaded, and waits where this pass begins
     place = second.points_um[second.dwells[1][0]] * 1e-3 - contour.nominal_mm[0]
     np.testing.assert_allclose(place, (4.2, -2.0), atol=0.21)
 
@@ -177,7 +177,7 @@ GUIDES = GuideHeights(-10.0, 20.0, 10.0, 30.0)
 @pytest.mark.parametrize("corners", ["conical", "sharp"])
 @pytest.mark.parametrize("angle_deg", [3.0, -3.0])
 def test_passes_of_a_leaning_wire_keep_their_offsets_at_every_height(tmp_path, angle_deg, corners):
-    """Beside a wall that leans by a, a wire's centre is its offset over cos a away in a horizontal plane."""
+    """In a horizontal plane, the wire's centre is offset / cos a from a wall that leans by a."""
     contour = plan(
         tmp_path, passes=PassPlan(OFFSETS_MM, tab_mm=1.2), taper_deg=angle_deg, corners=corners, guides=[GUIDES]
     ).contours[0]
@@ -226,13 +226,13 @@ AGAIN = "G0 X-1.5 Y2\n{} G1 X0 {}\n{}G40\n"
 
 
 def twice(first_mm, second_mm, code="G41", way=ROUND):
-    """Return a program that cuts a square, and again under a code and along a way."""
+    """Return a program that cuts a square, and then cuts again with a code and along a path."""
     head = f"G21 G90\nD1={first_mm}\nD2={second_mm}\n"
     return head + AGAIN.format("G41", "D1", ROUND) + AGAIN.format(code, "D2", way) + "M2\n"
 
 
 def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path):
-    """Forward with G41 at D1, back on the same edge with G42 at D2."""
+    """Forward with G41 and D1, back along the same edge with G42 and D2."""
     path = plan(tmp_path, twice(0.25, 0.2, "G42", "Y0\nX4\nY4\nX0\nY2\n"))
     assert len(path.contours) == 1
     assert [(p.offset_um, p.reversed) for p in path.contours[0].passes] == [(250.0, False), (200.0, True)]
@@ -248,7 +248,7 @@ def test_an_edge_that_is_cut_again_after_another_one_is_named(tmp_path):
 
 
 ELSEWHERE = AGAIN.format("G41", "D1", ROUND) + "X-1\n{}G42 D2 G1 Y4\nX0\nY0\nX4\nY4\nX2\nG40\nM2\n"
-"""A square whose second pass runs back, from the middle of its upper side."""
+"""A square whose second pass runs backwards, from the middle of its upper side."""
 
 
 @pytest.mark.parametrize(("way", "threads"), [("Y5\nX2\n", False), ("G0 X2 Y5.5\n", True)])
@@ -264,7 +264,7 @@ def test_a_trim_that_begins_elsewhere_goes_there_as_the_program_says(tmp_path, w
     assert (trim.reversed, trim.threads, contour.threads) == (True, threads, (True, threads))
     assert [leg.threads for leg in legs_of(contour)] == [True, False, threads]
     assert len(path.start_holes_um) == 1 + threads
-    # the edge runs as the contour does, whatever the last pass does
+    # the edge has the direction of the contour, also if the last pass has not
     np.testing.assert_allclose(contour.nominal_mm[:3] - path.origin_mm, [(0, 2), (0, 4), (4, 4)])
     assert [element for element, _ in contour.elements] == [1, 2, 3, 4, 5]
     rough_end, begin = rough.points_um[-1], trim.points_um[0]
@@ -336,7 +336,7 @@ def test_offsets_of_a_program_may_not_grow(tmp_path):
 
 def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_rough_pass(tmp_path):
     """On an arc a trim stays before the corner's point, and rounds it (row "error of an outer corner")."""
-    sharp = "Y4\nX4\nY0\nX2\nY-3\nX0\nY2\n"  # with an inner corner, and one that is sharper than a right angle
+    sharp = "Y4\nX4\nY0\nX2\nY-3\nX0\nY2\n"  # with an inner corner, and one sharper than a right angle
     contour = plan(tmp_path, SQUARE.format(sharp), passes=PassPlan(OFFSETS_MM, tab_mm=0.0)).contours[0]
     edge = shapely.LineString(contour.nominal_mm)
     rough, *trims = contour.passes
@@ -353,7 +353,7 @@ def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_ro
 
 
 def test_a_tab_that_the_rough_pass_cuts_through_is_named(tmp_path):
-    """At an inner corner the wire passes an edge of 0.2 mm without a move."""
+    """At an inner corner the wire cuts an edge of 0.2 mm without a move along it."""
     inside = "G21 G90\nG0 X2 Y2\nG42 G1 X0 Y0\nY4\nX4\nY0\nX0\nG40\nM2\n"
     for tab_mm, held in ((1.5, True), (0.6, False), (0.2, False)):
         path = plan(tmp_path, inside, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm))

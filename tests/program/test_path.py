@@ -1,4 +1,4 @@
-"""The wire path: beside the edge, through the waste, in whole um on the table."""
+"""The wire's path: at the offset from the edge, in the waste, in whole um on the table."""
 
 import math
 
@@ -19,7 +19,7 @@ TABLE_UM = 65_000
 PUNCH = "G92 X5 Y-2\nG41 D0 G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
 ROBOFIL = "G92\nG42 D0\nG90\nG0 X5.0 Y0\nG1 X0\nY8\nX10\nY0\nX5\nM02\n"
 ROUNDING_MM = 0.002
-"""What whole um, simplification and chords about corners may add to the offset."""
+"""Greatest deviation of the offset by whole um, simplification, and chords round corners."""
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def distances(contour, points):
 
 
 def check_offset(contour, offset_mm):
-    """Check the offset at every point and middle of a move, its side, and the lead-in."""
+    """Check the offset at all points and middles of moves, its side, and the lead-in."""
     path = cut_points(contour)
     middles = (path[1:] + path[:-1]) / 2
     assert abs(distances(contour, path) - offset_mm).max() < ROUNDING_MM
@@ -72,7 +72,7 @@ def check_offset(contour, offset_mm):
 
 
 def check_job(path):
-    """Check what holds for every planned path."""
+    """Check properties of all planned paths."""
     for contour in path.contours:
         points = contour.points_um
         assert points.dtype == np.int64
@@ -89,7 +89,7 @@ def check_job(path):
 
 
 def test_a_punch_by_hand(plan):
-    """Compensated left of a clockwise square: outside, from beside the start, round about the corners."""
+    """Compensation left of a clockwise square: outside, beginning at the offset from the start, round the corners."""
     path = plan(PUNCH)
     (contour,) = path.contours
     check_job(path)

@@ -1,4 +1,4 @@
-"""What the wire cannot make is named before the cut, with place and radius."""
+"""Notices before the cut name corners that the wire cannot make, with place and radius."""
 
 import math
 
@@ -14,7 +14,7 @@ OFFSET_MM = 0.155
 
 
 def notices(folder, corner):
-    """Plan an opening of 10 by 10 mm whose lower right corner is cut as given, and say what the wire cannot make."""
+    """Plan an opening of 10 by 10 mm with this lower right corner; return the notices of what cannot be made."""
     file = folder / "opening.ngc"
     file.write_text(f"G92 X5 Y5\nG41 D1 G1 X5 Y0\n{corner}\nY10\nX0\nY0\nX5\nG40\nM02\n")
     notices = plan_path(file, OFFSET_MM, auto_offset_mm=1.0).notices

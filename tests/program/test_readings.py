@@ -1,4 +1,4 @@
-"""What a program means where its numbers, codes or moves could be read in several ways."""
+"""Interpretation of programs whose numbers, codes or moves are ambiguous."""
 
 import math
 
@@ -47,7 +47,7 @@ def test_an_arc_within_the_tolerance_never_becomes_a_circle(read, start, radius)
 
 
 def test_arcs_within_the_tolerance_do_not_vote(read):
-    """Three of 2 um fit an absolute centre only by accident; the half circle that fits both is relative."""
+    """Three arcs of 2 um fit an absolute centre only by accident; the half circle, which fits both, is relative."""
     tiny = "".join(f"G1 Y{k}.\nG3 X10.002 Y{k}.002 I0. J0.002\nG1 X10.\n" for k in (1, 2, 3))
     program = read(f"G21\nG0 X10. Y0.\n{tiny}G0 X20. Y0.\nG3 X20. Y0. I5. J0.\nM2\n")
     circle = program.outlines[-1].points_mm
@@ -80,7 +80,7 @@ def test_a_circle_whose_ends_differ_by_rounding_is_full(read, end):
     assert has_notice(program, "it is read as a full circle") == (end != "X.5 Y0.0")
 
 
-@pytest.mark.parametrize("begin", ["X0 Y-3.\nG1 Y0.", "X4. Y-3.\nG1 Y0."])  # in the second one a move goes over it
+@pytest.mark.parametrize("begin", ["X0 Y-3.\nG1 Y0.", "X4. Y-3.\nG1 Y0."])  # in the second program a move crosses it
 def test_a_short_arc_of_a_contour_that_closes_without_a_circle_is_one(read, begin):
     rest = "G3 X10.003 Y0.001 I-0.5 J3.\nG1 Y8.\nX0.\nY0.\nX5.\nM2\n"
     program = read(f"G21\nG0 {begin}\nX10.\n{rest}")
@@ -89,7 +89,7 @@ def test_a_short_arc_of_a_contour_that_closes_without_a_circle_is_one(read, begi
     assert has_notice(program, "line 5: the arc's ends are 3.2 um apart: it is read as the short arc")
 
 
-# tolerances from the resolution that is written
+# tolerances from the number of decimal places
 
 
 @pytest.mark.slow
@@ -174,7 +174,7 @@ def test_arcs_that_do_not_fit_what_the_program_says(read, text, named):
         read(text)
 
 
-# where a contour begins, and what comes after it
+# beginnings of contours, and moves after them
 
 
 RING = "G1 X{0}5. Y0.\nY3.\nX{0}8.\nY-3.\nX{0}5.\nY0.\nX0.\n"
@@ -248,7 +248,7 @@ def test_a_path_without_compensation_is_cut_as_written(read, moves):
     assert any("no edge lies at the offset" in notice for notice in path.notices)
 
 
-# state before it is stated
+# modal state before the first code that sets it
 
 
 CIRCLE = "G92 X0 Y0\nG41 D1 G1 X.25 Y0\nG3 X-.25 Y0 I-.25 J0\nG3 X.25 Y0 I.25 J0\nG40 G1 X0 Y0\nM2\n"

@@ -72,7 +72,7 @@ def test_contours_have_the_offsets_of_their_registers(tmp_path):
     assert [contour.offset_um for contour in path.contours] == [160.0, 200.0]
     for contour, radius_um in zip(path.contours, (840.0, 800.0), strict=True):
         away = np.hypot(*(contour.points_um[contour.lead_in_moves :] - contour.nominal_mm.mean(axis=0) * 1e3).T)
-        assert away == pytest.approx(radius_um, abs=15.0)  # the mean of the chords' ends is near the centre
+        assert away == pytest.approx(radius_um, abs=15.0)  # the mean of the chords' ends is only near the centre
     assert "offset 160, 200 um" in repr(path)
     requested = plan(tmp_path, TWO_HOLES.format(x="X5.", second="D2"), offset=0.18)
     assert requested.offset_um == 180.0
@@ -180,7 +180,7 @@ def test_registers_that_are_always_in_um_need_no_unit_before_them(read):
     text = "H001 = 115;\nG20;\nG92 X0 Y0;\nG41 H001;\nG1 X.1;Y.1;X.3;Y0;X.1;\nG40;\n{}M02;\n"
     inches = read(text.format(""), dialect="skd2")
     assert not any("read in inches" in notice for notice in inches.notices)
-    both = read(text.format("G21;\n"), dialect="skd2")  # refused, if the register had a unit
+    both = read(text.format("G21;\n"), dialect="skd2")  # would be refused if the register had a unit
     assert [program.outlines[0].offset_mm for program in (inches, both)] == [0.115, 0.115]
 
 

@@ -1,4 +1,4 @@
-"""Tapered walls in closed form: mitres, cones, cylinders, the ellipse, guides, and what is refused."""
+"""Tapered walls compared with closed forms: mitres, cones, cylinders, the ellipse, guides; refused walls."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ def square(angle_deg=3.0, corners="sharp", side="right", part="left", size=6.0, 
 
 
 def rounded_square(angle_deg, corners, radius=1.0, size=6.0, part="left"):
-    """A square with arcs of one degree a chord, counter-clockwise."""
+    """A square with arcs of one degree per chord, counter-clockwise."""
     inner, points, elements = size / 2 - radius, [], []
     for quarter in range(4):
         at = np.radians(np.linspace(90 * quarter - 90, 90 * quarter, 91))
@@ -75,7 +75,7 @@ def test_guides_stand_where_the_wire_would_pass_them():
     lead = contour.lean.upper_um[contour.lead_in_moves :]
     # |UV| = (z_U - z_L) tan a, along both axes at a corner
     assert np.abs(np.abs(lead) - 30_000 * math.tan(math.radians(3.0))).max() <= 1.0
-    assert (contour.lean.upper_um[0] == 0).all()  # threaded upright
+    assert (contour.lean.upper_um[0] == 0).all()  # the wire is threaded upright
     slant = contour.way.slant[contour.lead_in_moves :]
     np.testing.assert_allclose(slant, 1 / math.cos(math.radians(3.0)), atol=2e-6)
     on_face = contour.at_height(0.0).points_um[contour.lead_in_moves :]
@@ -248,7 +248,7 @@ def test_ruled_walls_lean_by_their_angle_at_every_height(sides, radius, angle_de
     drawn, found = shapely.LinearRing(outline.points_mm), shapely.Polygon(wall.at(height_mm))
     line = wall.at(height_mm)
     away = drawn.distance(shapely.points((line[:-1] + line[1:]) / 2))
-    assert np.abs(away - abs(d)).max() < 2e-3  # chords of arcs
+    assert np.abs(away - abs(d)).max() < 2e-3  # because arcs are chords
     assert found.is_valid
     centres = shapely.points(wire.at(height_mm))
     assert found.exterior.distance(centres).min() > OFFSET / math.cos(math.radians(angle_deg)) - 2e-3
@@ -267,7 +267,7 @@ def test_a_wire_between_two_contours_keeps_the_ellipse_from_both(shifts, height_
     wall, wire = wall_and_wire(outline, OFFSET, GUIDES)
     np.testing.assert_allclose(wall.at(10.0), upper)
     np.testing.assert_allclose(wall.at(height_mm), lower + (upper - lower) * height_mm / 10.0)
-    # a wall that twists is met between its planes, too, within what its lean changes over a side
+    # the wire also touches a twisted wall between its planes, up to the change of lean along a side
     gap = shapely.distance(shapely.LinearRing(wire.at(height_mm)), shapely.Polygon(wall.at(height_mm)))
     assert OFFSET - 1e-3 < gap < OFFSET * 1.02
 
@@ -287,14 +287,14 @@ def refused(outline, guides=GUIDES, offset=OFFSET):
 
 def test_a_radius_that_vanishes_names_its_height():
     reason = refused(rounded_square(8.0, "conical"))
-    # all chords of all four arcs vanish there, to rounding: the beginning of the first is named on every processor
+    # up to rounding, all chords of the four arcs vanish there; every processor names the beginning of the first arc
     assert "the arc of the wall at X2.000 Y-3.000" in reason
     assert f"at a height of {1.0 / math.tan(math.radians(8.0)):.3f} mm" in reason
 
 
 def test_angles_beyond_the_guides_say_how_far_they_go():
     reason = refused(square(-40.0), GUIDES._replace(travel_mm=20.0))
-    assert "lean by 49.88 degrees" in reason  # both components at a corner
+    assert "lean by 49.88 degrees" in reason  # with both components at a corner
     assert "it goes 20 mm" in reason
     assert "give angles below 45" in refused(square(50.0))
 
@@ -312,7 +312,7 @@ def test_what_cannot_be_is_refused_in_one_line(outline, said):
 
 
 def test_a_wire_that_would_cross_its_own_way_says_at_which_height():
-    # two lobes joined by a neck: 2 mm wide below, gone above
+    # two lobes joined by a neck, 2 mm wide below, which vanishes above
     right = [(1, -0.5), (1, -2), (4, -2), (4, 2), (1, 2), (1, 0.5)]
     points = [*right, *((-x, -y) for x, y in right)]
     reason = refused(polygon(points, taper=Taper((5.0,) * 12, corners="sharp")))
@@ -370,7 +370,7 @@ def test_two_layers_of_a_drawing_are_the_lower_and_the_upper_contour():
     assert len(set(outline.elements)) == 8
     assert np.abs(outline.points_mm).max() == pytest.approx(2.0, abs=1e-6)
     np.testing.assert_allclose(np.hypot(*outline.taper.upper_mm.T), 1.8, atol=2e-3)
-    # lines and arcs go with those above them: no ruling turns round the axis by more than a few degrees
+    # lines and arcs are joined to those above them: no ruling turns by more than a few degrees about the axis
     turn = np.angle((outline.taper.upper_mm @ (1, 1j)) / (outline.points_mm @ (1, 1j)))
     assert np.degrees(np.abs(turn)).max() < 10.0
 
@@ -413,7 +413,7 @@ def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
         "G21 G90\nD1=0.25\nD2=0.2\nG92 X1 Y-3\nG41 D1 G1 X1 Y0\nX0\nY4\nX4\nY0\nX1\nG40 Y-3\n"
         "G0 X3 Y-0.8\nG41 D2 G1 X3 Y0\nX0\nY4\nX4\nY0\nX3\nG40 Y-1\nM02\n"
     )
-    with pytest.raises(InputError, match="leans into the part") as caught:  # so is a trim's own
+    with pytest.raises(InputError, match="leans into the part") as caught:  # also by a trim of the program
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=[guides])
     assert caught.value.line == 14
     with pytest.raises(InputError, match="no guides that lead are known"):
