@@ -76,7 +76,7 @@ def main() -> None:
     table = RunTable(arguments.out / "histories.jsonl", {"settings": SETTINGS.model_dump()})
     seeds = [FIRST_SEED + k for k in range(arguments.machines)]
     rows = perform(
-        lambda seed: bandit.record(ENV_ID, SETTINGS, seed)._asdict(), seeds,
+        lambda seed: bandit.record(ENV_ID, SETTINGS, seed), seeds,
         lambda done, total: print(f"{done} of {total} machines recorded", flush=True),
         table=table, ids=[str(seed) for seed in seeds],
     )  # fmt: skip
