@@ -332,7 +332,7 @@ BAD = [
     (TABLE + "G92 X0. Y0\nC002 G1 X5.\n", 3, "C002 is not in the program's table: there are C001"),
     ("( ON OFF IP )\n" + TABLE, 2, "3 columns"), (TABLE + "G92 X0. Y0\nC001 C001 G1 X5.\n", 3, "both conditions"),
     ("H001=0.2\n" + TABLE + "G92 X0. Y0\nG41 H002 G1 X5.\n", 4, "H2 is not in the table: there are H1"),
-    ("H1=.0085+H175\nG92 X0. Y0\n", 1, "H1 is made of H175"),
+    ("H1=.0085+H175\nG92 X0. Y0\n", 1, "H1 refers to H175"),
     (TWO + "G1 X5. : X4.\nY5.\n", 4, "2 elements below and 1 above"),
     (TWO + "G141\nG1 X5. : X4.\nY5.\n", 5, "G141 leads the wire in two planes"),
     (TWO + "G1 X5. : G2 X4. Y1.\n", 3, "behind the colon wants its centre"),

@@ -145,7 +145,7 @@ def test_subprograms_call_others_and_idle_ones_are_named(read):
     text = f"G92 X0 Y0\nM98 P1\nM2\nO1\nM98 P2\nM98 P2\nM99\nO2\n{HOLE}M99\nO3\nG4 P1\nM99\n"
     program = read(text)
     assert len(program.outlines) == 2
-    assert "line 13: nobody calls subprogram O3" in program.notices
+    assert "line 13: subprogram O3 is never called" in program.notices
 
 
 @pytest.mark.parametrize(("text", "line", "named"), [
