@@ -241,7 +241,7 @@ class _Reader:
             parts = [first, *(part for part in others if _BEGINS_BLOCK.match("".join(part.split())))]
         elif first.strip():
             self.notices += [
-                f"line {line}: {part.strip()} behind ';' is a comment; --dialect sodick reads it as a block"
+                f"line {line}: {part.strip()} after ';' is a comment; --dialect sodick reads it as a block"
                 for part in others if _MOVES.fullmatch("".join(part.split()))
             ]  # fmt: skip
         found = [_read_block(part, line, self, labelled) for part in parts]
@@ -380,7 +380,7 @@ def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
             break
         at, letter, number = word.end(), word[1], word[2]
         if letter in values:
-            raise InputError(f"the word {letter} occurs twice behind the colon: write it once")
+            raise InputError(f"the word {letter} occurs twice after the colon: write it once")
         if letter in _ABOVE:
             values[letter] = _value(letter, number)
             block.measure(letter, number)
@@ -554,7 +554,7 @@ def _run(
 ) -> None:
     for block in blocks:
         if RETURN in block.codes:
-            raise InputError("M99 ends a subprogram, which begins with its O number behind M2 or M30",
+            raise InputError("M99 ends a subprogram, which begins with its O number after M2 or M30",
                              line=block.line)
         if CALL not in block.codes:
             out.append(block)
@@ -563,7 +563,7 @@ def _run(
         number, times = _call(block)
         if number not in subprograms:
             there = ", ".join(f"O{known}" for known in subprograms) or "none"
-            reason = f"there is no subprogram O{number} behind the end of the program; there are: {there}"
+            reason = f"there is no subprogram O{number} after the end of the program; there are: {there}"
             raise InputError(reason, line=block.line)
         if depth == _DEEPEST:
             raise InputError(f"subprogram O{number} calls itself, or calls lie over {_DEEPEST} deep", line=block.line)

@@ -433,7 +433,7 @@ def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
     if above and len(above) < len(moves):
         line = next(move.line for move in moves if not move.upper)
         reason = f"the contour has {len(moves)} elements below and {len(above)} above"
-        raise InputError(f"{reason}: give this block a move behind a colon as well, lower : upper", line=line)
+        raise InputError(f"{reason}: give this block a move after a colon as well, lower : upper", line=line)
     start = _upper_start(run, begin)
     upper = [start, *(point for move in above for point in move.upper)]
     lower = points_of(vertices_of(run)[begin], moves)

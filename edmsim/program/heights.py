@@ -77,7 +77,7 @@ class Heights:
             region = shapely.transform(area, lambda mm: mm + path.origin_mm)
             if not region.intersects(blank):
                 x0, y0, x1, y1 = np.subtract(path.stock_mm, (*path.origin_mm, *path.origin_mm))
-                raise InputError(f"area {number} of another height lies beside the workpiece, which reaches from "
+                raise InputError(f"area {number} of another height is outside the workpiece, which reaches from "
                                  f"X{x0:.3f} Y{y0:.3f} to X{x1:.3f} Y{y1:.3f}")
             placed.append((region, height))
         return placed

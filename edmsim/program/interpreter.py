@@ -374,7 +374,7 @@ class Interpreter:
             self.angle_deg, self.angle_stated = 0.0, False
         if self.early_angle and self.lean:
             if self.angle_deg == 0:
-                self.notices.add(f"the taper has no angle: write {self.early_angle} behind G51 or G52", block.line)
+                self.notices.add(f"the taper has no angle: write {self.early_angle} after G51 or G52", block.line)
                 self.angle_stated = True
             self.early_angle = ""
         leans = self.lean or (1 if self.dialect.signed_angle else 0)
@@ -463,7 +463,7 @@ class Interpreter:
         if self.dialect.dwells_in_ms and ("P" in block.values or not block.pointed):
             times = [time / 1e3 for time in times]
         if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_ALSO}:
-            raise InputError("G4 wants its time in seconds, 0 or more, as P or X and nothing else")
+            raise InputError("G4 needs its time in seconds, 0 or more, as P or X and nothing else")
         if times[0] > LONGEST_DWELL_S:
             raise InputError(f"a dwell of {times[0]:g} s is too long: at most {LONGEST_DWELL_S:g} s")
         if times[0] >= _LONG_DWELL_S:
@@ -478,7 +478,7 @@ class Interpreter:
             word = f"G10 L{values['L']:g}"
             raise InputError(f"{word} is not read: set offsets with L10 (H), L12 (D) or without L")
         if not {"P", "R"} <= values.keys() <= {"L", "P", "R", *_ALSO} or not values["P"].is_integer():
-            raise InputError("G10 wants the register's number as P and its offset as R: G10 L12 P1 R0.155")
+            raise InputError("G10 needs the register's number as P and its offset as R: G10 L12 P1 R0.155")
         for letter in letters:
             self.registers.define(register(letter, values["P"]), values["R"] * self.unit_mm)
 
@@ -587,7 +587,7 @@ class Interpreter:
             if code not in (2, 3):
                 return straight
             if not words.values.keys() & {"I", "J"}:
-                raise InputError("the arc behind the colon wants its centre as I and J: give them")
+                raise InputError("the arc after the colon needs its centre as I and J: give them")
             centre = self.upper + complex(words.values.get("I", 0.0), words.values.get("J", 0.0)) * self.unit_mm
             return replace(straight, turn=-1 if code == 2 else 1, centre=centre)
         if arc is not None and self.dialect.upper == "absolute" and block.values.keys() & {"U", "V"}:
@@ -601,12 +601,12 @@ class Interpreter:
         turn = -1 if self.motion == 2 else 1
         values, start = block.values, self.position
         if ("R" in values) == bool(values.keys() & {"I", "J"}):
-            raise InputError("an arc wants its centre as I and J, or its radius as R: give one")
+            raise InputError("an arc needs its centre as I and J, or its radius as R: give one")
         if "R" in values:
             return self._arc_of_radius(block, end, turn)
         centre, both = complex(values.get("I", 0.0), values.get("J", 0.0)) * self.unit_mm, {"I", "J"} <= values.keys()
         if self.absolute_centres and not both:
-            raise InputError("G90.1 is in force: an arc wants both I and J")
+            raise InputError("G90.1 is in force: an arc needs both I and J")
         return Arc(turn, start + centre, centre + self.shift if both else None, self.absolute_centres)
 
     def _arc_of_radius(self, block: Block, end: complex, turn: int) -> Arc:
