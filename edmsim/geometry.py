@@ -11,11 +11,11 @@ from edmsim.errors import InputError
 Floats = NDArray[np.float64]
 
 POINTS_PER_LAG = 64
-"""Points of the wire's path per lag of travel while it still turns in (ours: chords bulge by 1e-4 of the lag)."""
+"""Points of the wire's path per lag of travel while its direction changes (ours: chords err by 1e-4 of the lag)."""
 CORNER_DEG = 20.0
 """A path has a corner where it turns by at least this many degrees (ours: chords of arcs turn by less)."""
 SETTLED_RAD = 1e-6
-"""An angle at which the wire is taken to run straight behind the guides (ours)."""
+"""Angle below which the wire is assumed to follow straight behind the guides (ours)."""
 
 
 def arc_lengths(points: ArrayLike) -> Floats:
@@ -24,15 +24,15 @@ def arc_lengths(points: ArrayLike) -> Floats:
 
 
 def interpolated(places: Floats, known: Floats | NDArray[np.int64], rows: Floats | NDArray[np.int64]) -> Floats:
-    """Return at places (n,) the rows (n, k) between those (m, k) that are known at others (m,), in rising order."""
+    """Interpolate `rows` (m, k), known at the increasing values `known` (m,), linearly at `places` (n,)."""
     return np.stack([np.interp(places, known, column) for column in rows.T], axis=1)
 
 
 class Polyline:
-    """A line of straight pieces, open or closed (its last point is the first), asked by arc length in mm."""
+    """An open or closed polyline (its last point equals its first), queried by arc length in mm."""
 
     def __init__(self, points_mm: Floats, closed: bool) -> None:
-        # points nearer than 0.1 um to the one before are left out: they give no direction
+        # points within 0.1 um of the previous point are dropped, because they have no direction
         step = np.hypot(*np.diff(points_mm, axis=0).T)
         self.points = points_mm[np.concatenate([[True], step > 1e-4])]
         pieces = np.diff(self.points, axis=0)
@@ -41,37 +41,37 @@ class Polyline:
         self.closed = closed
         heading = _heading_deg(pieces)
         before = np.concatenate([heading[-1:] if closed else heading[:1], heading[:-1]])
-        # (n,): change of direction at every point, left positive; 0 at the ends of an open line, and at the last
-        # point of a closed one, where the first has it
+        # (n,): change of direction at every point, left positive; 0 at both ends of an open line. The turn where a
+        # closed line ends is stored at its first point, and its last has 0
         self.turn_deg = np.append(_signed_angle(heading - before), 0.0)
 
     def corners(self, min_turn_deg: float) -> NDArray[np.intp]:
-        """Vertices that turn by at least that much."""
+        """Return the indices of the points that turn by at least this angle."""
         return np.flatnonzero(np.abs(self.turn_deg) >= min_turn_deg)
 
     def stations(self, step: float, vertices: NDArray[np.intp]) -> Floats:
-        """Arc lengths at most `step` apart that meet the given vertices, and the end of an open line."""
+        """Return arc lengths at most `step` apart that include `vertices`, the start, and the end of an open line."""
         stops = np.unique(np.concatenate([[0.0], self.s[vertices], [self.length]]))
         rows = [np.linspace(a, b, int(np.ceil((b - a) / step)), endpoint=False) for a, b in pairwise(stops)]
         return np.concatenate(rows if self.closed else [*rows, [self.length]])
 
     def at(self, s: Floats) -> Floats:
-        """Points (n, 2) at these arc lengths; a closed line goes round, an open one ends."""
+        """Return the points (n, 2) at arc lengths, which wrap round a closed line and are clamped to an open one."""
         s = s % self.length if self.closed else s
         return interpolated(s, self.s, self.points)
 
     def tangent(self, s: Floats, reach: float) -> Floats:
-        """Unit directions (n, 2) of the chords from `reach` before to `reach` after these arc lengths."""
+        """Return the unit directions (n, 2) of the chords from `reach` before to `reach` after these arc lengths."""
         chord = self.at(s + reach) - self.at(s - reach)
         return np.asarray(chord / np.maximum(np.hypot(*chord.T), 1e-12)[:, None], np.float64)
 
     def bend_deg(self, s: Floats, reach: float) -> Floats:
-        """Angle (n,) without sign between the chords before and after these arc lengths."""
+        """Return the unsigned angle (n,) between the chords over `reach` before and after these arc lengths."""
         before, after = self.at(s) - self.at(s - reach), self.at(s + reach) - self.at(s)
         return np.abs(_signed_angle(_heading_deg(after) - _heading_deg(before)))
 
     def distance_along(self, s: Floats, marks: Floats) -> Floats:
-        """Arc length from each of `s` to the nearest of `marks`; infinite if there are none."""
+        """Return the arc length from each of `s` to the nearest of `marks`; infinite if there are none."""
         if self.closed:
             marks = np.concatenate([marks - self.length, marks, marks + self.length])
         fence = np.concatenate([[-np.inf], np.sort(marks), [np.inf]])
@@ -80,14 +80,14 @@ class Polyline:
 
 
 def path_corners(points_um: Floats | NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Return the length in um of a path (n, 2) up to each corner, and how far it turns there, left positive."""
+    """Return the length in um of a path (n, 2) up to each corner, and the turn there in degrees, left positive."""
     line = Polyline(np.asarray(points_um * 1e-3, np.float64), closed=False)
     corners = line.corners(CORNER_DEG)
     return line.s[corners] * 1e3, line.turn_deg[corners]
 
 
 def left_of(direction: Floats) -> Floats:
-    """Directions (n, 2) turned by 90 degrees to the left."""
+    """Return directions (n, 2) turned by 90 degrees to the left."""
     return np.stack([-direction[:, 1], direction[:, 0]], axis=1)
 
 
@@ -96,7 +96,7 @@ def _heading_deg(direction: Floats) -> Floats:
 
 
 def _signed_angle(degrees: Floats) -> Floats:
-    """The same angles within -180 to 180."""
+    """Wrap angles to -180 to 180 degrees."""
     return np.asarray((degrees + 180.0) % 360.0 - 180.0, np.float64)
 
 
@@ -118,7 +118,7 @@ def pursuit(path_um: ArrayLike, lag_um: float) -> Floats:
     Returns
     -------
     float64 array (m, 2)
-        From the wire's place straight behind the first point on; every point lies on the true curve.
+        Begins a lag straight behind the first point of the guides; every point lies on the exact curve.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def _checked(path_um: ArrayLike) -> Floats:
 
 
 def _until_taut(offset: Floats, heading: Floats, lag: float) -> float:
-    """Travel along `heading` until the guides, `offset` from the wire, are a lag away from it."""
+    """Return the travel along `heading` after which the guides, `offset` from the wire before, are a lag away."""
     along = float(offset @ heading)
     return max(0.0, -along + math.sqrt(max(0.0, along**2 - float(offset @ offset) + lag**2)))
 
@@ -161,7 +161,7 @@ def _until_taut(offset: Floats, heading: Floats, lag: float) -> float:
 def _follow(
     guide: Floats, wire: Floats, heading: Floats, length: float, lag: float
 ) -> Floats:
-    """Return the wire's path while the guides travel `length` from where the wire is taut."""
+    """Return the wire's path while the guides travel `length` from `guide`, a lag away from the wire."""
     across = np.array([-heading[1], heading[0]])
     half = math.atan2(float((guide - wire) @ across), float((guide - wire) @ heading)) / 2
     turning = lag * max(0.0, math.log(max(abs(math.tan(half)), 1e-300) * 2 / SETTLED_RAD))

@@ -1,7 +1,7 @@
-"""The edges of a cut: contours at the half-removed level of the kerf field, tile by tile; pieces that are loose.
+"""Edges of a cut, traced tile by tile where half of the metal is removed in the kerf field; loose pieces.
 
-Coordinates that leave this module are in mm on the table. What counts as cut is the metal taken from the
-blank: the rim of a drilled start hole or the side of the blank closes a kerf that opens there.
+Returned coordinates are in mm on the table unless a function says otherwise. Only metal removed from the blank
+counts as cut, so the rim of a start hole or the side of the blank closes a kerf that opens there.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,21 +31,21 @@ def filled(rings: shapely.MultiLineString) -> shapely.Geometry:
     """Return the area inside closed lines, counting even-odd."""
     try:
         return shapely.build_area(rings)
-    except shapely.errors.GEOSException:  # rings that touch themselves: slower, but it takes them
+    except shapely.errors.GEOSException:  # rings that touch themselves; this is slower
         loops = [shapely.make_valid(shapely.Polygon(line.coords)) for line in rings.geoms if line.is_closed]
         return reduce(shapely.symmetric_difference, loops, shapely.Polygon())
 
 
 def contour(field: KerfField, slice_index: int) -> shapely.MultiPolygon:
     """Return the metal removed from one slice as polygons in mm: the kerf."""
-    # holes in a polygon are the metal the wire went round: the part, or the slug. Start holes and the air
-    # outside the blank are not removed metal and do not belong to it
+    # holes in a polygon are metal that the wire went round: the part or the slug. Start holes and the space outside
+    # the blank are not removed metal, so they are not included
     area = filled(cut_edges(field, slice_index))
     return shapely.MultiPolygon(list(shapely.get_parts(area)))
 
 
 def without_specks(area: shapely.MultiPolygon, least_mm2: float) -> shapely.MultiPolygon:
-    """Return polygons and holes of at least an area: without craters beside the kerf and crumbs of metal in it."""
+    """Remove polygons and holes smaller than `least_mm2`: craters next to the kerf, and crumbs of metal in it."""
     return shapely.MultiPolygon([
         shapely.Polygon(part.exterior, [hole for hole in part.interiors if shapely.Polygon(hole).area >= least_mm2])
         for part in area.geoms if shapely.Polygon(part.exterior).area >= least_mm2
@@ -53,11 +53,11 @@ def without_specks(area: shapely.MultiPolygon, least_mm2: float) -> shapely.Mult
 
 
 RIM_CELLS = 1.5
-"""How far beyond its outline a loose piece is taken, in cells: partly filled cells of its rim belong to it (ours)."""
+"""Cells by which a loose piece's outline is expanded, because partly filled cells at its rim belong to it (ours)."""
 
 
 def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
-    """Return the pieces of `least_mm2` that are cut all round in every slice that has them, in um on the table."""
+    """Return the pieces of at least `least_mm2` that are free in all slices where they exist, in um on the table."""
     holes = shapely.union_all([shapely.Point(x, y).buffer(r) for x, y, r in field.stock.holes_um])
     slices = []
     for number in range(field.n_slices):
@@ -68,7 +68,7 @@ def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
             for ring in part.interiors
         ]  # fmt: skip
         metal = shapely.union_all([island for island in islands if island.area >= least_mm2 * 1e6])
-        if field.relief is not None:  # what has no metal at this height holds nothing
+        if field.relief is not None:  # places without metal at this height hold nothing
             metal = metal.union(field.relief.voids_um[number])
         slices.append(metal)
     gone, rim = shapely.union_all(field.gone), RIM_CELLS * field.cell_um
@@ -80,12 +80,12 @@ def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
 
 
 def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[np.float64]]:
-    """Yield, for each of `slices`, the edges as loose segments: array (m, 2, 2) of ``[end, (x, y)]`` in mm."""
-    # what was cut lies to the left of every segment; ends that meet are equal to the last bit
+    """Yield, for each of `slices`, the edges as unordered segments: array (m, 2, 2) of ``[end, (x, y)]`` in mm."""
+    # removed metal is to the left of every segment; ends that meet are equal to the last bit
     for number in slices:
         if not 0 <= number < field.n_slices:
             raise InputError(f"there is no slice {number}: the field has slices 0 to {field.n_slices - 1}")
-    # tiles to trace: the allocated ones and those below and left, whose last squares reach into them
+    # tiles to trace: allocated tiles, and those below and to the left, whose last squares extend into them
     allocated = np.argwhere(field.index >= 0)
     squares = np.unique(np.concatenate([allocated - by for by in (0, _RIGHT, _UP, _RIGHT + _UP)]), axis=0)
     stock = _stock_parts(field)
@@ -93,7 +93,7 @@ def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[n
         removed = _with_neighbours(field, stock[:, number], squares, number)
         lines = [np.empty((0, 2, 2))]
         for tile in np.flatnonzero((removed.min(axis=(1, 2)) < _HALF) & (removed.max(axis=(1, 2)) >= _HALF)):
-            # contour lines have the higher values on their left, and lines of tiles that share a side meet to the bit
+            # contourpy's lines have the higher values on their left; lines of adjacent tiles meet to the last bit
             for line in contour_generator(z=removed[tile].T).lines(_HALF):
                 points = (squares[tile] * TILE + line + 0.5) * (field.cell_um / 1000)
                 lines.append(np.stack([points[:-1], points[1:]], axis=1))
@@ -102,8 +102,8 @@ def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[n
 
 
 def metal_at(field: KerfField, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metal fraction (n_slices, n) at any points of all slices, bilinear between cell centres."""
-    # where no tile was ever allocated the wire has not been: that counts as metal
+    """Return the metal fraction (n_slices, n) at points in all slices, bilinear between cell centres."""
+    # cells without an allocated tile count as metal, because the wire has not been there
     place = points_um / field.cell_um - 0.5
     cell = np.floor(place).astype(np.int64)
     share = place - cell
@@ -115,7 +115,7 @@ def metal_at(field: KerfField, points_um: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _cell_parts(field: KerfField, cell: NDArray[np.int64]) -> NDArray[np.uint16]:
-    """Parts of metal in cells ``(n, 2)`` of all slices: array (n, n_slices)."""
+    """Return the parts of metal in cells ``(n, 2)`` of all slices: array (n, n_slices)."""
     tile = cell // TILE
     place = _place(field, tile)
     parts = np.full((len(cell), field.n_slices), FULL, np.uint16)
@@ -126,7 +126,7 @@ def _cell_parts(field: KerfField, cell: NDArray[np.int64]) -> NDArray[np.uint16]
 
 
 def _place(field: KerfField, tile: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Place of each tile ``(n, 2)`` in the field, -1 where there is none."""
+    """Return the index in `KerfField.tiles` of each tile ``(n, 2)``, or -1 if it is not allocated."""
     inside = ((tile >= 0) & (tile < field.index.shape)).all(axis=1)
     place = np.full(len(tile), -1, np.int32)
     place[inside] = field.index[tile[inside, 0], tile[inside, 1]]
@@ -134,8 +134,8 @@ def _place(field: KerfField, tile: NDArray[np.int64]) -> NDArray[np.int32]:
 
 
 def _stock_parts(field: KerfField) -> NDArray[np.uint16]:
-    """Parts in every allocated tile before the cut: array (count, n_slices, TILE, TILE)."""
-    distinct = 1 if field.relief is None else field.n_slices  # slices that are all alike share their room
+    """Return the parts of metal in every allocated tile before the cut: array (count, n_slices, TILE, TILE)."""
+    distinct = 1 if field.relief is None else field.n_slices  # equal slices share their memory
     parts = np.empty((field.count, distinct, TILE, TILE), np.uint16)
     for tx, ty, place in field.tile_places():
         parts[place] = field.stock_tile(tx, ty)[:distinct]
@@ -145,8 +145,8 @@ def _stock_parts(field: KerfField) -> NDArray[np.uint16]:
 def _with_neighbours(
     field: KerfField, stock: NDArray[np.uint16], squares: NDArray[np.int64], number: int
 ) -> NDArray[np.int32]:
-    """Parts removed in each traced tile and the first row and column of the next: (t, TILE + 1, TILE + 1)."""
-    removed = np.zeros((field.count + 1, TILE, TILE), np.int32)  # the last one, place -1, stands for no tile
+    """Return the parts removed in each tile and the first row and column of the next: (t, TILE + 1, TILE + 1)."""
+    removed = np.zeros((field.count + 1, TILE, TILE), np.int32)  # index -1: tiles not allocated
     removed[:-1] = stock
     removed[:-1] -= field.tiles[: field.count, number]
     block = np.empty((len(squares), TILE + 1, TILE + 1), np.int32)

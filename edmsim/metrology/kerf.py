@@ -1,6 +1,6 @@
-"""Walls of the kerf, slice by slice across the wire's path: its width, and the wall after a pass.
+"""Kerf width and the wall after a pass, measured slice by slice across the wire's path.
 
-Of a wall after a pass: its distance from the drawing, straightness and ripple.
+Of the wall: its distance from the drawing, straightness and ripple.
 """
 
 import math
@@ -17,9 +17,9 @@ from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 
-STEP_MM = 0.05  # between places on a path at which walls are measured
+STEP_MM = 0.05  # distance along a path between measurements
 KERF_CLEARANCE_MM = 0.5
-MAX_KERF_OVER_WIRE = 3.0  # wider than this many wire diameters, a kerf was opened by another cut
+MAX_KERF_OVER_WIRE = 3.0  # in wire diameters; a wider kerf was opened by another cut
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
 
 
 def _of_slices(field: KerfField, sections: list[WireContour], shares: Floats, wire_diameter_um: float) -> KerfWidth:
-    """Kerf of a leaning wire, slice by slice, at shares of the lengths of its paths."""
+    """Return the kerf of a leaning wire, slice by slice, at `shares` of each slice's path length."""
     rows = np.full((2, field.n_slices, len(shares)), np.nan)
     lengths = [0.0]
     for number, section in enumerate(sections):
@@ -72,7 +72,7 @@ def _widths(
     field: KerfField, contour: WireContour, line: Polyline, s_mm: Floats, wire_diameter_um: float,
     number: int | None = None,
 ) -> KerfWidth:
-    """Kerf of a vertical wire at lengths of its path, in one slice or in all."""
+    """Return the kerf of a vertical wire at lengths of its path, in slice `number` or in all."""
     points = line.at(s_mm)
     walls = [_wall_um(field, line, s_mm, side, wire_diameter_um) for side in ("left", "right")]
     solid = profile.clear_of_steps(field, points)
@@ -90,7 +90,7 @@ def _widths(
 
 
 def _wall_um(field: KerfField, line: Polyline, s_mm: Floats, side: str, wire_diameter_um: float) -> Floats:
-    """Distance in um across a path to the first metal: (n_slices, n); NaN from inside metal or beyond a kerf."""
+    """Return the distance in um (n_slices, n) across a path to the first metal; NaN from inside metal or if none."""
     start_um, across = line.at(s_mm) * 1000, left_of(line.tangent(s_mm, STEP_MM))
     direction = across if side == "left" else -across
     ray = np.arange(0.0, MAX_KERF_OVER_WIRE * wire_diameter_um / 2, field.cell_um / 2)
@@ -104,7 +104,7 @@ def _wall_um(field: KerfField, line: Polyline, s_mm: Floats, side: str, wire_dia
 
 
 def _first_wall(metal: Floats, run: int) -> Floats:
-    """Where along the last axis metal first begins that lasts for `run` steps; NaN if at once or never."""
+    """Return where metal of at least `run` steps begins along the last axis; NaN if at the first step or never."""
     lasting = np.lib.stride_tricks.sliding_window_view(metal >= 0.5, run, axis=-1).all(axis=-1)
     after = lasting.argmax(axis=-1)
     before = np.maximum(after - 1, 0)
@@ -113,31 +113,31 @@ def _first_wall(metal: Floats, run: int) -> Floats:
     return np.asarray(before + (0.5 - m0) / rise, np.float64)
 
 
-WALL_CLEARANCE_MM = 0.4  # nearer than this to a corner, or to either end of a pass, the wall is not looked at
-FEWEST_WAVES = 3  # waves that must have been cut before a wavelength is reported (ours)
+WALL_CLEARANCE_MM = 0.4  # the wall is not measured nearer than this to a corner or to either end of a pass
+FEWEST_WAVES = 3  # least number of waves in a pass for a wavelength to be reported (ours)
 
 
 @dataclass(frozen=True)
 class WallError:
-    """What of a wall a pass left, over the drawing: positive is metal left on the part."""
+    """Error of the wall after a pass, relative to the drawing; positive if metal is left on the part."""
 
     places: int  # places along the pass that were measured
-    mean_um: float  # over all places and heights; NaN where there are none, as all others then
-    rms_um: float  # scatter about that mean
+    mean_um: float  # over all places and heights; NaN if there are none, as are the fields below
+    rms_um: float  # standard deviation about this mean
     slices_um: tuple[float, ...]  # mean at every height, from the lowest slice
     bow_um: float  # mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle
-    straightness_um: float  # from the lowest to the highest of the heights
-    ripple_um: float  # scatter along the path of the mean over the height
-    ripple_mm: float  # wavelength with the most of it; NaN where the pass is too short to tell
+    straightness_um: float  # range of the means of all heights
+    ripple_um: float  # standard deviation along the path of the mean over the height
+    ripple_mm: float  # wavelength of the greatest ripple; NaN if the pass is too short
 
     @property
     def waves_um(self) -> float:
-        """Scatter along the path, at every height about its own mean: root mean square."""
+        """Root mean square along the path of the deviation from the mean at each height."""
         return math.sqrt(max(self.rms_um**2 - float(np.nanvar(self.slices_um)), 0.0))
 
 
 def wall_error(field: KerfField, cut_pass: CutPass, part_side: str, wire_diameter_um: float) -> WallError:
-    """Measure the wall on the part's side of a pass, across its path; a wall that leans square to itself."""
+    """Measure the wall on the part's side of a pass, across its path; a leaning wall perpendicular to the wall."""
     side = part_side if not cut_pass.reversed else "right" if part_side == "left" else "left"
     middle_um = cut_pass.way.at_mid_height()
     line = _line_of(middle_um, cut_pass)
@@ -151,7 +151,7 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: str, wire_diamete
     if cut_pass.lean is None:
         s_mm = s_mm[_looked_at(field, line, s_mm)]
         return _summed(s_mm, error_um(line, s_mm)) if len(s_mm) else unknown_wall((math.nan,) * field.n_slices)
-    # of a leaning wire slice by slice, at the same shares of the length of its path
+    # for a leaning wire, slice by slice at the same shares of the path length
     found_um, slants = np.full((field.n_slices, len(s_mm)), np.nan), cut_pass.way.slant[cut_pass.approach_moves :]
     passed_mm = arc_lengths(middle_um[cut_pass.approach_moves :] * 1e-3)
     for number, z in enumerate(profile.slice_heights_mm(field, cut_pass.lean.height_mm).tolist()):
@@ -168,7 +168,7 @@ def _line_of(points_um: NDArray[np.int64], cut_pass: CutPass) -> Polyline:
 
 
 def _looked_at(field: KerfField, line: Polyline, s_mm: Floats) -> NDArray[np.bool_]:
-    """Say at which lengths of a pass its wall is looked at: clear of its ends, of corners and of the blank's edge."""
+    """Return the mask of lengths at which a pass is measured: away from its ends, corners and the blank's edge."""
     marks = np.concatenate(
         [[0.0, line.length], line.s[line.corners(profile.EDGE_CORNER_DEG)], s_mm[line.bend_deg(s_mm, STEP_MM) > 10.0]]
     )
@@ -177,7 +177,7 @@ def _looked_at(field: KerfField, line: Polyline, s_mm: Floats) -> NDArray[np.boo
 
 
 def unknown_wall(slices_um: tuple[float, ...]) -> WallError:
-    """Return the error of a wall of which nothing is known but, perhaps, some slices."""
+    """Return a `WallError` that is unknown (NaN) except, possibly, for the means of some slices."""
     return WallError(0, math.nan, math.nan, slices_um, math.nan, math.nan, math.nan, math.nan)
 
 

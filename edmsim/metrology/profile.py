@@ -1,14 +1,14 @@
 """Profile error: the distance of the part's wall from the edge as drawn, also at corners and by element.
 
 It is measured on the kerf field as a coordinate measuring machine would measure the part, slice by slice.
-Positive profile error is metal left on the part, negative is undercut. Near the wire's own path, the blank's edges
-and its steps no wall can be measured.
+Positive profile error is metal left on the part, negative is undercut. No wall can be measured near the wire's own
+path, the blank's edges and its steps.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # which loads its parts where they are first used
+import scipy  # loads its subpackages when they are first used
 from numpy.typing import NDArray
 
 from edmsim.geometry import Floats, Polyline, arc_lengths, interpolated, left_of
@@ -18,25 +18,25 @@ from edmsim.program.arcs import ROUND_MM
 from edmsim.program.path import WireContour
 from edmsim.program.taper import is_straight
 
-BLANK_EDGE_MM = 0.15  # nearer than this to the blank's own side or start hole, that edge could be taken for the cut's
-EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is no corner (ours)
-GRAIN_UM = 12.0  # metal (or a hole in it) thinner than this is a loose grain or sliver in the kerf, no wall
+BLANK_EDGE_MM = 0.15  # nearer than this to the blank's side or start hole, that edge could be mistaken for the cut's
+EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is not a corner (ours)
+GRAIN_UM = 12.0  # metal (or a hole in it) thinner than this is a loose grain or sliver in the kerf, not a wall
 
 
 def wire_line(contour: WireContour) -> Polyline:
-    """The wire's path in mm without the lead-in."""
+    """Return the wire's path in mm without the lead-in."""
     points = contour.points_um[contour.lead_in_moves :]
     return Polyline(points / 1000, closed=bool((points[0] == points[-1]).all()))
 
 
 def edge_corners(contour: WireContour, line: Polyline) -> NDArray[np.intp]:
-    """Return the vertices of a contour's nominal edge, `line`, that are corners: none between chords of one curve."""
+    """Return the vertices of a contour's nominal edge, `line`, that are corners: none within a curve."""
     vertices = line.corners(EDGE_CORNER_DEG)
     return np.asarray(vertices[_between_elements(contour, line)[vertices]])
 
 
 def _between_elements(contour: WireContour, line: Polyline) -> NDArray[np.bool_]:
-    """Say of every vertex of a contour's nominal edge, `line`, whether a line or arc begins there; all may."""
+    """Return for each vertex of a contour's nominal edge, `line`, whether an element begins; all True if unknown."""
     if not contour.elements:
         return np.ones(len(line.s), np.bool_)
     begins, near_mm, elements = arc_lengths(contour.nominal_mm), 1e-5, np.array(contour.elements)[:, 0]
@@ -48,7 +48,7 @@ def _between_elements(contour: WireContour, line: Polyline) -> NDArray[np.bool_]
 
 
 def depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:
-    """Distance in mm to the blank's nearest own edge, side or start hole; negative outside the metal."""
+    """Return the distance in mm to the blank's nearest side or start hole; negative outside the metal."""
     x, y = points_mm.T
     x0, y0, x1, y1 = (side / 1000 for side in stock.rectangle_um)
     depth = np.minimum(np.minimum(x - x0, x1 - x), np.minimum(y - y0, y1 - y))
@@ -58,7 +58,7 @@ def depth_in_blank(stock: Stock, points_mm: Floats) -> Floats:
 
 
 def clear_of_steps(field: KerfField, points_mm: Floats) -> Floats:
-    """Distance in mm to where each slice has no metal from the beginning, (n_slices, n); 0 inside it."""
+    """Return the distance in mm (n_slices, n) to places where the blank has no metal in a slice; 0 at these."""
     if field.relief is None:
         return np.full((field.n_slices, len(points_mm)), np.inf)
     return field.relief.clearance_um(points_mm * 1000) / 1000
@@ -67,10 +67,10 @@ def clear_of_steps(field: KerfField, points_mm: Floats) -> Floats:
 PROFILE_STEP_MM = 0.02
 LEAD_IN_REACH_MM = 0.25
 """Arc length on both sides of the lead-in's end that may carry its witness mark: about one wire."""
-FRONT_MM = 0.25  # nearer than this to where the cut stopped, the rounded front would be taken for the wall
+FRONT_MM = 0.25  # nearer than this to where the cut stopped, the round front would be mistaken for the wall
 FARTHEST_WALL_MM = 1.0
 NEAR_SEGMENTS = 8
-"""Segments, those with the nearest middles, that are tried for the nearest wall: more cannot crowd there."""
+"""Segments, by nearest middle, among which the nearest wall is searched; more cannot be as near."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
         points = line.at(s_mm)
         error = _errors(field, contour, line, s_mm, points, chosen)
     else:
-        # points at other heights are those of the rulings that pass these lengths at mid height
+        # at other heights, the points are those on the rulings through the points at mid height
         wall, heights = contour.lean.wall, slice_heights_mm(field, contour.lean.height_mm).tolist()
         passed_mm = arc_lengths(middle.nominal_mm)
         points = interpolated(s_mm, passed_mm, middle.nominal_mm)
@@ -132,21 +132,21 @@ def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
 
 
 def slice_heights_mm(field: KerfField, height_mm: float) -> Floats:
-    """Heights of the slices' middles over the workpiece's lower face."""
+    """Return the heights of the slices' middles above the workpiece's lower face."""
     return (np.arange(field.n_slices) + 0.5) / field.n_slices * height_mm
 
 
 def _errors(
     field: KerfField, contour: WireContour, line: Polyline, s_mm: Floats, points: Floats, chosen: list[int]
 ) -> Floats:
-    """Errors (slices, n) of the wall of a vertical wire at points of its edge, `s_mm` along a line."""
+    """Return the errors (slices, n) of a vertical wire's wall at points of its edge, at lengths `s_mm` of `line`."""
     track = _WireTrack(contour)
     edges = (_without_grains(segments) for segments in edge_segments(field, chosen))
     size = np.stack([track.distance_to_wall(segments, points) for segments in edges])
     in_metal = metal_at(field, points * 1000)[chosen] >= 0.5
     error = np.where(in_metal, size, -size) * 1000
     uncut = metal_at(field, track.nearest(points) * 1000)[chosen] >= 0.5
-    uncut &= np.roll(uncut, 1, axis=1) & np.roll(uncut, -1, axis=1)  # a single place may be a loose grain
+    uncut &= np.roll(uncut, 1, axis=1) & np.roll(uncut, -1, axis=1)  # a single point may be a loose grain
     for row, marks in zip(error, uncut, strict=True):
         row[line.distance_along(s_mm, s_mm[marks]) <= FRONT_MM] = np.nan
     error[:, depth_in_blank(field.stock, points) < BLANK_EDGE_MM] = np.nan
@@ -155,23 +155,23 @@ def _errors(
 
 
 class _WireTrack:
-    """The wire's way round the contour as a dense row of points, each with its direction towards the part."""
+    """The wire's path round the contour as closely spaced points, each with its direction towards the part."""
 
     def __init__(self, contour: WireContour) -> None:
         line = wire_line(contour)
         s = line.stations(0.01, np.arange(len(line.points) - 1))
         self.points = line.at(s)
-        # At a vertex this direction is the bisector, which tells the sides apart all round the vertex.
+        # At a vertex this direction is the bisector, which separates the sides all round the vertex.
         towards_left = left_of(line.tangent(s, 1e-3))
         self.towards_part = towards_left if contour.part_side == "left" else -towards_left
         self.tree = scipy.spatial.cKDTree(self.points)
 
     def nearest(self, places: Floats) -> Floats:
-        """Point of the track nearest to each of `places`."""
+        """Return the point of the track nearest to each of `places`."""
         return np.asarray(self.points[self.tree.query(places)[1]])
 
     def distance_to_wall(self, segments: Floats, points: Floats) -> Floats:
-        """Distance in mm from each point to the nearest segment on the part's side; NaN if over 1 mm."""
+        """Return the distance in mm from each point to the nearest segment on the part's side; NaN if over 1 mm."""
         middle = segments.mean(axis=1)
         i = self.tree.query(middle)[1]
         on_part_side = ((middle - self.points[i]) * self.towards_part[i]).sum(axis=1) > 0
@@ -186,7 +186,7 @@ class _WireTrack:
 
 
 def _without_grains(segments: Floats) -> Floats:
-    """Leave out the segments (m, 2, 2) of outlines of grains, slivers and pits."""
+    """Remove the segments (m, 2, 2) of outlines of grains, slivers and pits."""
     ends = segments.reshape(-1, 2) @ (1, 1j)
     _, vertex = np.unique(ends, return_inverse=True)
     start, stop = vertex.reshape(-1, 2).T
@@ -200,7 +200,7 @@ def _without_grains(segments: Floats) -> Floats:
 
 
 def finite_mean(values: Floats, axis: int) -> Floats:
-    """Mean of the finite values along an axis; NaN where there are none."""
+    """Return the mean of the finite values along an axis; NaN if there are none."""
     finite = np.isfinite(values)
     count = finite.sum(axis=axis)
     total = np.where(finite, values, 0.0).sum(axis=axis)
@@ -217,14 +217,14 @@ class CornerError:
     x_mm: float
     y_mm: float
     turn_deg: float
-    # positive where metal is left: mean over the height, of largest magnitude within 0.15 mm; NaN if unmeasured
+    # mean over the height at the worst point within 0.15 mm; positive if metal is left; NaN if unmeasured
     error_um: float
 
 
 def corners(contour: WireContour, profile: ProfileError) -> list[CornerError]:
     """List the corners of the nominal edge with their errors."""
     line = Polyline(contour.nominal_mm, contour.closed)
-    # an arc's tangent at its end is turned from its last chord by half of what two chords of it turn by
+    # the angle between an arc's last chord and its tangent there is half the angle between two of its chords
     half_deg = np.where(_between_elements(contour, line), 0.0, line.turn_deg / 2)[:-1]
     turn_deg = line.turn_deg[:-1] - np.roll(half_deg, 1) - np.roll(half_deg, -1)
     found: list[CornerError] = []
@@ -287,7 +287,7 @@ def _element(number: int, contour: WireContour, chords: NDArray[np.intp], error_
 
 
 def _shape(points: Floats) -> tuple[str, float | None]:
-    """Say whether points (n, 2) are a line, an arc of some radius, or another curve."""
+    """Return the kind of points (n, 2), line, arc or curve, and the radius of an arc."""
     if len(points) == 2:
         return "line", None
     third = (len(points) - 1) // 3

@@ -1,7 +1,7 @@
 """Roughness of the cut from the size of its craters, and the layers of its face that heat and water changed.
 
-One layer its heat reached, one the water dissolved; the thesis names both (2.6). Neither is measured on the kerf
-field: they are far thinner than its cells, and are computed from what the cut has summed up.
+There are two layers, one affected by the heat of sparks and one dissolved by the water (thesis, 2.6). Both are far
+thinner than the cells of the kerf field, so they are computed from totals of the cut instead of measured there.
 """
 
 import math
@@ -18,7 +18,7 @@ CELLS, CELLS_PER_DIAMETER = 128, 24
 """Side of the simulated surface and diameter of a crater, in cells (ours: twice as many of either change Ra by less
 than 2 %)."""
 LAYERS, LEFT_OUT = 20, 8
-"""Craters are laid until they have covered the surface so often, and Ra is not looked at before so often (ours)."""
+"""Number of times that the craters cover the surface in total, and before Ra is first measured (ours)."""
 
 
 @refuses_wrong_types
@@ -54,9 +54,9 @@ def roughness_um(crater_volume_um3: float, depth_ratio: float) -> float:
 @cache
 def ra_over_depth(seed: int = 0) -> float:
     """Ra of a surface of overlapping craters over the depth of one, by simulation: 0.30, within 1 % for any seed."""
-    # every crater is laid on the spot that stands highest, where a spark finds the narrowest gap. Its bowl sinks in
-    # until it has taken the crater's volume from what stands there, so deeper where others have been before. The mean
-    # over the simulation's later part is taken. Craters side by side on a flat surface would give 16/81, 0.20
+    # Each crater is placed at the highest point, where the gap is narrowest. Its bowl is lowered until it has removed
+    # the crater's volume, so it goes deeper where earlier craters have removed metal. The result is the mean over the
+    # later part of the simulation. Separate craters on a flat surface would give 16/81, 0.20.
     draw = np.random.default_rng(seed)
     height = 1e-3 * draw.random((CELLS, CELLS))
     radius = CELLS_PER_DIAMETER / 2
@@ -71,7 +71,7 @@ def ra_over_depth(seed: int = 0) -> float:
 
 
 def _lay(height: NDArray[np.float64], radius: float, draw: np.random.Generator, volume: float | None = None) -> None:
-    """Lay a crater of a radius (and volume), in cells, on the highest spot of a face that goes on at its edges."""
+    """Cut a crater of this radius (and volume), in cells, at the highest point of a periodic surface."""
     reach = np.arange(-int(radius) - 1, int(radius) + 2)
     row, column = np.unravel_index(int(height.argmax()), height.shape)
     down, right = reach[:, None] + draw.random() - 0.5, reach[None, :] + draw.random() - 0.5
@@ -83,10 +83,10 @@ def _lay(height: NDArray[np.float64], radius: float, draw: np.random.Generator, 
 
 
 def _cut(surface: NDArray[np.float64], bowl: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a surface from which a bowl has taken its volume, sunk in as deep as that needs."""
+    """Lower a bowl into a surface until it has removed its own volume; return the new surface."""
     inside = bowl > 0.0
-    met = np.sort((surface + bowl)[inside])[::-1]  # levels of the bowl's rim at which it meets the places under it
-    level = (np.cumsum(met) - bowl.sum()) / np.arange(1, len(met) + 1)  # if it has met this number of them
+    met = np.sort((surface + bowl)[inside])[::-1]  # levels of the bowl's rim at which it reaches the cells below it
+    level = (np.cumsum(met) - bowl.sum()) / np.arange(1, len(met) + 1)  # rim level if it has reached 1, 2, ... cells
     rim = level[np.argmax(level >= np.append(met[1:], -np.inf))]
     return np.where(inside, np.minimum(surface, rim - bowl), surface)
 
@@ -129,17 +129,17 @@ def electrolysed_um(machine: Machine, voltage_s_mm: float, gap_um: float) -> flo
 
 
 FACE_CELLS, FACE_CELLS_PER_DIAMETER = 144, 32
-"""Side of the face on which passes follow each other, and diameter of the greatest crater, in cells (ours)."""
-FACE_LAYERS = 12  # a pass that covers the face so often has made it its own; the rough one always does (ours)
-FEWEST_CELLS = 3.0  # diameter below which a crater is laid as if it were so wide, its volume the same (ours)
+"""Side of the simulated surface of several passes, and diameter of the largest crater, in cells (ours)."""
+FACE_LAYERS = 12  # coverings after which no trace of earlier passes is left; the rough pass has all (ours)
+FEWEST_CELLS = 3.0  # least diameter of a simulated crater; smaller ones are widened at equal volume (ours)
 
 
 def face_roughness_um(
     crater_volumes_um3: Sequence[float], taken_um: Sequence[float], depth_ratio: float
 ) -> list[float]:
-    """Return Ra in um after each of several passes; NaN from the first pass on of which nothing is known."""
-    # every crater is laid on the spot that stands highest, as in `ra_over_depth`. A fine pass that takes little takes
-    # the hills of the coarse one before and leaves its valleys; one that takes enough makes the face its own
+    """Return Ra in um after each of several passes; NaN for the first pass with unknown data and all after it."""
+    # Craters are placed as in `ra_over_depth`. A fine pass that removes little metal removes the peaks of the coarse
+    # pass before it and leaves the valleys; one that removes enough metal leaves no trace of the coarse pass.
     diameters_um = np.cbrt(6 * np.asarray(crater_volumes_um3, np.float64) / (np.pi * depth_ratio))
     if not len(diameters_um):
         return []

@@ -1,9 +1,9 @@
 """Causes of the profile error: shares of programmed path, planner, drive, wire and gap, and places out of reach.
 
-Each share is how much further from the edge the wire's way passed than that of the step before: the programmed path
-than the offset, the commanded position than the path, the guides than the commanded position, the wire than its
-guides. The gap has the rest, so that the five add up to the error. What the table's errors do to a part, with and
-without compensation, is a sum of its own. Metal that no wire of this radius and gap could remove is out of reach.
+Each share is a difference of two distances from the edge: programmed path minus offset, commanded position minus
+programmed path, guides minus commanded position, wire minus guides. The gap has the remainder, so the five add up to
+the error. The effect of the table's errors on a part, with and without compensation, is computed separately. Metal
+that no wire of this radius and gap could remove is out of reach.
 """
 
 import copy
@@ -23,18 +23,18 @@ from edmsim.plant.axes.ways import StillTable
 from edmsim.program.offset import REACH_TOLERANCE_MM
 from edmsim.program.path import WireContour
 
-_PASSED_UM = 20.0  # a pass has been at a place if it was no further off than its programmed way and this (ours)
-_JUMP_UM = 300.0  # places of a way further apart than this are not joined (ours: a window is some um of way)
+_PASSED_UM = 20.0  # a pass was at a place if it came within its programmed distance plus this (ours)
+_JUMP_UM = 300.0  # positions further apart than this are not joined (ours: a window moves the wire some um)
 SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in the order of `error_shares`
 
 
 def error_shares(
     profile: ProfileError, contour: WireContour, ways_um: Sequence[Floats], last_pass: int | None = None
 ) -> Floats:
-    """Split the profile error of a contour, offset above 0, into `SHARES` (5, places) that add up to ``mean_um``."""
-    # ways are those of commanded position, guides and wire in order of time, in um on the table; all shares are
-    # NaN where the error is, and everywhere for a contour that was not begun. Of a cut in passes they are those of
-    # the last pass that was begun, by default the last one, and NaN where that one has not been
+    """Split the profile error of a contour, offset above 0, into `SHARES` (5, places), which sum to ``mean_um``."""
+    # `ways_um` has the positions of command, guides and wire in order of time, in um on the table. Shares are NaN
+    # where the error is NaN, and everywhere if the contour was not begun. If there are several passes, shares are
+    # those of `last_pass`, the last pass that was begun (default: the last), and NaN where this pass has not been
     points = profile.points_mm * 1000
     planned = np.concatenate([_chords(way) for way in _programmed_um(contour, last_pass)])
     away = np.stack([_distance(points, planned), *(_distance(points, _joined(way)) for way in ways_um)])
@@ -47,7 +47,7 @@ def error_shares(
 
 
 def _programmed_um(contour: WireContour, number: int | None = None) -> list[Floats]:
-    """Return the programmed ways (n, 2) along a contour: in passes those of one, by default the last, and its tab."""
+    """Return the programmed paths (n, 2) along a contour; of several passes, one (default: the last) with its tab."""
     if not contour.passes:
         return [contour.points_um[contour.lead_in_moves :].astype(np.float64)]
     number = contour.passes[-1].number if number is None else number
@@ -56,7 +56,7 @@ def _programmed_um(contour: WireContour, number: int | None = None) -> list[Floa
 
 
 def _joined(way: Floats) -> Floats:
-    """Return the chords (m, 2, 2) of a measured way; between its passes the wire went elsewhere."""
+    """Return the chords (m, 2, 2) of a measured path, without the jumps between its passes."""
     chords = _chords(way)
     return np.asarray(chords[np.hypot(*(chords[:, 1] - chords[:, 0]).T) < _JUMP_UM])
 
@@ -66,7 +66,7 @@ def _chords(way: Floats) -> Floats:
 
 
 def _distance(points: Floats, chords: Floats) -> Floats:
-    """Distance of every point (n, 2) to the nearest place of chords (m, 2, 2); NaN without any."""
+    """Return the distance of every point (n, 2) from the nearest of chords (m, 2, 2); NaN if there are none."""
     if not len(chords):
         return np.full(len(points), np.nan)
     tree = shapely.STRtree(shapely.linestrings(chords))
@@ -76,8 +76,8 @@ def _distance(points: Floats, chords: Floats) -> Floats:
 
 def share_stats(shares_um: Floats, error_um: Floats) -> dict[str, dict[str, float]]:
     """Return for every share its ``mean``, ``rms``, ``max`` (of the magnitude) and ``of_mean_square``."""
-    # the last is the mean of share times error over that of the error's square: these add up to 1, and one that
-    # makes up for others is negative
+    # ``of_mean_square`` is the mean of share times error, divided by the mean square of the error: these add up to 1,
+    # and that of a share which compensates for others is negative
     known = np.isfinite(shares_um).all(axis=0)
     shares, error = shares_um[:, known], error_um[known]
     if not len(error):
@@ -93,12 +93,12 @@ def share_stats(shares_um: Floats, error_um: Floats) -> dict[str, dict[str, floa
 
 
 _PATH = PLACES.index(PATH)
-_TANGENT_MM = 1e-3  # the tangent at a point is that between places so far to its sides (ours)
+_TANGENT_MM = 1e-3  # a tangent is the chord from this distance before a point to this distance after it (ours)
 
 
 @dataclass(frozen=True)
 class TableError:
-    """Displacement of a part's wall by the table at the points of a `ProfileError`, positive where metal is left."""
+    """Displacement of a part's wall by the table's errors at a `ProfileError`'s points; positive if metal is left."""
 
     without_um: Floats  # (n,): with the table alone
     left_um: Floats  # (n,): with the compensation that was in force; the same if there was none
@@ -108,9 +108,9 @@ def table_error(
     machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0,
     last_pass: int | None = None,
 ) -> TableError:
-    """Return what the table contributes to a profile error, by its errors where it is as the wire passes."""
-    # the table is taken as it comes to rest there, backlash left out; before the contour lie `start_um` of path. The
-    # wall is that of the last pass that was begun, by default the last one
+    """Return the contribution of the table's errors to a profile error, from its positions when the wire passes."""
+    # errors are those of the table at rest, without backlash. `start_um` is the length of path before the contour.
+    # The wall is that of `last_pass`, the last pass that was begun (default: the last)
     line = Polyline(contour.at_mid_height().nominal_mm, contour.closed)
     towards_left = left_of(line.tangent(profile.s_mm, _TANGENT_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
@@ -124,7 +124,7 @@ def table_error(
 def _when_passed(
     contour: WireContour, points_um: Floats, start_um: float, last_pass: int | None
 ) -> tuple[Floats, Floats]:
-    """Return where the lower guide is (n, 2) with the wire of a pass nearest to points, and the path (n,) to it."""
+    """Return positions (n, 2) of the lower guide when the wire is nearest to points, and path lengths (n,) there."""
     numbers = [one.number for one in contour.passes] or [1]
     last_pass = numbers[-1] if last_pass is None else last_pass
     nearest_um, path_um = np.full(len(points_um), np.inf), np.zeros(len(points_um))
@@ -142,11 +142,11 @@ def _when_passed(
 
 
 def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: Elcam | None) -> Floats:
-    """Return by how much the wire truly is off places (n, 2) of the program, with lengths of path (n,)."""
+    """Return the wire's true displacement from programmed positions (n, 2) at path lengths (n,)."""
     table, step_um = StillTable(machine, nuts=False), machine.base.table.step_um.value
-    elcam = copy.deepcopy(elcam)  # it may be at work
+    elcam = copy.deepcopy(elcam)  # the original may be in use
     for one in () if elcam is None else elcam.tables.values():
-        one.reversal = 0.0  # left out like the backlash for which it is
+        one.reversal = 0.0  # omitted, as is the backlash that it corrects
     compensation = None if elcam is None else StepCompensation(elcam, step_um)
     found = []
     for (x, y), path in zip(points_um.tolist(), path_um.tolist(), strict=True):
@@ -158,9 +158,9 @@ def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: E
 def motor_offsets_um(
     machine: Machine, motors_um: Floats, program_um: Floats, path_um: Floats, elcam: Elcam | None
 ) -> tuple[Floats, Floats]:
-    """Return by how much motors at places (n, 2) in order of time are off the program and off where the table is."""
-    # the compensation is that of the motors' places, which differ from the program's by itself only, and of the
-    # lengths of path (n,) at which they were there; what depends on the direction needs the program's own places
+    """Return the offsets of motor positions (n, 2), in order of time, from the program and from the table."""
+    # the compensation is looked up at the motor positions, which differ from the programmed ones only by the
+    # compensation itself, and at the path lengths (n,). If it depends on direction, programmed positions are needed
     table = StillTable(machine, nuts=False)
     tables = [] if elcam is None else elcam.tables.values()
     reverses = any(one.reversal for one in tables)
@@ -182,7 +182,7 @@ def motor_offsets_um(
 
 @dataclass(frozen=True)
 class WorstPlace:
-    """Place of a largest error on the table; positive is metal left."""
+    """Place of the largest error, on the table; the error is positive if metal is left."""
 
     x_mm: float
     y_mm: float
@@ -192,7 +192,7 @@ class WorstPlace:
 
 
 def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
-    """Return the metal (n,) that a wire exactly on its path leaves at every point of the edge; rounding is 0."""
+    """Return the metal (n,) in um that a wire exactly on its path leaves at the edge; 0 within the tolerance."""
     path = shapely.MultiLineString([way / 1000 for way in _programmed_um(contour)])
     left_um = shapely.distance(path, shapely.points(profile.points_mm)) * 1e3 - contour.offset_um
     return np.where(left_um > REACH_TOLERANCE_MM * 1e3, left_um, 0.0)
@@ -221,7 +221,7 @@ def worst_place(
     contours: Sequence[WireContour], profiles: Sequence[ProfileError], unreachable: Sequence[Floats],
     shares: Sequence[Floats | None], reachable: bool,
 ) -> WorstPlace | None:
-    """Find the place of the largest error over all contours and slices, perhaps without metal out of reach."""
+    """Find the largest error over all contours and slices; metal out of reach does not count if `reachable`."""
     worst: WorstPlace | None = None
     for contour, profile, left_um, split in zip(contours, profiles, unreachable, shares, strict=True):
         error = profile.error_um - left_um if reachable else profile.error_um

@@ -1,4 +1,4 @@
-"""Arcs: centres found from what a program gives, as finely as it writes its numbers; chords; extent as drawn."""
+"""Arcs: centres within the rounding of a program's numbers; chords; extent as drawn."""
 
 import cmath
 import math
@@ -18,31 +18,31 @@ from edmsim.program.outline import JOIN_TOLERANCE_MM
 SAME_PLACE_MM = 1e-6  # places closer than this many mm differ by numerical noise only
 RADIUS_TOLERANCE_MM = 0.005  # least allowed difference of an arc's two radii (ours: rounding of some um)
 COARSEST_MM = 0.0254
-"""Numbers written more coarsely than this, 0.001 inch, are taken as exact (ours: no program for a wire rounds so)."""
+"""Numbers with a coarser last place, above 0.001 inch, count as exact (ours: no wire-EDM program rounds so much)."""
 
 
 @dataclass(frozen=True)
 class Rounding:
-    """What follows from the last decimal place that a program writes."""
+    """Tolerances that follow from the last decimal place of a program's numbers."""
 
-    resolution_mm: float = 0.0  # value of the last place in mm; 0 where the numbers are exact
+    resolution_mm: float = 0.0  # value of the last place in mm; 0 if the numbers are exact
 
     @property
     def radius_mm(self) -> float:
-        """Greatest difference of an arc's radii: I and J err by half a place, the end from the centre by three."""
+        """Greatest difference of an arc's radii: I and J err by half a place, the end from the centre by 1.5."""
         return max(RADIUS_TOLERANCE_MM, 2 * math.sqrt(2) * self.resolution_mm)
 
     @property
     def join_mm(self) -> float:
-        """Greatest distance between ends that are one place: either may err by half a place along both axes."""
+        """Greatest distance between ends that are one point: each may err by half a place along both axes."""
         return max(JOIN_TOLERANCE_MM, math.sqrt(2) * self.resolution_mm)
 
 
-_NO_PLACE = frozenset({("G", 4), ("G", 10)})  # codes whose X and R are a time and an offset
+_NO_PLACE = frozenset({("G", 4), ("G", 10)})  # codes with which X is a time, or R an offset
 
 
 def rounding_of(blocks: Sequence[Block], units: Units) -> Rounding:
-    """Find the resolution of a program: the finest number under each unit, and of several units the coarsest."""
+    """Return the resolution of a program: that of the finest number in each unit, and the coarsest of these."""
     unit_mm, decimals = units.at_start_mm, dict[float, int]()
     for block in blocks:
         for letter, number in block.codes:
@@ -54,7 +54,7 @@ def rounding_of(blocks: Sequence[Block], units: Units) -> Rounding:
 
 
 ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord tolerance and rounding (ours)
-CHORD_TOLERANCE_UM = 1.0  # between a curve and its chords (ours: below the 2 um step of the axes, row T-16)
+CHORD_TOLERANCE_UM = 1.0  # distance between a curve and its chords (ours: below the 2 um step of the axes, row T-16)
 
 
 def radii(start: complex, end: complex, centre: complex) -> tuple[float, float]:
@@ -69,7 +69,7 @@ def sweep_of(start: complex, end: complex, centre: complex, turn: int) -> float:
 
 def centre_from_radius(start: complex, end: complex, radius: float, turn: int, tolerance_mm: float) -> complex | None:
     """Return the centre of the arc with a radius, negative for more than half a circle, or None if there is none."""
-    # by `tolerance_mm` the radius may be smaller than half the distance of the ends
+    # the radius may be up to `tolerance_mm` smaller than half the distance between the ends
     chord = end - start
     half = abs(chord) / 2
     if half < SAME_PLACE_MM or abs(radius) < half - tolerance_mm:
@@ -83,7 +83,7 @@ def arc_points(
     start: complex, end: complex, centre: complex, turn: int, full: bool, chords: int = 1
 ) -> list[complex]:
     """Return the points of an arc after its start, as chords within the tolerance."""
-    # the ends of a full circle need not be equal; if the two radii differ a little the radius changes evenly
+    # the ends of a full circle need not be equal; if the two radii differ slightly, the radius changes linearly
     first, last = start - centre, end - centre
     sweep = math.tau if full else sweep_of(start, end, centre, turn)
     radius = max(abs(first), abs(last))
@@ -99,7 +99,7 @@ def arc_points(
 
 
 def line_points(start: complex, end: complex, chords: int) -> list[complex]:
-    """Return the points of a line after its start, up to and with its end, in `count` equal chords."""
+    """Return the points of a line, divided into `chords` equal chords, without its start but with its end."""
     return [*(start + (end - start) * i / chords for i in range(1, chords)), end]
 
 
@@ -110,7 +110,7 @@ def by_element(points: Floats, elements: Sequence[int] | NDArray[np.int64]) -> l
 
 
 def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:
-    """Return the extent in X and Y of an edge in chords, whose curves, in `elements`, bulge beyond."""
+    """Return the extent in X and Y of an edge of chords, including the bulge of its curves beyond their chords."""
     parts = by_element(points, elements)
     high = np.max([points.max(axis=0), *map(_peak, parts)], axis=0)
     low = -np.max([-points.min(axis=0), *(_peak(-part) for part in parts)], axis=0)
@@ -118,16 +118,16 @@ def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:
 
 
 def _peak(points: Floats) -> Floats:
-    """Return the highest X and Y of the parabolas through three neighbours each; -inf where none peaks."""
+    """Return the greatest X and Y of parabolas through three successive points each; -inf without a maximum."""
     if len(points) < 3:
         return np.full(2, -np.inf)
     a, b, c = points[:-2], points[1:-1], points[2:]
     before, after = np.hypot(*(b - a).T)[:, None], np.hypot(*(c - b).T)[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):  # a repeated point, a straight line: no peak
+    with np.errstate(divide="ignore", invalid="ignore"):  # repeated points and straight lines have no maximum
         up, down = (b - a) / before, (c - b) / after
         bend = (down - up) / (before + after)
         slope = up + before * bend
         at, peak = -slope / (2 * bend), b - slope**2 / (4 * bend)
-    # a curve leaves its chords by their tolerance at most; what rises more is a corner
+    # a curve exceeds its chords by at most their tolerance; a higher maximum is due to a corner
     smooth = peak <= np.maximum(np.maximum(a, b), c) + CHORD_TOLERANCE_UM / 1000
     return np.asarray(np.where((bend < 0) & (at >= -before) & (at <= after) & smooth, peak, -np.inf).max(axis=0))

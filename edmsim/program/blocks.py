@@ -1,7 +1,7 @@
-"""RS-274 text split into blocks of words: which words there may be, in which unit, and subprograms taken apart.
+"""Parser of RS-274 text: blocks of words, units, and expansion of subprograms.
 
-What the words do is not known here. Some cannot change a contour, some a user leaves out; a dialect adds its own. M98
-P1000 L2 runs twice what stands between O1000 and M99 behind the end of the program.
+The effect of words is not known here. Some words cannot change a contour, some are ignored at the user's request; a
+dialect adds its own. M98 P1000 L2 runs twice the blocks between O1000 and M99 after the end of the program.
 """
 
 import codecs
@@ -19,11 +19,11 @@ from edmsim.program.tables import ConditionTable, register
 
 VALUES = frozenset("NFDHXYIJRPLQ")  # letters whose numbers are used, by a motion or by the code they belong to
 BELONGS: dict[float, str] = {64: "PQ", 39: "IJ", 43: "H", 44: "H", 96: "D"}
-"""G codes without effect, and the letters in their block that are theirs: the tolerance of a path, the direction of a
-corner, a tool's length, the greatest speed of a spindle."""
+"""G codes without effect, and the letters in their block that belong to them: the tolerance of a path, the direction
+of a corner, a tool's length, the greatest speed of a spindle."""
 IDLE = frozenset("OTSCZ")
 """Letters that cannot change a contour in two axes: program and technology numbers, the height of the upper guide. E
-is none of them: ``X1E2`` may be meant as a number."""
+is not included, because ``X1E2`` may be meant as a number."""
 IDLE_CODES = frozenset(
     [("G", number) for number in (9, 15, 17, 38, 39, 43, 44, 49, 50, 59.1, 59.2, 59.3, 61.1, 64, 69, 80)]
     + [("G", number) for number in (*range(54, 62), *range(93, 100))]
@@ -31,7 +31,7 @@ IDLE_CODES = frozenset(
 )
 """Codes without effect on a contour in two axes: exact stop, plane XY, cancelled offsets, tapers, turns and cycles,
 the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
-UNITS: dict[float, float] = {70: 20, 71: 21}  # codes of some controls for inch and mm, and what they are elsewhere
+UNITS: dict[float, float] = {70: 20, 71: 21}  # codes of some controls for inch and mm, and the usual codes
 _USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 90.1, 91.1, 92, *UNITS})
 KNOWN = {
     "G": _USED_G | {n for letter, n in IDLE_CODES if letter == "G"},
@@ -45,14 +45,14 @@ _IGNORED_WORD = re.compile(r"(Q[A-Z]{2,}|[A-Z])(\d+\.?\d*)?")
 
 @dataclass(frozen=True)
 class Ignored:
-    """Words that a user leaves out of a program."""
+    """Words that are ignored at the user's request."""
 
-    letters: frozenset[str] = frozenset()  # left out with any number; names as QAIC with any arguments
+    letters: frozenset[str] = frozenset()  # ignored with any number; names such as QAIC with any arguments
     words: frozenset[tuple[str, float]] = frozenset()
 
     @classmethod
     def of(cls, listed: Sequence[str]) -> Self:
-        """Read words as ``G51``, or letters as ``U``; raises `InputError` at others, and at what makes a contour."""
+        """Parse words like ``G51`` or letters like ``U``; raises `InputError` for others and words of contours."""
         letters, words = set(), set()
         for text in listed:
             word = _IGNORED_WORD.fullmatch(text.strip().upper())
@@ -68,17 +68,17 @@ class Ignored:
         return cls(frozenset(letters), frozenset(words))
 
     def has(self, letter: str, number: str) -> bool:
-        """Say whether a word is left out."""
+        """Return whether a word is ignored."""
         return letter in self.letters or (letter, float(number)) in self.words
 
 
 def offered_to_ignore(words: Iterable[str]) -> list[str]:
-    """Return the unknown words that a user may be offered to leave out: M codes. Others may decide the contour."""
+    """Return the unknown words that a message may offer to ignore: M codes, because others may change the contour."""
     return [word for word in words if re.fullmatch(r"M\d+", word)]
 
 
 class UnknownWordsError(InputError):
-    """A program has words that are not known here: `words` has each with its lines, `hint` says who knows them."""
+    """A program has unknown words: `words` has each with its lines, `hint` names the dialects that know them."""
 
     def __init__(self, found: Sequence[tuple[str, int]], hint: str = "") -> None:
         self.words: dict[str, list[int]] = {}
@@ -99,7 +99,7 @@ class UnknownWordsError(InputError):
 
 
 def code_of(letter: str, number: str, dialect: Dialect = ISO) -> float | None:
-    """Return the number of a code, as 41 of G41 or 90.1; None if no such code is known."""
+    """Return the number of a code, such as 41 of G41 or 90.1; None if no such code is known."""
     if not _CODE.fullmatch(number):
         return None
     code = float(number) if number.rstrip("0").partition(".")[2] else int(float(number))
@@ -107,7 +107,7 @@ def code_of(letter: str, number: str, dialect: Dialect = ISO) -> float | None:
     return code if known else None
 
 
-_BYTE_ORDER_MARKS = {  # that of UTF-32 begins with that of UTF-16
+_BYTE_ORDER_MARKS = {  # UTF-32 before UTF-16, with which its mark begins
     codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
     codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16",
 }  # fmt: skip
@@ -119,10 +119,10 @@ _NOT_READ = {
     ",C": "',C' chamfers a corner, which is not read: write the chamfer as G1",
     ",": "a comma is in the line: write numbers with a decimal point, X1.5, and no commas between words",
 }
-"""What cannot be a word, by its first characters, and what would be right."""
+"""Messages about text that cannot be a word, by its first characters."""
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _DELETE = re.compile(r"(N\d+)?/\d*")
-"""Block delete, perhaps with the number of its switch; RS-274 has it first in a line, some controls behind N."""
+"""Block delete, optionally with the number of its switch; first in a line in RS-274, after N on some controls."""
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _TERM = r"(?:(?:\d+\.?\d*|\.\d+)|[DH]\d{1,4})"
 _OFFSET = re.compile(rf"([DH])(\d{{1,4}})=([+-]?{_TERM}(?:[+-]{_TERM})*)")
@@ -135,7 +135,7 @@ _NAME = re.compile(r"(Q[A-Z]{2,})\$")
 """A call of a control's own routine, ``QAIC(2,1,0015)``, and how it is written without its arguments."""
 _PROGRAM_NUMBER = re.compile(r"^\s*:(\d+)\s*$")
 _CONDITION = {"C": r"\d{1,4}", "E": r"\d{3,4}", "S": r"\d{1,4}"}
-"""Numbers of conditions by letter. E has three digits or four, for ``X1E2`` may be meant as a number."""
+"""Numbers of conditions by letter. E has three digits or four, because ``X1E2`` may be meant as a number."""
 _ABOVE = frozenset("XYIJ")
 _LONGEST_QUOTE = 12
 _NESTED = re.compile(r"\([^)]*\(")
@@ -144,7 +144,7 @@ _END_CODES = frozenset({("M", 2), ("M", 30)})
 
 
 class OffsetValue(NamedTuple):
-    """What a program says of an offset register: a number as written, and registers added to it or taken off."""
+    """Definition of an offset register: a number as written, and registers added to it or subtracted."""
 
     register: str
     number: float
@@ -153,7 +153,7 @@ class OffsetValue(NamedTuple):
 
 @dataclass(frozen=True)
 class UpperWords:
-    """What stands behind a colon: the move of the second plane, its code, None where that is the first plane's."""
+    """The move of the second plane, after a colon; its code is None if it is that of the first plane."""
 
     code: float | None
     values: dict[str, float]
@@ -161,7 +161,7 @@ class UpperWords:
 
 @dataclass
 class Block:
-    """One block of a program, as a rule a line; it is filled word by word."""
+    """One block of a program, usually a line; words are added one by one."""
 
     line: int  # line in the file, counted from 1
     deletable: bool  # whether the line begins with ``/``, block delete
@@ -169,12 +169,12 @@ class Block:
     values: dict[str, float] = field(default_factory=dict)  # all other words but N, as written
     pointed: bool = False  # whether any coordinate (X Y I J R) or offset has a decimal point
     decimals: int | None = None  # most decimal places of a coordinate; None if there is no coordinate
-    idle: list[str] = field(default_factory=list)  # words that cannot change a contour, as they stand
-    ignored: list[str] = field(default_factory=list)  # words the user leaves out
-    offsets: list[OffsetValue] = field(default_factory=list)  # registers that it gives a value, ``D1=0.155``
+    idle: list[str] = field(default_factory=list)  # words that cannot change a contour, as written
+    ignored: list[str] = field(default_factory=list)  # words ignored at the user's request
+    offsets: list[OffsetValue] = field(default_factory=list)  # registers that it defines, ``D1=0.155``
     condition: str | None = None  # the machining condition that it calls, as written
     upper: UpperWords | None = None  # the move of the second plane
-    label: int | None = None  # its N number, where a subprogram may begin at one
+    label: int | None = None  # its N number, if a subprogram may begin there
 
     @property
     def ends_program(self) -> bool:
@@ -182,21 +182,21 @@ class Block:
         return not _END_CODES.isdisjoint(self.codes)
 
     def add(self, letter: str, number: str) -> None:
-        """Take a letter's number, and note how finely a coordinate is written."""
+        """Add a word, and record how finely a coordinate is written."""
         if letter in self.values:
             raise InputError(f"the word {letter} occurs twice in one block: write it once")
         self.values[letter] = _value(letter, number)
         self.measure(letter, number)
 
     def measure(self, letter: str, number: str) -> None:
-        """Note whether a coordinate has a point, and its decimal places."""
+        """Record whether a coordinate has a decimal point, and its decimal places."""
         if letter in "XYIJRUV":
             self.pointed |= "." in number
             self.decimals = max(self.decimals or 0, len(number.partition(".")[2]))
 
 
 def read_text(file: Path) -> str:
-    """Return a program's text: UTF-8, or what its byte order mark says."""
+    """Return a program's text, in UTF-8 or the encoding of its byte order mark."""
     data = read_bytes(file, "a part program")
     mark = next((mark for mark in _BYTE_ORDER_MARKS if data.startswith(mark)), None)
     if mark is None and b"\0" in data:
@@ -212,16 +212,16 @@ def read_text(file: Path) -> str:
 class ProgramBlocks(NamedTuple):
     """A program split into blocks."""
 
-    # main, behind: every block that holds a word; those of subprograms, behind the end of the program
+    # main, behind: every block that has a word; those of subprograms, after the end of the program
     main: list[Block]
     behind: list[Block]
-    notices: list[str]  # what was left out
+    notices: list[str]  # about omitted text
     conditions: dict[str, dict[str, float]]  # its tables of machining conditions, by condition and column
 
 
 @dataclass
 class _Reader:
-    """What blocks are read with, and all words found that are not known."""
+    """Settings for reading blocks, and all unknown words found."""
 
     ignored: Ignored
     dialect: Dialect
@@ -230,25 +230,25 @@ class _Reader:
     notices: list[str] = field(default_factory=list)
 
     def blocks_of(self, raw: str, line: int, labelled: bool = False) -> list[Block]:
-        """Return the blocks of a line: one, none, or more where ``;`` ends blocks."""
+        """Return the blocks of a line: one, none, or more if ``;`` ends blocks."""
         if self.table.read_line(raw):
             return []
         raw = _CALL_BY_NAME.sub(r"\1$", raw)
-        parts = [_PROGRAM_NUMBER.sub(r"O\1", raw)]  # as tapes have it
+        parts = [_PROGRAM_NUMBER.sub(r"O\1", raw)]  # as on punched tape
         first, *others = re.sub(r"\([^()]*\)", "", raw).upper().split(";")
         if self.dialect.ends_blocks:
-            # what begins as a block is one: a slip of the pen in it must not make it a comment
+            # text that begins as a block is one, because a typing error must not make it a comment
             parts = [first, *(part for part in others if _BEGINS_BLOCK.match("".join(part.split())))]
         elif first.strip():
             self.notices += [
-                f"line {line}: {part.strip()} behind ';' is a comment; --dialect sodick reads it as a block"
+                f"line {line}: {part.strip()} after ';' is a comment; --dialect sodick reads it as a block"
                 for part in others if _MOVES.fullmatch("".join(part.split()))
             ]  # fmt: skip
         found = [_read_block(part, line, self, labelled) for part in parts]
         return [block for block in found if block is not None]
 
     def take_routine(self, name: str, block: Block) -> None:
-        """Take a call of a control's own routine."""
+        """Record a call of a control's own routine as ignored, idle or unknown."""
         if name in self.ignored.letters:
             block.ignored.append(name)
         elif name in self.dialect.routines:
@@ -259,7 +259,7 @@ class _Reader:
 
 def read_blocks(text: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramBlocks:
     """Split a program into blocks, without comments, N words, blanks and empty lines."""
-    # it ends at M2 or M30, at a second %, or with the text; what stands behind M2 or M30 is read where the
+    # the program ends at M2 or M30, at a second %, or with the text; blocks after M2 or M30 are read if the
     # program calls subprograms
     blocks: list[Block] = []
     behind: list[Block] = []
@@ -299,7 +299,7 @@ def read_blocks(text: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramB
 
 
 def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block | None:
-    """Return what a line holds, None if nothing; unknown words are added to those of the file."""
+    """Return the block of a line, or None if it is empty; unknown words are added to the reader's."""
     dialect = reader.dialect
     bare = "".join(_COMMENT.sub("", raw).split()).upper()
     above: str | None = None
@@ -340,11 +340,11 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
                 raise InputError(f"{block.condition} and {word[0]} are both conditions: call one in a block")
             block.condition = word[0]
         elif letter in "GMT" and (code := code_of(letter, number, dialect)) is not None:
-            # whatever ends a program elsewhere ends it as M2 does
+            # other codes that end a program are read as M2
             block.codes.append(("M", 2) if dialect.codes.get((letter, code)) == "end" else (letter, code))
             ended = block.codes[-1] in _END_CODES
         elif letter in IDLE and letter not in dialect.letters and (letter != "O" or not block.values):
-            block.idle.append(word[0])  # X1O5 has a letter in place of a zero
+            block.idle.append(word[0])  # X1O5 has a letter in place of a zero, so its O is unknown
         elif letter not in VALUES and letter not in dialect.letters:
             reader.unknown.append((word[0][:_LONGEST_QUOTE], line))
         elif letter == "N":
@@ -357,7 +357,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
 
 
 def _offset_value(found: re.Match[str]) -> OffsetValue:
-    """Return what ``H1=.0085+H175`` says of H1."""
+    """Return the definition of H1 in ``H1=.0085+H175``."""
     number, added = 0.0, []
     for sign, term in _ADDED.findall(found[3]):
         factor = -1 if sign == "-" else 1
@@ -369,7 +369,7 @@ def _offset_value(found: re.Match[str]) -> OffsetValue:
 
 
 def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
-    """Read the move behind a colon: X Y I J and G1, G2 or G3."""
+    """Parse the move after a colon: X Y I J and G1, G2 or G3."""
     code: float | None = None
     values: dict[str, float] = {}
     at = 0
@@ -380,7 +380,7 @@ def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
             break
         at, letter, number = word.end(), word[1], word[2]
         if letter in values:
-            raise InputError(f"the word {letter} occurs twice behind the colon: write it once")
+            raise InputError(f"the word {letter} occurs twice after the colon: write it once")
         if letter in _ABOVE:
             values[letter] = _value(letter, number)
             block.measure(letter, number)
@@ -392,7 +392,7 @@ def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
 
 
 def _refuse_no_word(rest: str, raw: str) -> None:
-    """Refuse what cannot be a word where the cause is known; the rest of the line begins with it, or its letter."""
+    """Refuse text that cannot be a word if the cause is known; `rest` begins with it, or with its letter."""
     number = rest[1:] if rest[0] in ascii_uppercase + "=" else rest
     reason = next((reason for begin, reason in _NOT_READ.items() if number.startswith(begin)), None)
     if rest.startswith("("):
@@ -423,7 +423,7 @@ class Units:
     metric_mm: float  # what G21 means, in mm: 1, or 0.001 in a program in whole um
     stated: frozenset[float]  # which of G20 and G21 the program has
     inch_mm: float = INCH_MM  # what G20 means, in mm: 25.4, or 0.0254 in a program in thousandths
-    scaled: bool = False  # whether coordinates are in thousandths of the unit that feeds are in
+    scaled: bool = False  # whether coordinates are in thousandths of the unit of feeds
 
     @property
     def only_inches(self) -> bool:
@@ -432,7 +432,7 @@ class Units:
 
     @property
     def at_start_mm(self) -> float:
-        """The unit before any is stated, in mm: the program's only one, else millimetres."""
+        """Unit in mm before any is stated: the program's only one, otherwise the metric one."""
         return self.inch_mm if self.only_inches else self.metric_mm
 
     def of_code_mm(self, code: float) -> float | None:
@@ -442,7 +442,7 @@ class Units:
 
 
 def units_of(blocks: Sequence[Block], dialect: Dialect = ISO, inches: bool = False) -> tuple[Units, list[str]]:
-    """Return the units of a program and notices of what was decided; `inches` where it states none."""
+    """Return the units of a program and notices of what was decided; `inches`: use inches if it states none."""
     codes = {UNITS.get(number, number) for block in blocks for letter, number in block.codes if letter == "G"}
     stated = codes & {_INCH, 21} or ({_INCH} if inches else set())
     if dialect is FREECAD:
@@ -453,7 +453,7 @@ def units_of(blocks: Sequence[Block], dialect: Dialect = ISO, inches: bool = Fal
 
 
 def _scale(blocks: Sequence[Block], unit_mm: float) -> tuple[float, list[str]]:
-    """Decide whether coordinates are in the unit or in thousandths of it, by what the table has room for."""
+    """Decide whether coordinates are in the unit or in thousandths of it, by the size of the table."""
     extent = _extent(blocks)
     span, unit = f"the coordinates span {extent:g}", "mm" if unit_mm == 1 else "inch"
     if extent * unit_mm <= TABLE_MM:
@@ -478,7 +478,7 @@ def _metric_unit(blocks: Sequence[Block], has_inches: bool) -> tuple[float, list
 
 
 def _mixed_notices(blocks: Sequence[Block], pointed: Sequence[Block], extent: float) -> list[str]:
-    """Say that numbers with and without a decimal point are all mm, where those without may be meant in um."""
+    """Return notices that all numbers are mm, if some have no decimal point and may be meant in um."""
     whole = [block for block in blocks if block.decimals == 0 and not block.pointed and ("G", 4) not in block.codes
              and any(block.values.get(axis) for axis in "XYIJR")]  # fmt: skip
     if not whole or extent <= TABLE_MM:
@@ -491,7 +491,7 @@ def _mixed_notices(blocks: Sequence[Block], pointed: Sequence[Block], extent: fl
 
 
 def _extent(blocks: Sequence[Block]) -> float:
-    """Return the larger span of X and Y as written, G91 summed up, arcs by their ends."""
+    """Return the larger of the spans of X and Y as written, with G91 moves added up and arcs by their ends."""
     absolute = True
     reached: dict[str, list[float]] = {"X": [], "Y": []}
     for block in blocks:
@@ -511,17 +511,17 @@ _DEEPEST = 10  # calls within calls (ours: controls allow 4 to 10)
 
 
 def expanded(main: Sequence[Block], behind: Sequence[Block]) -> tuple[list[Block], list[str]]:
-    """Put subprograms, which stand behind the program's end, in place of their calls; notices name those unused."""
+    """Replace calls by their subprograms, which follow the program's end; notices name unused subprograms."""
     subprograms = _sections(behind)
     blocks: list[Block] = []
     called: set[int] = set()
     _run(main, subprograms, blocks, called, 0)
     idle = [number for number in subprograms if number not in called]
-    return blocks, [f"line {subprograms[number][0].line}: nobody calls subprogram O{number}" for number in idle]
+    return blocks, [f"line {subprograms[number][0].line}: subprogram O{number} is never called" for number in idle]
 
 
 def _sections(behind: Sequence[Block]) -> dict[int, list[Block]]:
-    """Split what stands behind the program at its O numbers; a section ends with M99."""
+    """Split the blocks after the program at their O numbers (or N numbers); a section ends with M99."""
     found: dict[int, list[Block]] = {}
     number: int | None = None
     for block in behind:
@@ -554,7 +554,7 @@ def _run(
 ) -> None:
     for block in blocks:
         if RETURN in block.codes:
-            raise InputError("M99 ends a subprogram, which begins with its O number behind M2 or M30",
+            raise InputError("M99 ends a subprogram, which begins with its O number after M2 or M30",
                              line=block.line)
         if CALL not in block.codes:
             out.append(block)
@@ -563,7 +563,7 @@ def _run(
         number, times = _call(block)
         if number not in subprograms:
             there = ", ".join(f"O{known}" for known in subprograms) or "none"
-            reason = f"there is no subprogram O{number} behind the end of the program; there are: {there}"
+            reason = f"there is no subprogram O{number} after the end of the program; there are: {there}"
             raise InputError(reason, line=block.line)
         if depth == _DEEPEST:
             raise InputError(f"subprogram O{number} calls itself, or calls lie over {_DEEPEST} deep", line=block.line)
@@ -575,7 +575,7 @@ def _run(
 
 
 def _call(block: Block) -> tuple[int, int]:
-    """Return which subprogram is called, and how often."""
+    """Return the number of the called subprogram, and its repetitions."""
     number, times = block.values.get("P"), block.values.get("L", 1.0)
     if number is None or not block.values.keys() <= {"P", "L", "D", "H"} or number != int(number) or number < 0:
         raise InputError("M98 needs the number of a subprogram as P, its repetitions as L, and nothing else",

@@ -11,7 +11,7 @@ Action = Literal[
     "thread", "cut off", "adaptive", "constant", "end", "idle", "no taper", "taper left", "taper right", "conical",
     "cylindrical", "two planes off", "two planes left", "two planes right",
 ]
-"""What a code does. "idle": nothing to a contour, as tank, water and wire on and off."""
+"""Effect of a code. "idle": no effect on a contour, as of tank, water and wire on and off."""
 
 Codes = Mapping[tuple[str, float], Action]
 TAPER: Codes = {("G", 50): "no taper", ("G", 51): "taper left", ("G", 52): "taper right"}
@@ -19,38 +19,38 @@ TAPER: Codes = {("G", 50): "no taper", ("G", 51): "taper left", ("G", 52): "tape
 
 @dataclass(frozen=True)
 class Dialect:
-    """A dialect: words and what they mean."""
+    """A dialect: words and their meaning."""
 
-    name: str  # as ``--dialect`` has it
-    machines: str  # the machines it is for, in notices
-    # codes that only this dialect has, or to which it gives a meaning, and what they do; others have their usual
-    # meaning or none
+    name: str  # value of ``--dialect``
+    machines: str  # machines that use it, for notices
+    # codes that only this dialect has, or that have a special meaning in it, and their effects; others have their
+    # usual meaning or none
     codes: Codes = field(default_factory=dict)
-    condition: str = ""  # letter that calls a machining condition; empty where none does
-    # columns of its table of conditions, in their usual order; empty where programs hold no table
+    condition: str = ""  # letter that calls a machining condition; empty if there is none
+    # columns of its table of conditions, in their usual order; empty if programs contain no table
     columns: tuple[str, ...] = ()
-    angle: str = ""  # letter of a taper's angle in degrees; empty where there is none
-    signed_angle: bool = False  # whether the angle leans the wire without G51 or G52, by its sign
-    # how the second plane is written: U V from X Y, U V as coordinates, or a move behind a colon
+    angle: str = ""  # letter of a taper's angle in degrees; empty if there is none
+    signed_angle: bool = False  # whether the sign of the angle sets the side, without G51 or G52
+    # how the second plane is written: U V relative to X Y, U V as coordinates, or a move after a colon
     upper: Literal["relative", "absolute", "colon"] | None = None
-    planes: bool = False  # whether TP and TN give the heights of the two planes
-    registers_in_um: bool = False  # whether ``H001=100`` are um, in whatever unit the coordinates are
+    planes: bool = False  # whether TP and TN set the heights of the two planes
+    registers_in_um: bool = False  # whether ``H001=100`` is in um, whatever the unit of coordinates is
     ends_blocks: bool = False  # whether ``;`` ends a block, so that another may follow on the line
     dwells_in_ms: bool = False  # whether the P of G4 is in ms, and its X without a decimal point
-    routines: frozenset[str] = frozenset()  # of the control, ``QAIC(...)``, that do nothing to a contour
+    routines: frozenset[str] = frozenset()  # names as in ``QAIC(...)``, without effect on a contour
     numbered: bool = False  # whether subprograms begin at N numbers as well as at O numbers
-    # what the dialect is recognised by: regular expressions of which all of one tuple are found in the program,
-    # in upper case, without comments and blanks
+    # the dialect is recognised if all regular expressions of one of these tuples are found in the program, in upper
+    # case, without comments and blanks
     evidence: tuple[tuple[str, ...], ...] = ()
-    comment: str = ""  # a regular expression that is found in its comments; empty if they tell nothing
+    comment: str = ""  # regular expression that recognises its comments; empty if there is none
 
     @property
     def letters(self) -> str:
-        """Letters whose numbers are used here, besides those of all dialects."""
+        """Letters whose numbers are used, in addition to those of all dialects."""
         return self.angle + {"relative": "UVK", "absolute": "UV"}.get(self.upper or "", "")
 
     def found_in(self, words: str, comments: str) -> str | None:
-        """Return what a program, in upper case without comments and blanks, is recognised by; None if by nothing."""
+        """Return the text by which a program (upper case, no comments or blanks) is recognised; None if it is not."""
         for alternative in self.evidence:
             found = [re.search(pattern, words, re.MULTILINE) for pattern in alternative]
             if all(found):
@@ -60,7 +60,7 @@ class Dialect:
 
 
 ISO = Dialect("iso", "any machine")
-"""The words that controls have in common; for programs in which no other dialect is recognised."""
+"""The words common to all controls, for programs in which no other dialect is recognised."""
 
 
 # Charmilles Robofil: offsets and settings by number from the control's tables, G28 and G29 for tapered corners.
@@ -71,7 +71,7 @@ CHARMILLES = Dialect(
     codes={**TAPER, ("G", 28): "conical", ("G", 29): "cylindrical", ("M", 20): "thread", ("M", 21): "cut off"},
     condition="S",
     angle="A",
-    evidence=((r"(?<!G91)G2[89](?![\dXYZ])",),),  # elsewhere the reference point, with its axes
+    evidence=((r"(?<!G91)G2[89](?![\dXYZ])",),),  # elsewhere return to the reference point, with its axes
 )  # fmt: skip
 
 
@@ -92,20 +92,20 @@ FANUC = Dialect(
 )
 
 
-# FreeCAD's post processor for wire EDM: any line end, comments behind any sign, coordinates in any scale.
+# FreeCAD's post processor for wire EDM: any line end, comments after any sign, coordinates in any scale.
 
 FREECAD = Dialect("freecad", "FreeCAD's wire post", comment=r"FreeCAD|begin preamble")
 _COORDINATE = re.compile(r"[XYIJ][-+]?[\d.]", re.IGNORECASE)
 _LINE_END = re.compile(r"(?<![^\d.\s()])[^\d.\s()]++$")
 _MARKS = r"[^\w\s%/();#\[]"
-# every blank and mark is looked at once: a line of nothing but blanks would else take hours
+# possessive: every blank and mark is matched once, because a line of only blanks would otherwise take hours
 _MARKED_COMMENT = re.compile(rf"(?<!\s)(?:\s++|(?=N)|(?<!{_MARKS}))(?:N\d++)?+\s*+{_MARKS}++\s*+(?=\()")
 INCHES = re.compile(r"\(machine:[^)]*\bin/min\)", re.IGNORECASE)
 
 
 def without_line_ends(lines: Sequence[str]) -> list[str]:
-    """Take off what stands at the end of every line with coordinates, and signs that a comment begins with."""
-    # what some of these lines lack is no line end, and neither is a single letter: they may be words that were spoilt
+    """Remove the sign at the end of all lines with coordinates, and signs before comments."""
+    # a sign that some lines lack is not a line end, nor is a single letter, because they may be incomplete words
     bare = [re.sub(r"\([^()]*\)", "", line.partition(";")[0]).rstrip() for line in lines]
     ends = [_LINE_END.search(line) for line in bare if _COORDINATE.search(line)]
     found = {end and end[0] for end in ends}
@@ -116,7 +116,7 @@ def without_line_ends(lines: Sequence[str]) -> list[str]:
     return [_MARKED_COMMENT.sub("", line) for line in cut]
 
 
-# LinuxCNC with four axes, as cutters of foam with a hot wire have them: U V are coordinates of the upper plane.
+# LinuxCNC with four axes, as on hot-wire foam cutters: U V are coordinates of the upper plane.
 
 LINUXCNC = Dialect(
     "linuxcnc",
@@ -130,7 +130,7 @@ _PLANE = re.compile(r"\b(XY|UV)[ -]?PLANE\D*?([-+]?(?:\d+\.?\d*|\.\d+))", re.IGN
 
 
 def plane_heights(comments: Iterable[str]) -> dict[str, float]:
-    """Return the heights that comments give the planes, as ``(UV plane Z20)``: by ``XY`` and ``UV``, as written."""
+    """Return the heights of planes stated in comments, as ``(UV plane Z20)``, by ``XY`` and ``UV``, as written."""
     return {found[1].upper(): float(found[2]) for text in comments for found in _PLANE.finditer(text)}
 
 
@@ -192,7 +192,7 @@ SODICK = Dialect(
 DIALECTS = {
     dialect.name: dialect for dialect in (SODICK, MITSUBISHI, SKD2, CHARMILLES, FANUC, LINUXCNC, FREECAD, ISO)
 }  # fmt: skip
-"""By name, in the order in which they are looked for in a program."""
+"""Dialects by name, in the order in which programs are tested for them."""
 AUTO = "auto"
 _COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
 

@@ -1,10 +1,10 @@
-"""DXF drawings read into closed outlines.
+"""Reading of DXF drawings into closed outlines.
 
-Read are LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D or flat), SPLINE and ELLIPSE in model space and in blocks
-(INSERT), on any layer that is on. Loose ends within 5 um are joined, what lies within 5 um is joined away. A closed
-contour that lies in no other, or in an even number of others, is an outside (the part is within); in an odd number, a
-hole. The cut runs with the part on its left: outsides counter-clockwise, holes clockwise. It begins where the
-contour's first entity in the file begins. Inner contours come first.
+These are read: LINE, ARC, CIRCLE, LWPOLYLINE, POLYLINE (2D or flat), SPLINE and ELLIPSE in model space and in blocks
+(INSERT), on any layer that is on. Loose ends within 5 um are joined, and entities within 5 um with their
+neighbours. A closed contour inside an even number of others (or none) is an outer contour, with the part inside;
+inside an odd number it is a hole. The part is on the left of the cut: outer contours run counter-clockwise, holes
+clockwise. A cut begins where the contour's first entity in the file begins. Inner contours come first.
 """
 
 from __future__ import annotations
@@ -34,34 +34,34 @@ if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
-# A DXF file opened: by the strict reader of the library, or where that fails by the one that recovers.
-# For the latter, which drops what it does not expect, irregular texts are made regular.
+# Opening of a DXF file: by the strict reader of ezdxf or, if that fails, by its recovering reader. The latter drops
+# unexpected contents, so irregular texts are made regular before.
 
 _Tag = tuple[int, bytes, int]  # group code, value, and the line of the code
-_PARTS = frozenset({"VERTEX", "INSERT"})  # kinds that decide what is cut without being cut themselves
+_PARTS = frozenset({"VERTEX", "INSERT"})  # kinds that are not cut themselves but decide what is cut
 _STRUCTURE = frozenset({"SECTION", "ENDSEC", "BLOCK", "ENDBLK", "SEQEND", "EOF"})
 _MARKERS = {"LWPOLYLINE": b"AcDbPolyline", "SPLINE": b"AcDbSpline"}
-"""Kinds that the library reads by their subclass markers (code 100) only, and the markers of their own codes."""
+"""Kinds that ezdxf reads only if they have subclass markers (code 100), and the marker of their own codes."""
 _COMMON = frozenset({5, 6, 8, 48, 60, 62, 67, 330, 370, 410, 420, 430, 440})
-"""Codes before these markers: those that all entities have."""
-_MARKED_FROM = b"AC1015"  # a version that has these kinds: in older ones the library looks at no marker
+"""Codes before these markers, common to all entities."""
+_MARKED_FROM = b"AC1015"  # version with these kinds; in older ones ezdxf ignores the markers
 _HEADER = b"0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\n%b\n0\nENDSEC\n" % _MARKED_FROM
 _FIRST_HANDLE = 0x7F000000
 
 
 @dataclass
 class Regular:
-    """A text that the recovering reader takes."""
+    """A DXF text that the recovering reader accepts."""
 
     text: bytes = b""
-    # entities that are not cut, by kind; they are no longer in the text
+    # entities that are not cut, by kind; they are removed from the text
     left_out: Counter[str] = field(default_factory=Counter)
     foreign: list[str] = field(default_factory=list)  # kinds of entities that cannot be cut
 
 
 def regular(data: bytes) -> Regular:
-    """Return a DXF text with X, Y and Z of every point directly behind one another, and every handle given once."""
-    # DXF asks for no order within an entity; the library wants this one, and drops what comes otherwise
+    """Return a DXF text in which X, Y and Z of a point follow each other directly and all handles are different."""
+    # DXF requires no order within an entity, but ezdxf requires this one, and drops points in another order
     tags = list(_tags(data))
     begins = [i for i, (code, _, _) in enumerate(tags) if code in (0, 9)]
     section, header, found = "", _HEADER, Regular()
@@ -123,7 +123,7 @@ def _refuse_no_numbers(entity: list[_Tag]) -> None:
 
 
 def _with_own_handle(entity: list[_Tag], taken: set[bytes]) -> list[_Tag]:
-    """Give an entity whose handle another one has a handle of its own."""
+    """Replace the handle of an entity if another entity has it."""
     own = b"%X" % (_FIRST_HANDLE + len(taken))
     return [(5, own, tag[2]) if tag[0] == 5 and tag[1].strip() in taken | {b"0"} else tag for tag in entity]
 
@@ -133,7 +133,7 @@ def _at_least_marked(version: bytes) -> bytes:
 
 
 def _marked(kind: str, entity: list[_Tag]) -> list[_Tag]:
-    """Put the subclass markers where they are left out."""
+    """Add the subclass markers if they are missing."""
     if kind not in _MARKERS or any(code == 100 for code, _, _ in entity):
         return entity
     head, rest = entity[0], entity[1:]
@@ -143,7 +143,7 @@ def _marked(kind: str, entity: list[_Tag]) -> list[_Tag]:
 
 
 def _in_order(kind: str, entity: list[_Tag]) -> list[_Tag]:
-    """Return the tags of one entity or variable, each Y and Z behind its X, the n-th behind the n-th."""
+    """Return the tags of one entity or variable, with the n-th Y and Z directly after the n-th X."""
     from ezdxf.lldxf.types import POINT_CODES
 
     codes = [code for code, _, _ in entity]
@@ -170,8 +170,8 @@ Found = TypeVar("Found")
 
 
 def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list[str]]:
-    """Open a drawing and return what `look` finds in it, and notices of what is irregular or not cut."""
-    # what `look` raises besides `InputError` says that the document is damaged
+    """Open a drawing; return the result of `look`, and notices of contents that are irregular or not cut."""
+    # if `look` raises anything but `InputError`, the document is damaged
     from ezdxf.filemanagement import readfile
 
     data = read_bytes(path, "a DXF drawing")
@@ -181,7 +181,7 @@ def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list
             found = look(_without_own_unit(readfile(path), data))
         except InputError:
             raise
-        except Exception:  # the library lets errors of any kind through, here and below
+        except Exception:  # ezdxf may raise any exception, here and below
             pass
         else:
             if not warnings:
@@ -205,7 +205,7 @@ def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list
 
 
 def _refuse_others(data: bytes) -> None:
-    """Say what a file is that is not a DXF drawing."""
+    """Refuse a file that is not a DXF drawing; the message says what it is."""
     if data.startswith(_BINARY_DXF):
         return
     if not data.strip():
@@ -220,7 +220,7 @@ def _refuse_others(data: bytes) -> None:
 
 
 def _without_own_unit(document: Drawing, data: bytes) -> Drawing:
-    """Take out the unit that the library sets where a drawing says none."""
+    """Remove the unit that ezdxf sets if a drawing has none."""
     if _UNIT.encode() not in data and _UNIT in document.header:
         del document.header[_UNIT]
     return document
@@ -264,32 +264,32 @@ def _heard() -> Iterator[list[str]]:
         logger.propagate = propagate
 
 
-_DEEPEST = 16  # blocks within blocks (ours: deeper ones hold themselves)
+_DEEPEST = 16  # blocks within blocks (ours: deeper ones contain themselves)
 _MOST_NAMED = 20
 _EQUAL = 1e-9
-"""Angles that differ by less, in degrees or radians, are equal; so are radii and 0 (ours: what arithmetic leaves)."""
-_TURN_RAD = 1e-8  # by which a turn of an ellipse may miss itself (ours: two numbers of eight decimals)
+"""Angles that differ by less, in degrees or radians, are equal; so are radii and 0 (ours: rounding errors)."""
+_TURN_RAD = 1e-8  # tolerance of a full turn of an ellipse (ours: two numbers of eight decimals)
 
 
 class Drawn:
-    """The entities of a drawing's model space that are to be cut, of some layers or of all that are shown."""
+    """The entities of a drawing's model space that are to be cut, on some layers or on all visible ones."""
 
     def __init__(self, document: Drawing, layers: Sequence[str], without: str | None = None) -> None:
         self._document = document
         self._without = "" if without is None else without.strip().lower()
         self._layers = {name.strip().lower(): name.strip() for name in layers}
-        self.left_out = Counter[str]()  # what is not cut, by kind
+        self.left_out = Counter[str]()  # entities that are not cut, by kind
         self._count = 0
         self._refuse_unknown_layers()
         self._take_turns()
 
     def __iter__(self) -> Iterator[Any]:
-        """Go through them, in the order of the file."""
+        """Yield the entities in the order of the file."""
         for entity in self._document.modelspace():
             yield from self._parts(entity, _property(entity, "layer", "0"), 0)
 
     def _parts(self, entity: Any, layer: str, depth: int) -> Iterator[Any]:
-        """Return an entity, or those of its block; what lies on layer 0 in a block is on the layer of the block."""
+        """Yield an entity, or those of its block; entities on layer 0 of a block are on the layer of the block."""
         kind = entity.dxftype()
         if kind != "INSERT":
             if self._is_cut(entity, kind, layer):
@@ -328,8 +328,8 @@ class Drawn:
         return False
 
     def _take_turns(self) -> None:
-        """Make arcs with equal angles the points that CAD programs draw, and let ellipses all round begin at 0."""
-        # the library makes full circles of the first, and nothing of the second if they begin elsewhere
+        """Convert arcs with equal angles to points, as CAD programs draw them; make full ellipses begin at 0."""
+        # ezdxf reads the former as full circles, and drops the latter if they begin elsewhere
         blocks: Any = self._document.blocks
         for block in blocks:
             for arc in block.query("ARC"):
@@ -357,8 +357,8 @@ class Drawn:
 
 
 def _moved(entity: Any, place: Any) -> Iterator[Any]:
-    """Return what an entity of a block is where the block lies: stretched, an arc is an ellipse."""
-    # the library misplaces turned blocks in a stretched one, and drops, explodes or fails on what is not cut
+    """Yield an entity of a block, transformed to the block's place; if it is stretched, an arc becomes an ellipse."""
+    # ezdxf misplaces rotated blocks in a stretched one, and drops, explodes or fails on entities that are not cut
     from ezdxf.entities.ellipse import Ellipse
     from ezdxf.math.transformtools import NonUniformScalingError
 
@@ -379,7 +379,7 @@ def _moved(entity: Any, place: Any) -> Iterator[Any]:
 
 
 def _property(entity: Any, name: str, default: Any) -> Any:
-    """Return what all entities have; the library keeps it elsewhere for kinds that it does not know."""
+    """Return a property that all entities have; ezdxf stores it elsewhere for unknown kinds."""
     if entity.dxf.is_supported(name):
         return entity.dxf.get(name, default)
     return entity.graphic_properties().get(name, default)
@@ -432,7 +432,7 @@ def read_dxf(
 def _content(
     document: Drawing, layers: Sequence[str], unit: str | None, without: str | None
 ) -> tuple[list[entities.Chain], float, list[str]]:
-    """Return what is drawn, the drawing's unit in mm, and notices."""
+    """Return the chains of a drawing, its unit in mm, and notices."""
     unit_mm, notices = _unit(document, unit)
     drawn = Drawn(document, layers, without)
     chains = list(_chains(drawn, unit_mm))
@@ -440,12 +440,12 @@ def _content(
     short = Counter(kind for chain, kind in chains for kind in _short(chain, kind))
     if short:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(short.items()))
-        notices.append(f"what lies within {JOIN_TOLERANCE_MM} mm is joined away, as ends within it are: {listed}")
+        notices.append(f"parts within {JOIN_TOLERANCE_MM} mm are joined with their neighbours: {listed}")
     return [chain for chain, _ in chains], unit_mm, notices
 
 
 def _chains(drawn: Drawn, unit_mm: float) -> Iterator[tuple[entities.Chain, str]]:
-    """Go through the entities that have a length, each with its kind."""
+    """Yield the entities that have a length as chains, each with its kind."""
     count = 0
     for place, entity in enumerate(drawn):
         kind = entity.dxftype()
@@ -462,7 +462,7 @@ def _chains(drawn: Drawn, unit_mm: float) -> Iterator[tuple[entities.Chain, str]
 
 
 def _read(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
-    """Return the pieces of an entity; the library lets errors of any kind through."""
+    """Return the pieces of an entity; raises `InputError` whatever ezdxf raises."""
     try:
         return entities.pieces_of(entity, unit_mm)
     except InputError:
@@ -473,7 +473,7 @@ def _read(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
 
 
 def _short(chain: entities.Chain, kind: str) -> Iterator[str]:
-    """Name what of an entity lies within the tolerance that joins ends: all of it, or segments of a polyline."""
+    """Yield names of parts within the tolerance that joins ends: the whole entity, or segments of a polyline."""
     if chain.is_short:
         yield kind
     elif kind in entities.POLYLINES:
@@ -524,14 +524,14 @@ def _unit(document: Drawing, chosen: str | None) -> tuple[float, list[str]]:
 
 
 def _nested(contours: list[entities.Chain]) -> list[Outline]:
-    """Find out which contours lie in which, and turn and sort them accordingly."""
+    """Find which contours are inside which, and orient and sort them accordingly."""
     polygons = [shapely.Polygon(contour.points) for contour in contours]
     lines = [polygon.exterior for polygon in polygons]
     for a, b in combinations(range(len(lines)), 2):
         if lines[a].intersects(lines[b]):
             meeting = shapely.get_coordinates(lines[a].intersection(lines[b]))[0]
             raise InputError(f"two contours cross or touch at {entities.spot(meeting)}: keep them apart")
-    # contains is false for a contour's own corner, which lies on its boundary
+    # `contains` is False for a contour's own corner, which is on its boundary
     depths = [sum(p.contains(shapely.Point(points[0])) for p in polygons) for points in (c.points for c in contours)]
     order = sorted(range(len(contours)), key=lambda i: -depths[i])
     return [_outline(contours[i], is_hole=depths[i] % 2 == 1) for i in order]

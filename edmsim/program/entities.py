@@ -1,7 +1,7 @@
-"""Entities of a drawing as lines and arcs, curves as chords within the tolerance.
+"""Conversion of a drawing's entities to lines and arcs, and of curves to chords within the tolerance.
 
-LWPOLYLINE, and POLYLINE in two dimensions or at one height; splines also closed and periodic, whose knots do not stop
-at the ends.
+Polylines are LWPOLYLINE, and POLYLINE in two dimensions or at one height. Splines may be closed, or periodic with
+knots beyond their ends.
 """
 
 import math
@@ -20,9 +20,9 @@ from edmsim.program.arcs import CHORD_TOLERANCE_UM, arc_points, by_element
 from edmsim.program.limits import FARTHEST_MM, check_count, check_points
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
-# Chains: lines and arcs of a drawing that follow one another, joined into closed contours; what is drawn twice.
+# Chains: successive lines and arcs of a drawing, joined into closed contours; duplicates.
 
-SAME_MM = 1e-6  # points closer than this many mm are one (ours: what arithmetic leaves of equal numbers)
+SAME_MM = 1e-6  # points closer than this many mm are one (ours: rounding errors)
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Chain:
 
     points: Floats  # (n, 2): in mm, none within `SAME_MM` of the one before
     elements: NDArray[np.int64]  # (n - 1,): which line or arc each of the chords belongs to; neighbours differ
-    place: int  # place of its first entity in the drawing
+    place: int  # index of its first entity in the drawing
 
     @classmethod
     def of(cls, pieces: Sequence[Floats], place: int) -> Self:
@@ -42,18 +42,18 @@ class Chain:
 
     @classmethod
     def joined(cls, chains: Sequence[Self]) -> Self:
-        """Join chains, each turned to run on where the one before ends."""
+        """Join chains, each of which begins where the previous one ends."""
         counts = np.cumsum([0, *(int(chain.elements.max()) + 1 for chain in chains[:-1])])
         points = np.concatenate([chains[0].points, *(chain.points[1:] for chain in chains[1:])])
         elements = np.concatenate([chain.elements + count for chain, count in zip(chains, counts, strict=True)])
         return cls(points, elements, min(chain.place for chain in chains))._without_repeats()
 
     def reversed(self) -> Self:
-        """Return it run through from its end."""
+        """Return the chain in the opposite direction."""
         return type(self)(self.points[::-1], self.elements[::-1], self.place)
 
     def ring(self) -> Self:
-        """Return a closed one with its last point on its first."""
+        """Return a closed chain with its last point equal to its first."""
         points = np.concatenate([self.points[:-1], self.points[:1]])
         return type(self)(points, self.elements, self.place)._without_repeats()
 
@@ -64,7 +64,7 @@ class Chain:
 
     @property
     def is_short(self) -> bool:
-        """Whether it lies within the tolerance that joins ends."""
+        """Whether the whole chain is within the tolerance that joins ends."""
         return is_short(self.points)
 
     def parts(self) -> list[tuple[Floats, bool]]:
@@ -73,8 +73,8 @@ class Chain:
         return [(part, math.dist(part[0], part[-1]) <= JOIN_TOLERANCE_MM and is_short(part)) for part in parts]
 
     def without_short_elements(self) -> Self:
-        """Return a ring without lines and arcs that lie within the tolerance: their ends are one point."""
-        # of many in a row, those stay whose ends are farther from the last point that stayed, as straight lines
+        """Return a ring without lines and arcs within the tolerance, because their ends are one point."""
+        # of several in a row, those whose end is further from the last remaining point remain, as straight lines
         parts = self.parts()
         if not any(short for _, short in parts):
             return self
@@ -92,7 +92,7 @@ class Chain:
 
 
 def is_short(points: Floats) -> bool:
-    """Say whether points (n, 2) in mm lie within the tolerance of the first or, where they close, of their middle."""
+    """Return whether points (n, 2) in mm are within the tolerance of the first or, if closed, of their middle."""
     closes = np.hypot(*(points[0] - points[-1])) <= JOIN_TOLERANCE_MM
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return any(
@@ -103,13 +103,13 @@ def is_short(points: Floats) -> bool:
 
 _NEIGHBOURS = 8
 _WIDEST_MM = 3 * JOIN_TOLERANCE_MM  # two ends with something short between them, and the tolerance at either end
-_End = tuple[int, int]  # an end of a chain: which chain, and 0 or -1
+_End = tuple[int, int]  # an end of a chain: index of the chain, and 0 or -1
 
 
 def joined_contours(chains: Sequence[Chain]) -> list[Chain]:
     """Join chains into closed contours, in the order of their first entities."""
-    # a chain that lies within the tolerance is joined away: the ends it meets are one place. Short ones in a
-    # row that lead farther than the tolerance are a chain like any other
+    # a chain within the tolerance is removed, because the ends that it meets are one point. Several of these in a
+    # row that extend further than the tolerance are a chain like any other
     runs = _runs([chain for chain in chains if chain.is_short])
     whole = [*(chain for chain in chains if not chain.is_short), *(run for run in runs if not run.is_short)]
     loose = sorted((chain for chain in whole if not chain.closed), key=lambda chain: chain.place)
@@ -128,7 +128,7 @@ def _runs(short: list[Chain]) -> list[Chain]:
 
 
 def _nearest_partners(short: Sequence[Chain]) -> dict[_End, _End]:
-    """Return pairs of ends that are nearest to each other, leaving out the other end of the same short chain."""
+    """Return pairs of ends that are nearest to each other, except the two ends of one short chain."""
     ends, places = _ends(short)
     still_short = [chain.is_short for chain in short]
     nearest: dict[int, int] = {}
@@ -139,7 +139,7 @@ def _nearest_partners(short: Sequence[Chain]) -> dict[_End, _End]:
 
 
 def _partners(loose: Sequence[Chain], short: Sequence[Chain]) -> dict[_End, _End]:
-    """Return for every end of the loose chains the one that meets it, there or past something short."""
+    """Return for every end of the loose chains the end that meets it, directly or through short chains."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -175,7 +175,7 @@ def _ends(chains: Sequence[Chain]) -> tuple[list[_End], Floats]:
 
 
 def _near(places: Floats) -> list[tuple[int, int]]:
-    """Return pairs of different places within the tolerance, for each the nearest first; of a crowd, some."""
+    """Return pairs of points within the tolerance, the nearest first for each; if very many are near, only some."""
     from scipy.spatial import KDTree
 
     reach_mm = np.nextafter(JOIN_TOLERANCE_MM, 1)
@@ -197,7 +197,7 @@ def _open_reason(ends: Floats) -> str:
 
 
 def _followed(chains: Sequence[Chain], partner: dict[_End, _End]) -> list[Chain]:
-    """Join chains as their ends meet; each result begins with its first chain, or at an open end."""
+    """Join chains whose ends are partners; each result begins with its first chain, or at an open end."""
     left = dict(enumerate(chains))
     found = []
     for first in range(len(chains)):
@@ -210,7 +210,7 @@ def _followed(chains: Sequence[Chain], partner: dict[_End, _End]) -> list[Chain]
 
 
 def _walk(left: dict[int, Chain], partner: dict[_End, _End], end: _End) -> list[Chain]:
-    """Take the chains that follow an end, turned to run on from it, until it is open or round."""
+    """Remove from `left` the chains that follow an end, up to an open end or a full turn; return them oriented."""
     first, pieces = end[0], []
     while end in partner:
         number, begin = partner[end]
@@ -223,18 +223,18 @@ def _walk(left: dict[int, Chain], partner: dict[_End, _End], end: _End) -> list[
 
 
 def spot(point: Floats) -> str:
-    """Return a place in the words of a message."""
+    """Return a point as text for messages."""
     return f"X{point[0]:.3f} Y{point[1]:.3f} mm"
 
 
 _CELL_MM = 16 * JOIN_TOLERANCE_MM
 _Box = tuple[float, float, float, float]
-_LEAST_SHARE = 0.25  # lines apart by more of their own extent are two, however short they are (ours)
+_LEAST_SHARE = 0.25  # lines apart by a greater share of their extent are two, however short they are (ours)
 
 
 def without_duplicates(chains: Sequence[Chain]) -> list[Chain]:
-    """Return the chains without those that lie on an earlier one from end to end, whatever their direction."""
-    # candidates share the box around them; boxes are looked up through a grid, with the cells beside it
+    """Return the chains without those that coincide with an earlier one, in either direction."""
+    # duplicates have equal bounding boxes, which are looked up in a grid, with adjacent cells
     cells: dict[tuple[int, ...], list[tuple[_Box, Chain]]] = {}
     distinct = []
     for chain in chains:
@@ -250,7 +250,7 @@ def without_duplicates(chains: Sequence[Chain]) -> list[Chain]:
 
 
 def _are_same(one: Chain, box: _Box, other_box: _Box, other: Chain) -> bool:
-    """Compare by the distance of every point and middle of a chord of each from the other."""
+    """Return whether every point and chord's middle of each chain is on the other, within the tolerance."""
     extent = min(max(x1 - x0, y1 - y0) for x0, y0, x1, y1 in (box, other_box))
     reach = min(JOIN_TOLERANCE_MM, _LEAST_SHARE * extent)
     if any(abs(a - b) > reach for a, b in zip(box, other_box, strict=True)) or one.closed != other.closed:
@@ -275,9 +275,9 @@ _FEWEST_CHORDS = 16
 
 def spline_points(entity: Any, tolerance: float) -> Floats:
     """Return the points (n, 2) of a SPLINE, in drawing units, as chords within a tolerance."""
-    # a periodic spline is drawn between the first and last knot that all its control points bear on; one whose
-    # control points are written once, for as many knots as if they were repeated, is closed with the first of
-    # them; one that is said to be closed and has only fit points is a periodic cubic through them
+    # A periodic spline is drawn between knots[degree] and knots[-degree - 1]. If it has knots for repeated control
+    # points but lists them once, the first of them are appended. A spline that is flagged as closed and has only
+    # fit points is a periodic cubic through these.
     from scipy.interpolate import BSpline
 
     if entity.closed and len(entity.fit_points) > 2:
@@ -301,7 +301,7 @@ def spline_points(entity: Any, tolerance: float) -> Floats:
 
 
 def with_control_points(entity: Any) -> Any:
-    """Return a SPLINE with the control points of its curve, which are stretched with it: fit points are not."""
+    """Return a SPLINE with control points in place of fit points, so that stretching it stretches the curve."""
     from scipy.interpolate import make_interp_spline
 
     if len(entity.control_points) or not len(entity.fit_points):
@@ -336,7 +336,7 @@ _MESHES = {"AcDbPolygonMesh": "polygon mesh", "AcDbPolyFaceMesh": "polyface mesh
 
 
 def polyline_pieces(entity: Any, unit_mm: float) -> list[Floats]:
-    """Return the lines and arcs of a polyline, points (n, 2) in mm each; those of no length are left out."""
+    """Return the lines and arcs of a polyline, points (n, 2) in mm each, without those of no length."""
     corners, bulges, closed, height = _vertices(entity, unit_mm)
     check_points(np.column_stack([corners.real, corners.imag]), f"a {entity.dxftype()}",
                  f"; a drawing unit is {unit_mm:g} mm here; or give --unit")
@@ -392,7 +392,7 @@ def _segment(start: complex, end: complex, bulge: float) -> Floats:
 
 
 def _flat(entity: Any, points: Floats, height: float, unit_mm: float) -> Floats:
-    """Return points (n, 2) of an entity's own plane as they lie in the drawing's."""
+    """Transform points (n, 2) from the entity's own plane to the drawing's."""
     if entity.dxftype() == "POLYLINE" and not entity.is_2d_polyline:
         return points
     plane = entity.ocs()
@@ -402,7 +402,7 @@ def _flat(entity: Any, points: Floats, height: float, unit_mm: float) -> Floats:
     return np.array([(point.x, point.y) for point in placed], np.float64)
 
 
-SHAPES = "lines, arcs, circles, polylines, splines or ellipses"  # what can be cut, in the words of a message
+SHAPES = "lines, arcs, circles, polylines, splines or ellipses"  # kinds that can be cut, for messages
 POLYLINES = frozenset({"LWPOLYLINE", "POLYLINE"})  # kinds of several lines and arcs
 
 _OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {
@@ -412,7 +412,7 @@ _OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {
     "ELLIPSE": lambda entity: _box(entity.dxf.center, entity.dxf.major_axis.magnitude),
     "SPLINE": lambda entity: (*entity.control_points, *entity.fit_points),
 }
-"""Points between which an entity lies, or that its length follows from."""
+"""Points between which an entity is, or from which its length follows."""
 CUT = POLYLINES | _OUTERMOST.keys()  # kinds of entities that can be cut
 UNDRAWN = frozenset({
     "TEXT", "MTEXT", "ATTDEF", "ATTRIB", "RTEXT", "ARCALIGNEDTEXT", "ACAD_TABLE", "DIMENSION", "ARC_DIMENSION",
@@ -420,7 +420,7 @@ UNDRAWN = frozenset({
     "WIPEOUT", "VIEWPORT", "XLINE", "RAY", "LIGHT", "SUN", "PDFUNDERLAY", "DWFUNDERLAY", "DGNUNDERLAY", "OLEFRAME",
     "OLE2FRAME",
 })  # fmt: skip
-"""Kinds that are left out: annotations, and what helps in drawing."""
+"""Kinds that are left out: annotations, and drawing aids."""
 _FLAT = 0.9999
 
 
@@ -452,7 +452,7 @@ def _refuse_tilted(entity: Any, kind: str) -> None:
 
 
 def _points(entity: Any, kind: str, unit_mm: float) -> Iterable[Any]:
-    """Return points in drawing units; where an entity has no length, one of them."""
+    """Return points in drawing units; a single one if the entity has no length."""
     tolerance = CHORD_TOLERANCE_UM / 1000 / unit_mm
     if kind == "LINE":
         return [entity.dxf.start, entity.dxf.end]

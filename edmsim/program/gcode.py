@@ -1,10 +1,10 @@
-"""G-code (RS-274, and what dialects add to it) read into outlines.
+"""Reading of G-code (RS-274 and its dialects) into outlines.
 
 The words understood are G0 to G4, G10, G20, G21, G40 to G42, G90 to G92, G90.1, G91.1, M0, M1, M2, M30, M50, M60, F,
 D, H, N, X, Y, I, J, R and P. Those that cannot change a contour in two axes (`edmsim.program.blocks`) are read with a
 notice. Dwells (G4 with P or X) are in seconds. A ``/`` at the head of a line does not delete it. A G92 before any
-move says where the wire is; later ones shift the coordinates. What is cut between two rapids is taken apart into
-passes, and each of them into approach, edge, overlap and lead-out.
+move sets the wire's position; later ones shift the coordinates. The moves between two rapids are split into passes,
+and each pass into approach, edge, overlap and lead-out.
 """
 
 import math
@@ -41,18 +41,18 @@ from edmsim.program.outline import (
 )
 from edmsim.program.tables import OffsetRegisters, settings_for
 
-# A run taken apart into its passes: the same profile cut again, to and fro, with other offsets and conditions.
-# A pass is what is cut under one side and one offset; moves without compensation between two of them lead from the
-# one to the other. An uncompensated run has passes where its condition changes.
+# Splitting of a run into passes: cuts of the same profile, in alternating directions, with other offsets and
+# conditions. A pass has one side and one offset; moves without compensation between two passes lead from the first to
+# the second. An uncompensated run has a new pass where its condition changes.
 
 _LEAST_SHARE = 0.5
-"""Of the length of what goes on without G40, that lies on what was cut before (ours: a trim retraces the most of it,
-with ends of its own; a contour that goes on with another offset retraces none)."""
+"""Least share of a section's length on earlier sections for it to be a pass without G40 before it (ours: a trim
+retraces most of its length, except its own ends; a contour that continues with another offset retraces nothing)."""
 
 
 def passes_of(run: Run) -> list[Run]:
     """Split a run where compensation or offset changes: a run for each pass."""
-    # moves under an offset of 0 beside some under a greater one are approach and way out, as where they had none
+    # if other moves have a greater offset, moves with an offset of 0 are approach and lead-out, as if uncompensated
     run = _without_zero_offsets(run)
     sections = _sections(run.moves)
     if len(sections) < 2:
@@ -70,7 +70,7 @@ def passes_of(run: Run) -> list[Run]:
 
 
 def parts_by_condition(run: Run) -> list[Run]:
-    """Split an uncompensated run where its condition changes; what only leads to the contour is not part."""
+    """Split an uncompensated run where its condition changes; an approach to the contour is not a part."""
     moves = run.moves
     if any(move.side for move in moves):
         return [run]
@@ -82,7 +82,7 @@ def parts_by_condition(run: Run) -> list[Run]:
 
 
 def _part(run: Run, begin: int, end: int, first: int, until: int) -> Run:
-    """Return some moves of a run as a run; stops count that come when its edge has begun and before the next one."""
+    """Return some moves of a run as a run; its stops are those after its edge has begun and before the next edge."""
     last = end if end == len(run.moves) else end - 1
     return replace(
         run, start=vertices_of(run)[begin], upper_start=_upper_start(run, begin),
@@ -94,7 +94,7 @@ def _part(run: Run, begin: int, end: int, first: int, until: int) -> Run:
 
 
 def _without_zero_offsets(run: Run) -> Run:
-    """Take off compensation whose offset is 0 where another one is greater."""
+    """Remove compensation with an offset of 0 if another offset is greater."""
     values = {move.offset.mm for move in run.moves if move.side and move.offset is not None}
     if len(values) < 2 or 0.0 not in values:
         return run
@@ -106,7 +106,7 @@ def _without_zero_offsets(run: Run) -> Run:
 
 
 def _sections(moves: Sequence[CutMove]) -> list[range]:
-    """Return the ranges of moves under one compensation each."""
+    """Return the ranges of successive moves with the same compensation."""
     sections: list[range] = []
     for k, move in enumerate(moves):
         if move.side is None:
@@ -136,7 +136,7 @@ def _check_goes_back(run: Run, earlier: Sequence[range], section: range) -> None
 
 
 def _retraces(run: Run, earlier: Sequence[range], section: range) -> bool:
-    """Say whether most of a section lies on what was cut before."""
+    """Return whether most of a section is on earlier sections."""
     vertices = vertices_of(run)
     *cut, points = (
         array_of(points_of(vertices[one.start], run.moves[one.start : one.stop])) for one in (*earlier, section)
@@ -151,11 +151,11 @@ _LEAST_AREA_MM2 = 1e-4
 _SAME = 1e-9
 _MOVES_AT_ONCE = 10_000
 _MOST_PASSES = 1_000_000
-"""Places passed within a move that are looked at (ours): a program that has more is not cut with a wire."""
+"""Most places passed within moves that are examined (ours: a program that has more is not cut with a wire)."""
 
 
 def length_of(start: complex, moves: Sequence[CutMove]) -> float:
-    """Return the length in mm of moves from a place."""
+    """Return the length in mm of moves from a starting point."""
     return float(np.abs(np.diff(points_of(start, moves))).sum())
 
 
@@ -163,8 +163,8 @@ def first_loop(
     vertices: Sequence[complex], moves: Sequence[CutMove], first: int, last: int, join_mm: float
 ) -> tuple[int, int] | None:
     """Return the moves ``begin, end`` of the first loop, found through a grid of the join tolerance."""
-    # areas are differences of sums along the way. A place that is passed again, with nothing enclosed since, is noted
-    # once, so that a wire that goes back and forth a hundred thousand times is not compared with all of its past
+    # areas are differences of cumulative sums. A point that is passed again, with no area enclosed since, is stored
+    # once, so that a wire that goes back and forth a hundred thousand times is not compared with all earlier points
     swept = _swept(vertices[first], moves[first:last])
     by_cell: dict[tuple[int, int], list[int]] = {}
     for k in range(first, last + 1):
@@ -183,9 +183,9 @@ def first_loop(
 
 
 def closed_run(run: Run, first: int, last: int) -> tuple[Run, tuple[int, int] | None]:
-    """Return a run with the moves ``begin, end`` of its first loop among some moves, None if there is no loop."""
-    # a contour that begins in the middle of a side may end by a move along the whole side: a move that closes a
-    # loop by running on over a place where an earlier move ended is split there
+    """Return the run, and the moves ``begin, end`` of its first loop among some moves; None if there is no loop."""
+    # a contour that begins in the middle of a side may end with a move along the whole side: if a move closes a loop
+    # by passing over the end of an earlier move, it is split there
     vertices, join_mm = vertices_of(run), run.join_mm
     loop = first_loop(vertices, run.moves, first, last, join_mm)
     swept = _swept(vertices[first], run.moves[first:last])
@@ -218,7 +218,7 @@ def _split(run: Run, k: int, chord: int, at: complex) -> tuple[CutMove, CutMove]
 
 
 def _upper_start(run: Run, k: int) -> complex:
-    """Return where the second plane's point is when a move begins; below it if the move before has none."""
+    """Return the position in the second plane when a move begins; that in the first if the previous move has none."""
     before = run.moves[k - 1] if k else None
     return run.upper_start if before is None else (before.upper or before.points)[-1]
 
@@ -226,7 +226,7 @@ def _upper_start(run: Run, k: int) -> complex:
 def _passes(
     vertices: Sequence[complex], moves: Sequence[CutMove], first: int, last: int, join_mm: float
 ) -> list[tuple[int, int]]:
-    """Return ``(move, vertex)`` where a move passes an earlier vertex between its ends, in the order of the way."""
+    """Return ``(move, vertex)`` where a move passes an earlier vertex between its ends, in order along the path."""
     places: dict[complex, int] = {}
     for number in range(first, last):
         places.setdefault(vertices[number], number)
@@ -255,7 +255,7 @@ def _cross(a: complex, b: complex) -> float:
 
 
 def _swept(start: complex, moves: Sequence[CutMove]) -> list[float]:
-    """Return twice the area swept, as seen from the start, up to each move's end; 0 in front of the first."""
+    """Return twice the area swept about the start, up to each move's end; 0 before the first move."""
     swept, at = [0.0], 0j
     for move in moves:
         total = swept[-1]
@@ -270,15 +270,15 @@ def _enclosed_mm2(start: complex, moves: Sequence[CutMove]) -> float:
     return abs(signed_area(array_of([*points_of(start, moves), start])))
 
 
-UNCLEAR_GAP_MM = 0.5  # a compensated contour whose ends miss each other by less is refused as not closed (ours)
+UNCLEAR_GAP_MM = 0.5  # a compensated contour with a smaller gap is refused as not closed (ours)
 
 
 def outline_of(run: Run) -> tuple[Outline, list[str]]:
-    """Tell approach, edge, overlap and lead-out of a run apart."""
-    # the edge is the first loop that closes on a place already passed (within the run's join_mm). What comes
-    # before it is the program's own approach. What follows and runs along the edge is overlap; what then leaves
-    # it is a lead-out. Neither is cut, for the contour is done. Without a loop the edge is open; if
-    # compensation was switched on at the thread point its first move is the approach
+    """Split a run into approach, edge, overlap and lead-out; return its outline and notices."""
+    # The edge is the first loop that closes at an earlier point (within the run's `join_mm`). Moves before it are the
+    # program's own approach. Moves after it along the edge are overlap, all further moves lead-out; neither is cut,
+    # because the contour is complete. Without a loop the edge is open; if compensation was switched on at the thread
+    # point, the first move is the approach.
     count, under = len(run.moves), [i for i, move in enumerate(run.moves) if move.side]
     first, last = (under[0], under[-1] + 1) if under else (0, count)
     run, loop = closed_run(run, first, last)
@@ -302,7 +302,7 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
 
 
 def _change_notices(moves: Sequence[CutMove]) -> list[str]:
-    """Say that an edge is cut under several conditions, or shapes of tapered corners, of which one is chosen."""
+    """Return notices if an edge has several conditions, or shapes of tapered corners, of which one is chosen."""
     tapered = [move for move in moves if move.state.tilt_deg]
     notices = []
     for what, in_force, chosen in (
@@ -318,7 +318,7 @@ def _change_notices(moves: Sequence[CutMove]) -> list[str]:
 
 
 def closes_on_itself(run: Run) -> bool:
-    """Say whether a run makes a loop that is more than a way and the same way back, written with some rounding."""
+    """Return whether a run has a loop that is more than a path there and back, apart from rounding."""
     run, loop = closed_run(run, 0, len(run.moves))
     if loop is None:
         return False
@@ -340,7 +340,7 @@ def _overlap(run: Run, begin: int, end: int) -> int:
 
 
 def _refuse_more_than_a_lead_out(run: Run, first: int, edge: tuple[int, int], lead_out: int, *, closed: bool) -> None:
-    """Refuse moves after an edge that are a contour of their own, or go on with it where it only touched itself."""
+    """Refuse moves after an edge that are another contour, or that continue an edge which only touched itself."""
     (begin, end), vertices = edge, vertices_of(run)
     before = range(first + 1, begin) if lead_out == end else range(0)
     moves = [*(run.moves[k] for k in before), *run.moves[lead_out:]]
@@ -367,12 +367,12 @@ def _refuse_more_than_a_lead_out(run: Run, first: int, edge: tuple[int, int], le
 def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
     if end <= begin:
         raise InputError("after the approach no move is left to cut: program one more", line=run.moves[end - 1].line)
-    if run.moves[begin].side is None or end - begin < 3 or run.one_of_several:  # a tab is left there
+    if run.moves[begin].side is None or end - begin < 3 or run.one_of_several:  # the gap is a tab
         return
     vertices = vertices_of(run)
     stop = vertices[end]
     gap = min(abs(vertices[begin] - stop), abs(run.start - stop))
-    if gap <= run.join_mm:  # it is closed, and encloses as much to its left as to its right
+    if gap <= run.join_mm:  # it is closed, with equal areas to its left and its right
         points, lines = _polyline(vertices[begin], run.moves[begin:end])
         refuse_self_crossing(array_of(points), lines)
     if gap < UNCLEAR_GAP_MM:
@@ -382,7 +382,7 @@ def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
 
 
 def _polyline(start: complex, moves: Sequence[CutMove]) -> tuple[list[complex], list[int]]:
-    """Return the points with the start, and for every chord its line."""
+    """Return the points, including the start, and the program line of every chord."""
     return points_of(start, moves), [move.line for move in moves for _ in move.points]
 
 
@@ -412,7 +412,7 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
 
 
 def _longest(vertices: Sequence[complex], moves: Sequence[CutMove], begin: int, end: int) -> InForce | None:
-    """Return what is in force on the longest part of some moves; None if there are none."""
+    """Return the modal state with the greatest length among some moves; None if there are no moves."""
     lengths, by_condition = defaultdict[InForce, float](float), defaultdict[str | None, float](float)
     for k in range(begin, end):
         lengths[moves[k].state] += length_of(vertices[k], moves[k : k + 1])
@@ -425,7 +425,7 @@ def _longest(vertices: Sequence[complex], moves: Sequence[CutMove], begin: int, 
 
 
 def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
-    """Return how the wire leans along the moves of an edge, None if it is vertical."""
+    """Return the inclination of the wire along the moves of an edge; None if it is vertical."""
     moves = run.moves[begin:end]
     above = [move for move in moves if move.upper]
     state = moves[0].state
@@ -433,7 +433,7 @@ def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
     if above and len(above) < len(moves):
         line = next(move.line for move in moves if not move.upper)
         reason = f"the contour has {len(moves)} elements below and {len(above)} above"
-        raise InputError(f"{reason}: give this block a move behind a colon as well, lower : upper", line=line)
+        raise InputError(f"{reason}: give this block a move after a colon as well, lower : upper", line=line)
     start = _upper_start(run, begin)
     upper = [start, *(point for move in above for point in move.upper)]
     lower = points_of(vertices_of(run)[begin], moves)
@@ -454,7 +454,7 @@ def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
 
 
 def _part_side(edge: NDArray[np.float64], closed: bool, side: Side | None, approach: list[complex]) -> Side:
-    """Opposite the wire; uncompensated: inside, unless the wire comes from inside; left of an open path."""
+    """Return the side opposite the wire; if uncompensated, inside unless threaded inside, or left of an open path."""
     if side is not None or not closed:
         return "right" if side == "left" else "left"
     from_inside = bool(approach) and shapely.Polygon(edge).contains(shapely.Point(array_of(approach[:1])))
@@ -538,7 +538,7 @@ def _planes_mm(text: str, units: blocks.Units) -> tuple[float, float | None]:
 
 
 def _read(text: str, ignored: blocks.Ignored, dialect: dialects.Dialect) -> blocks.ProgramBlocks:
-    """Split a program into blocks; where words are unknown, say which dialects know them all."""
+    """Split a program into blocks; if words are unknown, the error names the dialects that know all of them."""
     try:
         return blocks.read_blocks(text, ignored, dialect)
     except blocks.UnknownWordsError as error:
@@ -601,10 +601,10 @@ def _outlines_of(run: Run) -> list[tuple[Outline, list[str]]]:
 
 
 def _run_of(motions: Motions, absolute: bool | None, control: Interpreter) -> Run | None:
-    """Turn motions into moves; None if they cut nothing."""
+    """Convert motions to moves; None if they cut nothing."""
     join_mm = control.rounding.join_mm
     readings = [reading_of(motion, absolute, control.rounding) for motion in motions.motions]
-    if any(reading.full is None for reading in readings):  # what closes without the circle is not an approach to it
+    if any(reading.full is None for reading in readings):  # circles only if the run does not close without
         without = tuple(_cut_move(reading) for reading in readings)
         closes = closes_on_itself(Run(motions.motions[0].start, False, without, (), join_mm))
         readings = [reading.decided(not closes) if reading.full is None else reading for reading in readings]
@@ -622,7 +622,7 @@ def _run_of(motions: Motions, absolute: bool | None, control: Interpreter) -> Ru
 
 
 def _cut_move(reading: Reading) -> CutMove:
-    """Return a motion's points, an arc as chords, unless it leads beyond every table."""
+    """Return a motion as a move, an arc as chords; raises `InputError` if it is larger than any table."""
     motion = reading.motion
     with located(line=motion.line):
         check_points(array_of((motion.start, motion.end)), "the move")

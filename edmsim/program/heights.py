@@ -1,9 +1,9 @@
-"""Workpieces whose height changes: from path lengths and drawn areas to regions of one height on the table.
+"""Workpieces of several heights: conversion of path lengths and drawn areas to regions of one height on the table.
 
-A height over path length becomes regions along the path, wide enough for all that the plant looks at. Every
-place belongs to the stretch of path it is nearest to, so that a change of height lies square across the path
-where that runs straight, and along the bisector (in steps of `RING_MM`) where it turns; of stretches that are
-as near, the metal has the height of the one the wire cuts first.
+Heights over path length become regions along the path, wide enough for everything that the plant reads. Every point
+belongs to the nearest stretch of path, so a change of height is perpendicular to a straight path, and along the
+bisector (in steps of `RING_MM`) where the path turns. If stretches are equally near, the metal has the height of the
+one that is cut first.
 """
 
 import math
@@ -30,9 +30,9 @@ Area: TypeAlias = tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, 
 """Polygon, its corners or its GeoJSON, in mm of the program, and the height in mm inside it."""
 
 WIRE_MARGIN_MM = 0.4
-"""How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
-beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
-NEAREST_MM = 1e-6  # distance of corners that rounding would spoil (ours: far below a cell, far above rounding)
+"""Distance from the wire's surface within which a stretch's height applies (ours: rays end at 0.08 mm, tiles are
+allocated 0.13 mm beyond them and are 0.13 mm wide, the rest is for the wire's lag)."""
+NEAREST_MM = 1e-6  # grid for corners too near to each other (ours: far below a cell, far above rounding)
 RING_MM = 0.035  # resolution of distances to the path (ours: a few of them fit between a kerf's middle and its wall)
 
 
@@ -40,12 +40,12 @@ RING_MM = 0.035  # resolution of distances to the path (ours: a few of them fit 
 class Heights:
     """The heights of a workpiece, along the wire's path and in areas of the drawing."""
 
-    height_mm: float  # height where nothing else is said
-    # from that length of wire path on (from the first start hole, lead-in included, rapids left out) the
-    # workpiece has that height, in rising order
+    height_mm: float  # height unless `along` or `areas` set another
+    # heights from a length of wire path on, in increasing order; the length begins at the first start hole and
+    # includes lead-ins but not rapids
     along: Sequence[Height] = ()
-    # inside the polygon the workpiece has that height, whatever `along` says; the first of overlapping ones
-    # holds. Shapely polygons in mm of the program.
+    # heights inside Shapely polygons in mm of the program; they override `along`, and the first of overlapping
+    # polygons applies
     areas: Sequence[tuple[shapely.Polygon, float]] = ()
 
     @property
@@ -55,7 +55,7 @@ class Heights:
 
     @property
     def greatest_mm(self) -> float:
-        """The greatest height: what the guides stand off, and what the slices divide."""
+        """The greatest height, from which the guides are set and which is divided into slices."""
         return max(self.all_mm)
 
     @property
@@ -77,13 +77,13 @@ class Heights:
             region = shapely.transform(area, lambda mm: mm + path.origin_mm)
             if not region.intersects(blank):
                 x0, y0, x1, y1 = np.subtract(path.stock_mm, (*path.origin_mm, *path.origin_mm))
-                raise InputError(f"area {number} of another height lies beside the workpiece, which reaches from "
+                raise InputError(f"area {number} of another height is outside the workpiece, which reaches from "
                                  f"X{x0:.3f} Y{y0:.3f} to X{x1:.3f} Y{y1:.3f}")
             placed.append((region, height))
         return placed
 
     def _stretches(self, path: "CutPath", reach_mm: float) -> list[tuple[BaseGeometry, float]]:
-        """Regions of one height along the path; they do not overlap."""
+        """Return the regions of one height along the path; they do not overlap."""
         if not self.along:
             return []
         lines = [shapely.LineString(contour.at_mid_height().points_um / 1000) for contour in path.contours]
@@ -96,7 +96,7 @@ class Heights:
         claims: list[list[BaseGeometry]] = [[] for _ in ends]
         nearer: BaseGeometry = shapely.Polygon()
         for reach in np.linspace(0, reach_mm, math.ceil(reach_mm / RING_MM) + 1)[1:]:
-            # ring by ring outwards, all before a stretch first, so that it also claims round a corner at its start
+            # ring by ring outwards; bands begin at the path's start, so a stretch also claims round its first corner
             taken = nearer
             for claim, end in zip(claims, ends, strict=True):
                 nearer = _band(lines, end, float(reach))
@@ -106,7 +106,7 @@ class Heights:
 
 
 def checked_changes(value: Sequence[Height]) -> tuple[Height, ...]:
-    """Return changes of height over path length; raises `InputError` for lengths that do not rise, or odd heights."""
+    """Return changes of height over path length; raises `InputError` if a length does not rise or a height is bad."""
     before = -math.inf
     checked = []
     for place, height in (_pair(plain(item), "a path length") for item in value):
@@ -132,7 +132,7 @@ def checked_areas(value: Sequence[Area]) -> tuple[tuple[shapely.Polygon, float],
 
 
 def parse_height(text: str) -> Height:
-    """Read ``12.5:30``: from 12.5 mm of path on, 30 mm high; raises `InputError` for anything else."""
+    """Parse ``12.5:30``: from 12.5 mm of path on, 30 mm high; raises `InputError` for anything else."""
     place, _, height = text.partition(":")
     try:
         return float(place), float(height)
@@ -147,7 +147,7 @@ def _in_um(region_mm: BaseGeometry) -> BaseGeometry:
     region = shapely.transform(region_mm, lambda mm: mm * 1000.0)
     if region.is_valid:
         return region
-    # corners nearer to each other than rounding may let its border cross itself
+    # if corners are too near to each other, rounding may have made the border cross itself
     return shapely.transform(shapely.set_precision(region_mm, NEAREST_MM), lambda mm: mm * 1000.0)
 
 
@@ -164,7 +164,7 @@ def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:
 
 def _polygon(value: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], number: int) -> shapely.Polygon:
     try:
-        with np.errstate(invalid="ignore"):  # of a corner that is not a number, which is refused below
+        with np.errstate(invalid="ignore"):  # NaN in corners is refused below
             polygon = shapely.Polygon(shape(value) if isinstance(value, Mapping) else value)
     except (TypeError, ValueError, LookupError, shapely.errors.ShapelyError) as error:
         raise InputError(f"area {number} of another height is not a polygon: {error}") from None
@@ -175,7 +175,7 @@ def _polygon(value: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any]
 
 
 def _band(lines: Sequence[shapely.LineString], end_mm: float, reach_mm: float) -> BaseGeometry:
-    """Region within `reach_mm` of the path up to a length, cut off square there; all round its open ends."""
+    """Return the region within `reach_mm` of the path up to a length; its end there is flat, other ends are round."""
     regions, before = [], 0.0
     for line in lines:
         if end_mm > before:
@@ -185,11 +185,11 @@ def _band(lines: Sequence[shapely.LineString], end_mm: float, reach_mm: float) -
 
 
 def _up_to(line: shapely.LineString, end_mm: float, reach_mm: float) -> BaseGeometry:
-    """Region beside one contour's path up to a length."""
+    """Return the region along one contour's path up to a length."""
     if end_mm >= line.length:
         return line.buffer(reach_mm)
     points = shapely.get_coordinates(line)
     back = points[0] - points[1]
-    # where the wire is threaded it has metal behind it, too
+    # extended backwards, because the wire has metal behind it where it is threaded
     behind = points[0] + back * (reach_mm / np.hypot(*back))
     return substring(shapely.LineString([behind, *points]), 0.0, reach_mm + end_mm).buffer(reach_mm, cap_style="flat")

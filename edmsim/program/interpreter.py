@@ -1,6 +1,6 @@
-"""Blocks carried out as a control does: its modal state, the motions in which the wire cuts, and what an arc means.
+"""Execution of blocks as in a control: modal state, cutting motions, and the meaning of arcs.
 
-I J count from an arc's start, as usual, or are coordinates; an arc whose ends meet may be a full circle.
+I J are relative to an arc's start, as usual, or coordinates; an arc whose ends meet may be a full circle.
 """
 
 import math
@@ -23,10 +23,10 @@ class Arc:
     """The arc of a G2 or G3 block."""
 
     turn: int  # +1 counter-clockwise (G3), -1 clockwise (G2)
-    relative: complex  # centre ``x + 1j * y`` in mm if I J count from the start, or the one found from R
-    absolute: complex | None  # centre if I J are coordinates; None if the block has no I and J for that
-    absolute_stated: bool | None = None  # what the program says of I J: G90.1 (True), G91.1 (False), or nothing
-    by_radius: bool = False  # whether the block has R, which leaves nothing open
+    relative: complex  # centre ``x + 1j * y`` in mm if I J are relative to the start, or the one found from R
+    absolute: complex | None  # centre if I J are coordinates; None if the block does not have both
+    absolute_stated: bool | None = None  # True after G90.1, False after G91.1, None without either
+    by_radius: bool = False  # whether the block has R, so that there is one reading
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class UpperMotion:
     start: complex  # start, end: ``x + 1j * y`` in mm
     end: complex
     turn: int = 0  # +1 counter-clockwise, -1 clockwise, 0 straight
-    centre: complex | None = None  # centre of its arc; None if it counts from the centre below
-    from_lower: complex = 0j  # from the centre below to its own
+    centre: complex | None = None  # centre of its arc; None if relative to the lower centre
+    from_lower: complex = 0j  # vector from the lower arc's centre to its own
 
     def points(self, chords: int, lower_centre: complex | None, full: bool) -> list[complex]:
-        """Return its points after the start, in at least a number of chords."""
+        """Return its points after the start, in at least `chords` chords."""
         centre = self.centre
         if centre is None and lower_centre is not None:
             centre = lower_centre + self.from_lower
@@ -69,11 +69,11 @@ class CuttingMotion:
     upper: UpperMotion | None = None
 
     def ends_meet(self, rounding: Rounding) -> bool:
-        """Whether start and end are one place, so that any far centre is as far from both."""
+        """Whether start and end are one point, so that the radii agree for any far centre."""
         return abs(self.end - self.start) <= rounding.join_mm
 
     def fits(self, rounding: Rounding) -> tuple[bool, bool]:
-        """Whether the radii agree about the relative and about the absolute centre, as far as either may be meant."""
+        """Whether the radii agree for the relative and for the absolute centre; False for an excluded one."""
         arc = self.arc
         if arc is None or arc.by_radius:
             return arc is not None, False
@@ -89,11 +89,11 @@ class CuttingMotion:
 
 @dataclass(frozen=True)
 class Reading:
-    """How a motion is read."""
+    """Interpretation of a motion."""
 
     motion: CuttingMotion
     centre: complex | None = None  # centre of the arc; None if the motion goes straight to its end
-    # whether it is a full circle; None where ends that all but meet may mean that or the short arc between them
+    # whether it is a full circle; None if its ends almost meet, so that it may also be the short arc between them
     full: bool | None = False
     notices: tuple[str, ...] = ()
 
@@ -113,7 +113,7 @@ class Reading:
 
     @property
     def planes(self) -> tuple[tuple[complex, ...], tuple[complex, ...]]:
-        """Points after the start in both planes, as many in the second as in the first, or none if it has no move."""
+        """Points after the start in both planes, equal in number; none in the second plane if it has no move."""
         upper, points = self.motion.upper, self._lower(1)
         if upper is None:
             return tuple(points), ()
@@ -121,7 +121,7 @@ class Reading:
         return tuple(self._lower(len(above))), tuple(above)
 
     def decided(self, full: bool) -> Self:
-        """Take one of two readings, and say so."""
+        """Return one of two readings, with a notice."""
         apart_um = abs(self.motion.end - self.motion.start) * 1e3
         read = "a full circle" if full else "the short arc between them"
         notice = f"the arc's ends are {apart_um:.1f} um apart: it is read as {read}"
@@ -129,8 +129,8 @@ class Reading:
 
 
 def prefer_absolute(motions: Sequence[CuttingMotion], rounding: Rounding) -> bool | None:
-    """Decide what I J mean where both readings fit: what most of the arcs mean that fit one reading only."""
-    # arcs whose ends meet say nothing of it, as any centre fits them; None if no arc fits one reading only
+    """Decide the meaning of I J if both readings fit: that of most of the arcs that fit only one reading."""
+    # arcs whose ends meet do not count, because any centre fits them; None if no arc fits only one reading
     votes = [0]
     for motion in motions:
         if motion.arc is not None and not motion.ends_meet(rounding):
@@ -143,7 +143,7 @@ def prefer_absolute(motions: Sequence[CuttingMotion], rounding: Rounding) -> boo
 
 
 def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding) -> Reading:
-    """Return how a motion that `prefer_absolute` has not refused is read; `absolute` where both readings fit."""
+    """Return the reading of a motion that `prefer_absolute` has not refused; `absolute` decides if both fit."""
     arc = motion.arc
     if arc is None:
         return Reading(motion)
@@ -155,7 +155,7 @@ def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding)
     meant = fits[1] and (bool(absolute) or not fits[0])
     notices = []
     if fits[1] and not fits[0] and arc.absolute_stated is None:
-        notices.append("I J are taken as an absolute arc centre: only so do start and end radius agree")
+        notices.append("I J are taken as an absolute arc centre, because start and end radius agree only then")
     elif all(fits):
         notices += _both_fit(arc, meant)
     centre = arc.absolute if meant and arc.absolute is not None else arc.relative
@@ -167,13 +167,13 @@ def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding)
 
 
 def _reading_where_ends_meet(motion: CuttingMotion, arc: Arc, absolute: bool | None, rounding: Rounding) -> Reading:
-    """Tell a full circle from an arc so short that it lies, with its radius, within what rounding explains."""
+    """Distinguish a full circle from an arc whose length and radius are within rounding errors."""
     stated = arc.absolute_stated
     meant = (absolute if stated is None else stated) if arc.absolute is not None else False
     equal = abs(motion.end - motion.start) <= arcs.SAME_PLACE_MM
     centre = arc.absolute if meant and arc.absolute is not None else arc.relative
     tiny = abs(centre - motion.start) <= rounding.radius_mm
-    if meant is None and arc.absolute is not None and not equal:  # nothing says which is meant: the tiny one, then
+    if meant is None and arc.absolute is not None and not equal:  # undecided: the tiny one is assumed
         tiny |= arcs.SAME_PLACE_MM < abs(arc.absolute - motion.start) <= rounding.radius_mm
     if tiny:
         return Reading(motion, notices=("an arc without a radius is left out",) * equal)
@@ -219,7 +219,7 @@ _SIDES: dict[float, Side | None] = {40: None, 41: "left", 42: "right", 140: None
 _LEANS: dict[Action, int] = {"no taper": 0, "taper left": 1, "taper right": -1}
 _BOTH_SIDES: dict[Action, int | None] = {"two planes off": None, "two planes left": 141, "two planes right": 142}
 _LONG_DWELL_S = 100.0  # from here on a dwell may be meant in ms (ours)
-_STEEPEST_DEG = 60.0  # angle of a taper (ours: no guides let a wire lean so far)
+_STEEPEST_DEG = 60.0  # greatest angle of a taper (ours: no guides allow more)
 _LENGTHS = frozenset("XYIJRUVK")
 _ALSO = frozenset("FDH")
 _G10_REGISTERS = {None: "DH", 10.0: "H", 12.0: "D"}
@@ -228,13 +228,13 @@ _FEED_UNITS = {1.0: "mm/min", 0.001: "um/min", INCH_MM: "in/min"}
 
 
 class Notices:
-    """Notices gathered by kind, each with the first line it is about."""
+    """Notices grouped by text, each with its first line."""
 
     def __init__(self) -> None:
         self._lines: dict[str, list[int]] = {}
 
     def add(self, what: str, line: int) -> None:
-        """Note something about a line."""
+        """Add a notice about a line."""
         self._lines.setdefault(what, []).append(line)
 
     def texts(self) -> list[str]:
@@ -245,7 +245,7 @@ class Notices:
 
 @dataclass
 class Motions:
-    """What is cut without a break, dwells ``(motions done, seconds)``, stops, and the side in force at its start."""
+    """Motions without a break, dwells ``(motions done, seconds)``, stops, and the side in force at the start."""
 
     side_at_start: Side | None
     motions: list[CuttingMotion] = field(default_factory=list)
@@ -255,7 +255,7 @@ class Motions:
 
 @dataclass
 class Interpreter:
-    """The modal state of a control, and the runs it leaves behind."""
+    """The modal state of a control, and the runs found so far."""
 
     units: Units
     rounding: Rounding
@@ -265,24 +265,24 @@ class Interpreter:
 
     unit_mm: float = field(init=False)
     unit_stated: bool = False
-    absolute: bool = True  # whether coordinates count from zero (G90)
-    absolute_centres: bool | None = None  # whether I J do; None where the program does not say
-    motion: int | None = None  # number of the G code that is in force, 0 to 3
+    absolute: bool = True  # whether coordinates are absolute (G90)
+    absolute_centres: bool | None = None  # whether I J are absolute; None if the program does not say
+    motion: int | None = None  # number of the motion code in force, 0 to 3
     position: complex = 0j  # of the wire, ``x + 1j * y`` in mm
-    upper: complex = 0j  # of the second plane's point
-    shift: complex = 0j  # by which G92 has moved the zero
+    upper: complex = 0j  # position in the second plane
+    shift: complex = 0j  # displacement of the zero by G92
     moved: bool = False
     start_known: bool = False
     work_offset: float | None = None
     side: Side | None = None  # of compensation
-    both_sides: int | None = None  # number of the code that leads the wire in two planes
-    lean: int = 0  # to which side the wire leans: 1 left, -1 right
-    early_angle: str = ""  # the T word that stood before a taper was switched on
+    both_sides: int | None = None  # number of the code in force for two planes
+    lean: int = 0  # side to which the wire leans: 1 left, -1 right
+    early_angle: str = ""  # the T word before G51 or G52
     angle_stated: bool = False
     angle_deg: float = 0.0
     state: InForce = field(default_factory=InForce)
     called: dict[str, int] = field(default_factory=dict)  # conditions, with the line of the first call
-    cut_off: int | None = None  # line on which the wire was cut off, as long as it is
+    cut_off: int | None = None  # line on which the wire was cut off; None while it is threaded
     feed_per_minute: bool = True
     notices: Notices = field(default_factory=Notices)
     runs: list[Motions] = field(default_factory=lambda: [Motions(None)])
@@ -291,12 +291,12 @@ class Interpreter:
         self.unit_mm = self.units.at_start_mm
 
     def _begin_contour(self) -> None:
-        """Let what is cut from here on be a contour of its own."""
+        """Begin a new contour with the next motion."""
         if self.runs[-1].motions:
             self.runs.append(Motions(self.side))
 
     def run_block(self, block: Block) -> None:
-        """Carry out a block; raises `InputError` if it makes no sense."""
+        """Execute a block; raises `InputError` if it is invalid."""
         if block.deletable:
             self.notices.add("'/' (block delete) is switched off: the block is carried out", block.line)
         g_codes = self._checked_codes(block)
@@ -317,15 +317,15 @@ class Interpreter:
         else:
             self._move(block, rapid=0 in g_codes)
         if not _STOPS.isdisjoint(block.codes):
-            run = self.runs[-1 if self.runs[-1].motions or len(self.runs) == 1 else -2]  # what was cut last
+            run = self.runs[-1 if self.runs[-1].motions or len(self.runs) == 1 else -2]  # the last one with motions
             run.stops.append(len(run.motions))
         if any(code == ("M", 50) or self.dialect.codes.get(code) == "cut off" for code in block.codes):
-            # at the end of its block, as M0 and M2
+            # takes effect at the end of its block, as M0 and M2 do
             self.cut_off = block.line
             self._begin_contour()
 
     def _take_dialect(self, block: Block) -> Block:
-        """Take condition, feed, taper and planes of a block; return it without the words of the last two."""
+        """Apply condition, feed, taper and planes of a block; return it without the words of the last two."""
         for code in block.codes:
             does = self.dialect.codes.get(code)
             if does in _LEANS:
@@ -358,7 +358,7 @@ class Interpreter:
         letter = self.dialect.angle
         angle = block.values.get(letter) if letter else None
         if angle is not None and self.lean == 0 and not self.dialect.signed_angle:
-            if letter == "T" and angle != 0:  # of a tank or a tool, elsewhere
+            if letter == "T" and angle != 0:  # T of a tank or a tool
                 self.notices.add("the word T has no effect on the contour", block.line)
                 self.early_angle = f"T{angle:g} of line {block.line}"
                 angle = None
@@ -374,7 +374,7 @@ class Interpreter:
             self.angle_deg, self.angle_stated = 0.0, False
         if self.early_angle and self.lean:
             if self.angle_deg == 0:
-                self.notices.add(f"the taper has no angle: write {self.early_angle} behind G51 or G52", block.line)
+                self.notices.add(f"the taper has no angle: write {self.early_angle} after G51 or G52", block.line)
                 self.angle_stated = True
             self.early_angle = ""
         leans = self.lean or (1 if self.dialect.signed_angle else 0)
@@ -396,7 +396,7 @@ class Interpreter:
         return codes
 
     def _thread(self, block: Block) -> None:
-        """Note M50 and M60: a wire that is cut off cuts nothing until it is threaded."""
+        """Add notices of M50 and M60, and thread the wire; if it is cut off, it cuts nothing until it is threaded."""
         for code, action, done in ((50, "cut off", "cuts the wire off"), (60, "thread", "threads the wire")):
             for letter, number in block.codes:
                 if (letter, number) == ("M", code) or self.dialect.codes.get((letter, number)) == action:
@@ -428,7 +428,7 @@ class Interpreter:
             self.feed_per_minute = code == 94
 
     def _check_unit(self, block: Block) -> None:
-        """Say which unit a length before any unit has; refuse it where the program has both units."""
+        """Add a notice of the unit of a length before any unit; refuse the length if the program has both units."""
         registers = block.offsets and not self.dialect.registers_in_um
         length = registers or (block.values.keys() & _LENGTHS and ("G", 4) not in block.codes)
         if self.unit_stated or not length:
@@ -463,7 +463,7 @@ class Interpreter:
         if self.dialect.dwells_in_ms and ("P" in block.values or not block.pointed):
             times = [time / 1e3 for time in times]
         if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_ALSO}:
-            raise InputError("G4 wants its time in seconds, 0 or more, as P or X and nothing else")
+            raise InputError("G4 needs its time in seconds, 0 or more, as P or X and nothing else")
         if times[0] > LONGEST_DWELL_S:
             raise InputError(f"a dwell of {times[0]:g} s is too long: at most {LONGEST_DWELL_S:g} s")
         if times[0] >= _LONG_DWELL_S:
@@ -471,14 +471,14 @@ class Interpreter:
         self.runs[-1].dwells.append((len(self.runs[-1].motions), times[0]))
 
     def _set_register(self, block: Block) -> None:
-        """Take over what G10 L12 P1 R0.155 says of D1, with L10 of H1, without L of both."""
+        """Set registers as in G10 L12 P1 R0.155: D1 with L12, H1 with L10, both without L."""
         values = block.values
         letters = _G10_REGISTERS.get(values.get("L"))
         if letters is None:
             word = f"G10 L{values['L']:g}"
             raise InputError(f"{word} is not read: set offsets with L10 (H), L12 (D) or without L")
         if not {"P", "R"} <= values.keys() <= {"L", "P", "R", *_ALSO} or not values["P"].is_integer():
-            raise InputError("G10 wants the register's number as P and its offset as R: G10 L12 P1 R0.155")
+            raise InputError("G10 needs the register's number as P and its offset as R: G10 L12 P1 R0.155")
         for letter in letters:
             self.registers.define(register(letter, values["P"]), values["R"] * self.unit_mm)
 
@@ -499,7 +499,7 @@ class Interpreter:
         self._set_upper_position(block, between)
 
     def _set_upper_position(self, block: Block, between: complex) -> None:
-        """Take over what G92 says of U and V; `between` leads to the second plane's point as it was."""
+        """Apply U and V of G92; `between` is the vector to the previous position in the second plane."""
         words = _words_of_upper(block)
         if self.moved and self.two_planes and self.dialect.upper != "colon":
             raise InputError("G92 after the first move is not read in a program with U and V: write coordinates that "
@@ -535,7 +535,7 @@ class Interpreter:
         self.moved = True
 
     def _upper_target(self, block: Block, end: complex) -> complex:
-        """Return where a block leads the second plane's point, given that of the first."""
+        """Return the target of a block in the second plane; `end` is that in the first plane."""
         kind = self.dialect.upper
         if kind == "colon":
             words = None if block.upper is None else block.upper.values
@@ -578,7 +578,7 @@ class Interpreter:
         )
 
     def _upper_motion(self, block: Block, arc: Arc | None, above: complex) -> UpperMotion | None:
-        """Return the motion of the second plane; None if the block has none there."""
+        """Return the motion in the second plane; None if the block has none."""
         words, straight = block.upper, UpperMotion(self.upper, above)
         if not self.two_planes or (self.dialect.upper == "colon" and words is None):
             return None
@@ -587,7 +587,7 @@ class Interpreter:
             if code not in (2, 3):
                 return straight
             if not words.values.keys() & {"I", "J"}:
-                raise InputError("the arc behind the colon wants its centre as I and J: give them")
+                raise InputError("the arc after the colon needs its centre as I and J: give them")
             centre = self.upper + complex(words.values.get("I", 0.0), words.values.get("J", 0.0)) * self.unit_mm
             return replace(straight, turn=-1 if code == 2 else 1, centre=centre)
         if arc is not None and self.dialect.upper == "absolute" and block.values.keys() & {"U", "V"}:
@@ -601,12 +601,12 @@ class Interpreter:
         turn = -1 if self.motion == 2 else 1
         values, start = block.values, self.position
         if ("R" in values) == bool(values.keys() & {"I", "J"}):
-            raise InputError("an arc wants its centre as I and J, or its radius as R: give one")
+            raise InputError("an arc needs its centre as I and J, or its radius as R: give one")
         if "R" in values:
             return self._arc_of_radius(block, end, turn)
         centre, both = complex(values.get("I", 0.0), values.get("J", 0.0)) * self.unit_mm, {"I", "J"} <= values.keys()
         if self.absolute_centres and not both:
-            raise InputError("G90.1 is in force: an arc wants both I and J")
+            raise InputError("G90.1 is in force: an arc needs both I and J")
         return Arc(turn, start + centre, centre + self.shift if both else None, self.absolute_centres)
 
     def _arc_of_radius(self, block: Block, end: complex, turn: int) -> Arc:
@@ -619,7 +619,7 @@ class Interpreter:
 
 
 def _without_words_of_codes(values: dict[str, float], codes: set[float]) -> dict[str, float]:
-    """Leave out the words that belong to codes without effect: G64 P0.01. An arc keeps its I and J."""
+    """Remove the words that belong to codes without effect, as in G64 P0.01; an arc keeps its I and J."""
     letters = {letter for code in codes for letter in BELONGS.get(code, "")}
     if values.keys() & {"X", "Y"}:
         letters -= {"I", "J"}
@@ -632,7 +632,7 @@ def _words_of_upper(block: Block) -> dict[str, float]:
 
 
 def registers_set(blocks: Sequence[Block]) -> set[str]:
-    """Return the registers that a program gives a value, by D1=0.155 or by G10."""
+    """Return the registers that a program sets, by D1=0.155 or by G10."""
     names = {value.register for block in blocks for value in block.offsets}
     for block in blocks:
         letters = _G10_REGISTERS.get(block.values.get("L"), "") if ("G", 10) in block.codes else ""

@@ -1,11 +1,11 @@
-"""The wire's path beside an edge: at one distance everywhere, round about the part's outer corners.
+"""Offset of an edge to the wire's path: the same distance everywhere, with arcs round the part's outer corners.
 
-About an outer corner the wire swings on an arc round the corner's point, so that it never leaves the edge by
-more than the offset (the rounding joint of wire-EDM controls; an extended, mitred corner would not). Trims that are
-planned go straight past it instead, as CAM plans them where a corner is to stay sharp: on the arc a wire stays before
-one point of the part, where next to nothing is left for it to take, and rounds it. In an inner corner it goes to the
-point that is the offset away from both sides, and leaves the fillet every round wire leaves. What a wire of some
-radius and gap cannot make, inner corners, small radii, grooves, is found, too.
+At an outer corner the wire moves on an arc about the corner, so its distance from the edge never exceeds the offset
+(the rounding joint of wire-EDM controls; at a mitred corner it would). Planned trims go straight past the corner
+instead, as CAM plans them if a corner is to stay sharp: on the arc, the wire remains next to one point of the part,
+where almost no metal is left, and rounds it. In an inner corner the wire goes to the point at the offset from both
+sides, and leaves the fillet of a round wire. Places that a wire of some radius and gap cannot cut are found, too:
+inner corners, small radii, grooves.
 """
 
 import math
@@ -24,16 +24,16 @@ from edmsim.program.outline import Outline, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, turned_walls, wall_and_wire
 
 QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
-SIMPLIFY_MM = 0.00025  # points are dropped where the path moves by less (ours: below the whole um to follow)
-REACH_TOLERANCE_MM = 0.002  # an edge counts as cut where the path comes so close to the offset from it (ours)
+SIMPLIFY_MM = 0.00025  # points are dropped if this moves the path by less (ours: below the later rounding to um)
+REACH_TOLERANCE_MM = 0.002  # an edge counts as cut if the path is no further from it than offset and this (ours)
 _ON_RING_MM = 1e-6
 _MOST_MITRE = 1e3
-"""Length of a tip over the offset up to which it is made before it is cut off (ours: no corner is sharper)."""
+"""Greatest length of a mitred tip, in offsets, before it is cut off (ours: no corner is sharper)."""
 
 
 def offset_edge(edge: Floats, side: Side, distance_mm: float, closed: bool, past_mm: float | None = None) -> Floats:
-    """Return the path beside an edge (n, 2) in mm, in its direction; a closed one begins beside the edge's start."""
-    # it goes straight past an outer corner, `past_mm` from it at most; by default round it, on an arc
+    """Return the path along an edge (n, 2) in mm, in its direction; a closed path begins next to the edge's start."""
+    # at outer corners it goes straight past, at most `past_mm` away; by default round the corner on an arc
     if distance_mm == 0:
         return edge.copy()
     path = (_ring if closed else _line)(edge, side, distance_mm, past_mm)
@@ -48,7 +48,7 @@ def offset_edge(edge: Floats, side: Side, distance_mm: float, closed: bool, past
 
 
 def _ring(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -> Floats:
-    """Return the path beside a closed edge, which may begin anywhere."""
+    """Return the path along a closed edge; the path may begin anywhere."""
     counter_clockwise = signed_area(edge) > 0
     inward = counter_clockwise == (side == "left")
     grown = shapely.Polygon(edge).buffer(
@@ -56,7 +56,7 @@ def _ring(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -
     )
     if grown.is_empty:
         raise InputError(too_narrow(distance_mm, "no path is left"))
-    # the polygons it has fallen into, or its pockets; none if it is one ring
+    # the separate polygons, or the holes; empty if it is a single ring
     pieces = getattr(grown, "geoms", None) or [shapely.Polygon(ring) for ring in grown.interiors]
     if pieces:
         spot = min(pieces, key=lambda piece: piece.area).representative_point()
@@ -67,7 +67,7 @@ def _ring(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -
 
 
 def _line(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -> Floats:
-    """Return the path beside an open edge."""
+    """Return the path along an open edge."""
     signed = distance_mm if side == "left" else -distance_mm
     curve = shapely.LineString(edge).offset_curve(signed, quad_segs=QUAD_SEGMENTS, **_join(past_mm))
     if curve.is_empty or not isinstance(curve, shapely.LineString):
@@ -80,15 +80,15 @@ def _join(past_mm: float | None) -> dict[str, Any]:
 
 
 def _keeps(path: shapely.LineString, edge: shapely.LineString, distance_mm: float) -> bool:
-    """Say whether a path keeps its distance from an edge and does not cross itself."""
+    """Return whether a path keeps its distance from an edge and does not cross itself."""
     return bool(path.is_simple and path.distance(edge) >= distance_mm - SIMPLIFY_MM)
 
 
 def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Floats | None:
-    """Return a path with corners whose tips are cut off on an arc `past_mm` from the edge's corners."""
-    # None where a tip has more than two sides within that: the edge has more corners there
+    """Return a mitred path whose tips are cut off by arcs at `past_mm` from the edge's corners."""
+    # None if a tip has more than two sides within this distance, because the edge has more corners there
     line = shapely.LineString(edge)
-    if closed:  # it begins in the middle of a side, so that every corner has two
+    if closed:  # begin in the middle of a side, so that every corner has two sides
         sides = np.hypot(*np.diff(path, axis=0).T)
         k = int(sides.argmax())
         middle = (path[k] + path[k + 1]) / 2
@@ -119,7 +119,7 @@ def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Flo
 
 
 def nearest_chords(edge: Floats, points: Floats) -> NDArray[np.intp]:
-    """Return for each point (k, 2) the index of the nearest chord of `edge` (n, 2), the last of equals."""
+    """Return for each point (k, 2) the index of the nearest chord of `edge` (n, 2), the last if several are."""
     of_point, chord = shapely.STRtree(chords_of(edge)).query_nearest(shapely.points(points))
     nearest = np.zeros(len(points), np.intp)
     np.maximum.at(nearest, of_point, chord)
@@ -127,20 +127,20 @@ def nearest_chords(edge: Floats, points: Floats) -> NDArray[np.intp]:
 
 
 def normal(chord: Floats, side: Side) -> Floats:
-    """Return the unit vector (2,) to the given side of a chord (2, 2)."""
+    """Return the unit vector (2,) to one side of a chord (2, 2)."""
     dx, dy = chord[1] - chord[0]
     left: Floats = np.array([-dy, dx]) / np.hypot(dx, dy)
     return left if side == "left" else -left
 
 
 def too_narrow(distance_mm: float, what: str) -> str:
-    """Say of a contour that the wire does not fit it, and what to do."""
+    """Return the message that a contour is too narrow for the wire, with the remedy."""
     remedy = "take a thinner wire or a smaller offset"
     return f"the contour is too narrow for an offset of {distance_mm:.4f} mm: {what}; {remedy}"
 
 
 def _turned_to(ring: Floats, target: Floats, corner: Floats) -> Floats:
-    """Let a ring begin at the wanted point if it passes there, else (inner corner) nearest to the corner."""
+    """Rotate a ring to begin at `target` if it passes there, otherwise (inner corner) nearest to the corner."""
     line = shapely.LineString(ring)
     on_ring = line.distance(shapely.Point(target)) < _ON_RING_MM
     at = line.project(shapely.Point(target if on_ring else corner))
@@ -152,15 +152,15 @@ def _turned_to(ring: Floats, target: Floats, corner: Floats) -> Floats:
 
 
 _MOST_NAMED = 5
-_SHARP_DEG = 15.0  # lines that meet at less are taken for tangents (ours)
+_SHARP_DEG = 15.0  # lines that meet at a smaller angle count as tangent (ours)
 
 
 @dataclass(frozen=True)
 class Unreachable:
-    """A place of the edge that the wire leaves metal on."""
+    """A place of the edge where the wire leaves metal."""
 
-    place_mm: tuple[float, float]  # where most stays
-    left_mm: float  # how much, from the edge to the wire's envelope
+    place_mm: tuple[float, float]  # where most metal is left
+    left_mm: float  # its thickness, from the edge to the wire's envelope
     # inner radius as drawn, 0 for a sharp corner; None for a groove or a step narrower than the wire
     radius_mm: float | None
     line: int  # the line of the program, 0 if there is none
@@ -169,7 +169,7 @@ class Unreachable:
 def check_reach(
     edge: Floats, path: Floats, distance_mm: float, line_numbers: Sequence[int], elements: Sequence[int],
 ) -> list[str]:
-    """Name what of an edge the wire cannot make: radii and grooves, the worst first, and sharp inner corners."""
+    """Return notices of what the wire cannot cut: radii and grooves, the worst first, and sharp inner corners."""
     # within one element, line or arc, there are no corners
     found = unreachable(edge, path, distance_mm, line_numbers, elements)
     corners = [place for place in found if place.radius_mm == 0]
@@ -195,9 +195,9 @@ def _corner_notices(corners: list[Unreachable], distance_mm: float) -> list[str]
 
 
 def _corners_of_wall(wall: Ruled, wire: Ruled, distance_mm: float) -> list[str]:
-    """Name the sharp inner corners of a tapered wall in the program's plane."""
+    """Return notices of the sharp inner corners of a tapered wall in the program's plane."""
     edge = wall.lower_mm
-    moves = np.hypot(*np.diff(edge, axis=0).T) > _ON_RING_MM  # elsewhere the wire turns about a point of the edge
+    moves = np.hypot(*np.diff(edge, axis=0).T) > _ON_RING_MM  # False if the wire turns about a point of the edge
     lines, elements = (np.array(of)[moves].tolist() for of in (wall.line_numbers, wall.elements))
     # the plane cuts a leaning wire in an ellipse
     wide_mm = distance_mm * math.sqrt(1.0 + float(np.square(wall.slope).sum(axis=1).max()))
@@ -208,7 +208,7 @@ def _corners_of_wall(wall: Ruled, wire: Ruled, distance_mm: float) -> list[str]:
 def unreachable(
     edge: Floats, path: Floats, distance_mm: float, line_numbers: Sequence[int], elements: Sequence[int],
 ) -> list[Unreachable]:
-    """Return the places of an edge that the wire leaves metal on, the worst first; parameters as `check_reach`."""
+    """Return the places of an edge where metal is left, the worst first; parameters as in `check_reach`."""
     if distance_mm == 0:
         return []
     left = shapely.distance(shapely.LineString(path), shapely.points(edge)) - distance_mm
@@ -218,7 +218,7 @@ def unreachable(
         vertices = np.append(chords, chords[-1] + 1)
         in_run[vertices] = True
         radius_mm = _radius_mm(edge, vertices, sharp)
-        # a corner lies at its vertex, all else in the middle of a chord
+        # a corner is at its vertex, other places are at the middle of a chord
         spots = edge[vertices[sharp[vertices]]] if radius_mm == 0 else (edge[chords] + edge[chords + 1]) / 2
         stays = np.atleast_1d(shapely.distance(shapely.LineString(path), shapely.points(spots))) - distance_mm
         worst = int(stays.argmax())
@@ -232,17 +232,17 @@ def unreachable(
 
 
 def _sharp(edge: Floats, elements: Sequence[int]) -> NDArray[np.bool_]:
-    """Say of every point of an edge whether two lines or arcs meet there at an angle; of a closed one's last, no."""
+    """Return for every point of an edge whether two elements meet there at an angle; False for the last point."""
     steps, marks = np.diff(edge, axis=0) @ (1, 1j), np.asarray(elements)
     turn, meet = np.angle(steps / np.roll(steps, 1)), marks != np.roll(marks, 1)
-    half = np.where(meet, 0.0, turn / 2)  # from a chord of an arc to its tangent: few chords make a small one
+    half = np.where(meet, 0.0, turn / 2)  # from an arc's chord to its tangent: large if the chords are few
     sharp = meet & (np.abs(turn - np.roll(half, 1) - np.roll(half, -1)) > np.radians(_SHARP_DEG))
     sharp[0] &= bool((edge[0] == edge[-1]).all())
     return np.append(sharp, False)
 
 
 def _runs(missed: NDArray[np.bool_], edge: Floats) -> list[NDArray[np.intp]]:
-    """Return the chords in a row that the wire does not touch, run by run, also past a closed edge's end."""
+    """Return the runs of successive chords that the wire does not touch; they continue past a closed edge's end."""
     numbers = np.flatnonzero(missed)
     if not len(numbers):
         return []
@@ -252,7 +252,7 @@ def _runs(missed: NDArray[np.bool_], edge: Floats) -> list[NDArray[np.intp]]:
 
 
 def _radius_mm(edge: Floats, vertices: NDArray[np.intp], sharp: NDArray[np.bool_]) -> float | None:
-    """Return the inner radius of a run: 0 with one sharp corner, None with more; else that through three points."""
+    """Return a run's inner radius: 0 with one sharp corner, None with several; else of a circle through 3 points."""
     corners = int(sharp[vertices].sum())
     if corners or len(vertices) < 3:
         return 0.0 if corners == 1 else None
@@ -275,7 +275,7 @@ def _at(place: Unreachable) -> str:
 
 
 def _touched(edge: Floats, path: Floats, distance_mm: float) -> NDArray[np.bool_]:
-    """Say for each chord whether the wire touches its middle four fifths."""
+    """Return for each chord whether the wire touches its middle four fifths."""
     steps = np.diff(edge, axis=0)
     middles = shapely.linestrings(np.stack([edge[:-1] + 0.1 * steps, edge[1:] - 0.1 * steps], axis=1))
     line = shapely.LineString(path)
@@ -288,10 +288,10 @@ _SEPARATION_MM = 0.002
 
 @dataclass(frozen=True)
 class OffsetOutline:
-    """One outline with the wire's path beside it, both in mm in the program's coordinates."""
+    """An outline and the wire's path along it, both in mm in the program's coordinates."""
 
-    # of a tapered outline `path` and `nominal` lie in the program's plane, `surfaces` are its wall and the way
-    # of the wire, and `guides` say where the wire bends
+    # if the outline is tapered, `path` and `nominal` are in the program's plane, `surfaces` are the wall and the
+    # wire's surface, and `guides` has the heights at which the wire bends
 
     outline: Outline
     path: Floats
@@ -306,27 +306,27 @@ class OffsetOutline:
         return shapely.LineString(self.nominal)
 
     def at_height(self, height_mm: float) -> Self:
-        """Return what it is at a height over the workpiece's lower face."""
+        """Return path and edge at a height above the workpiece's lower face."""
         if self.surfaces is None:
             return self
         wall, wire = self.surfaces
         return replace(self, path=wire.at(height_mm), nominal=wall.at(height_mm), surfaces=None)
 
     def at_mid_height(self) -> Self:
-        """Return what it is at half the workpiece's height."""
+        """Return path and edge at half the workpiece's height."""
         return self if self.guides is None else self.at_height(0.5 * self.guides.height_mm)
 
 
 def offset_outline(
     outline: Outline, offset_mm: float, notices: list[str], past_mm: float | None = None
 ) -> OffsetOutline:
-    """Return an outline with its path at an offset; adds what the wire cannot reach to the notices."""
+    """Return an outline with its path at an offset; adds notices of places that the wire cannot reach."""
     points = outline.points_mm
     if outline.wire_side is None:
         try:
             edge = offset_edge(points, outline.part_side, offset_mm, outline.closed)
             return OffsetOutline(outline, points, edge, offset_mm)
-        except InputError:  # there is no such edge, but the wire can go as the program says
+        except InputError:  # there is no such edge, but the wire can follow the program
             notices.append(f"{outline.name} is cut as written; no edge lies at the offset beside it, so its profile "
                            "is measured from the wire's centre")
             return OffsetOutline(outline, points, points, 0.0)
@@ -339,10 +339,10 @@ def offset_outline(
 def leaning_outline(
     outline: Outline, offset_mm: float, guides: GuideHeights | None, notices: list[str]
 ) -> OffsetOutline:
-    """Return a tapered outline with the wire's way at an offset; adds its sharp inner corners to the notices."""
+    """Return a tapered outline with the wire's path at an offset; adds notices of its sharp inner corners."""
     with of_outline(outline):
         if guides is None:
-            raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
+            raise InputError("it is tapered, and no movable upper guide is known: edmsim cut takes it from a machine "
                              "whose file has guides.upper_travel_mm")
         wall, wire = wall_and_wire(outline, offset_mm, guides)
     notices += turned_walls(outline)
@@ -352,7 +352,7 @@ def leaning_outline(
 
 
 def dwells_along(leg: OffsetOutline) -> list[tuple[float, float]]:
-    """Return where the wire waits beside an edge, in mm of its path, at mid height where it leans, and how many s."""
+    """Return the dwells along an edge: lengths of the path in mm, at mid height if the wire leans, and seconds."""
     own, dwells = len(leg.outline.approach_mm), leg.outline.dwells
     if not any(i >= own for i, _ in dwells):
         return []
@@ -369,7 +369,7 @@ def dwells_along(leg: OffsetOutline) -> list[tuple[float, float]]:
 
 
 def _dwell_mm(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
-    """Return how far along the path the wire has passed vertex `i` of the outline, in mm."""
+    """Return the length of path in mm at which the wire passes vertex `i` of the outline."""
     points = leg.outline.points_mm
     if i == 0 or i == len(points) - 1:
         return 0.0 if i == 0 else float(line.length)
@@ -380,7 +380,7 @@ def _dwell_mm(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
 
 
 def of_outline(outline: Outline) -> AbstractContextManager[None]:
-    """Give input errors raised inside the outline's name and, if they have none, its line."""
+    """Add the outline's name to input errors raised inside and, if they have none, its line."""
     return located(line=outline.line, name=outline.name)
 
 
@@ -393,7 +393,7 @@ def keep_apart(legs: Sequence[OffsetOutline]) -> None:
         line = shapely.LineString(leg.path)
         for number in sorted(tree.query(line, "dwithin", leg.offset_mm).tolist()):
             other = shut[number]
-            if other is leg and leg.guides is not None:  # `wall_and_wire` has looked at all heights
+            if other is leg and leg.guides is not None:  # `wall_and_wire` checks all heights
                 continue
             distance = line.distance(edges[number])
             if distance < leg.offset_mm - _SEPARATION_MM:

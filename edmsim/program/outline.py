@@ -1,4 +1,4 @@
-"""What a part program draws, before any wire: outlines in mm, from G-code runs or DXF contours; none may cross."""
+"""Outlines of a part program in mm, from G-code runs or DXF contours, before offset; none may cross itself."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from edmsim.program.tables import Offset
 JOIN_TOLERANCE_MM = 0.005  # ends closer than this are one point (ours: rounding of programs, well below the gap)
 Side = Literal["left", "right"]
 Corners = Literal["sharp", "conical", "cylindrical", "rounded"]
-"""What a corner or an arc of the program plane becomes at another height."""
+"""Shape at other heights of a corner or an arc of the program plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Taper:
     angle_deg: tuple[float, ...] | None = None
     # (n, 2): point in the second plane for each point of the outline; the wall between them is ruled
     upper_mm: NDArray[np.float64] | None = None
-    # shape of corners and arcs at other heights; None where the program leaves it to the cut
+    # shape of corners and arcs at other heights; None if the program does not say, so the cut's option applies
     corners: Corners | None = "conical"
     program_plane_mm: float = 0.0  # height of the outline's plane over the workpiece's lower face
     second_plane_mm: float | None = None  # height of the plane of `upper_mm`; by default the workpiece's upper face
@@ -47,7 +47,7 @@ class Outline:
     # If the wire stays threaded (``continues``), it begins at the end of the previous outline.
     approach_mm: NDArray[np.float64]
     approach_lines: tuple[int, ...] = ()  # program line of each of the ``k`` approach moves
-    # index from which ``approach_mm`` is an edge and is offset, too; before, it is the wire's centre
+    # index from which ``approach_mm`` is an edge, which is also offset; before it, the points are the wire's centre
     compensated_from: int = 0
     # ``(i, seconds)`` of every G4; ``i`` counts through ``approach_mm``, then ``points_mm``
     dwells: tuple[tuple[int, float], ...] = ()
@@ -82,7 +82,7 @@ class Program:
     outlines: tuple[Outline, ...]
     notices: tuple[str, ...]  # decisions of the reader that you should know
     source: str  # the file
-    # dialect of a G-code program, ``sodick`` or ``fanuc``; None if it has no words of either
+    # name of a G-code program's dialect, such as ``sodick``; None for ``iso`` and for drawings
     dialect: str | None = None
     # the program's table of machining conditions, by condition and column as written
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -93,12 +93,12 @@ class Program:
 
 @dataclass(frozen=True)
 class InForce:
-    """What is in force while a move is cut, besides side and offset."""
+    """Modal state of the program during a cutting move, apart from side and offset."""
 
     condition: str | None = None  # the machining condition called last
     adaptive: bool | None = None  # whether the feed is to be adaptive; None if the program does not say
-    tilt_deg: float = 0.0  # angle between wire and vertical; positive where its upper end leans to the left
-    corners: Corners | None = None  # what a tapered corner becomes; None if the program does not say
+    tilt_deg: float = 0.0  # angle between wire and vertical; positive if its upper end leans to the left
+    corners: Corners | None = None  # shape of tapered corners; None if the program does not say
     # heights of the program's plane and of the second plane, as in `Taper`
     planes_mm: tuple[float, float | None] = (0.0, None)
 
@@ -112,24 +112,24 @@ class CutMove:
     line: int
     offset: Offset | None = None  # the register in force
     state: InForce = field(default_factory=InForce)
-    # for each point that of the second plane; empty if the wire is not led along two contours
+    # the point of the second plane for each point; empty if the wire does not follow two contours
     upper: tuple[complex, ...] = ()
 
 
 @dataclass(frozen=True)
 class Run:
-    """What G-code cuts between two rapids, or a pass of it."""
+    """The cutting moves of G-code between two rapids, or one pass of them."""
 
-    start: complex  # where the wire is threaded, ``x + 1j * y`` in mm; of a later pass, where the one before it ended
-    # compensation was on already when the wire was brought there: the point lies on the contour (Robofil)
+    start: complex  # where the wire is threaded, ``x + 1j * y`` in mm; of a later pass, where the previous one ended
+    # whether compensation was already on when the wire moved to the start, which is then on the contour (Robofil)
     on_contour: bool
     moves: tuple[CutMove, ...]
     dwells: tuple[tuple[int, float], ...]  # ``(moves done, seconds)``
-    join_mm: float  # places closer than this are one
+    join_mm: float  # points closer than this are one
     stops: tuple[int, ...] = ()  # moves done at each stop (M0, M1)
-    upper_start: complex = 0j  # of the second plane, where the wire is threaded
-    continues: bool = False  # whether the wire stays threaded from the pass before
-    one_of_several: bool = False  # whether other passes follow, or were before, on the same wire
+    upper_start: complex = 0j  # the start in the second plane
+    continues: bool = False  # whether the wire stays threaded from the previous pass
+    one_of_several: bool = False  # whether other passes precede or follow without rethreading
 
 
 def vertices_of(run: Run) -> list[complex]:
@@ -158,9 +158,9 @@ _AT_ONCE = 100
 
 
 def refuse_self_crossing(points: NDArray[np.float64], line_numbers: Sequence[int]) -> None:
-    """Refuse a polyline (n, 2) in mm that crosses itself, with the place and the lines of the two moves that meet."""
+    """Refuse a polyline (n, 2) in mm that crosses itself, naming the place and the lines of the two moves."""
     moves = (np.diff(points, axis=0) != 0).any(axis=1)
-    if not moves.all():  # the wire turns about a point here, while it moves in the second plane
+    if not moves.all():  # the wire turns about a point, and moves only in the second plane
         points = points[np.append(True, moves)]
         line_numbers = [number for number, moved in zip(line_numbers, moves, strict=True) if moved]
     if len(points) < 2:
@@ -183,11 +183,11 @@ def chords_of(points: NDArray[np.float64]) -> NDArray[np.object_]:
 
 
 def _crossing_chords(points: NDArray[np.float64]) -> tuple[int, int]:
-    """Return two chords of a line that is not simple, which meet elsewhere than end to start."""
+    """Return two chords of a line that is not simple, which meet other than end to start."""
     chords = chords_of(points)
     tree = shapely.STRtree(chords)
     joined_ends = np.array_equal(points[0], points[-1])
-    for first in range(0, len(chords), _AT_ONCE):  # a line that retraces itself throughout has pairs without number
+    for first in range(0, len(chords), _AT_ONCE):  # in batches: a line that retraces itself has too many pairs
         left, right = tree.query(chords[first : first + _AT_ONCE], predicate="intersects")
         for a, b in sorted(zip((left + first).tolist(), right.tolist(), strict=True)):
             neighbours = b == a + 1 or (joined_ends and a == 0 and b == len(chords) - 1)

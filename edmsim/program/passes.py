@@ -1,7 +1,7 @@
-"""Passes: a contour cut rough and then trimmed on the same kerf, to and fro, with a tab that is cut last.
+"""Passes: a rough cut of a contour and trims along the same kerf, in alternating directions; a tab is cut last.
 
-A drawing gets its passes from a `PassPlan`: offsets from rough to last, the tab that holds the piece meanwhile, the
-overlap. In a G-code program that cuts an edge several times, at offsets that fall, the runs are the passes.
+The passes of a drawing come from a `PassPlan`: offsets from rough to last, the tab that holds the piece meanwhile,
+the overlap. If a G-code program cuts an edge several times with decreasing offsets, its runs are the passes.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
 from edmsim.program.taper import GuideHeights, Lean, Ruled, Way, guides_for
 
 AfterTab = Literal["stop", "cut"]
-"""``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""
+"""``stop``: the machine stops before the tab, so the piece can be glued; ``cut``: it continues, a slug falls."""
 Piece = Literal["profile", "tab"]
 TAB_MM = 1.5  # usual length of a tab: shops leave 1 to 2 mm
-OVERLAP_MM = 0.1  # how far a pass goes on over cut metal, at the ends of a tab and of a closed contour (ours)
+OVERLAP_MM = 0.1  # distance by which passes overlap, at the ends of a tab and of a closed contour (ours)
 MOST_PASSES = 9  # more passes than any technology has (ours)
 
 
@@ -113,7 +113,7 @@ class CutPass:
 
 
 class Tilt(NamedTuple):
-    """How the wire of a stretch leans: by how much per height at each of its points, beside which wall and guides."""
+    """Inclination of the wire in a stretch: slope at each of its points, wall, and guides."""
 
     slope: Floats
     wall: Ruled
@@ -122,9 +122,9 @@ class Tilt(NamedTuple):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of path of one pass in mm, before it is put on the grid; of a leaning wire at half the height."""
+    """A stretch of path of one pass in mm, before it is rounded to the grid; at half the height if the wire leans."""
 
-    # its first `leads` points bring the wire to where it begins
+    # the first `leads` points lead the wire to the start of the stretch
 
     number: int
     piece: Piece
@@ -140,14 +140,14 @@ class Stretch:
     leads: int = 0
 
     def backwards(self) -> Stretch:
-        """Return the same cut the other way."""
+        """Return the same cut in the opposite direction."""
         tilt = self.tilt and self.tilt._replace(slope=self.tilt.slope[::-1])
         last = len(self.points) - 1
         dwells = tuple((last - i, seconds) for i, seconds in reversed(self.dwells))
         return replace(self, points=self.points[::-1], reversed=not self.reversed, tilt=tilt, dwells=dwells)
 
     def behind(self, link: Stretch) -> Stretch:
-        """Return the same with the points of another one before it, which lead to it."""
+        """Return the stretch with the points of `link`, which leads to it, before its own."""
         tilt = self.tilt and self.tilt._replace(
             slope=np.concatenate([link.tilt.slope if link.tilt else np.zeros_like(link.points), self.tilt.slope])
         )
@@ -158,7 +158,7 @@ class Stretch:
 
 
 def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
-    """Return the ways of all passes along one outline at the plan's offsets."""
+    """Return the stretches of all passes along one outline, at the plan's offsets."""
     outline = legs[0].outline
     if outline.wire_side is None:
         raise InputError("the wire follows it as drawn: passes run beside an edge, under G41 or G42")
@@ -194,7 +194,7 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
 
 
 def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Stretch]:
-    """Return the ways of passes that have no tab: along an open edge, or round a closed one."""
+    """Return the stretches of passes without a tab, along an open edge or round a closed one."""
     ways = []
     for k, line in enumerate(lines):
         short = 0.0 if closed else _short_mm(lines[0].leg.offset_mm, line.leg.offset_mm)
@@ -209,7 +209,7 @@ def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Stretch
 
 
 class _Leg(NamedTuple):
-    """A pass forward along its line between two places of the edge, and whether it is cut backwards."""
+    """A pass between two lengths of the edge, in the edge's direction, and whether it is cut backwards."""
 
     line: _Line
     way: Stretch
@@ -217,11 +217,11 @@ class _Leg(NamedTuple):
     back: bool
 
 
-LINK_MM = 1e-3  # a way from one pass to the next may come so much nearer to the part than both (ours: a um)
+LINK_MM = 1e-3  # a link between two passes may come this much nearer to the part than both (ours: a um)
 
 
 def _linked(legs: Sequence[_Leg]) -> list[Stretch]:
-    """Return the ways one after the other; where the straight way to the next would cut into the part, along it."""
+    """Return the stretches in order, with a link along the edge if a straight one would cut into the part."""
     ways = [leg.way.backwards() if leg.back else leg.way for leg in legs]
     for k, (before, leg) in enumerate(pairwise(legs), 1):
         straight = shapely.LineString([ways[k - 1].points[-1], ways[k].points[0]])
@@ -232,10 +232,10 @@ def _linked(legs: Sequence[_Leg]) -> list[Stretch]:
 
 
 def _link(before: _Leg, leg: _Leg) -> Stretch:
-    """Return the way from the end of one pass to the begin of the next beside the edge, at the greater offset."""
+    """Return the link from the end of one pass to the start of the next along the edge, at the greater offset."""
     outer = before.line if before.line.leg.offset_mm > leg.line.leg.offset_mm else leg.line
     start, stop = before.ends[0 if before.back else 1], leg.ends[1 if leg.back else 0]
-    if outer.leg.outline.closed:  # not once more round it
+    if outer.leg.outline.closed:  # without another full turn
         start += outer.length * round((stop - start) / outer.length)
     way = replace(outer.stretch(leg.way.number, leg.way.piece, min(start, stop), max(start, stop)), dwells=())
     return way if start <= stop else way.backwards()
@@ -243,13 +243,13 @@ def _link(before: _Leg, leg: _Leg) -> Stretch:
 
 def _short_mm(rough_mm: float, offset_mm: float) -> float:
     """Return how far before the end of the rough pass a trim has to end so that no metal is in front of it."""
-    # the rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the part
+    # the rough pass ends in a round front: the nearer a trim is to the part, the more of it is beside the wire
     nearer = rough_mm - offset_mm
     return math.sqrt(max(2.0 * rough_mm * nearer - nearer**2, 0.0))
 
 
 class _Line:
-    """The wire's path beside an edge, asked by how far along that a place lies; of a leaning wire at mid height."""
+    """The wire's path along an edge, queried by length of the edge; at mid height if the wire leans."""
 
     def __init__(self, leg: OffsetOutline) -> None:
         self.leg = leg
@@ -259,22 +259,22 @@ class _Line:
         self._closed = leg.outline.closed
 
     def stretch(self, number: int, piece: Piece, from_mm: float, to_mm: float) -> Stretch:
-        """Return the path between two places of the edge, which may lie beyond its ends."""
+        """Return the path between two lengths of the edge, which may be beyond its ends."""
         start, stop = self._along(from_mm), self._along(to_mm)
         return self._between(number, piece, start, self._parts(start, stop))
 
     def whole(self, number: int, back: bool) -> Stretch:
-        """Return all of the path, of a pass that goes against the first one's direction or not."""
+        """Return the whole path as a pass; `back`: its direction is opposite to that of the first pass."""
         rows = np.asarray(shapely.get_coordinates(self._path))
         if self.leg.surfaces is not None:
             rows = np.concatenate([rows, self.leg.surfaces[1].slope], axis=1)
         way = self._between(number, "profile", 0.0, rows)
-        own = len(self.leg.outline.approach_mm)  # a wait on the way from the pass before comes before this one
+        own = len(self.leg.outline.approach_mm)  # a dwell on the way from the previous pass is put before this pass
         waits = tuple((0, seconds) for i, seconds in self.leg.outline.dwells if i < own and number > 1)
         return replace(way, reversed=back, dwells=(*waits, *way.dwells))
 
     def _between(self, number: int, piece: Piece, start_mm: float, rows: Floats) -> Stretch:
-        """Return a stretch of points, and slopes where the wire leans, which begins at a length of the path."""
+        """Return a stretch of points (and slopes if the wire leans), `rows`, which begin at a length of the path."""
         passed = start_mm + arc_lengths(rows[:, :2])
         waits = [(at, seconds) for at, seconds in dwells_along(self.leg) if passed[0] <= at <= passed[-1]]
         dwells: tuple[tuple[int, float], ...] = ()
@@ -288,7 +288,7 @@ class _Line:
         return Stretch(number, piece, rows[:, :2], self.leg.offset_mm, False, tilt=tilt, dwells=dwells)
 
     def _parts(self, start: float, stop: float) -> Floats:
-        """Return the points (n, 2) between two lengths of the path, with slopes (n, 4) where the wire leans."""
+        """Return the points (n, 2) between two lengths of the path, with slopes (n, 4) if the wire leans."""
         if not self._closed:
             return self._part(start, stop)
         whole = self._path.length
@@ -314,13 +314,13 @@ class _Line:
         if rest == 0.0 or (not self._closed and rest >= self.length):
             return float(turns * self._path.length if rest == 0.0 else self._path.length)
         along = float(self._path.project(self.edge.interpolate(rest)))
-        if self._closed:  # beside an inner corner where they meet, the path's end and its begin are one place
+        if self._closed:  # in an inner corner, the path's end and start are one point
             turns += round(rest / self.length - along / self._path.length)
         return float(turns * self._path.length) + along
 
 
 def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
-    """Put outlines that follow each other along the same edge into groups: the passes of a program."""
+    """Group successive outlines along the same edge: the passes of a program."""
     groups: list[list[Outline]] = []
     for outline in outlines:
         if groups and same_edge(groups[-1][0], outline):
@@ -331,7 +331,7 @@ def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
 
 
 def parted_passes(groups: Sequence[Sequence[Outline]]) -> list[str]:
-    """Name edges that are cut again after others: what does not follow directly is no pass of them."""
+    """Return notices of edges that are cut again after others: a cut that does not follow directly is not a pass."""
     lines = [shapely.LineString(group[0].points_mm) for group in groups]
     pairs = zip(*shapely.STRtree(lines).query(lines).tolist(), strict=True)
     return [
@@ -342,7 +342,7 @@ def parted_passes(groups: Sequence[Sequence[Outline]]) -> list[str]:
 
 
 def same_edge(one: Outline, other: Outline) -> bool:
-    """Say whether two compensated outlines are one edge with the part on the same side of it, either way round."""
+    """Return whether two compensated outlines are one edge, in either direction, with the part on the same side."""
     if one.wire_side is None or other.wire_side is None or one.closed != other.closed:
         return False
     line, again = shapely.LineString(one.points_mm), shapely.LineString(other.points_mm)
@@ -354,7 +354,7 @@ def same_edge(one: Outline, other: Outline) -> bool:
 
 
 def runs_back(one: Outline, other: Outline) -> bool:
-    """Say whether the second of two outlines along the same edge runs against the first."""
+    """Return whether two outlines along the same edge have opposite directions."""
     if one.closed:
         rings = [shapely.LinearRing(outline.points_mm) for outline in (one, other)]
         return bool(rings[0].is_ccw != rings[1].is_ccw)
@@ -363,13 +363,13 @@ def runs_back(one: Outline, other: Outline) -> bool:
 
 
 def begins_elsewhere(before: Outline, outline: Outline) -> bool:
-    """Say whether a pass begins elsewhere than where the one before it ended, so that it needs a way of its own."""
+    """Return whether a pass does not begin where the previous one ended, so that it needs its own lead-in."""
     apart_mm = float(np.hypot(*(outline.points_mm[0] - before.points_mm[-1])))
     return before is not outline and apart_mm > JOIN_TOLERANCE_MM * 10
 
 
 def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Floats | None]) -> list[Stretch]:
-    """Return the ways of a program's passes along one edge, as the program has them, each behind its lead, if any."""
+    """Return the stretches of a program's own passes along one edge, each after its lead-in, if any."""
     check_offsets([leg.offset_mm for leg in legs], legs[-1].outline.line)
     first, ways = legs[0].outline, []
     for number, (leg, lead) in enumerate(zip(legs, leads, strict=True), 1):
@@ -388,8 +388,8 @@ def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Floats | None])
 def on_grid(
     ways: Sequence[Stretch], lead: Floats, grid_um: int, waits: Sequence[tuple[int, float]] = ()
 ) -> tuple[CutPass, ...]:
-    """Join ways to passes in whole um, each beginning where the one before ended, the first at the lead's begin."""
-    # the lead (k, 2) leads from the start hole to the first way's begin; `waits` are by index into it
+    """Convert stretches to passes in whole um; each begins at the previous end, the first where `lead` begins."""
+    # the lead (k, 2) goes from the start hole to the first stretch; `waits` has indices into it
     passes: list[CutPass] = []
     before = lead
     for way in ways:
@@ -410,20 +410,20 @@ def on_grid(
 
 
 def holds(passes: Sequence[CutPass]) -> bool:
-    """Say whether a tab, if there is one, still holds the piece when the rough pass is at its end."""
+    """Return whether the piece is still held at the end of the rough pass, by its tab if there is one."""
     ways = [shapely.LineString(one.way.at_mid_height()) for one in passes if one.number == 1]
     around, parted = (_inside_um2(some, passes[0].offset_um) for some in (ways[:1], ways))
     return len(ways) == 1 or 2 * around <= parted
 
 
 def _inside_um2(ways: Sequence[shapely.LineString], offset_um: float) -> float:
-    """Return the area of the largest piece of metal that cuts along some ways surround."""
+    """Return the area of the largest piece of metal surrounded by cuts along `ways`."""
     cuts = shapely.get_parts(shapely.MultiLineString(ways).buffer(offset_um))
     return float(max((shapely.Polygon(ring).area for cut in cuts for ring in cut.interiors), default=0.0))
 
 
 def _guided(known_mm: Floats, way: Stretch, leads: int, before: CutPass | None, grid_um: int) -> Way:
-    """Put a way on the grid behind `leads` points that lead to it: vertical ones, or where the pass before ended."""
+    """Round a stretch, after `leads` points with a vertical wire, to the grid; begin where pass `before` ended."""
     if way.tilt is None:
         return Way(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)
     slope, wall, guides = way.tilt

@@ -1,4 +1,4 @@
-"""The wire path: a program read by its suffix, offset, lead-in through waste, moves in whole um on the table."""
+"""The wire's path: reading of a program by its suffix, offset, lead-in through waste, moves in whole um."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -50,8 +50,8 @@ from edmsim.program.taper import GOUGE_MM, GuideHeights, Lean, Way, guides_for, 
 @refuses_wrong_types
 def ruled_between(below: Program, above: Program) -> Program:
     """Return the program whose walls are ruled between the contours of two, the lower and the upper face."""
-    # every contour below goes with the one above that strays least from it: holes may have the middle of what they
-    # lie in; lines and arcs go with each other in order, so that their beginnings lie as near as they can
+    # each contour below is paired with the one above at the least Hausdorff distance, because a hole may have the
+    # same centre as the contour around it; lines and arcs are paired in order, with starts as near as possible
     if len(below.outlines) != len(above.outlines):
         raise InputError(f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as "
                          "many", below.source)
@@ -89,7 +89,7 @@ def _ruled(outline: Outline, upper: Outline) -> Outline:
 
 
 def _spread(points: Floats, chords: int) -> Floats:
-    """Return the points of a line with `chords` chords, evenly along it."""
+    """Return the points of a line, resampled to `chords` chords of equal length unless it has as many."""
     if len(points) == chords + 1:
         return points
     passed = arc_lengths(points)
@@ -158,10 +158,10 @@ def load_program(
     )
 
 
-LEAD_IN_MM = 1.0  # usual length in mm of a lead-in of ours, from the hole's centre to the wire path
+LEAD_IN_MM = 1.0  # usual length in mm of an added lead-in (ours), from the hole's centre to the wire path
 START_HOLE_RADIUS_MM = 0.25  # usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)
 STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (ours)
-HOLE_CLEARANCE_MM = 0.05  # least distance in mm between a hole of our choice and any edge (ours)
+HOLE_CLEARANCE_MM = 0.05  # least distance in mm between an added start hole and any edge (ours)
 _TOLERANCE_MM = 0.001
 _SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
@@ -206,7 +206,7 @@ class WireContour:
     def at_height(self, height_mm: float) -> Self:
         """Return the contour of a leaning wire at a height as that of a vertical wire, in whole um.
 
-        Its offset is that in the plane, where the wall leans most.
+        Its offset is that in the plane, at the greatest inclination of the wall.
         """
         if self.lean is None:
             return self
@@ -261,10 +261,10 @@ class WireContour:
 
 
 class Conditions(NamedTuple):
-    """Machining conditions of a program's passes, and what the user's table says of them."""
+    """Machining conditions of a program's passes, and their settings in the user's table."""
 
-    names: tuple[str | None, ...] = ()  # by pass, from the rough one; None where the program calls none
-    approach: str | None = None  # condition of the way from the start hole
+    names: tuple[str | None, ...] = ()  # by pass, from the rough one; None if the program calls none
+    approach: str | None = None  # condition on the lead-in
     settings: Mapping[str, Mapping[str, float]] = {}  # by condition and setting; empty without a table
 
 
@@ -311,7 +311,7 @@ class CutPath:
 
 @dataclass(frozen=True)
 class _Lead:
-    """The way to the path's start, the start not in it, and the program line of every move."""
+    """The lead-in to the path's start, without the start itself, and the program line of every move."""
 
     points: Floats
     lines: tuple[int, ...]
@@ -360,7 +360,7 @@ def plan_path(
         Heights at which the wire bends, for each pass; the last applies to all further ones. Required if the wire
         leans; with None, the upper guide does not move.
     passes : PassPlan, optional
-        Passes of every contour that the program has once. A program that cuts an edge several times has its own
+        Passes of every contour that the program cuts once. A program that cuts an edge several times has its own
         passes, with offsets from its registers or, without these, from the plan.
 
     Returns
@@ -435,7 +435,7 @@ def plan_path(
 
 
 def _conditions(program: Program, groups: Sequence[Sequence[Outline]]) -> Conditions:
-    """Return the conditions of the passes; refuse a table where a pass has two, as it has one setting."""
+    """Return the conditions of the passes; refuse two conditions in a pass if a table has settings for them."""
     names: list[str | None] = []
     for number in range(max(map(len, groups), default=0)):
         outlines = [group[number] for group in groups if number < len(group)]
@@ -453,7 +453,7 @@ def _legs(
     group: list[Outline], passes: PassPlan | None, chosen_mm: float | None, auto_offset_mm: float,
     guides: Sequence[GuideHeights | None], notices: list[str],
 ) -> list[OffsetOutline]:
-    """Return the edge of a group at the offsets of its passes; what the wire cannot reach is that of the last one."""
+    """Return the edge of a group at the offsets of its passes; adds the last pass's notices of unreachable metal."""
     once = len(group) == 1
     if passes is not None and not (once or passes.of_program):
         reason = f"{group[0].name}: the program cuts it {len(group)} times, in passes of its own"
@@ -494,7 +494,7 @@ def _contour_of(
     legs: list[OffsetOutline], lead: _Lead, leads: list[Floats | None], passes: PassPlan | None, in_passes: bool,
     grid_um: int,
 ) -> WireContour:
-    """Return the contour of one edge, of a path in passes with its own; `leads` are those of the passes after."""
+    """Return the contour of one edge, with its passes if the path has several; `leads` are those of later passes."""
     last = legs[-1]
     made = _contour if last.surfaces is None else _leaning_contour
     compensated = last.outline.wire_side is not None and (len(legs) > 1 or last.offset_mm > 0)
@@ -513,7 +513,7 @@ def _contour_of(
 
 
 def _as_first(legs: list[OffsetOutline]) -> OffsetOutline:
-    """Return the last pass's path and edge in the direction of the first, and from where that begins."""
+    """Return the last pass's path and edge with the direction and start of the first pass."""
     first, last = legs[0], legs[-1]
     if last.outline is first.outline:
         return last
@@ -542,7 +542,7 @@ def _lead(
     leg: OffsetOutline, edges: Mapping[float, BaseGeometry], length_mm: float, hole_radius_mm: float,
     notices: list[str],
 ) -> _Lead:
-    """Return the way to a pass, which keeps off the edges on every face of the workpiece, by their heights."""
+    """Return the lead-in of a pass, which keeps clear of `edges`, by height, on every face of the workpiece."""
     outline, at_faces = leg.outline, [leg.at_height(z) for z in edges]
     with of_outline(outline):
         if len(outline.approach_mm):
@@ -566,11 +566,11 @@ def _own_lead_in(
     starts: Sequence[Floats], away: Floats, faces: Sequence[BaseGeometry], offset_mm: float, length_mm: float,
     hole_radius_mm: float,
 ) -> tuple[Floats, list[str]]:
-    """Choose a thread point off the contour, on the waste side."""
-    # the contour begins at one of `starts` on each face of the workpiece, on the first away from the part
-    # straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
-    # shorter, and past a wall that leans over it longer; the wire keeps the offset from every edge of each face, the
-    # hole its radius and a clearance
+    """Return a thread point away from the contour, on the waste side, and notices."""
+    # `starts` has the contour's start on each face of the workpiece, `away` the direction from the part on the first.
+    # The lead-in is perpendicular to the edge and of full length if there is room, otherwise turned by up to 75
+    # degrees, otherwise shorter, and longer if the wall leans over it. The wire keeps the offset from every edge of
+    # each face, the hole its radius and a clearance.
     start, lengths = starts[0], [share * length_mm for share in _SHARES]
     overhang_mm = max(float((begin - start) @ away) for begin in starts)
     if overhang_mm > 0:
@@ -594,7 +594,7 @@ def _own_lead_in(
 
 
 def _check_approach(approach: Floats, edge: BaseGeometry, offset_mm: float, hole_radius_mm: float) -> None:
-    """Check that on the program's own approach (n, 2) in mm neither wire nor start hole cuts into the part."""
+    """Refuse a program's own approach (n, 2) in mm if wire or start hole would cut into the part."""
     x, y = approach[0]
     if not _clears(approach, edge, offset_mm):
         raise InputError(f"the approach from X{x:.3f} Y{y:.3f} cuts into the part: thread the wire on the "
@@ -606,8 +606,8 @@ def _check_approach(approach: Floats, edge: BaseGeometry, offset_mm: float, hole
 
 
 def _clears(path: Floats, edges: BaseGeometry, offset_mm: float, within_mm: float = GOUGE_MM) -> bool:
-    """Say whether a path (n, 2) to a contour keeps the offset from the edges; at offset 0, meets none."""
-    # a program's approach in line with the edge, 1 mm long, comes 2 um nearer to its first point than the offset
+    """Return whether a path (n, 2) to a contour keeps the offset from the edges or, at offset 0, meets none."""
+    # tolerance: a 1 mm approach in line with the edge comes 2 um nearer to the edge's first point than the offset
     if offset_mm == 0:
         before = path[-1] + (path[-2] - path[-1]) * 0.01
         return bool(shapely.LineString([*path[:-1], before]).distance(edges) > 0)
@@ -615,10 +615,10 @@ def _clears(path: Floats, edges: BaseGeometry, offset_mm: float, within_mm: floa
 
 
 def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
-    """Offset the compensated part of the program's approach, and check that it spares the part."""
+    """Offset the compensated part of the program's approach, and refuse it if it cuts into the part."""
     outline, split = leg.outline, leg.outline.compensated_from
     points, lines = outline.approach_mm, outline.approach_lines
-    if outline.continues and len(points) > 1:  # the wire is beside the first point, where the pass before ended
+    if outline.continues and len(points) > 1:  # the wire is next to the first point, where the previous pass ended
         points, lines, split = points[1:], lines[1:], split - 1
     if split < len(points) and outline.wire_side is not None:
         drawn = np.concatenate([points[split:], outline.points_mm[:1]])
@@ -639,7 +639,7 @@ def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
 
 
 def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
-    """Join lead and path on the grid; still in the program's coordinates."""
+    """Join lead-in and path on the grid, in the program's coordinates."""
     outline = leg.outline
     path, stops = _with_dwells(leg, lead)
     numbers = np.array(outline.line_numbers)[nearest_chords(outline.points_mm, (path[1:] + path[:-1]) / 2)]
@@ -651,7 +651,7 @@ def _on_grid(
     leg: OffsetOutline, lead: _Lead, way: Way, stops: Sequence[tuple[int, float]], line_numbers: Sequence[int],
     elements: tuple[tuple[int, int], ...],
 ) -> WireContour:
-    """Return the contour of a way on the grid that begins with the lead, without points at which nothing moves."""
+    """Return the contour of a path on the grid, lead-in included, without points at which nothing moves."""
     outline, count = leg.outline, len(lead.points)
     way, moves, stops = way.moving(stops)
     if not moves.any():
@@ -666,7 +666,7 @@ def _on_grid(
 
 
 def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[_Lead]) -> list[str]:
-    """Name the ways to contours that cut into the edge of another contour; its piece may have been taken out."""
+    """Return notices of lead-ins that cut into another contour; they are allowed, as its piece may be removed."""
     found = []
     shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
     tree = shapely.STRtree([leg.edge for leg in shut])
@@ -685,7 +685,7 @@ def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[_Lead]) -> list[str]
 
 
 def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:
-    """Refuse a way to a contour that cuts into the part on a face of the workpiece."""
+    """Refuse a lead-in that cuts into the part on a face of the workpiece."""
     whole = leg.outline.closed or leg.outline.wire_side is not None
     way = np.concatenate([lead.points, leg.path[:1]])
     if whole and len(lead.points) and not _clears(way, leg.edge, leg.offset_mm):
@@ -694,12 +694,12 @@ def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:
 
 
 def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
-    """Join lead and the ways of both guides on the grid: vertical on the way, the wire leans on its last move."""
+    """Join lead-in and the paths of both guides on the grid; the wire begins to lean on the lead-in's last move."""
     outline, guides = leg.outline, leg.guides
     assert leg.surfaces is not None
     assert guides is not None
     wall, wire = leg.surfaces
-    if not len(lead.points) and wire.slope[0].any():  # threaded upright, it leans where it stands
+    if not len(lead.points) and wire.slope[0].any():  # threaded vertically, the wire leans before it moves
         lead = _Lead(wire.lower_mm[:1], (0,))
     count = len(lead.points)
     slope = np.concatenate([np.zeros((count, 2)), wire.slope])
@@ -714,7 +714,7 @@ def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireConto
 
 
 def _elements(leg: OffsetOutline) -> tuple[tuple[int, int], ...]:
-    """Return line or arc and program line of every chord of the edge, which may lie beside what was drawn."""
+    """Return element and program line of every chord of the edge, which may be offset from the drawn outline."""
     outline = leg.outline
     drawn = list(zip(outline.elements, outline.line_numbers, strict=True))
     if leg.nominal is outline.points_mm:
@@ -735,7 +735,7 @@ def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[Floats, list[tuple[in
 
 
 def _lead_place(lead: _Lead, outline: Outline, i: int) -> int:
-    """Return the index of the lead's point that is a point of the program's approach."""
+    """Return the index in the lead-in of point `i` of the program's approach."""
     return int(np.hypot(*(lead.points - outline.approach_mm[i]).T).argmin())
 
 
@@ -748,7 +748,7 @@ def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, sour
 
 
 def _check_fits(what: str, points_um: Floats | NDArray[np.int64], most_um: float, table_um: int, source: str) -> None:
-    """Refuse what spans more than a length; say how large the table is."""
+    """Refuse points that span more than `most_um`; the message has the size of the table."""
     x, y = np.ptp(points_um, axis=0)
     if max(x, y) > most_um:
         hint = "; if the drawing's unit is another, give --unit" if Path(source).suffix.lower() == ".dxf" else ""

@@ -1,4 +1,4 @@
-"""A straight edge, or another open one, in passes: the path of cuts that find settings and offsets."""
+"""Path along a straight or other open edge in passes, for cuts from which settings and offsets are found."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ _HOLE_MM, _LEAD_MM = 0.3, 0.5  # radius of the start hole, and its distance from
 def straight_path(
     offsets_mm: Sequence[float], length_mm: float, machine: Machine, edge_mm: Floats | None = None
 ) -> CutPath:
-    """Return a straight edge, or another open one along +x, in passes, cut from a start hole, the part below it."""
+    """Return the path in passes of a straight or other open edge along +x, from a start hole, with the part below."""
     middle = np.array(machine.base.table.centre_um) * 1e-3 - (length_mm / 2, 0.0)
     edge = np.array([[0.0, 0.0], [length_mm, 0.0]]) if edge_mm is None else edge_mm
     edge, count = edge + middle, len(edge) - 1

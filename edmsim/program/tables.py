@@ -11,11 +11,11 @@ from edmsim.files import read_toml
 from edmsim.numeric import real
 from edmsim.program.dialects import Dialect
 
-# Offset registers: what D1 or H1 of a program mean, from the program itself or from a file.
+# Offset registers: values of D1 or H1, from the program itself or from a file.
 
 _ZERO = frozenset({"D0", "H0"})
 _NAME = re.compile(r"([DH])0*(\d{1,4})")
-GREATEST_MM = 10.0  # of an offset (ours: no wire is thicker)
+GREATEST_MM = 10.0  # greatest offset (ours: no wire is thicker)
 
 
 def register(letter: str, number: str | float) -> str:
@@ -66,7 +66,7 @@ class Offset(NamedTuple):
 
 
 class OffsetRegisters:
-    """The registers of a program while it is read; what the program itself says comes before those of a file."""
+    """The registers of a program while it is read; values in the program override those of a file."""
 
     def __init__(self, offsets: Mapping[str, float], defined: Collection[str]) -> None:
         self._table = dict(offsets)
@@ -74,20 +74,20 @@ class OffsetRegisters:
         self._called: str | None = None
 
     def define(self, name: str, offset_mm: float) -> None:
-        """Take over what the program says of a register."""
+        """Set a register to the value in the program."""
         if not (math.isfinite(offset_mm) and 0 <= offset_mm <= GREATEST_MM):
             raise InputError(f"the offset {name} is {offset_mm:g} mm: give 0 to {GREATEST_MM:g} mm")
         self._table[name] = offset_mm
 
     def value_of(self, name: str, used_by: str) -> float:
-        """Return a register that another is made of, in mm."""
+        """Return the value in mm of a register that the register `used_by` refers to."""
         if name not in self._table:
-            reason = f"{used_by} is made of {name}, which has no value there: write {name}=0. before it"
+            reason = f"{used_by} refers to {name}, which has no value there: write {name}=0. before it"
             raise InputError(f"{reason}, or give it by --offsets")
         return self._table[name]
 
     def call(self, names: list[str]) -> list[str]:
-        """Take D and H words of a block, and return what to tell of them."""
+        """Call the registers of a block's D and H words; return notices about them."""
         if self._table:
             self._table |= {name: 0.0 for name in names if name in _ZERO and name not in self._table}
         known = [name for name in names if name in self._table]
@@ -109,7 +109,7 @@ class OffsetRegisters:
 
     @property
     def uncalled(self) -> bool:
-        """Whether the program has called no register, and could."""
+        """Whether there are registers, but the program has called none."""
         return bool(self._table) and self._called is None
 
     @property
@@ -130,8 +130,8 @@ SETTINGS: dict[str, tuple[float, float]] = {
     "flushing_lower_Pa": (0.0, 1e8), "flushing_upper_Pa": (0.0, 1e8), "open_target_share": (0.0, 1.0),
     "feed_um_s": (0.0, 1e4),
 }  # fmt: skip
-"""What a user's table may say of a condition, and between which numbers (ours: beyond them a unit was mistaken). What
-a machine can be set to is checked where it is set."""
+"""Keys of a condition in a user's table, and ranges of their values (ours: outside them, the unit is wrong). The
+limits of the machine are checked when it is set."""
 _MAY_BE_ZERO = frozenset({"flushing_lower_Pa", "flushing_upper_Pa", "open_target_share"})
 
 
@@ -142,7 +142,7 @@ def key_of(name: str) -> str:
 
 
 class ConditionTable:
-    """The table of conditions in a program, line by line; `values` are by condition and column, as written."""
+    """The table of conditions in a program, read line by line; `values` are by condition and column, as written."""
 
     def __init__(self, dialect: Dialect) -> None:
         self.values: dict[str, dict[str, float]] = {}
@@ -150,7 +150,7 @@ class ConditionTable:
         self._line = re.compile(rf"\s*(?:N\d+\s*)?({dialect.condition or 'C'}\d{{1,4}})\s*=(.*)")
 
     def read_line(self, raw: str) -> bool:
-        """Take a line of the table, or see columns in a comment; say whether the line is one of the table."""
+        """Parse a line of the table, or columns in a comment; return whether the line belongs to the table."""
         if not self._columns:
             return False
         for comment in _COMMENT.findall(raw.upper()):
@@ -231,7 +231,8 @@ def settings_for(
 ) -> dict[str, dict[str, float]]:
     """Return the settings of the conditions that a program calls, by name as written there.
 
-    `called` has the line of each one's first call; raises `InputError` if neither of the tables has a condition.
+    `called` has the line of each one's first call. Raises `InputError` if a condition is missing in `table` or, if
+    this is empty, in the program's table.
     """
     known = {key_of(name) for name in in_program}
     found: dict[str, dict[str, float]] = {}

@@ -1,11 +1,11 @@
-"""Tapered walls: what an outline is at every height, and where a leaning wire and its two guides go beside it.
+"""Tapered walls: shape of an outline at every height, and paths of a leaning wire and its two guides.
 
 >>> outline = Outline(square, (0,) * 4, True, "right", "left", np.empty((0, 2)), taper=Taper((3.0,) * 4))
 >>> wall, wire = wall_and_wire(outline, 0.164, GuideHeights(-10.0, 30.0, 20.0, 60.0))
 >>> lower, upper = wire.at(-10.0), wire.at(30.0)   # at the guides
 
-A wall is ruled: every point of its lower line is joined with one point of the upper line by a straight line, along
-which the wire lies. Between two of these lines both ends move evenly, as four axes do.
+A wall is a ruled surface: every point of its lower line is joined to one point of its upper line by a straight line,
+along which the wire lies. Between two of these lines both ends move linearly, as four axes do.
 """
 
 import math
@@ -23,28 +23,28 @@ from edmsim.geometry import Floats, arc_lengths, left_of
 from edmsim.program.arcs import CHORD_TOLERANCE_UM, ROUND_MM
 from edmsim.program.outline import Corners, Outline, Taper
 
-Stop = tuple[int, float]  # at which point of a way the wire waits, and how many seconds
-MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
-SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
+Stop = tuple[int, float]  # index of the point at which the wire waits, and seconds
+MOST_DEG = 45.0  # limit of angles (ours: wire guides of taper machines end at 30 to 45 degrees)
+SHARP_DEG = 1.0  # lines and arcs that meet at less are tangent (ours: rounding of drawings)
 _MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
-GOUGE_MM = 0.01  # a wire nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)
+GOUGE_MM = 0.01  # the wire may be this much nearer to a wall than its offset (ours: half the error of a rough cut)
 _NOTHING_MM = 1e-9
-_NEAR_MM = 1e-3  # planes at heights that differ by less are one (ours)
-_STRAIGHT_MM = 1e-4  # within which the points of a piece lie on a line (ours)
-_HEIGHTS = 5  # of the workpiece, both faces among them, at which a wire's way is looked at for crossings (ours)
+_NEAR_MM = 1e-3  # planes at heights that differ by less are equal (ours)
+_STRAIGHT_MM = 1e-4  # tolerance of points on a straight line (ours)
+_HEIGHTS = 5  # number of heights, with both faces, at which the wire's path is checked for crossings (ours)
 
 
 class GuideHeights(NamedTuple):
-    """Where the wire bends at its guides, in mm over the workpiece's lower face, and what lies between."""
+    """Heights of the guides in mm above the workpiece's lower face, and how the wire bends at them."""
 
-    # lower_mm, upper_mm: of the lower guide, below 0, and of the upper one, above `height_mm`, as the control
-    # knows them
+    # lower_mm, upper_mm: heights of the lower guide, below 0, and of the upper one, above `height_mm`, as the
+    # control knows them
     lower_mm: float
     upper_mm: float
     height_mm: float  # of the workpiece
-    travel_mm: float  # how far u and v go, either way
-    # stiff_mm, radius_mm: how far inside the guides a leaning wire bends, and by which radius of the guides'
-    # edges further in: see `edmsim.machine.setting.GuideBends`
+    travel_mm: float  # travel of u and v in either direction
+    # stiff_mm, radius_mm: distance inside the guides at which a leaning wire bends, and radius of the guides'
+    # edges, which moves the bend further inside: see `edmsim.machine.setting.GuideBends`
     stiff_mm: float = 0.0
     radius_mm: float = 0.0
 
@@ -54,7 +54,7 @@ class GuideHeights(NamedTuple):
         return self.upper_mm - self.lower_mm
 
     def bends_mm(self, slope: Floats) -> Floats:
-        """Return the heights (n, 2) at which wires bend that lean by so much per height (n, 2)."""
+        """Return the heights (n, 2) at which wires of these slopes (n, 2) bend."""
         rise = np.hypot(*slope.T)
         inwards = self.stiff_mm + self.radius_mm * rise / (1.0 + np.sqrt(1.0 + rise**2))
         return np.stack([self.lower_mm + inwards, self.upper_mm - inwards], axis=1)
@@ -62,7 +62,7 @@ class GuideHeights(NamedTuple):
 
 @dataclass(frozen=True)
 class Ruled:
-    """A ruled surface between two lines with as many points each."""
+    """A ruled surface between two lines with equal numbers of points."""
 
     lower_mm: Floats  # lower_mm, upper_mm: points in the program plane and in the second plane
     upper_mm: Floats
@@ -71,7 +71,7 @@ class Ruled:
     # elements, line_numbers: for each of the ``n - 1`` chords the line or arc and the program's line it belongs to
     elements: tuple[int, ...]
     line_numbers: tuple[int, ...]
-    vertices: tuple[int, ...]  # for each point of the outline the first of the points here that it became
+    vertices: tuple[int, ...]  # for each point of the outline, index of its first point here
 
     @property
     def slope(self) -> Floats:
@@ -83,12 +83,12 @@ class Ruled:
         return np.asarray(self.lower_mm + self.slope * (height_mm - self.low_mm))
 
     def moved(self, by_mm: Floats) -> "Ruled":
-        """Return the same surface elsewhere."""
+        """Return the same surface, displaced."""
         return replace(self, lower_mm=self.lower_mm + by_mm, upper_mm=self.upper_mm + by_mm)
 
 
 def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -> tuple[Outline, ...]:
-    """Return outlines with an angle, positive for a part smaller above, and corners where they have none."""
+    """Set angle (positive if the part is smaller above) and corners of outlines that have none."""
     if not (math.isfinite(angle_deg) and abs(angle_deg) < MOST_DEG):
         raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give less than {MOST_DEG:g} either way")
     found = []
@@ -118,16 +118,16 @@ def _elements(outline: Outline) -> tuple[int, ...]:
 
 
 class _Chords(NamedTuple):
-    """Chords of an outline with their left normals, and by how much the second plane's line lies to their left."""
+    """Chords of an outline: left normals, and distances to their left of the line in the second plane."""
 
     normals: Floats
     shift_mm: Floats
     elements: NDArray[np.int64]
-    offset_mm: float  # by which the other of wall and wire's way lies to their left
+    offset_mm: float  # offset to their left between wall and wire
 
 
 def _of_angle(outline: Outline, low: float, high: float, offset_mm: float) -> Ruled:
-    """Return the wall of an outline whose arcs keep their radius at every height, chord by chord."""
+    """Return the surface of an outline, chord by chord, if its arcs have the same radius at every height."""
     points = outline.points_mm
     shift_mm = (high - low) * _tangents(outline)
     chords = _Chords(left_normals(points), shift_mm, np.array(_elements(outline)), offset_mm)
@@ -141,7 +141,7 @@ def _of_angle(outline: Outline, low: float, high: float, offset_mm: float) -> Ru
         before, after = _chords_at(i, count, outline.closed)
         above = [points[i] + shift for shift in _shifts(outline, chords, before, after, cylindrical)]
         if outline.closed and i == 0:
-            above = above[-1:]  # what the first corner becomes is cut at the end
+            above = above[-1:]  # the first corner is cut at the end
         vertices.append(len(lower))
         owners += [before] * (len(above) - 1) + [after]
         lower += [points[i]] * len(above)
@@ -155,7 +155,7 @@ def _of_angle(outline: Outline, low: float, high: float, offset_mm: float) -> Ru
 
 
 def _tangents(outline: Outline) -> Floats:
-    """Return the tangents of the angles of an outline's chords, checked."""
+    """Return the tangents of the taper angles of an outline's chords; raises `InputError` for invalid angles."""
     assert outline.taper is not None
     assert outline.taper.angle_deg is not None
     angles, count = np.array(outline.taper.angle_deg, np.float64), len(outline.points_mm) - 1
@@ -168,21 +168,21 @@ def _tangents(outline: Outline) -> Floats:
 
 
 def left_normals(points: Floats) -> Floats:
-    """Return the unit vectors (n - 1, 2) to the left of the chords of a line; nought for one of no length."""
+    """Return the unit vectors (n - 1, 2) to the left of the chords of a line; zero for a chord of no length."""
     across = left_of(np.diff(points, axis=0))
     length = np.hypot(*across.T)[:, None]
     return np.asarray(np.divide(across, length, out=np.zeros_like(across), where=length > _NOTHING_MM))
 
 
 def _chords_at(i: int, count: int, closed: bool) -> tuple[int, int]:
-    """Return the chords before and after a point; an end of an open line has one on both sides."""
+    """Return the chords before and after a point; they are the same at the ends of an open line."""
     return ((i - 1) % count, i % count) if closed else (max(i - 1, 0), min(i, count - 1))
 
 
 def _shifts(
     outline: Outline, chords: _Chords, before: int, after: int, cylindrical: dict[int, Floats]
 ) -> list[Floats]:
-    """Return how far the second plane's points lie from a vertex: one, or more where it becomes an arc."""
+    """Return the vectors from a vertex to its points in the second plane: one, or several if it becomes an arc."""
     taper, same = outline.taper, chords.elements[before] == chords.elements[after]
     assert taper is not None
     known = [cylindrical[k] for k in chords.elements[[before, after]].tolist() if k in cylindrical]
@@ -191,7 +191,7 @@ def _shifts(
     n1, n2, d1, d2 = (*chords.normals[[before, after]], *chords.shift_mm[[before, after]])
     turn = _turn(n1, n2)
     if abs(turn) < math.radians(SHARP_DEG) and abs(d1 - d2) > _NOTHING_MM:
-        return [d1 * n1, d2 * n2]  # the angle changes at a tangent: the lower end waits
+        return [d1 * n1, d2 * n2]  # the angle changes at a tangent: only the upper end moves
     rounds = taper.corners == "rounded" and not same and abs(turn) >= math.radians(SHARP_DEG)
     if rounds and d1 == d2 and _opens(turn, d1) and _opens(turn, chords.offset_mm or d1):
         return list(d1 * _turned(n1, turn, _chords_of_arc(turn, float(d1))))
@@ -204,12 +204,12 @@ def _turn(n1: Floats, n2: Floats) -> float:
 
 
 def _opens(turn: float, left: float) -> bool:
-    """Whether a line beside a corner, to the left where that is positive, goes round it on the outside."""
+    """Return whether a parallel line, to the left if `left` is positive, passes a corner on the outside."""
     return turn * left < 0
 
 
 def _to_left(outline: Outline, offset_mm: float) -> float:
-    """Return by how much the other of wall and wire's way lies to the left of what is drawn."""
+    """Return the offset, positive to the left, from the drawn one of wall and wire to the other."""
     side = outline.part_side if outline.wire_side is None else outline.wire_side
     return offset_mm if side == "left" else -offset_mm
 
@@ -221,7 +221,7 @@ def _chords_of_arc(turn: float, radius_mm: float) -> int:
 
 
 def _turned(normal: Floats, turn: float, count: int) -> Floats:
-    """Return the directions (count + 1, 2) from one on through an angle."""
+    """Return `count` + 1 directions (count + 1, 2), from `normal` on in equal steps through an angle."""
     angles = np.linspace(0.0, turn, count + 1)
     cos, sin = np.cos(angles), np.sin(angles)
     x, y = normal
@@ -229,7 +229,7 @@ def _turned(normal: Floats, turn: float, count: int) -> Floats:
 
 
 def mitre(n1: Floats, n2: Floats, d1: float, d2: float) -> Floats:
-    """Return the vector from a corner to where lines at two distances from its chords, to their left, meet."""
+    """Return the vector from a corner to the intersection of lines at two distances to the left of its chords."""
     both, apart = n1 + n2, n1 - n2
     if math.degrees(abs(_turn(n1, n2))) > _MOST_TURN_DEG:
         raise InputError(f"a corner turns by more than {_MOST_TURN_DEG:g} degrees: round it, or cut it without taper")
@@ -241,7 +241,7 @@ def mitre(n1: Floats, n2: Floats, d1: float, d2: float) -> Floats:
 
 
 def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
-    """Return by how much the second plane's arcs lie beside those drawn, by their elements: all keep their radius."""
+    """Return the displacement of each arc, by element, in the second plane; all arcs keep their radius."""
     found, count = {}, len(chords.elements)
     for element in np.unique(chords.elements).tolist():
         own = np.flatnonzero(chords.elements == element)
@@ -270,9 +270,9 @@ def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
 
 
 def offset_surface(wall: Ruled, offset_mm: float) -> Ruled:
-    """Return the way of a wire's centre to the left of a wall, or along it; the offset is square to the wire."""
-    # in a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is offset /
-    # cos(angle) away, the angle that between wall and vertical across the path
+    """Return the surface of a wire's centre at an offset to the left of a wall, perpendicular to the wire."""
+    # in a horizontal plane a leaning wire is an ellipse, so its centre is offset / cos(angle) away from the wall,
+    # with the angle between wall and vertical, across the path
     if offset_mm == 0:
         return wall
     closed = all(np.allclose(line[0], line[-1], atol=1e-6) for line in (wall.lower_mm, wall.upper_mm))
@@ -297,8 +297,8 @@ def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> 
 
 
 def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
-    """Refuse a surface of which a part vanishes, and turns round, at some height of the workpiece."""
-    # but for what is next to nothing in the program's plane, where the wire only turns
+    """Refuse a surface if one of its chords vanishes, and reverses, at some height of the workpiece."""
+    # chords of almost no length in the program's plane, where the wire only turns, are excepted
     low, rise = np.diff(wall.lower_mm, axis=0), np.diff(wall.slope, axis=0)
     at_faces = np.stack([((low + rise * (z - wall.low_mm)) * low).sum(axis=1) for z in (0.0, height_mm)])
     size = np.hypot(*low.T)
@@ -320,7 +320,7 @@ def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
 
 
 def refuse_crossings(wire: Ruled, height_mm: float) -> None:
-    """Refuse a wire whose way crosses itself at some height of the workpiece; raises `InputError` with the height."""
+    """Refuse a wire whose path crosses itself at some height of the workpiece; the message has the height."""
     for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
         points = wire.at(z)
         steps = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-7])
@@ -341,7 +341,7 @@ def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) 
 
 
 def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
-    """Refuse a wire that leans further than the upper guide goes."""
+    """Refuse a wire that leans further than the travel of the upper guide."""
     bends = guides.bends_mm(wire.slope)
     lead = wire.slope * (bends[:, 1:] - bends[:, :1])
     k, axis = np.unravel_index(int(np.abs(lead).argmax()), lead.shape)
@@ -362,7 +362,7 @@ class _Piece(NamedTuple):
     element: int
     line: int
     first: int  # number of its first point along the outline
-    tangent: float  # of the angle between its wall and the vertical, positive to the left
+    tangent: float  # tangent of the angle between wall and vertical, positive to the left
     centre: Floats | None = None  # of an arc
     # radius_mm, swept: of an arc: positive, and the angle from its first point to its last, left positive
     radius_mm: float = 0.0
@@ -378,7 +378,7 @@ class _Piece(NamedTuple):
         return inward * (self.points[0] - self.centre), inward * (self.points[-1] - self.centre)
 
     def radius_at(self, left_mm: float) -> float:
-        """Radius of an arc beside it; below 0 where it has vanished."""
+        """Return the radius of the parallel arc at a distance to the left; negative if it has vanished."""
         return self.radius_mm - (left_mm if self.swept > 0 else -left_mm)
 
 
@@ -398,7 +398,7 @@ def _pieces(outline: Outline) -> list[_Piece]:
 
 
 def _refuse_steps(outline: Outline, reach_mm: float) -> None:
-    """Refuse an angle that changes where two lines or arcs are tangent: a step is then between their walls."""
+    """Refuse a change of angle where two lines or arcs are tangent, because it makes a step between their walls."""
     for one, other, turns in _changes(outline, GOUGE_MM / reach_mm):
         if not turns and abs(_turn(one.ends[1], other.ends[0])) < math.radians(SHARP_DEG):
             reason = f"the taper changes {_from_to(one, other)}, where two lines or arcs are tangent"
@@ -407,8 +407,9 @@ def _refuse_steps(outline: Outline, reach_mm: float) -> None:
 
 
 def _changes(outline: Outline, least: float) -> list[tuple[_Piece, _Piece, bool]]:
-    """Return neighbours whose walls lean by different angles, and whether an arc turns the wall beside it."""
-    # by `least`, in tangents; an arc that keeps its radius moves the end of a line as far as its own
+    """Return neighbours whose walls have different angles, and whether an arc turns the wall next to it."""
+    # tangents of the angles differ by more than `least`; an arc that keeps its radius displaces the end of the line
+    # next to it by as much as its own
     if np.ptp(_tangents(outline)) <= least:
         return []
     assert outline.taper is not None
@@ -427,7 +428,7 @@ def _from_to(one: _Piece, other: _Piece) -> str:
 
 
 def turned_walls(outline: Outline) -> list[str]:
-    """Say where an arc that keeps its radius turns the wall beside it from one angle to another."""
+    """Return notices of arcs that keep their radius and turn the wall next to them from one angle to another."""
     if outline.taper is None or outline.taper.upper_mm is not None:
         return []
     return [
@@ -438,7 +439,7 @@ def turned_walls(outline: Outline) -> list[str]:
 
 
 def _circle(points: Floats) -> tuple[Floats, float, float] | None:
-    """Return centre, radius and swept angle of an arc's points; None if they lie on none."""
+    """Return centre, radius and swept angle of an arc's points; None if they are not on an arc."""
     system = np.column_stack([points, np.ones(len(points))])
     middle = points.mean(axis=0)
     solved, *_ = np.linalg.lstsq(system - [*middle, 0.0], ((points - middle) ** 2).sum(axis=1), rcond=None)
@@ -457,21 +458,21 @@ def _circle(points: Floats) -> tuple[Floats, float, float] | None:
 
 
 def is_straight(points: Floats, within_mm: float) -> bool:
-    """Say whether points (n, 2) lie on the line from the first to the last."""
+    """Return whether points (n, 2) are on the line from the first to the last."""
     along = points - points[0]
     x, y = along[-1]
     return bool(np.abs(along @ (-y, x)).max() < within_mm * math.hypot(x, y))
 
 
 class _Joint(NamedTuple):
-    """Where two pieces meet: turn of the direction, and into how many chords a corner is rounded, 0 if it is not."""
+    """Junction of two pieces: change of direction, and number of chords of a rounded corner, 0 if it is not round."""
 
     turn: float
     chords: int
 
 
 def _meeting(one: _Piece, other: _Piece, left: tuple[float, float]) -> Floats:
-    """Return where lines beside two pieces meet that meet at a corner; both lie so far to the left."""
+    """Return the intersection of the lines parallel to two pieces at a corner, at distances `left` to their left."""
     vertex, n1, n2 = other.points[0], one.ends[1], other.ends[0]
     corner = vertex + mitre(n1, n2, *left)
     circles = [(p.centre, p.radius_at(d)) for p, d in zip((one, other), left, strict=True) if p.centre is not None]
@@ -504,7 +505,7 @@ def _circles_meet(c1: Floats, r1: float, c2: Floats, r2: float) -> list[Floats]:
 def _offset_line(
     pieces: list[_Piece], joints: list[_Joint], chords: list[int], left: list[float], closed: bool
 ) -> Floats:
-    """Return the points of the line that lies beside every piece by a distance of its own, to the left."""
+    """Return the points of the line parallel to all pieces, with a distance to the left for each."""
     count = len(pieces)
     begins, ends, rounded = [], [], []
     for k in range(count + 1):
@@ -527,13 +528,13 @@ def _offset_line(
     line = []
     for k, piece in enumerate(pieces):
         line += [_inside(piece, left[k], begins[k], ends[k + 1], chords[k]), rounded[k + 1]]
-    if len(rounded[-1]):  # the corner at which it began is a cone
+    if len(rounded[-1]):  # the first corner is a cone, so the line is closed here
         line.append(line[0][:1])
     return np.concatenate(line)
 
 
 def _inside(piece: _Piece, left_mm: float, begin: Floats, end: Floats, chords: int) -> Floats:
-    """Return the points beside a piece, first and last as they were found."""
+    """Return the points of the line parallel to a piece, from `begin` to `end`."""
     if piece.centre is None:
         normals = left_normals(piece.points)
         inner = [
@@ -555,7 +556,7 @@ def _inside(piece: _Piece, left_mm: float, begin: Floats, end: Floats, chords: i
 
 
 def _joints(pieces: list[_Piece], left: Floats, conical: bool) -> list[_Joint]:
-    """Return what the corner before every piece becomes; `left` (lines, pieces) has all lines beside them."""
+    """Return the joint before every piece; `left` (lines, pieces) has the distances of all parallel lines."""
     found = []
     for k, piece in enumerate(pieces):
         turn, d = _turn(pieces[k - 1].ends[1], piece.ends[0]), left[:, k]
@@ -585,7 +586,7 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
     for k, piece in enumerate(pieces):
         at = len(elements)
         following = joints[(k + 1) % len(pieces)] if outline.closed or k + 1 < len(pieces) else _Joint(0.0, 0)
-        after = max(following.chords, 1)  # that join this piece to the next
+        after = max(following.chords, 1)  # chords that join this piece to the next
         drawn = (pieces[k + 1].first if k + 1 < len(pieces) else len(outline.points_mm) - 1) - piece.first
         vertices += [at + round(i * chords[k] / drawn) for i in range(drawn)]
         corner = most + k + 1 if following.chords else piece.element
@@ -601,12 +602,12 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
 
 
 def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> tuple[Ruled, Ruled]:
-    """Return wall and wire of a tapered outline, checked."""
+    """Return wall and wire of a tapered outline; raises `InputError` if the wire cannot cut it."""
     taper = outline.taper
     assert taper is not None
     assert taper.corners is not None
     low, high = taper.program_plane_mm, taper.second_plane_mm
-    if high is None:  # for an angle any plane but the program's will do
+    if high is None:  # with an angle, any plane but the program's can be used
         is_upper_face = taper.upper_mm is None and abs(guides.height_mm - low) <= _NEAR_MM
         high = 0.0 if is_upper_face else guides.height_mm
     if 0 < low < guides.height_mm:  # a corner that opens above closes below: the tip of a cone would be in the wall
@@ -638,7 +639,7 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
 
 
 def _without_standstill(wall: Ruled, wire: Ruled) -> tuple[Ruled, Ruled]:
-    """Leave out points at which nothing moves; the surfaces go with each other point by point."""
+    """Remove points at which nothing moves; the surfaces correspond point by point."""
     steps = [np.hypot(*np.diff(line, axis=0).T) for of in (wall, wire) for line in (of.lower_mm, of.upper_mm)]
     chosen = np.concatenate([[True], np.max(steps, axis=0) > _NOTHING_MM])
     place, chords = np.cumsum(chosen) - 1, chosen[1:]
@@ -654,14 +655,14 @@ def _without_standstill(wall: Ruled, wire: Ruled) -> tuple[Ruled, Ruled]:
     return wall, wire
 
 
-# The way of a wire that may lean: where its guides go, where it is at every height, and how long its path is.
+# The path of a wire that may lean: positions of its guides, its position at every height, and its length.
 
 
 @dataclass(frozen=True, eq=False)
 class Lean:
-    """How a wire leans along a path."""
+    """Inclination of the wire along a path."""
 
-    # (n, 2): for each point of the path where the upper guide is, relative to the lower one: axes u and v
+    # (n, 2): for each point of the path the upper guide's position relative to the lower one: axes u and v
     upper_um: NDArray[np.int64]
     # (n, 2): for each point the heights over the workpiece's lower face at which the wire bends, at lower and
     # upper guide
@@ -670,34 +671,34 @@ class Lean:
     height_mm: float  # of the workpiece
 
     def shares(self, height_mm: float) -> Floats:
-        """Return by what share (n, 1) of the upper guide's lead the wire is led at a height."""
+        """Return the wire's displacement at a height as a share (n, 1) of the upper guide's."""
         lower, upper = self.bends_mm.T
         return np.asarray(((height_mm - lower) / (upper - lower))[:, None])
 
     def moved(self, by_mm: Floats) -> "Lean":
-        """Return the same elsewhere on the table."""
+        """Return the same, displaced on the table."""
         return replace(self, wall=self.wall.moved(by_mm))
 
 
 class Way(NamedTuple):
-    """Where the lower guide goes, (n, 2) in whole um, and how the wire leans on the way; None: it is vertical."""
+    """The lower guide's path, (n, 2) in whole um, and the wire's inclination; None if it is vertical."""
 
     points_um: NDArray[np.int64]
     lean: Lean | None = None
 
     def at_height(self, height_mm: float) -> NDArray[np.int64]:
-        """Return where the wire goes at a height, in whole um."""
+        """Return the wire's path at a height, in whole um."""
         if self.lean is None:
             return self.points_um
         led = np.round(self.lean.upper_um * self.lean.shares(height_mm)).astype(np.int64)
         return np.asarray(self.points_um + led)
 
     def at_mid_height(self) -> NDArray[np.int64]:
-        """Return where it goes at half the workpiece's height."""
+        """Return the wire's path at half the workpiece's height."""
         return self.points_um if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
 
     def moving(self, stops: Sequence[Stop]) -> "tuple[Way, NDArray[np.bool_], tuple[Stop, ...]]":
-        """Return the way without points at which nothing moves, which of its moves stay, and its stops."""
+        """Return the path without points at which nothing moves, the mask of remaining moves, and the stops."""
         lean = self.lean
         every = self.points_um if lean is None else np.hstack([self.points_um, lean.upper_um])
         moves = (np.diff(every, axis=0) != 0).any(axis=1)
@@ -708,7 +709,7 @@ class Way(NamedTuple):
 
     @property
     def along_um(self) -> Floats:
-        """Length of path (n,) up to every point: of a leaning wire the longer of both faces, move by move."""
+        """Length of path (n,) up to every point; for a leaning wire, that of the longer face in each move."""
         if self.lean is None:
             return arc_lengths(self.points_um)
         ways = [np.hypot(*np.diff(self.at_height(z), axis=0).T) for z in (0.0, self.lean.height_mm)]
@@ -718,7 +719,7 @@ class Way(NamedTuple):
 
     @property
     def slant(self) -> Floats:
-        """Length of the wall across the path over the workpiece's height, for every move: 1 / cos of its angle."""
+        """Length of the wall across the path per height of the workpiece, for every move: 1 / cos of its angle."""
         if self.lean is None:
             return np.ones(len(self.points_um) - 1)
         steps = np.diff(self.at_mid_height(), axis=0)
@@ -731,7 +732,7 @@ class Way(NamedTuple):
 def guides_for(
     points_mm: Floats, at_mm: float, slope: Floats, guides: GuideHeights, grid_um: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return where the guides are, in whole um, for wires that pass points and lean by so much per height."""
+    """Return the guides' positions in whole um, and the bends, for wires through points with these slopes."""
     # points of the lower guide, whole multiples of `grid_um`, and of the upper one relative to it
     bends = guides.bends_mm(slope)
     lower, upper = (points_mm + slope * (z - at_mm)[:, None] for z in bends.T)

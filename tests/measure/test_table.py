@@ -134,5 +134,5 @@ def test_a_machine_whose_upper_guide_does_not_move_is_refused():
     machine = Machine.load(height_mm=6.0)
     guides = machine.base.guides.model_copy(update={"upper_travel_mm": None})
     still = machine.model_copy(update={"base": machine.base.model_copy(update={"guides": guides})})
-    with pytest.raises(InputError, match="no guides that lead"):
+    with pytest.raises(InputError, match="no movable upper guide"):
         measure_guides(still)

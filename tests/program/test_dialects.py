@@ -332,12 +332,12 @@ BAD = [
     (TABLE + "G92 X0. Y0\nC002 G1 X5.\n", 3, "C002 is not in the program's table: there are C001"),
     ("( ON OFF IP )\n" + TABLE, 2, "3 columns"), (TABLE + "G92 X0. Y0\nC001 C001 G1 X5.\n", 3, "both conditions"),
     ("H001=0.2\n" + TABLE + "G92 X0. Y0\nG41 H002 G1 X5.\n", 4, "H2 is not in the table: there are H1"),
-    ("H1=.0085+H175\nG92 X0. Y0\n", 1, "H1 is made of H175"),
+    ("H1=.0085+H175\nG92 X0. Y0\n", 1, "H1 refers to H175"),
     (TWO + "G1 X5. : X4.\nY5.\n", 4, "2 elements below and 1 above"),
     (TWO + "G141\nG1 X5. : X4.\nY5.\n", 5, "G141 leads the wire in two planes"),
-    (TWO + "G1 X5. : G2 X4. Y1.\n", 3, "behind the colon wants its centre"),
+    (TWO + "G1 X5. : G2 X4. Y1.\n", 3, "after the colon needs its centre"),
     (TWO + "G1 X5. : G2 X4. Y0 I1. J1.\n", 3, "radii disagree in the second plane"),
-    (TWO + "G1 X5. : X4. X3.\n", 3, "twice behind the colon"),
+    (TWO + "G1 X5. : X4. X3.\n", 3, "twice after the colon"),
     ("TP5. TN5.\nG92 X0. Y0\nG1 X5.\n", 1, "two planes have two heights"),
     (TWO + "A3.\nG1 X5.\n", 3, "without G51 or G52"), (TWO + "G51 A61.\nG1 X5.\n", 3, "0 to 60 degrees"),
     (TWO + "G51 G52 A1.\nG1 X5.\n", 3, "two of G50 G51 G52"), (TWO + "G41 G141\nG1 X5.\n", 3, "exclude each other"),
@@ -396,7 +396,7 @@ def test_a_block_behind_a_semicolon_is_read_or_refused(read):
 
 def test_a_block_in_a_comment_is_named_where_comments_begin_so(read):
     text = "G92 X0 Y0\nG41 D1 G1 X3.\n" + SIDES
-    assert any(notice.startswith("line 3: X2. Y5. behind ';'") for notice in read(text.format("; X2. Y5.")).notices)
+    assert any(notice.startswith("line 3: X2. Y5. after ';'") for notice in read(text.format("; X2. Y5.")).notices)
     assert not any("behind" in notice for notice in read(text.format("; X2. Y5. old")).notices)
 
 
@@ -430,7 +430,7 @@ def test_a_tape_begins_with_its_number_and_ends_with_offset_0(read):
 def test_an_angle_before_its_taper_is_named(read):
     text = "G92 X0 Y0\nG41 D1\nT2.\nG51\nG1 X3.\n" + SIDES.format("")
     notices = read(text, dialect="fanuc").notices
-    assert "line 4: the taper has no angle: write T2 of line 3 behind G51 or G52" in notices
+    assert "line 4: the taper has no angle: write T2 of line 3 after G51 or G52" in notices
 
 
 @pytest.mark.parametrize(("text", "notice"), [

@@ -157,7 +157,7 @@ def test_absolute_arc_centres_are_found_out_and_reported(read, second, times):
     program = read(f"G0 X20 Y10\nG3 X10 Y10 I15.0 J10\nG3 X20 Y10 {second}\n")
     assert signed_area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
     assert [notice for notice in program.notices if "absolute" in notice] == [
-        f"line 2: I J are taken as an absolute arc centre: only so do start and end radius agree{times}"
+        f"line 2: I J are taken as an absolute arc centre, because start and end radius agree only then{times}"
     ]
 
 

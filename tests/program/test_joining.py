@@ -47,7 +47,7 @@ def test_what_is_shorter_than_the_tolerance_is_joined_away(drawing, kind, gap_mm
     program = drawing(lambda m: [three_sides(m, gap_mm), CORNERS[kind](m)])
     assert sizes(program) == [(10, 10)]
     assert len(program.outlines[0].points_mm) == 5
-    assert any(f"within 0.005 mm is joined away, as ends within it are: 1 {kind}" in n for n in program.notices)
+    assert any(f"within 0.005 mm are joined with their neighbours: 1 {kind}" in n for n in program.notices)
 
 
 def test_without_anything_between_ends_that_far_apart_are_open(drawing):
@@ -68,7 +68,7 @@ def test_short_lines_in_a_row_lead_on(drawing, step_mm):
 
     program = drawing(draw)
     assert sizes(program) == [(10, 10)]
-    assert any("joined away, as ends within it are: 5 LINE" in notice for notice in program.notices)
+    assert any("joined with their neighbours: 5 LINE" in notice for notice in program.notices)
 
 
 @pytest.mark.parametrize("as_polyline", [False, True])

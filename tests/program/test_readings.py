@@ -166,7 +166,7 @@ def test_what_the_program_says_of_centres_is_read(read, code, centre):
 @pytest.mark.parametrize(("text", "named"), [
     ("G91.1\nG0 X20. Y10.\nG3 X10. Y10. I15. J10.\n", ":3: .*with I J relative start"),
     ("G90.1\nG0 X20. Y10.\nG3 X10. Y10. I-5. J0.\n", ":3: .*with I J absolute start"),
-    ("G90.1\nG0 X0 Y0\nG3 X5. Y0 I2.5\n", "G90.1 is in force: an arc wants both I and J"),
+    ("G90.1\nG0 X0 Y0\nG3 X5. Y0 I2.5\n", "G90.1 is in force: an arc needs both I and J"),
     ("G90.1 G91.1\nG0 X0 Y0\nG1 X5.\n", "G90.1 G91.1"),
 ])  # fmt: skip
 def test_arcs_that_do_not_fit_what_the_program_says(read, text, named):

@@ -98,7 +98,7 @@ def test_the_same_edge_at_a_larger_offset_is_refused(tmp_path):
     (SQUARE.format("D1=0.155 D2=0.15", "D1").replace("\nX0\n", "\nX0 D2\n"), 4, "D1 0.155 mm to D2 0.15 mm"),
     (SQUARE.format("G10 L2 P1 X0 Y0", "D1"), 2, "G10 L2 is not read"),
     (SQUARE.format("G10 L12 P1", "D1"), 2, "G10 L12 P1 R0.155"),
-    (SQUARE.format("G10 L12 P1.5 R0.1", "D1"), 2, "G10 wants the register's number as P"),
+    (SQUARE.format("G10 L12 P1.5 R0.1", "D1"), 2, "G10 needs the register's number as P"),
     (SQUARE.format("G10 L12 P1 R12.", "D1"), 2, "the offset D1 is 12 mm"),
 ])  # fmt: skip
 def test_registers_that_make_no_sense(tmp_path, text, line, named):
@@ -145,11 +145,11 @@ def test_subprograms_call_others_and_idle_ones_are_named(read):
     text = f"G92 X0 Y0\nM98 P1\nM2\nO1\nM98 P2\nM98 P2\nM99\nO2\n{HOLE}M99\nO3\nG4 P1\nM99\n"
     program = read(text)
     assert len(program.outlines) == 2
-    assert "line 13: nobody calls subprogram O3" in program.notices
+    assert "line 13: subprogram O3 is never called" in program.notices
 
 
 @pytest.mark.parametrize(("text", "line", "named"), [
-    ("M98 P7\nM2\nO8\nG4 P1\nM99\n", 1, "no subprogram O7 behind the end of the program; there are: O8"),
+    ("M98 P7\nM2\nO8\nG4 P1\nM99\n", 1, "no subprogram O7 after the end of the program; there are: O8"),
     ("M98 P7\nM2\n", 1, "there are: none"), ("M98\nM2\n", 1, "M98 needs the number"),
     ("M98 P1 X3\nM2\n", 1, "M98 needs the number"), ("M98 P1 L0\nM2\nO1\nM99\n", 1, "L0"),
     ("M98 P1\nM2\nO1\nM98 P1\nM99\n", 4, "O1 calls itself"),

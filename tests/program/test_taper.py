@@ -416,7 +416,7 @@ def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
     with pytest.raises(InputError, match="leans into the part") as caught:  # also by a trim of the program
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=[guides])
     assert caught.value.line == 14
-    with pytest.raises(InputError, match="no guides that lead are known"):
+    with pytest.raises(InputError, match="no movable upper guide is known"):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-5.0)
 
 
