@@ -165,7 +165,7 @@ def know_types() -> None:
 
 
 def skip(_: Sphinx, __: str, name: str, member: object, skipped: bool, ___: object) -> bool | None:
-    """Leave out what the class describes, or nobody asks for: fields of named tuples, the models' configuration."""
+    """Leave out fields of named tuples, which the class describes, and the models' configuration."""
     field = (getattr(member, "__doc__", None) or "").startswith("Alias for field")
     return True if field or name == "model_config" else None
 

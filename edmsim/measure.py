@@ -280,7 +280,7 @@ def measure_table(
 
 
 def _traverses(bench: _Bench, k: int, targets: Floats, runs: int) -> tuple[Floats, Floats]:
-    """Move to and fro along an axis; return the deviations of both axes upwards and downwards, (runs, targets, 2)."""
+    """Move along an axis in both directions; return the deviations of both axes in each, (runs, targets, 2)."""
     passes = []
     beyond = 0.25 * (targets[1] - targets[0])  # overrun, so all targets of a traverse are approached from one side
     for way in (targets, targets[::-1]) * runs:

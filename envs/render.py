@@ -288,7 +288,7 @@ def _passes(episode: PartEpisode) -> Picture:
     cut, figure = episode.cut, _canvas(BELOW - STRIP)
     walls = [cut.wall(number) for number in range(1, cut.passes + 1)]
     left = [np.nan if wall is None else wall.mean_um - cut.target_um(k) for k, wall in enumerate(walls, 1)]
-    figure.text(0.02, 0.5, "metal left, less\nwhat is wanted, \u00b5m", fontsize=8, color=MUTED, va="center")
+    figure.text(0.02, 0.5, "metal left, minus\nits target, \u00b5m", fontsize=8, color=MUTED, va="center")
     axes = figure.add_axes((0.2, 0.3, 0.78, 0.62))
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     axes.bar(range(1, cut.passes + 1), np.nan_to_num(left), 0.25, color=BLUE)

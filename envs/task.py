@@ -92,7 +92,7 @@ def even_height(machine: Machine) -> tuple[Floats, Floats]:
     return np.zeros(1), np.array([machine.height_mm])
 
 
-# Of an episode's machine, constants are drawn that nobody can know, but none that an operator sets.
+# Constants of an episode's machine are drawn if they are uncertain; the operator's settings are not.
 # A dial of the operator, such as the pressure of the flushing, is not drawn: it keeps its value, which the
 # observation contains. Constants without effect are not drawn either: friction and backlash of the table act only if
 # MuJoCo steps the machine, bore and flow of the nozzles only if one has a stand-off; the rapid rate and the time for

@@ -250,7 +250,7 @@ def test_help_and_refusals_list_what_a_registry_has(edmsim, monkeypatch):
     monkeypatch.setitem(PLANNERS, "a-new-one", PLANNERS["dda"])
     assert "a-new-one" in edmsim("cut", "--help").out
     assert "a-new-one" in edmsim("console", "1982", "--help").out
-    assert "a-new-one" in edmsim("check", EXAMPLES / "gear.dxf", "--planner", "nobody").err
+    assert "a-new-one" in edmsim("check", EXAMPLES / "gear.dxf", "--planner", "unknown").err
     assert "lead-oracle" in edmsim("evaluate", "--help").out  # it reads the true gap, so it cannot cut
     assert "lead-oracle" not in edmsim("cut", "--help").out
 

@@ -114,7 +114,7 @@ def test_one_cut_at_a_time_works_in_a_folder(cut_small, tmp_path):
 
 @pytest.mark.slow
 def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path):
-    """The lock's file is deleted and made again: nobody may hold the lock of a deleted file."""
+    """The lock's file is deleted and made again: no process may hold the lock of a deleted file."""
     inside, most, refused = 0, 0, 0
 
     def work():

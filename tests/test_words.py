@@ -31,6 +31,14 @@ PROSE = {
     r"(?<!\b[Tt]here )\bis no (?:number|constant|option|file|word|name|value|setting|share|place|policy)\b(?! of)":
         "is not a ...",
     r"\bdesign section\b": "a page that exists",
+    r"\A(?:Say|Tell) (?:whether|why|what|which|how|where|that|of|for|at)\b": "Return whether, return the ...",
+    r"\A[Tt]ake (?:in|over|apart|up|what|note)\b": "Read, process, parse, resume",
+    r"\b[Nn]obody\b": "no controller, no process, no test; or the passive voice",
+    r"\b(?:nought|whomever|come upon|put right|in name only|worth trying|hang together|turn has come)\b":
+        "0, any, found, corrected, ...",
+    r"\b[Bb]ut for (?:the|what|where|its|their|those|that)\b": "except, without",
+    r"\b(?:is|are|was|were) wanted\b": "is expected, is needed",
+    r"\b[Ww]hose drives? ha(?:s|ve) a loop\b|\bdrives? (?:with|that has|that have) a loop\b": "servo drive, servo axis",
 }  # fmt: skip
 """Phrases that must not appear in texts, and what to write instead."""
 COMMENT = re.compile(r"#\s(.*)$", re.MULTILINE)
@@ -42,7 +50,7 @@ def files(ending):
     """Files of the product, its pages and examples, and tests; links within `edmsim` lead to these folders."""
     found = [file for folder in CODE for file in sorted((ROOT / folder).rglob(f"*{ending}"))]
     left_out = [ROOT / name for name in ("edmsim/controllers", "edmsim/envs", "edmsim/models", "docs/notebooks")]
-    left_out.append(Path(__file__))
+    left_out += [Path(__file__), ROOT / "tests/site/test_page_words.py"]  # which list such words
     return [file for file in found if not any(map(file.is_relative_to, left_out))]
 
 

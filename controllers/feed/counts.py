@@ -312,7 +312,7 @@ class McuController(CountsController):
         return speed, t_states
 
     def _aim(self, path_um: float) -> None:
-        """Tell the program the end of the present move."""
+        """Pass the end of the present move to the program."""
         setup = self._setup
         self._move = min(max(bisect_right(setup.starts_um, path_um) - 1, 0), len(setup.points) - 2)
         self._computer.steppers.look_to(*setup.points[self._move + 1])

@@ -528,7 +528,7 @@ class AdaptiveHold(HoldHeat):
         return np.asarray(self.by_chance_per_s + hazards_per_s(self.steepness)[row])
 
     def fresh_wire(self) -> None:
-        """Take in what the break said of the limit."""
+        """Update the limit with the break."""
         self._learn(broken=True)
         super().fresh_wire()
         self.level = None

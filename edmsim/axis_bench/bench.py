@@ -85,7 +85,7 @@ class AxisBench:
         travel_um = machine.base.table.travel_mm.value * 1e3 if machine else np.inf
         self._drives = Drives(drives, travel_um, sizes_of(1, 8, 1), screws(machine) if machine else None)
         if not drives or self._drives.axes.loops != len(drives):
-            raise InputError("a bench needs drives with a loop: a motor and a sample")
+            raise InputError("a bench needs servo drives, with a motor and a sample function")
         place_um = np.zeros(axis_rows.N_AXES)
         if machine:
             place_um[:2] = machine.base.table.centre_um

@@ -229,7 +229,7 @@ def _process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False)
 
 @contextmanager
 def _quickly() -> Iterator[None]:
-    """Speed up numba: cache what it computes repeatedly, and omit annotations that nobody reads."""
+    """Speed up numba: cache what it computes repeatedly, and omit unused annotations."""
     with (
         replaced(types.Function, get_call_type=_resolve_once),
         replaced(core.targetconfig.TargetConfig, values=_values),

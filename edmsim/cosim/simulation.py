@@ -56,7 +56,7 @@ class CutAxes(Snapshots):
         for fault in self._faults:
             if fault.axis not in own:
                 raise InputError(
-                    f"{fault.axis} has no drive with a loop, which the fault {fault.fault} needs: choose one of the "
+                    f"{fault.axis} has no servo drive, which the fault {fault.fault} needs: choose one of the "
                     f"drives {', '.join(COMMISSIONED)}"
                 )
         step_um = plant.machine.base.table.step_um.value

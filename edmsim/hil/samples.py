@@ -114,9 +114,9 @@ def _edges(frame: Frame) -> tuple[Array, Array]:
     burning = np.where(is_open | is_short, 0.0, timing.burning_V)
     flowing = np.where(is_open, 0.0, np.where(is_short, timing.short_A, timing.current_A))
     times = np.stack([start, start + delay, start + delay + conducting], axis=1).ravel()
-    nought = np.zeros_like(start)
-    voltage = np.stack([up, burning, nought], axis=1).ravel()
-    current = np.stack([nought, flowing, nought], axis=1).ravel()
+    zero = np.zeros_like(start)
+    voltage = np.stack([up, burning, zero], axis=1).ravel()
+    current = np.stack([zero, flowing, zero], axis=1).ravel()
     values = np.zeros((2, len(times) + 1))
     if frame.on:
         values[:, 1:] = voltage, current

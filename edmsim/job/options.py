@@ -146,7 +146,7 @@ class CutSettings(SetUpOptions, MachineOption):
         Words, Flag("axis-fault", "AXIS:FAULT@SECONDS", many=True),
         Names(registered("edmsim.plant.axes.drives:FAULTS"), "several at several times"),
     ] = ()
-    """Fault of an axis under a drive with a loop, and its time in s: ``x:stuck@2.5``."""
+    """Fault of a servo axis, and its time in s: ``x:stuck@2.5``."""
     seed: Annotated[WholeNumber, pydantic.Field(ge=0)] = 0
     """Seed of all random draws; the same seed gives the same result."""
     max_time_s: Number | None = None

@@ -329,7 +329,7 @@ class Plant:
         Parameters
         ----------
         position_um : sequence of float
-            Of x and y, and of u and v, if they move as well. An axis whose drive has a loop moves to the nearest
+            Of x and y, and of u and v, if they move as well. A servo axis moves to the nearest
             whole step, at the table's rapid speed.
         duration_ns : int
             For moving and threading. It is extended until such an axis is in place.
@@ -387,9 +387,9 @@ class Plant:
         return taken_um2 * self._constants.slice_um * 1e-9
 
     def break_axis(self, axis: str, fault: str) -> None:
-        """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.drives.FAULTS`."""
+        """Give a servo axis a fault of `edmsim.plant.axes.drives.FAULTS`."""
         if axis not in self.own_step_um:
-            raise InputError(f"there is no axis {axis!r} whose drive has a loop")
+            raise InputError(f"there is no servo axis {axis!r}")
         if fault not in FAULTS:
             raise InputError(f"there is no fault {fault!r}; there are: {one_of(fault, FAULTS)}")
         break_axis(self._drives.axes, AXIS_NAMES.index(axis), fault)
@@ -408,7 +408,7 @@ class Plant:
         ----------
         steps : sequence of (time_ns, axis, direction)
             Motor steps of the window in order of time: machine time in ns, 0 for x, 1 for y, 2 for u, 3 for v,
-            +1 or -1. For a drive with a loop a step is an edge at its input; then 4, 5 and 6 are the drives' input
+            +1 or -1. For a servo drive a step is an edge at its input; then 4, 5 and 6 are the drives' input
             lines stop, fault and enable, and the last number is the line's level, 0 or 1. Steps at or after the
             window's end are not made: pass those again that are still to be made.
         pulses : int
@@ -637,7 +637,7 @@ class Plant:
 
     @property
     def lead_um(self) -> tuple[float, float]:
-        """Setpoint of u and v: by how much the upper guide is to lead the lower one."""
+        """Setpoint of u and v: the lead of the upper guide over the lower one."""
         u, v = self._state["commanded_um"][0, 2:]
         return float(u), float(v)
 
@@ -698,17 +698,17 @@ class Plant:
 
     @property
     def in_place(self) -> bool:
-        """Whether all axes whose drives have a loop are within a step of the position of their steps."""
+        """Whether all servo axes are within a step of the position of their steps."""
         return bool(np.all(self.away_um <= self._constants.step_um))
 
     @property
     def passes_by(self) -> bool:
-        """Whether an axis under a drive with a loop moves faster than one that settles: it swings, or runs away."""
+        """Whether a servo axis moves too fast to be settling: it oscillates, or runs away."""
         return self._drives.passes_by(self._constants.step_um)
 
     @property
     def own_step_um(self) -> dict[str, float]:
-        """Travel per step edge of every axis whose drive has a loop."""
+        """Travel per step edge of every servo axis."""
         return {name: self._drives.step_um(k) for k, name in enumerate(AXIS_NAMES) if self._drives.has_loop(k)}
 
     @property

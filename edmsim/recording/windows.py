@@ -638,17 +638,17 @@ def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floa
     up = np.where(is_short, 0.0, pulses["open_V"])
     burning = np.where(is_open | is_short, 0.0, closeups["burning_V"][:, None])
     flowing = np.where(is_open, 0.0, np.where(is_short, closeups["short_A"][:, None], closeups["current_A"][:, None]))
-    ignition, end, nought = start + delay, start + delay + on, np.zeros_like(start)
+    ignition, end, zero = start + delay, start + delay + on, np.zeros_like(start)
     stop = np.maximum(stop, end)
     time = [start, start, ignition, ignition, end, end]
-    voltage, current = [nought, up, up, burning, burning], [nought, nought, nought, flowing, flowing]
+    voltage, current = [zero, up, up, burning, burning], [zero, zero, zero, flowing, flowing]
     if closeups["opposite_V"].any():
         lasts = np.take_along_axis(_opposite_us(closeups), last, axis=1)
         opposite_V, opposite_A = (np.where(lasts > 0.0, closeups[f"opposite_{unit}"][:, None], 0.0) for unit in "VA")
         time += [np.minimum(end + lasts, stop)] * 2
         voltage += [opposite_V, opposite_V]
         current += [opposite_A, opposite_A]
-    at_end = [nought, nought]
+    at_end = [zero, zero]
     return np.stack([*time, stop], -1), np.stack(voltage + at_end, -1), np.stack(current + at_end, -1)
 
 

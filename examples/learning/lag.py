@@ -165,7 +165,7 @@ class Cuts:
         # (n,): how far the wire lags where it comes to the corner
         self.lag_um = (lag_um * steady).sum(dim=1) / steady.sum(dim=1).clamp(min=1)
         self.lengths = torch.tensor([len(one[0]) for one in loaded])
-        # before the corner no offset is wanted
+        # before the corner the offset should be 0
         self.across_um = self.across_um * (self.rows[..., AT["corner_behind"]] < 1)
 
     def batch(self, chosen: torch.Tensor, sign: float = 1.0) -> tuple[torch.Tensor, ...]:

@@ -300,7 +300,7 @@ def test_wrong_drives_are_refused(machine):
     with pytest.raises(InputError, match="the drive of x is 'servo': give one of"):
         edmsim.Plant(machine, drives={"x": "servo"}, resolution="fast")
     plant = plant_with(machine, {"x": axes.make("servo")})
-    for axis, fault, said in (("y", "stuck", "no axis 'y' whose drive has a loop"), ("x", "stick", "mean 'stuck'")):
+    for axis, fault, said in (("y", "stuck", "no servo axis 'y'"), ("x", "stick", "mean 'stuck'")):
         with pytest.raises(InputError, match=said):
             plant.break_axis(axis, fault)
     with pytest.raises(InputError, match="no axis 'z'"):

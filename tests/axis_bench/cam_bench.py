@@ -94,7 +94,7 @@ def settle(rig):
 
 
 def watch(rig):
-    """Forget what was noted, but for where everything is now."""
+    """Discard the records, but keep the present state."""
     rig.traces()
     rig.run(0.002)
 

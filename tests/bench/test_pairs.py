@@ -27,7 +27,7 @@ print(json.dumps({"steps_per_s": edmsim.SPEED}))
 
 @pytest.fixture
 def checkout(tmp_path, monkeypatch):
-    """A checkout of another package of this name: at its one commit half as fast as it stands there now."""
+    """A checkout of another package of this name, half as fast at its only commit as in the working tree."""
     if shutil.which("git") is None:
         pytest.skip("needs git")
     root = tmp_path / "checkout"

@@ -208,7 +208,7 @@ def test_a_fault_after_the_end_of_the_cut_is_a_notice(cut_small):
 
 
 def test_a_stepper_has_no_such_faults():
-    with pytest.raises(InputError, match="y has no drive with a loop"):
+    with pytest.raises(InputError, match="y has no servo drive"):
         simulation(LINE, axis_faults=[AxisFault("y", "stuck", 0.0)])
 
 

@@ -194,7 +194,7 @@ def test_a_plant_goes_on_under_another_setting():
 
 
 def ring_of_holes(gap=0, radii_um=(500,)):
-    """Return a block with circles of holes that meet, but for the last `gap` of each."""
+    """Return a block with circles of holes that meet, except for the last `gap` of each."""
     angles = np.linspace(0, 2 * np.pi, 80, endpoint=False)[: 80 - gap]
     holes = tuple((1000 + r * np.cos(a), 1000 + r * np.sin(a), 60.0) for r in radii_um for a in angles)
     return Stock((0.0, 0.0, 2000.0, 2000.0), holes)

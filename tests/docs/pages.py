@@ -80,7 +80,7 @@ def blocks(page: str) -> list[Block]:
 
 
 def is_command(line: str) -> bool:
-    """Say whether a line is one that a shell runs."""
+    """Return whether a line is a shell command."""
     word = (line.split() or [""])[0]
     return word.removeprefix(BIN) in COMMANDS and line.strip() != word
 

@@ -1,4 +1,4 @@
-"""Everything that README and documentation show as code or command runs as it stands there.
+"""Everything that README and documentation show as code or command runs as shown.
 
 A page runs from top to bottom in a folder of its own. Python blocks share one namespace; blocks whose first line is a
 comment with a file's name are written to that file; an ``output`` block is what the block before it prints. Commands
@@ -134,7 +134,7 @@ def test_every_command_is_run_or_left_out_for_a_reason():
         runs = line.split()[0].removeprefix(BIN) == "edmsim" or (
             line.startswith("make ") and commands.recipe(line.split()[1])
         )
-        assert runs or line in NOT_RUN, f"{block.place}: nobody runs {line!r}"
+        assert runs or line in NOT_RUN, f"{block.place}: no test runs {line!r}"
     assert set(shown) >= set(NOT_RUN), "NOT_RUN names commands that no page shows any more"
 
 

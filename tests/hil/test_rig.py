@@ -1,4 +1,4 @@
-"""The boards without a clock: their lines, registers, ratios and quirks; the axes; what nobody may upset."""
+"""The boards without a clock: their lines, registers, ratios and quirks; the axes; invalid input."""
 
 import pickle
 
@@ -235,7 +235,7 @@ def test_reading_the_count_begins_an_interval_and_the_ratios_are_those_of_time(r
         rig.send(f"w 4 {on_10_us}")
         for _ in range(150):
             pulser.see(frame_of(rig, [SPARK] * 4, 0.0))
-    assert len(pickle.dumps(pulser)) < size + 100  # however long nobody reads
+    assert len(pickle.dumps(pulser)) < size + 100  # however long it is not read
     assert list(pulser.read(0x10, 3)) == [255, 30, 20]  # the count stays at its most; 250 and 50 us
     assert sum(pulser.read(r)[0] for r in (R_PULSE, R_SHORT, R_OPEN)) <= 255
 

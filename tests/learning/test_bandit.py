@@ -162,7 +162,7 @@ def test_a_snapshot_goes_on_bit_for_bit(policy, tmp_path):
         ({"settle_s": 0.5}, "settle_s"),
         ({"breaks": [0.0]}, "breaks must have 3 entries"),
         ({"law": "heat-oracle"}, "a machine could have"),
-        ({"law": "nobody"}, "nobody"),
+        ({"law": "unknown"}, "unknown"),
         ({"settings": [{"size": 1.0}] * 3}, "no parameter 'size'"),
     ],
 )

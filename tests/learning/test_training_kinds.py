@@ -166,7 +166,7 @@ def test_a_teacher_says_what_it_would_do_where_the_learner_is():
         ("ppo", {"teacher": "voltage"}, "a teacher is for imitation"),
         ("ppo", {"residual": "adaptive-off-time"}, "a law that only feeds"),
         ("ppo", {"residual": "set-point"}, "a law that only feeds"),  # at the operator's setting
-        ("imitation", {"teacher": "nobody"}, "there is no feed controller 'nobody'"),
+        ("imitation", {"teacher": "unknown"}, "there is no feed controller 'unknown'"),
         ("imitation", {"teacher": "adaptive-off-time"}, "turns the generator's knobs"),
         ("imitation", {"env_id": "edmsim/Corner-v3", "teacher": "voltage"},
          r"^teacher: voltage holds no share of open pulses"),

@@ -29,7 +29,7 @@ ENDED = {0: "survived", 1: "killed", 2: "killed"}
 
 
 def copied(folder: Path) -> Path:
-    """Copy what git knows, as it stands in the working tree, links as links."""
+    """Copy the files that git tracks from the working tree, links as links."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for name in filter(None, listed.split("\0")):
         if os.path.lexists(ROOT / name):

@@ -18,7 +18,7 @@ from edmsim.compiled.numba_internals import address_of, call_returning
 
 def _thirds(x):
     if x < 0:
-        raise ValueError("below nought")
+        raise ValueError("below zero")
     return x / 3
 
 
@@ -32,11 +32,11 @@ def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(tmp_path
 
     assert whole(1.0) == 1.0 / 3 + 1.0
     assert cast(Any, part).translated
-    with pytest.raises(ValueError, match="below nought"):
+    with pytest.raises(ValueError, match="below zero"):
         whole(-1.0)
     assert part(2.0) == 2.0 / 3
     assert not cast(Any, part).translated
-    with pytest.raises(ValueError, match="below nought"):
+    with pytest.raises(ValueError, match="below zero"):
         part(-1.0)
     assert whole(2.0) == 2.0 / 3 + 1.0
 
@@ -99,7 +99,7 @@ def test_compiled_code_calls_a_function_at_its_address(tmp_path, monkeypatch):
     place = address_of(part, types.float64)
     assert whole(place, 2.0) == 2.0 / 3 + 1.0
     assert "_thirds" not in "".join(cast(Any, whole).inspect_llvm().values())
-    with pytest.raises(ValueError, match="below nought"):
+    with pytest.raises(ValueError, match="below zero"):
         whole(place, -1.0)
 
 

@@ -274,7 +274,7 @@ steps_50th_mm = st.lists(st.integers(5, 400), min_size=2, max_size=8)
     steps=steps_50th_mm, offsets=st.lists(st.integers(100, 300), min_size=2, max_size=6, unique=True), data=st.data()
 )
 def test_passes_to_and_fro_are_the_same_profile(tmp_path_factory, steps, offsets, data):
-    """A staircase, which does not cross itself, to and fro with any offsets, with or without G40 between passes."""
+    """A staircase cut forwards and backwards with any offsets, with or without G40 between passes."""
     profile = [(0.0, 0.0)]
     for number, step in enumerate(steps):
         x, y = profile[-1]

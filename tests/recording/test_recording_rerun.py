@@ -262,7 +262,7 @@ def test_a_recording_that_finds_no_room_leaves_nothing_behind(cut, record, tmp_p
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
     try:
-        with pytest.raises(OSError, match="File too large"):  # as on a full disk; rerun itself would wait for ever
+        with pytest.raises(OSError, match="File too large"):  # as on a full disk; rerun itself would wait endlessly
             record(tmp_path / "cut.rrd")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -33,7 +33,7 @@ class Page(HTMLParser):
 
 
 def is_built():
-    """Say whether `make docs` has run since the last change of what it reads."""
+    """Return whether `make docs` has run since the last change of its inputs."""
     index = SITE / "searchindex.js"
     if not index.is_file():
         return False

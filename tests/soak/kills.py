@@ -24,7 +24,7 @@ PER_CUT = 5
 
 
 def kill(count: int, folder: Path, seed: int = 1) -> dict[str, Any]:
-    """Kill a cut `count` times, some times each; compare every finished one with the one nobody killed."""
+    """Kill a cut `count` times, some times each; compare every finished one with an uninterrupted one."""
     began, draw = time.monotonic(), random.Random(seed)
     program = folder / "line.ngc"
     program.write_text(LINE, encoding="ascii")
@@ -94,7 +94,7 @@ def _kill_after(child: int, seconds: float) -> bool:
 
 
 def _results(out: Path) -> tuple[Any, ...]:
-    """What a finished cut leaves, but for the time it took."""
+    """Return the results of a finished cut without its wall time."""
     report, windows, _ = read_cut(out)
     names = sorted(file.name for file in out.iterdir())
     timeless = {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}

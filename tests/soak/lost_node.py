@@ -100,7 +100,7 @@ def _done(out: Path) -> int:
 
 
 def _ids(out: Path) -> list[str]:
-    """Ids of all rows as they stand in the files, twice if there are two of one."""
+    """Ids of all rows in the files, twice if a row is there twice."""
     import pyarrow.parquet as pq
 
     parts = sorted((out / RESULTS).glob("*/*.parquet"))

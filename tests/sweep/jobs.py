@@ -41,7 +41,7 @@ def dies_once(job: Path) -> str:
 
 
 def dies(job: int) -> int:
-    """Die at every attempt, but for number 3."""
+    """Die at every attempt except number 3."""
     print("what a user's code prints goes elsewhere")
     if job != 3:
         os.kill(os.getpid(), signal.SIGKILL)

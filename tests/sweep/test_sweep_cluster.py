@@ -31,7 +31,7 @@ def nodes():
     """Two nodes, each with a processor and a loopback address of its own.
 
     Not shared: removing a placement group of Tune's while its actor exits can lose Ray the processor (2.60), and with
-    the other node removed, whatever runs next would wait for ever.
+    the other node removed, the next run would wait endlessly.
     """
     # of Ray's shared folder another user of this computer may own the files; a socket's path is short
     with TemporaryDirectory(prefix="ray") as folder, pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():

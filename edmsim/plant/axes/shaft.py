@@ -220,7 +220,7 @@ def coast(axes: Axes, axis: int, until_ns: int) -> bool:
         before = position(row, motor)
         _turn(row, motor, dt)
         if not (abs(row.place_um) < _FURTHEST_UM and abs(row.rotor_um) < _FURTHEST_UM):
-            return False  # otherwise its encoder would count edges for ever
+            return False  # otherwise its encoder would count edges endlessly
         see_edges(drive, row, motor, before, start_ns + k * dt * 1e9, start_ns + (k + 1) * dt * 1e9)
         watch_cam(row, motor, start_ns + (k + 1) * dt * 1e9)
     row.moved_ns = until_ns

@@ -491,7 +491,7 @@ def _log_machine(
 
 
 def _thinning(frames: Frames, closeups: Closeups) -> str:
-    """Say how the cut's windows are thinned in the recording."""
+    """Return how the cut's windows are thinned in the recording."""
     return (
         f"The wire's shape and its gas: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
         f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
@@ -500,7 +500,7 @@ def _thinning(frames: Frames, closeups: Closeups) -> str:
 
 
 def _drawn(group: int, tolerance_mm: float) -> str:
-    """Say how finely series and kerf are drawn."""
+    """Return how finely series and kerf are drawn."""
     return (
         "A point of a series is "
         + ("one window." if group == 1 else f"the mean of {group} windows, around events one window.")

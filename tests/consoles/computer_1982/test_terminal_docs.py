@@ -1,4 +1,4 @@
-"""Every session shown in docs/terminal.md and docs/controller-1982.md runs as it stands there."""
+"""Every session shown in docs/terminal.md and docs/controller-1982.md runs as shown."""
 
 import re
 from pathlib import Path
