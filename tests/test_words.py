@@ -38,7 +38,7 @@ PROSE = {
         "0, any, found, corrected, ...",
     r"\b[Bb]ut for (?:the|what|where|its|their|those|that)\b": "except, without",
     r"\b(?:is|are|was|were) wanted\b": "is expected, is needed",
-    r"\b[Ww]hose drives? ha(?:s|ve) a loop\b|\bdrives? (?:with|that has|that have) a loop\b": "servo drive, servo axis",
+    r"\b[Ww]hose drives? ha(?:s|ve) a loop\b|\bdrives? (?:with|that has|that have) a loop\b": "servo drive",
 }  # fmt: skip
 """Phrases that must not appear in texts, and what to write instead."""
 COMMENT = re.compile(r"#\s(.*)$", re.MULTILINE)

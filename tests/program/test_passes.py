@@ -30,7 +30,7 @@ def of_square(folder, offsets_mm=OFFSETS_MM, **plan_options):
 
 
 def test_rough_forward_trims_to_and_fro_then_the_tab(tmp_path):
-    """The usual order: the profile without the tab, forwards and backwards, a stop, then the tab, rough pass first."""
+    """Usual order: the profile without the tab, forwards and backwards, a stop, then the tab, rough pass first."""
     contour = of_square(tmp_path, tab_mm=1.5)
     rows = [(p.number, p.piece, p.reversed, p.stops_before, p.frees) for p in contour.passes]
     assert rows == [
