@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
-from edmsim.numeric import keep_plain, plain, real
+from edmsim.numeric import plain, real, to_plain_numbers
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: an offset to the right, the pull on a lagging wire."""
@@ -152,7 +152,7 @@ class KnowsPart(Protocol):
         """
 
 
-def tell(
+def set_up_controller(
     controller: object, machine: Machine, points_um: NDArray[Any], start_um: float,
     part_side: Literal["left", "right"] | None = None,
 ) -> None:
@@ -226,7 +226,7 @@ def check_parameters(controller: Any) -> None:
 
     A parameter that is annotated as an integer must be whole.
     """
-    keep_plain(controller)
+    to_plain_numbers(controller)
     for parameter in fields(controller):
         name, setting, counts = parameter.name, getattr(controller, parameter.name), parameter.type is int
         top = 1.0 if name.endswith(SHARES) else sys.float_info.max  # an int may exceed the range of float

@@ -41,7 +41,7 @@ class PulseAnalyser(Snapshots):
         """Whether IBFA or IBFB is set: a result has not been read yet."""
         return self.buffer_full
 
-    def hand_over(self, short: int, open: int) -> None:
+    def put_result(self, short: int, open: int) -> None:
         """Put a result into the latches."""
         self._latch = PulseCounts(short, open)
         self.buffer_full = True
@@ -79,5 +79,5 @@ class PulseAnalyser(Snapshots):
         if self.result_waits():
             self.missed += 1
         else:
-            self.hand_over(self.short, self.open)
+            self.put_result(self.short, self.open)
         self.pulses = self.short = self.open = 0

@@ -151,7 +151,7 @@ class _Rehearsal:
     def __init__(self, controller: protocols.FeedController, max_feed_um_s: float = MAX_FEED_UM_S) -> None:
         self.controller = controller
         self.windows, self.path_um, self._max_feed_um_s = 0, 0.0, max_feed_um_s
-        protocols.tell(controller, Machine.load(), _PATH_UM, 0.0)
+        protocols.set_up_controller(controller, Machine.load(), _PATH_UM, 0.0)
         self.command = protocols.check_command(controller.name, controller.reset(max_feed_um_s))
 
     def run(self, counts: Counts, resumed: bool = False) -> list[protocols.FeedCommand]:

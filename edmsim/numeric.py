@@ -51,7 +51,7 @@ def plain(value: Any) -> Any:
     return value if number is None else number
 
 
-def keep_plain(record: Any) -> None:
+def to_plain_numbers(record: Any) -> None:
     """Convert the numbers in a dataclass's fields to Python numbers, even if it is frozen."""
     for field in fields(record):
         object.__setattr__(record, field.name, plain(getattr(record, field.name)))

@@ -91,7 +91,7 @@ def _declared(kind: type) -> list[tuple[Argument, Any]]:
 
 def check_kinds(record: object) -> None:
     """Convert numbers to Python's own, and raise `InputError` if an argument does not have its declared type."""
-    numeric.keep_plain(record)
+    numeric.to_plain_numbers(record)
     for (name, _, _, meaning), hint in _declared(type(record)):  # type: ignore[arg-type]
         value = getattr(record, name)
         if get_origin(hint) is Literal:

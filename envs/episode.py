@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import FeedController, SeesTruth, WindowObservation, from_text
-from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, tell
+from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, set_up_controller
 from edmsim.controllers.user_controllers import check_is_controller, rehearsed
 from edmsim.cosim.observers import Turn
 from edmsim.cosim.stops import WORDS, StopCause
@@ -119,7 +119,7 @@ class AttachedController:
         scenario = sub_envs.scenario(index)
         self._leg, self._lost = sub_envs.leg[index], int(sub_envs.rows[index]["wires_lost"])
         start_um = float(sub_envs.rows[index]["before_um"])
-        tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
+        set_up_controller(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
         self._take(self._controller.reset(self._family.greatest_feed_um_s))
         return self.latest
 

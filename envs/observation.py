@@ -18,7 +18,7 @@ from edmsim.compiled.random import normal
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.geometry import Floats
 from edmsim.machine.setting import WINDOW_PULSES, wire_speed_m_s
-from edmsim.numeric import keep_plain, whole_within, within
+from edmsim.numeric import to_plain_numbers, whole_within, within
 from edmsim.plant.constants import faces_Pa
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK, WINDOW
 
@@ -38,7 +38,7 @@ class Sensors:
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a value that cannot be used."""
-        keep_plain(self)
+        to_plain_numbers(self)
         within("noise_share", self.noise_share, 0.0, 1.0)
         whole_within("bits", self.bits, 0, 16)
         whole_within("delay_steps", self.delay_steps, 0, 1000)

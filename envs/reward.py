@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.envs.path_follower import DONE, RUNNING
-from edmsim.numeric import keep_plain, within
+from edmsim.numeric import to_plain_numbers, within
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 REFERENCE_MM2_MIN = 30.0  # cutting rate that earns 1 per reference window (ours)
@@ -26,7 +26,7 @@ class WeightsOfTerms:
         """Raise `InputError` for any other weight."""
         for f in fields(self):
             within(f"the weight {f.name}", getattr(self, f.name), 0.0, MOST_WEIGHT)
-        keep_plain(self)
+        to_plain_numbers(self)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -70,7 +70,7 @@ class Drive(Protocol):
 
 
 @runtime_checkable
-class StartsAnew(Drive, Protocol):
+class PowersUp(Drive, Protocol):
     """A drive that restarts when its logic is switched on, with the state in its memory."""
 
     def power_up(self) -> bytes:
@@ -78,7 +78,7 @@ class StartsAnew(Drive, Protocol):
 
 
 @runtime_checkable
-class SerialDrive(StartsAnew, Protocol):
+class SerialDrive(PowersUp, Protocol):
     """A chip with non-volatile memory and a serial line: 8 data bits, no parity, 1 stop bit."""
 
     baud: float  # bits per second

@@ -249,9 +249,9 @@ class LineEditor:
         if byte == LINE_FEED:
             return b"", None
         if byte in (BACKSPACE, DELETE):
-            rubbed = _RUB_OUT if self._typed else b""
+            speed_after_friction = _RUB_OUT if self._typed else b""
             del self._typed[-1:]
-            return self._sent(rubbed), None
+            return self._sent(speed_after_friction), None
         if not 0x20 <= byte < DELETE or len(self._typed) == LONGEST:
             self.spoil()
             return b"", None

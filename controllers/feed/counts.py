@@ -315,7 +315,7 @@ class McuController(CountsController):
         """Pass the end of the present move to the program."""
         setup = self._setup
         self._move = min(max(bisect_right(setup.starts_um, path_um) - 1, 0), len(setup.points) - 2)
-        self._computer.steppers.look_to(*setup.points[self._move + 1])
+        self._computer.steppers.aim_for_planner(*setup.points[self._move + 1])
 
     def _command(self, path_um: float) -> FeedCommand:
         command = super()._command(path_um)

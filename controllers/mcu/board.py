@@ -197,7 +197,7 @@ class _WiredCounters(PulseAnalyser):
     def result_waits(self) -> bool:
         return any(self._port.full)
 
-    def hand_over(self, short: int, open: int) -> None:
+    def put_result(self, short: int, open: int) -> None:
         self._port.strobe(ppi.A, short)
         self._port.strobe(ppi.B, open)
 

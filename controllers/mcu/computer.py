@@ -74,7 +74,7 @@ class Steppers(Snapshots):
 
     def aim(self, x: int, y: int, heading: int = 1) -> int:
         """Set the target and compute the direction (POSCAL, row T-69); return the T-states, with VELOCM."""
-        self.lead_to(x, y)
+        self.set_target(x, y)
         dx, x_direction = subsgn(x, self._bus.word(at.XPOS))
         dy, y_direction = subsgn(y, self._bus.word(at.YPOS))
         self._aim = poscal.resolve(dx, dy, x_direction * heading, y_direction * heading, self._wrap)
@@ -82,12 +82,12 @@ class Steppers(Snapshots):
         self.t_states += cost
         return cost
 
-    def lead_to(self, x: int, y: int) -> None:
+    def set_target(self, x: int, y: int) -> None:
         """Set only the target; the direction does not change."""
         self._bus.store(at.NEWX, x)
         self._bus.store(at.NEWY, y)
 
-    def look_to(self, x: int, y: int) -> None:
+    def aim_for_planner(self, x: int, y: int) -> None:
         """Set the target of a planner's move: XVELOC and YVELOC point there, but the planner makes the steps."""
         self.aim(x, y)
         self.set_speed(self._bus.signed(at.CUTVEL))
@@ -740,7 +740,7 @@ class PathRun(Snapshots):
             if self._steppers.at_target:
                 self._begin(heading)
                 return
-            self._steppers.lead_to(*self._points[self._move + (heading > 0)])
+            self._steppers.set_target(*self._points[self._move + (heading > 0)])
         self._steppers.set_speed(self._requested)
         self._in_force = self._requested
 

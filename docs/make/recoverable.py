@@ -20,7 +20,7 @@ import torch
 from sections import DOCS, table, write_sections
 
 from edmsim.controllers import from_text
-from edmsim.controllers.protocols import FeedCommand, tell
+from edmsim.controllers.protocols import FeedCommand, set_up_controller
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import make_family
 from edmsim.envs.servo import target_of
@@ -101,7 +101,7 @@ class Recorder(PolicyController):
     def set_up(self, machine, points_um, start_um) -> None:
         """Set the machine and the path."""
         super().set_up(machine, points_um, start_um)
-        tell(self._law, machine, points_um, start_um)
+        set_up_controller(self._law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg."""

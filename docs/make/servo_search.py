@@ -18,7 +18,7 @@ import numpy as np
 
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import ServoLaw
-from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, set_up_controller
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 from edmsim.machine.machine import Machine
@@ -165,7 +165,7 @@ class Recorder(Snapshots):
 
     def set_up(self, machine: Machine, points_um: Any, start_um: float) -> None:
         """Set the machine and the path."""
-        tell(self.law, machine, points_um, start_um)
+        set_up_controller(self.law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin the cut."""

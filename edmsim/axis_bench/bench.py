@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from edmsim.axis_bench.motion import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, run
 from edmsim.axis_bench.serial_link import SerialLink
 from edmsim.compiled import axis_rows
-from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
+from edmsim.controllers.axis.drive import Drive, PowersUp, data_of
 from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.numeric import finite, whole_from
@@ -326,7 +326,7 @@ class AxisBench:
         record = drive.record
         record["now_ns"] = self._now_ns
         row["in_reset"] = 0
-        text = drive.power_up() if isinstance(drive, StartsAnew) else b""
+        text = drive.power_up() if isinstance(drive, PowersUp) else b""
         if record["watchdog_ns"][0] > 0:
             record["alarm_ns"] = self._now_ns + record["watchdog_ns"]
         self._lines[name].to_host.put(text, int(record["due_ns"][0]))

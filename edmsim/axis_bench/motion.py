@@ -9,7 +9,7 @@ from edmsim.plant.axes.board import NOBODY, first_due, serve
 from edmsim.plant.axes.shaft import coast_all
 from edmsim.plant.axes.steps import make_steps
 from edmsim.plant.kernel.state import Axes
-from edmsim.plant.mechanics.full_model import FullLink, coast_table, lay_out_axes
+from edmsim.plant.mechanics.full_model import FullLink, coast_table, copy_axes_to_mujoco
 
 SAMPLE_ROW = np.dtype(
     [
@@ -52,7 +52,7 @@ def run(
     """
     noted[:] = 0
     if link is not None:
-        lay_out_axes(axes, link)
+        copy_axes_to_mujoco(axes, link)
     while True:
         if noted[1] == changes.shape[0] or (samples.shape[0] > 0 and noted[0] == samples.shape[0]):
             return FULL

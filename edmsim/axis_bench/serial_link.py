@@ -118,7 +118,7 @@ class SerialLink:
         self.to_drive.baud = self.to_host.input_baud = baud
         self.to_drive.input_baud = self.to_host.baud
 
-    def exchange(self, now_ns: int, running: bool, unasked: bool) -> None:
+    def exchange(self, now_ns: int, running: bool, unsolicited: bool) -> None:
         """Pass received bytes to the drive (lost in reset), and collect its answers and unsolicited bytes."""
         record = self._drive.record
         sent, n_sent = record["sent"][0], int(record["n_sent"][0])
@@ -132,7 +132,7 @@ class SerialLink:
                 if self._serial and not byte.framed:
                     self._serial.receive_error()
                 self.to_host.put(self._drive.line(bytes([byte.value])), now_ns)
-        if running and unasked:
+        if running and unsolicited:
             self.to_host.put(self._drive.line(b""), now_ns)
         self.heard += [(byte.value, byte.time_ns * 1e-9) for byte in self.to_host.take(now_ns)]
 

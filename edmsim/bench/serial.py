@@ -46,7 +46,7 @@ def _speed(name: str) -> float:
     while rig.time_s < began_s + MACHINE_S:
         rig.move(f"VEL {FEED_UM_S} 0")
         rig.run(0.1)
-        rig.board.unasked()
+        rig.board.unsolicited()
     return (rig.time_s - began_s) / (time.process_time() - from_s)
 
 

@@ -50,9 +50,9 @@ class StretchComparison:
         self.size = int(self._known.sum())
         self._repeats = max(LEAST_REPLICATES, math.ceil(NOISE_CUTS / len(picked)))
         self._usual = len(picked) * (2 * self._repeats + USUAL_ROUNDS * (2 * constants + 1))
-        self.take_noise_of(machine)
+        self.weight_by_noise_of(machine)
 
-    def take_noise_of(self, machine: Machine) -> None:
+    def weight_by_noise_of(self, machine: Machine) -> None:
         """Weight the statistics by the noise of this machine's cuts."""
         # The noise depends on the cut's shares of open and short pulses. A log made with a gap controller does not
         # show it, because the controller keeps the counts steadier than a cut at a fixed feed would.

@@ -302,7 +302,7 @@ class _Search:
         # The search runs twice, because the noise at its end differs from that at its start, and wrong weights would
         # give a wrong misfit and wrong information.
         self._descend()
-        self.comparison.take_noise_of(self.machine(self.shares))
+        self.comparison.weight_by_noise_of(self.machine(self.shares))
         self._descend()
         self.simulated = self._statistics([self.shares])[0]
         self.misfit = self._misfit(self.comparison.residuals(self.simulated))

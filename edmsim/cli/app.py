@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 
 from edmsim import __version__
 from edmsim.cli import commands, groups
-from edmsim.cli.console import OUT, take_any_terminal
+from edmsim.cli.console import OUT, accept_any_encoding
 from edmsim.cli.options import Command
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
 
@@ -73,7 +73,7 @@ def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
     # by default the garbage collector scans all objects four times in a short cut; most belong to libraries
     gc.set_threshold(50_000, 10, 10)
-    take_any_terminal()
+    accept_any_encoding()
     run_command(_run)
 
 

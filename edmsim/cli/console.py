@@ -19,16 +19,16 @@ RESUME = "run the same command to resume"
 _PLAIN = str.maketrans({"µ": "u", "²": "2", "³": "3", "–": "-", "…": "~", "±": "+-", "°": " deg"})
 
 
-def take_any_terminal() -> None:
+def accept_any_encoding() -> None:
     """Replace characters that the terminal's encoding lacks, as in units and names of files, by ASCII."""
 
-    def spelt_plainly(error: UnicodeError) -> tuple[str, int]:
+    def in_ascii(error: UnicodeError) -> tuple[str, int]:
         if not isinstance(error, UnicodeEncodeError):
             raise error
         text = error.object[error.start : error.end].translate(_PLAIN)
         return text.encode("ascii", "backslashreplace").decode(), error.end
 
-    codecs.register_error("edmsim-plain", spelt_plainly)
+    codecs.register_error("edmsim-plain", in_ascii)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="edmsim-plain")

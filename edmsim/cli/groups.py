@@ -396,7 +396,7 @@ def positioner(
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",
 ) -> None:
     """Run a QCL program on EANPOS positioners and their axes."""
-    from edmsim.consoles.positioner import Station, contactors_of, press_of, run_and_tell
+    from edmsim.consoles.positioner import Station, contactors_of, press_of, run_and_report
     from edmsim.controllers.qcl import QclError
 
     presses = [press_of(text) for text in press or []]
@@ -411,4 +411,4 @@ def positioner(
         if (more := len(error.problems) - _SHOWN) > 0:
             say(f"and {more} more")
         raise typer.Exit(BAD_INPUT) from None
-    run_and_tell(station, seconds, presses, print_line)
+    run_and_report(station, seconds, presses, print_line)

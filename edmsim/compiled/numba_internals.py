@@ -16,7 +16,7 @@ from edmsim.compiled import cache
 
 
 @contextmanager
-def garbage_left() -> Iterator[None]:
+def without_garbage_collection() -> Iterator[None]:
     """Disable the garbage collector while numba compiles: it takes a tenth of the time and finds little."""
     was_enabled = gc.isenabled()
     gc.disable()
@@ -49,7 +49,7 @@ def replaced(owner: Any, **values: Any) -> Iterator[None]:
                 setattr(owner, name, value)
 
 
-with garbage_left():  # the import makes 100,000 objects that are never freed
+with without_garbage_collection():  # the import makes 100,000 objects that are never freed
     import numba
     from numba import core, types
     from numba.extending import intrinsic
@@ -254,7 +254,7 @@ class CompiledFunction(core.registry.CPUDispatcher):  # type: ignore[misc]
     def compile(self, signature: Any) -> Any:
         """Compile for some types, or load it from the cache."""
         kinds = tuple(core.sigutils.normalize_signature(signature)[0])
-        with core.compiler_lock.global_compiler_lock, garbage_left(), _quickly():
+        with core.compiler_lock.global_compiler_lock, without_garbage_collection(), _quickly():
             if not self.cached:  # not earlier, because most functions are only parts of others
                 with _in_folder():
                     self.enable_caching()
@@ -336,7 +336,7 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         yield
 
 
-def _as_it_is(context: Any, builder: Any, kind: Any, index: Any, _size: Any) -> Any:
+def _unchecked_index(context: Any, builder: Any, kind: Any, index: Any, _size: Any) -> Any:
     """Use an index unchanged: the loop has no negative ones, and numba's test for them takes 5 % of its time."""
     return context.cast(builder, index, kind, types.intp)
 
@@ -345,7 +345,7 @@ def whole_program(
     function: Any, signature: tuple[Any, ...], compiled: Callable[[str], None]
 ) -> tuple[llvm.ModuleRef, str]:
     """Translate a function and all it calls into one LLVM module; return it and the function's name there."""
-    with _without_machine_code(compiled), replaced(arrayobj, fix_integer_index=_as_it_is):
+    with _without_machine_code(compiled), replaced(arrayobj, fix_integer_index=_unchecked_index):
         function.compile(signature)
     result = function.overloads[signature]
     module = llvm.parse_assembly(str(result.library._codegen._create_empty_module("edmsim")))

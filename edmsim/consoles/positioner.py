@@ -207,7 +207,7 @@ _REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")  # param
 _FAST = ("st_acc", "st_dec", "st_vconst", "st_int")  # states that every move changes several times
 
 
-def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
+def run_and_report(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
     """Run a station, press its inputs at their times, and pass every change to `say`."""
     for one in presses:
         station.input(one.name)

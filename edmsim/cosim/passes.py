@@ -102,7 +102,7 @@ def programmed_um(legs: Sequence[Leg], path_um: Floats) -> Floats:
     return interpolated(path_um, np.concatenate(along), np.concatenate([leg.points_um for leg in legs]))
 
 
-def way_behind(legs: Sequence[Leg], number: int) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any]]:
+def path_behind(legs: Sequence[Leg], number: int) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any]]:
     """Return the path that the wire of a trim has cut before a leg, since threading: points, path lengths, leads.
 
     A retract may run back onto it beyond the leg's first point, at which lengths are 0.
@@ -280,7 +280,7 @@ class PassLog(Snapshots):
                 "lets the machine stop for it to be held"
             )
             return
-        taken_mm3 = plant.take_out(piece)
+        taken_mm3 = plant.remove_piece(piece)
         self.notices.append(
             f"the slug falls at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table and is taken out of "
             f"the workpiece, {piece.area * 1e-6:.2f} mm² of it"

@@ -21,7 +21,7 @@ from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planne
 from edmsim.controllers.planner.registry import PathOffset, RunsPath, make_planner, position_unit
 from edmsim.cosim.cycle import Cycle, PlannerMotion
 from edmsim.cosim.observers import Observer
-from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, way_behind
+from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, path_behind
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -82,7 +82,7 @@ class CutAxes(Snapshots):
             return False
         if self._placed_ns is None:
             self._placed_ns = plant.time_ns
-        if plant.passes_by and plant.time_ns - self._placed_ns < 1e9 * rapid_constants()["rest_s"]:
+        if plant.is_moving_fast and plant.time_ns - self._placed_ns < 1e9 * rapid_constants()["rest_s"]:
             return False
         self._since_ns = self._placed_ns = None
         return True
@@ -142,7 +142,7 @@ class Simulation:
         observers: Sequence[Observer] = (),
         drives: Mapping[str, AxisDrive] | None = None,
         compensation: Elcam | None = None,  # compensation tables of the machine's table, and cams
-        stuck_wire_sensor: bool = False,  # then the machine continues without a wire (`Plant.go_bare`)
+        stuck_wire_sensor: bool = False,  # then the machine continues without a wire (`Plant.continue_without_wire`)
         axis_faults: Sequence[AxisFault] = (),
         setups: Sequence[PassSetup] = (),  # from rough to last; the last one applies to all later passes
         approach: PassSetup | None = None,  # of the lead-ins of a path in passes; by default that of the first pass
@@ -220,7 +220,7 @@ class Simulation:
         """Check that the machine can run the feeds of later passes' controllers, before anything is cut."""
         for machine, controller in self._setups:
             if controller is not self._setup.controller:
-                protocols.tell(controller, machine, self.legs[-1].points_um, 0.0)
+                protocols.set_up_controller(controller, machine, self.legs[-1].points_um, 0.0)
                 protocols.check_command(controller.name, controller.reset(self.max_feed_um_s))
 
     @property
@@ -253,7 +253,7 @@ class Simulation:
             observer.leg(points, at.start_um)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
-        behind, along_behind, leads_behind = way_behind(self.legs, at.leg)
+        behind, along_behind, leads_behind = path_behind(self.legs, at.leg)
         every = np.concatenate([behind, points])
         planner = (
             make_planner(self._planner_name, every, unit=self.unit, step_um=step_um, start=len(behind))
@@ -274,7 +274,8 @@ class Simulation:
 
     def _reset_controller(self, machine: Machine, points_um: NDArray[Any]) -> FeedCommand:
         """Reset the controller for a leg's points, with the generator at its set-up; return its first command."""
-        protocols.tell(self.controller, machine, points_um, self._at.start_um, self.legs[self._at.leg].part_side)
+        side = self.legs[self._at.leg].part_side
+        protocols.set_up_controller(self.controller, machine, points_um, self._at.start_um, side)
         command = protocols.check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
         self._set_generator(machine.t_on_us, machine.t_period_us)
         self._set_generator(command.t_on_us, command.t_period_us)
@@ -423,7 +424,7 @@ class Simulation:
             self._say(self._break_of(window))
             if WIRE_BREAK not in opened:
                 self._say("its stuck sensor did not see that, and the machine went on without a wire")
-                self.plant.go_bare()
+                self.plant.continue_without_wire()
         if cause is StopCause.LIMIT_SWITCH:
             x, y = self.plant.place_um
             self._say(f"an end switch of the table opened at x {x / 1e3:.3f} y {y / 1e3:.3f} mm")

@@ -43,7 +43,7 @@ class Board(Protocol):
         """Answer a line of its serial port."""
         return ""
 
-    def unasked(self) -> str:
+    def unsolicited(self) -> str:
         """Return its unsolicited output."""
         return ""
 
@@ -191,7 +191,7 @@ class PowercoreV3(Board):
             if self.listens:
                 self._end_wait()
             return
-        self._keep_house()
+        self._do_housekeeping()
         if frame.on:
             self._count(frame)
 
@@ -203,7 +203,7 @@ class PowercoreV3(Board):
             self._send(self._ready_line)
         self._edge_detected = False
 
-    def _keep_house(self) -> None:
+    def _do_housekeeping(self) -> None:
         """Run the board's task of every 10 ms, and send telemetry every second."""
         if self._time_s - self._sample_s >= SAMPLE_S - _TICK_S:
             self._samples.append(self._charge_A_s / (self._time_s - self._sample_s))
@@ -268,9 +268,9 @@ class PowercoreV3(Board):
             self._send("Rebooting device")
         else:
             self._send(*_HELP)
-        return self.unasked()
+        return self.unsolicited()
 
-    def unasked(self) -> str:
+    def unsolicited(self) -> str:
         """Return the board's output since the last call."""
         said, self._out = "".join(self._out), []
         return said
@@ -496,7 +496,7 @@ class Rig:
     Examples
     --------
     >>> rig = Rig("powercore", seed=1)
-    >>> rig.board.unasked()
+    >>> rig.board.unsolicited()
     'Setup complete\r\n'
     >>> rig.send("SET_ALL_PARAMETERS 0 0.05 5000 80")
     'OK: Parameters set\r\n'

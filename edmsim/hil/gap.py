@@ -191,11 +191,11 @@ class Gap:
             window = plant.advance(steps, output.pulses)
         except PlantError as error:
             self.lost, window = str(error), error.window
-            plant.go_bare()
+            plant.continue_without_wire()
         if window.broken and not self.lost:
             kelvin = f"{window.wire_temperature_K:.0f} K"
             self.lost = f"the wire broke {plant.broken_height_mm:.1f} mm above the lower face, at {kelvin}"
-            plant.go_bare()
+            plant.continue_without_wire()
         self.setpoints.keep(start_ns, plant.time_ns, plant.commanded_um)
         pulses = without_wire(window, plant.timing) if self.lost else plant.last_pulses()
         return Frame(window, pulses, plant.timing, output.on)

@@ -115,7 +115,7 @@ class Session:
         """Answer lines until a frame is due; at least once, even if the frame is late."""
         while True:
             now = time.monotonic()
-            self._hear(now, max(due - now, 0.0))
+            self._receive(now, max(due - now, 0.0))
             if self.rig.board.listens:
                 self.board.answer()
             self.motion.answer()
@@ -124,7 +124,7 @@ class Session:
             if time.monotonic() >= due:
                 return
 
-    def _hear(self, now: float, timeout_s: float) -> None:
+    def _receive(self, now: float, timeout_s: float) -> None:
         ports = [port for port in (self.board, self.motion) if len(port.lines.ready) < _WAITING_LINES]
         answering = [self.board, self.motion] if self.rig.board.listens else [self.motion]
         waits = any(port.lines.ready and not port.flush() for port in answering)
@@ -138,7 +138,7 @@ class Session:
 
     def _speak(self, say: Callable[[str], None]) -> None:
         """Send the board's unsolicited output, and status lines that are due."""
-        if said := self.rig.board.unasked():
+        if said := self.rig.board.unsolicited():
             self.board.say(said)
         if status := self.rig.streamed():
             self.motion.say(status)

@@ -31,7 +31,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_valid
 from edmsim import models
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
-from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, set_up_controller
 from edmsim.envs import registry
 from edmsim.envs.episode import Task
 from edmsim.envs.families import Shift
@@ -261,7 +261,7 @@ class BanditController(Snapshots):
         self.path_um = start_um
         self.lost_s = machine.base.table.threading_s.value + self.card.start_s
         self.law.override(self.card.settings[0])  # replaces the setting of the last leg
-        tell(self.law, machine, points_um, start_um)
+        set_up_controller(self.law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg with the prior."""

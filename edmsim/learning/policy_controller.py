@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
-from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, tell
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, set_up_controller
 from edmsim.envs import path_follower, servo
 from edmsim.envs.observation import DIALS, EXACT, window_of
 from edmsim.envs.part_task import Part
@@ -69,7 +69,7 @@ class PolicyController(Snapshots):
         self._first_us = np.array([machine.t_on_us, machine.t_period_us])
         self._machine = machine
         if self._law is not None:
-            tell(self._law, machine, points_um, start_um)
+            set_up_controller(self._law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg, before its first window.

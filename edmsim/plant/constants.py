@@ -359,14 +359,14 @@ def fill_model(a: Arrays, model: ModalModel | FullMechanics) -> None:
     a.table_participation[:] = model.table_participation
 
 
-def stand_upright(a: Arrays) -> None:
+def set_vertical(a: Arrays) -> None:
     """Set the rays to those of a vertical wire."""
     a.reach_x[:] = a.across_x[:] = a.ray_cosine
     a.reach_y[:] = a.across_y[:] = a.ray_sine
     a.upright[:], a.lean_share[:] = 1.0, a.height_share
 
 
-def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:
+def reset_arrays(a: Arrays, names: Iterable[str], water_K: float) -> None:
     """Set arrays of a plant to their values at rest."""
     others = {
         "reference_um": -1e9,  # far away, so all rays are first traced in full

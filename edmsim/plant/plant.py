@@ -223,9 +223,9 @@ class Plant:
         self._drives.reset(self._state, seed)
         if isinstance(self._model, FullMechanics):
             self._model.reset()
-        self._lay_to_rest(_CHANGING)
+        self._reset_arrays(_CHANGING)
         self._share_water()
-        constants.stand_upright(self._arrays)
+        constants.set_vertical(self._arrays)
 
     def _checked_place(self, position_um: Sequence[float], machine: Machine) -> tuple[float, ...]:
         """Return a position as numbers; refuse one without two or four numbers, or far beyond the travel."""
@@ -260,7 +260,7 @@ class Plant:
         self._set_up_setting(machine)
         self._set(machine.t_on_us, machine.t_period_us, on=True)
         self._share_water()
-        constants.stand_upright(self._arrays)
+        constants.set_vertical(self._arrays)
         self._rest_wire()
         if isinstance(self._model, FullMechanics):
             self._arrays.table_q[:] = table_q
@@ -302,11 +302,11 @@ class Plant:
         """Reset the wire and the water around it to rest; metal and axes do not change."""
         for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
             self._state[name] = 0
-        self._lay_to_rest(_OF_WIRE)
+        self._reset_arrays(_OF_WIRE)
 
-    def _lay_to_rest(self, names: Sequence[str]) -> None:
+    def _reset_arrays(self, names: Sequence[str]) -> None:
         """Set arrays to their values at rest."""
-        constants.lay_to_rest(self._arrays, names, self._constants.water_K)
+        constants.reset_arrays(self._arrays, names, self._constants.water_K)
         self._state["since_discharge_us"] = 1e9
         self._state["tiled_um"] = _NOWHERE_UM
         self._state["deflection_um"] = 0.0
@@ -373,7 +373,7 @@ class Plant:
         self._state["tiled_um"] = _NOWHERE_UM
         self._state["traces"] = 0
 
-    def take_out(self, piece: shapely.Polygon) -> float:
+    def remove_piece(self, piece: shapely.Polygon) -> float:
         """Remove a loose piece of metal from the workpiece, in every slice; return its volume in mm3.
 
         Parameters
@@ -381,7 +381,7 @@ class Plant:
         piece : shapely.Polygon
             In um on the table, without holes.
         """
-        taken_um2 = self.field.take_out(piece)
+        taken_um2 = self.field.remove_piece(piece)
         self._put_field()
         self._state["traces"] = 0
         return taken_um2 * self._constants.slice_um * 1e-9
@@ -443,7 +443,7 @@ class Plant:
         status = self._fire_once(place, len(rows), pulses)
         if status == loop.FINE:  # the usual case
             return read_window(self._window_bytes)
-        if status == loop.BROKEN and self._is_bare:
+        if status == loop.BROKEN and self._has_no_wire:
             pass_window(
                 self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses
             )
@@ -461,7 +461,7 @@ class Plant:
             raise self.left_validity(status, window)
         return window
 
-    def go_bare(self) -> None:
+    def continue_without_wire(self) -> None:
         """Continue without a wire after a break that its sensor missed.
 
         Until `rethread` or `reset`, all pulses of a window are open, and the axes move as in a rapid.
@@ -702,9 +702,9 @@ class Plant:
         return bool(np.all(self.away_um <= self._constants.step_um))
 
     @property
-    def passes_by(self) -> bool:
+    def is_moving_fast(self) -> bool:
         """Whether a servo axis moves too fast to be settling: it oscillates, or runs away."""
-        return self._drives.passes_by(self._constants.step_um)
+        return self._drives.is_moving_fast(self._constants.step_um)
 
     @property
     def own_step_um(self) -> dict[str, float]:
@@ -747,7 +747,7 @@ class Plant:
 
     def coverage(self) -> NDArray[np.float64]:
         """Share of the wire's front that gas covers now, (slices,) from the lowest: 0 to 1; 0 without a wire."""
-        if self._is_bare:
+        if self._has_no_wire:
             return np.zeros(self.resolution.slices)
         return self._arrays.covered[: len(self._arrays.shape)].copy()
 
@@ -758,7 +758,7 @@ class Plant:
         return rays
 
     @property
-    def _is_bare(self) -> bool:
+    def _has_no_wire(self) -> bool:
         """Whether the machine goes on without a wire."""
         return bool(self._state["broken"][0] == loop.BARE)
 
@@ -769,7 +769,7 @@ class Plant:
 
     def leakage_S(self) -> float:
         """Return the conductance of the water between wire and metal; 0 without a wire."""
-        if self._is_bare:
+        if self._has_no_wire:
             return 0.0
         slices, rays = self._arrays.edge_um.shape
         reach_um = np.maximum(self._arrays.distance[:, :rays], 1.0).astype(np.float64)

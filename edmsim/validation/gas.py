@@ -124,7 +124,7 @@ def _quiet_slot(gap_um: float, t_period_us: float, ahead_um: float = 0.0) -> tup
     return plant, float(12 * 1e-3 * 125.0**3 * 2 * math.pi / gaps.shape[1] * sum_)
 
 
-def _let_go(plant: Plant, mode_um: float, pulses: int) -> tuple[Floats, Floats]:
+def _release(plant: Plant, mode_um: float, pulses: int) -> tuple[Floats, Floats]:
     """Release a wire deflected in its first mode; return coordinate and speed of this mode before every pulse."""
     state = plant.snapshot()
     state["wire_q"][:], state["wire_v"][:] = 0.0, 0.0
@@ -152,7 +152,7 @@ def check_film_motion(seeds: Seeds) -> list[Row]:
     for period_us in (SHORT_US, LONG_US):
         plant, drag = _quiet_slot(10.0, period_us)
         pulses = round(2400.0 / period_us)
-        place, _ = _let_go(plant, -per_um, pulses)
+        place, _ = _release(plant, -per_um, pulses)
         from_, to = pulses // 3, 2 * pulses // 3
         rows.append(Row.value(
             "film", f"time in which a wire creeps back in a film of 10 um, periods of {period_us:g} us", REYNOLDS,
@@ -161,7 +161,7 @@ def check_film_motion(seeds: Seeds) -> list[Row]:
             note=f"{PAGE}#the-film-of-water",
         ))
     plant, drag = _quiet_slot(31.0, LONG_US, ahead_um=15.0)
-    place, speed = _let_go(plant, 0.05 * per_um, 40)
+    place, speed = _release(plant, 0.05 * per_um, 40)
     energy = speed**2 + (omega * place) ** 2
     rows.append(Row.value(
         "film", "damping ratio of the first mode, 16 um in front and 31 um at the sides", REYNOLDS,

@@ -171,7 +171,7 @@ def joule_share(height_mm: float) -> float:
     a = _wire(machine, heat_law(machine, res))
     a.height_share[:res.slices] = height_share(machine, res)
     for s in range(res.slices):
-        discharge.feed_current(a, s, 1 / res.slices)
+        discharge.divide_current(a, s, 1 / res.slices)
     return float(_currents(a).mean())
 
 

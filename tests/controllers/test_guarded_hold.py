@@ -8,7 +8,7 @@ import pytest
 from edmsim import controllers
 from edmsim.controllers.feed.law import ServoLaw
 from edmsim.controllers.feed.periods import GuardedHold, heat_per_ignition_s, stream_share
-from edmsim.controllers.protocols import WindowObservation, tell
+from edmsim.controllers.protocols import WindowObservation, set_up_controller
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import critical_W_m2
@@ -26,7 +26,7 @@ def production_machine(**choices):
 def law_on_production_machine(name, **parameters):
     law = controllers.make(name, **parameters)
     assert isinstance(law, ServoLaw)
-    tell(law, production_machine(), np.zeros((2, 2)), 0.0)
+    set_up_controller(law, production_machine(), np.zeros((2, 2)), 0.0)
     law.reset(400.0)
     return law
 

@@ -72,12 +72,12 @@ def test_48_lines_and_what_each_drives():  # T-21
             write(address, 1 << bit)
             converters += board.codes[which] == 1 << bit
     for bit in range(8):
-        board.counters.hand_over(1 << bit, 1 << bit)
+        board.counters.put_result(1 << bit, 1 << bit)
         counters += (read(bus.PORT3A) == 1 << bit) + (read(bus.PORT3B) == 1 << bit)
     quiet = read(bus.PORT3C)
     for bit in (ppi.INTE_A_BIT, ppi.INTE_B_BIT):
         write(bus.CPORT3, bit << 1 | 1)
-    board.counters.hand_over(1, 1)
+    board.counters.put_result(1, 1)
     handshake = (quiet ^ read(bus.PORT3C)).bit_count() + 1  # and the reset of the counters
     used = spare = 0
     for bit, name in enumerate(board.lines._fields):  # T-24, T-A9: the order in which 4022H is printed

@@ -12,7 +12,7 @@ import pytest
 import edmsim
 from edmsim import controllers
 from edmsim.controllers import FeedCommand, check_controller, from_text
-from edmsim.controllers.protocols import check_command, tell
+from edmsim.controllers.protocols import check_command, set_up_controller
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
 from edmsim.job.cut import CHECKPOINT
@@ -201,7 +201,7 @@ def test_a_controller_cannot_change_the_path_that_it_is_shown():
     def set_up(self, machine, points_um, start_um):
         points_um[:] = 7.0
 
-    tell(wrong(set_up=set_up)(), Machine.load(), points_um, 0.0)
+    set_up_controller(wrong(set_up=set_up)(), Machine.load(), points_um, 0.0)
     assert points_um.max() == 9.0
 
 

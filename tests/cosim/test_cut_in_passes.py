@@ -206,7 +206,7 @@ def test_a_piece_that_nothing_holds_is_found_and_taken_out():
     (piece,) = loose_pieces(field, 0.02)
     assert piece.area * 1e-6 == pytest.approx(np.pi * 0.44**2, rel=0.05)
     before = field.removed_parts
-    assert field.take_out(piece) > 0
+    assert field.remove_piece(piece) > 0
     assert field.removed_parts == before  # it was not removed by discharges
     field.allocate(1000.0, 1000.0, 600.0)  # the rest of it, and what is around
     inside, outside = np.array([[1000.0, 1000.0], [1000.0, 1380.0]]), np.array([[1000.0, 1620.0]])
@@ -218,14 +218,14 @@ def test_a_piece_that_nothing_holds_is_found_and_taken_out():
     assert shapely.equals_exact(again.gone[0], field.gone[0])
     for no_piece in (5, piece.exterior, shapely.Polygon(), piece.difference(piece.buffer(-50.0))):
         with pytest.raises(edmsim.InputError, match=r"a piece is a shapely\.Polygon in um without"):
-            field.take_out(no_piece)
+            field.remove_piece(no_piece)
     assert len(field.gone) == 1
 
 
 def test_a_part_is_found_around_its_slug_that_fell():
     field = KerfField(3, ring_of_holes(radii_um=(300, 800)), 4.0, 4000.0)
     field.allocate(1000.0, 1000.0, 1000.0)
-    field.take_out(shapely.Point(1000.0, 1000.0).buffer(250.0))
+    field.remove_piece(shapely.Point(1000.0, 1000.0).buffer(250.0))
     (part,) = loose_pieces(field, 0.02)
     assert part.area * 1e-6 == pytest.approx(np.pi * 0.74**2, rel=0.05)
 
@@ -294,7 +294,7 @@ def test_a_part_that_came_loose_is_not_the_slug_of_the_next_contour(tmp_path):
     field = KerfField(3, Stock((20e3, 20e3, 45e3, 45e3), tuple((p.x, p.y, 160.0) for p in places)), 8.0, 8000.0)
     field.allocate(*ready.path.contours[0].nominal_mm.mean(axis=0) * 1e3, 4000.0)
     taken, log = [], PassLog(ready.path, legs)
-    plant = SimpleNamespace(field=field, machine=ready.machine, take_out=taken.append)
+    plant = SimpleNamespace(field=field, machine=ready.machine, remove_piece=taken.append)
     for number, leg in enumerate(legs):
         log.begin_leg(number, leg, 0.0, 0.0, Sums())
         log.end_leg(number, leg, plant)

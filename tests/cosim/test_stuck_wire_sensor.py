@@ -93,7 +93,7 @@ def test_servo_drives_follow_their_steps_without_a_wire():
     drives = {name: axis.from_text("uhu") for name in "xy"}
     plant = straight_cut(Machine.load(height_mm=5), drives=drives).plant
     plant.advance()
-    plant.go_bare()
+    plant.continue_without_wire()
     moved_um = 0.0
     for _ in range(40):
         begin_ns = plant.time_ns
@@ -117,7 +117,7 @@ def test_pulses_without_a_wire_take_as_long_as_open_ones(generator):
     far.reset(1, stock=far.field.stock, position_um=(10_000.0, 10_000.0))  # 15 mm off the metal: all pulses are open
     open_ = far.advance()
     assert open_.open == 255
-    far.go_bare()
+    far.continue_without_wire()
     bare = far.advance()
     assert (bare.open, bare.duration_ns) == (255, open_.duration_ns)
     assert bare.mean_voltage_V == pytest.approx(open_.mean_voltage_V, rel=0.02)  # a wire leaks a little
@@ -129,7 +129,7 @@ def test_watched_pulses_without_a_wire_are_open_and_there_is_no_gas():
     while not plant.coverage().any():
         plant.advance()
     assert (plant.last_pulses()["kind"] != OPEN).any()
-    plant.go_bare()
+    plant.continue_without_wire()
     window = plant.advance(pulses=100)
     pulses = plant.last_pulses()
     assert set(pulses["kind"]) == {OPEN}
@@ -140,7 +140,7 @@ def test_watched_pulses_without_a_wire_are_open_and_there_is_no_gas():
 
 def test_steps_without_a_wire_are_checked(hot):
     plant = straight_cut(hot).plant
-    plant.go_bare()
+    plant.continue_without_wire()
     with pytest.raises(InputError, match="a step needs axis 0 to 3"):
         plant.advance([(0, 7, 1)])
     plant.rethread(plant.commanded_um, 0)

@@ -51,7 +51,7 @@ def rig():
 @pytest.fixture
 def board(rig):
     rig.board = PowercoreV3()
-    rig.board.unasked()
+    rig.board.unsolicited()
     return rig.board
 
 
@@ -59,7 +59,7 @@ def feed(rig, kinds, mean_A, frames=1):
     said = ""
     for _ in range(frames):
         rig.board.see(frame_of(rig, kinds, mean_A))
-        said += rig.board.unasked()
+        said += rig.board.unsolicited()
     return said
 
 
@@ -138,7 +138,7 @@ def test_above_75_watts_pulses_are_skipped_for_ten_milliseconds_and_the_power_se
     for _ in range(4000):
         frame = frame_of(rig, [SPARK] * 5 + [OPEN] * 5, 3.0)  # 144 W while it runs
         board.see(frame)
-        said += board.unasked()
+        said += board.unsolicited()
     assert "Pulse skipping: power setpoint exceeded\r\nPulse skipping complete\r\n" in said
     assert float(said.split("INPUT_POWER ")[-1].split("W")[0]) == pytest.approx(75, abs=6)
     assert board.pins()["FEEDBACK"] < 0.05
@@ -372,7 +372,7 @@ def test_any_line_to_the_powercore_is_answered_and_changes_no_setting_by_acciden
 @given(st.lists(st.one_of(st.integers(-9, 300).map(str), st.floats().map(str), TEXT), min_size=4, max_size=4))
 def test_what_the_powercore_takes_its_generator_fires(words):
     board = PowercoreV3()
-    board.unasked()
+    board.unsolicited()
     said = board.line("SET_ALL_PARAMETERS " + " ".join(words))
     output = board.output()
     POWERCORE.with_(open_voltage_V=output.open_V).with_pulses(output.t_on_us, output.t_period_us)

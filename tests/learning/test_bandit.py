@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import from_text
-from edmsim.controllers.protocols import WindowObservation, tell
+from edmsim.controllers.protocols import WindowObservation, set_up_controller
 from edmsim.controllers.user_controllers import check_controller
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError
@@ -145,7 +145,7 @@ def test_a_snapshot_goes_on_bit_for_bit(policy, tmp_path):
     second = from_text(f"policy:{tmp_path / 'policy.json'}")
     usual = WindowObservation(0.0, 0.0102, 5, 15, 30.0, 10.0, 9.0, 20.0, 0.0, fifths=(47, 47, 47, 47, 47))
     for each in (policy, second):
-        tell(each, Task(ENV_ID).machine, np.array([[0.0, 0.0], [9000.0, 0.0]]), 0.0)
+        set_up_controller(each, Task(ENV_ID).machine, np.array([[0.0, 0.0], [9000.0, 0.0]]), 0.0)
         each.reset(400.0)
     for k in range(130):
         policy.update(usual._replace(path_um=0.3 * k))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.controllers.protocols import WindowObservation, tell
+from edmsim.controllers.protocols import WindowObservation, set_up_controller
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
@@ -67,7 +67,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
     task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
     observed, _ = env.reset(seed=5)
     task.reset(5)
-    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = controller.reset(task.max_feed_um_s)
     settings = set()
     for _ in range(120):
@@ -94,7 +94,7 @@ def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_envir
     observed, _ = env.reset(seed=5)
     task.reset(5)
     controller = PolicyController(policy)
-    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = controller.reset(task.max_feed_um_s)
     for _ in range(30):
         observed, *_, info = env.step(policy.action(observed).astype(np.float32))
@@ -108,7 +108,7 @@ def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_envir
 def test_a_policy_goes_on_with_the_next_wire(make_policy):
     controller = PolicyController(policy_file.load(str(make_policy("ThinWire"))))
     machine = edmsim.Machine.load(wire="brass-100", t_on_us=10.0, t_period_us=100.0)
-    tell(controller, machine, np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
+    set_up_controller(controller, machine, np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
     window = WindowObservation(1.0, 0.0255, 0, 20, 20.0, 1.0, 9.0, 10.0, 0.0)
     controller.reset(33.0)
     for _ in range(10):
@@ -129,7 +129,7 @@ def test_the_law_that_a_policy_adds_to_goes_on_with_the_next_wire_as_in_training
     policy = policy_file.load(str(make_policy("ThinWire", action="speed", decision_s=None, knobs=[])))
     residual = policy_file.Residual(law="voltage", range_um_s=1e-3)
     controller = PolicyController(replace(policy, card=policy.card.model_copy(update={"residual": residual})))
-    tell(controller, edmsim.Machine.load(), np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
+    set_up_controller(controller, edmsim.Machine.load(), np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
     first = controller.reset(33.0)
     window = WindowObservation(1.0, 0.0255, 255, 0, 0.0, 1.0, 9.0, 5.0, 0.0)
     retreat = [controller.update(window) for _ in range(10)][-1]
@@ -141,7 +141,7 @@ def test_a_snapshot_goes_on_bit_for_bit(make_policy):
     def started():
         task, controller = Task("Corner", resolution="fast"), make_controller(f"policy:{file}")
         task.reset(1)
-        tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+        set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
         return task, controller, controller.reset(task.max_feed_um_s)
 
     file = make_policy("Corner")
@@ -158,7 +158,7 @@ def test_a_snapshot_goes_on_bit_for_bit(make_policy):
 def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy):
     controller = make_controller(f"policy:{make_policy('GapFeed')}")
     machine = edmsim.Machine.load()
-    tell(controller, machine, np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
+    set_up_controller(controller, machine, np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.0)
     controller.reset(33.0)
     held = edmsim.controllers.WindowObservation(0.0, 0.0255, 0, 255, 60.0, 0.0, float("nan"), 0.0, 0.0)
     for _ in range(50):
@@ -178,7 +178,7 @@ def test_the_corners_of_a_later_leg_are_observed_where_they_are(make_policy):
     observed = edmsim.controllers.WindowObservation(0.0, 0.0255, 10, 60, 40.0, 1.0, 9.0, 20.0, 0.0)
     for start_um in (0.0, 1024.0):
         controller = make_controller(f"policy:{file}")
-        tell(controller, edmsim.Machine.load(), points, start_um)
+        set_up_controller(controller, edmsim.Machine.load(), points, start_um)
         first = controller.reset(33.0)
         places = np.arange(0.5, 600.0, 0.5) + start_um
         commands.append([first, *(controller.update(observed._replace(path_um=place)) for place in places.tolist())])

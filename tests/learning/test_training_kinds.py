@@ -8,7 +8,7 @@ import pytest
 import torch
 from stable_baselines3.common.logger import Logger
 
-from edmsim.controllers.protocols import tell
+from edmsim.controllers.protocols import set_up_controller
 from edmsim.envs.episode import Task
 from edmsim.envs.families import GapFeed
 from edmsim.envs.sb3 import make_sb3_vec_env
@@ -63,7 +63,7 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
     task = Task("GapFeed")
     task.reset(5)
     for controller in (first, second):
-        tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+        set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = start = first.reset(task.max_feed_um_s)
     for _ in range(12):
         observed = task.advance(command.feed_um_s).observation
@@ -89,7 +89,7 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
     observed = vec_env.reset()
     task, controller = Task("GapFeed"), PolicyController(policy)
     task.reset(5)
-    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = controller.reset(task.max_feed_um_s)
     feeds = set()
     for _ in range(60):
@@ -110,7 +110,7 @@ def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     _, policy = exported(tmp_path, "edmsim/Corner-v3", "imitation", steps=768, algorithm=soon, teacher=teacher)
     task, controller = Task("Corner"), PolicyController(policy)
     task.reset(5)
-    tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
     first = task.machine
     command = controller.reset(task.max_feed_um_s)
     for _ in range(60):

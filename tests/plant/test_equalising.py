@@ -108,7 +108,7 @@ def test_a_generator_that_is_off_gives_none_and_without_a_wire_there_is_no_water
     plant.advance()
     assert plant.opposite_pulses() is None
     plant.switch_generator(True)
-    plant.go_bare()
+    plant.continue_without_wire()
     window = plant.advance()
     assert window.open == 255
     assert plant.opposite_pulses() == (-60.0, 0.0, pytest.approx(255 * 50.0), pytest.approx(0.0, abs=1e-9), 0.0)

@@ -132,7 +132,7 @@ def test_no_other_file_uses_them():
 
 def test_a_process_keeps_the_objects_that_it_froze_itself():
     """`gc.unfreeze` would return them to the collector."""
-    code = "from edmsim.compiled.numba_internals import garbage_left; import gc; gc.freeze()\n"
-    code += "with garbage_left(): pass\nprint(gc.get_freeze_count() > 0)"
+    code = "from edmsim.compiled.numba_internals import without_garbage_collection; import gc; gc.freeze()\n"
+    code += "with without_garbage_collection(): pass\nprint(gc.get_freeze_count() > 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["True"]

@@ -22,7 +22,7 @@ from edmsim.plant.constants import (
 )
 from edmsim.plant.gap.breakdown import slice_sums
 from edmsim.plant.gap.rays import rays_with
-from edmsim.plant.kernel.discharge import feed_current
+from edmsim.plant.kernel.discharge import divide_current
 from edmsim.plant.kernel.state import Arrays, allocate, sizes_of
 from edmsim.plant.resolution import Resolution, resolution
 from edmsim.plant.wire import (
@@ -176,7 +176,7 @@ def test_discharges_spread_evenly_heat_the_wire_by_a_quarter_less_the_piece_s_sq
     z = 0.5 + covered * ((np.arange(n) + 0.5) / n - 0.5)
     a = wire(np.full(n, WATER_K), height_share=z)
     for s in range(n):
-        feed_current(a, s, 1.0 / n)
+        divide_current(a, s, 1.0 / n)
     squares = currents(a)
     below, above = a.current2_us.sum(axis=1)
     whole = covered * squares.mean() + (1 - covered) / 2 * (below + above)
@@ -189,7 +189,7 @@ def test_discharges_spread_evenly_heat_the_wire_by_a_quarter_less_the_piece_s_sq
 
 def test_one_discharge_divides_as_the_resistances_to_the_contacts():
     a = wire(np.full(5, WATER_K), height_share=[0.3, 0.4, 0.5, 0.6, 0.7])
-    feed_current(a, 3, 100.0)
+    divide_current(a, 3, 100.0)
     below, above = 0.4**2 * 100.0, 0.6**2 * 100.0
     assert currents(a) == pytest.approx([below] * 3 + [(below + above) / 2, above])
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import HOLDS_OUTPUT, SampleFunction
-from edmsim.controllers.axis.drive import Screw, StartsAnew, axis_row, new_record, restart
+from edmsim.controllers.axis.drive import PowersUp, Screw, axis_row, new_record, restart
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.controllers.axis.eanpos.moves import warn
 from edmsim.controllers.axis.eanpos.sample import eanpos_sample, start_refused
@@ -149,7 +149,7 @@ def _holds(reg: NDArray[np.int64], condition: str) -> bool:
 
 
 @methods_refuse_wrong_types
-class Eanpos(StartsAnew):
+class Eanpos(PowersUp):
     """A positioner on an axis.
 
     Parameters

@@ -368,5 +368,5 @@ class Operation:
     def _check_pulses(self) -> None:
         if not all(self.rig.computer.pulse_codes):
             raise InputError("t(i) and t(p) are not set; TI us TP us sets them")
-        if self.rig.misses_wire:
+        if self.rig.has_no_wire:
             raise InputError("the wire is broken; WIRE threads a new one")

@@ -176,7 +176,7 @@ class Rig:
         return self.plant.commanded_um
 
     @property
-    def misses_wire(self) -> bool:
+    def has_no_wire(self) -> bool:
         """Whether the sensor reports a broken wire; a stuck sensor does not."""
         return not self.wire and WIRE_BREAK not in self.board.switches.stuck
 
@@ -412,7 +412,7 @@ class Rig:
             return
         path_um = self._planner.path_um
         if not self._literal:
-            computer.steppers.look_to(*self._route.corner_ahead(path_um))
+            computer.steppers.aim_for_planner(*self._route.corner_ahead(path_um))
         _, t_states = computer.optimise(now_ns // TICK_NS & WORD, int(path_um) & WORD)
         self.windows += 1
         self._busy_until_ns = now_ns + round(seconds(t_states) * 1e9)
@@ -433,9 +433,9 @@ class Rig:
     def _lose_wire(self, cause: str, place_um: tuple[float, float]) -> None:
         """Remove the broken wire; the carriage keeps the window's steps. If the sensor reports it, all stops."""
         self.plant.rethread(place_um, 0)
-        self.plant.go_bare()
+        self.plant.continue_without_wire()
         self.wire = False
-        if self.misses_wire:
+        if self.has_no_wire:
             self.trip(WIRE_BREAK, cause)
 
     def _stopped(self, cause: str) -> None:

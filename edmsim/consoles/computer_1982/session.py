@@ -135,7 +135,7 @@ class SerialLines:
                 fetched.append(character)
         return bytes(fetched)
 
-    def heard_from_host(self, data: bytes) -> bytes:
+    def received_from_host(self, data: bytes) -> bytes:
         """Return the characters that the program reads from the host; the input stream is redirected meanwhile."""
         self._computer.bus.store(at.CIADR, at.HOST_IN)
         try:
@@ -143,7 +143,7 @@ class SerialLines:
         finally:
             self._computer.bus.store(at.CIADR, at.TERMINAL_IN)
 
-    def spoken(self, data: bytes) -> bytes:
+    def transmitted(self, data: bytes) -> bytes:
         """Return the bytes that arrive at the operator's screen when the program sends bytes."""
         board = self._computer.board
         for byte in data:
@@ -159,7 +159,7 @@ def read_host(file: Path, lines: SerialLines) -> list[bytes]:
     data = bytes_of(file)
     buffer, taken = line_input.InputBuffer(), []
     line = line_input.Line(buffer, lambda echo: None)
-    for number, text in enumerate(lines.heard_from_host(data).splitlines(), 1):
+    for number, text in enumerate(lines.received_from_host(data).splitlines(), 1):
         try:
             for character in text:
                 if not (line_input.SPACE <= character < line_input.DELETE or character == line_input.TAB):
@@ -216,7 +216,7 @@ class Session:
         self._line = line_input.Line(self._buffer, self._transmit)
         self._main = MainProgram(self._operation, self, self._say, rig.board.bus)
         self._monitor = Monitor(
-            rig.computer, tapes or Path(), lambda: self._lines.heard_from_host(bytes_of(self._connected_host())),
+            rig.computer, tapes or Path(), lambda: self._lines.received_from_host(bytes_of(self._connected_host())),
             self._go, self._transmit, self._say,
         )
         self._in_monitor = monitor
@@ -475,7 +475,7 @@ class Session:
 
     def _transmit(self, data: bytes) -> None:
         try:
-            shown = self._lines.spoken(data)
+            shown = self._lines.transmitted(data)
         except InputError as error:
             self._lose(error, self._character)
             return

@@ -170,7 +170,7 @@ class Drives:
         away_um[self._looped] = np.abs(self.axes.rows["place_um"] - state["commanded_um"][0])[self._looped]
         return away_um
 
-    def passes_by(self, step_um: float) -> bool:
+    def is_moving_fast(self, step_um: float) -> bool:
         """Return whether a servo axis moves too fast to be settling."""
         speeds_um_s = self.axes.rows["speed_um_s"][self._looped]
         return bool(np.any(np.abs(speeds_um_s) * rapid_constants()["step_s"] > step_um))

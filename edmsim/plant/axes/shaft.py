@@ -169,7 +169,7 @@ def _screw_spring(row: Any, motor: Any) -> float:
 
 
 @compiled
-def rubbed(before: float, after: float, friction: float, stiction: float) -> float:
+def speed_after_friction(before: float, after: float, friction: float, stiction: float) -> float:
     """Return the speed after a time step with dry friction; the arguments are its speed changes in slip and stick."""
     if abs(after) <= (stiction if before == 0.0 else friction):
         return 0.0
@@ -177,19 +177,19 @@ def rubbed(before: float, after: float, friction: float, stiction: float) -> flo
 
 
 @compiled
-def rubbed_rotor(row: Any, motor: Any, before: float, after: float, dt: float) -> float:
+def rotor_after_friction(row: Any, motor: Any, before: float, after: float, dt: float) -> float:
     """Return a rotor's speed (rad/s) after a time step with its friction; 0 if it is blocked."""
     if row.locked != 0:
         return 0.0
     per_Nm = dt / motor.inertia_kg_m2
-    return rubbed(before, after, per_Nm * motor.friction_Nm, per_Nm * motor.stiction_Nm)
+    return speed_after_friction(before, after, per_Nm * motor.friction_Nm, per_Nm * motor.stiction_Nm)
 
 
 @compiled
-def rubbed_table(motor: Any, before: float, after: float, dt: float) -> float:
+def table_after_friction(motor: Any, before: float, after: float, dt: float) -> float:
     """Return a table's speed (um/s) after a time step with the friction of its ways."""
     per_N = dt * 1e6 / motor.table_kg
-    return rubbed(before, after, per_N * motor.way_friction_N, per_N * motor.way_stiction_N)
+    return speed_after_friction(before, after, per_N * motor.way_friction_N, per_N * motor.way_stiction_N)
 
 
 @compiled
@@ -199,10 +199,10 @@ def _turn(row: Any, motor: Any, dt: float) -> None:
     force = _screw_spring(row, motor) + screw_damping(row, motor)
     speed, inertia = row.speed_rad_s, motor.inertia_kg_m2
     free = speed + dt * (torque + row.hand_Nm - force * motor.um_per_rad * 1e-6) / inertia
-    row.speed_rad_s = rubbed_rotor(row, motor, speed, free / (1.0 + dt * motor.damping_Nm_s / inertia), dt)
+    row.speed_rad_s = rotor_after_friction(row, motor, speed, free / (1.0 + dt * motor.damping_Nm_s / inertia), dt)
     table = row.speed_um_s
     free = table + dt * 1e6 * (force + motor.load_N + row.hand_N) / motor.table_kg
-    row.speed_um_s = rubbed_table(motor, table, free / (1.0 + dt * motor.way_N_s_m / motor.table_kg), dt)
+    row.speed_um_s = table_after_friction(motor, table, free / (1.0 + dt * motor.way_N_s_m / motor.table_kg), dt)
     row.rotor_um += row.speed_rad_s * motor.um_per_rad * dt
     row.place_um += row.speed_um_s * dt
 

@@ -148,7 +148,7 @@ def fill_fading(fading: Array, life_us: float, filled_us: float, grid_us: float)
 
 
 @compiled
-def _either(steam: Any, gas: Any) -> Any:
+def _gas_cover(steam: Any, gas: Any) -> Any:
     """Return the share of the front covered by steam or gas, which overlap at random; for a slice or a vector."""
     return steam + gas - steam * gas
 
@@ -163,7 +163,7 @@ def fade(a: Arrays, law: GasLaw, k_period: int) -> None:
         gas = behind + (load(a.gas, (s,)) - behind) * gas_left
         store(a.steam, (s,), steam)
         store(a.gas, (s,), gas)
-        store(a.covered, (s,), _either(steam, gas))
+        store(a.covered, (s,), _gas_cover(steam, gas))
 
 
 @compiled
@@ -202,4 +202,4 @@ def blow(
         store(a.debris, (k,), dirty - exchanged)
         store(a.wake_debris, (k,), behind + exchanged * thinner)
         store(a.gas, (k,), gassy)
-        store(a.covered, (k,), _either(steamy, gassy))
+        store(a.covered, (k,), _gas_cover(steamy, gassy))

@@ -72,7 +72,7 @@ def check_strength(state: NDArray[np.void], a: Arrays, c: Constants, s: int, spo
 
 
 @compiled
-def feed_current(a: Arrays, s: int, current2_us: float) -> None:
+def divide_current(a: Arrays, s: int, current2_us: float) -> None:
     """Divide a discharge's current between the two contacts (see `wire.add_currents`)."""
     z = a.height_share[s]
     a.current2_us[0, s] += (1.0 - z) * (1.0 - z) * current2_us
@@ -91,7 +91,7 @@ def warm(
 
 
 @compiled
-def _mark_spot(state: NDArray[np.void], c: Constants, outcome: int, energy_J: float, burn_us: float) -> None:
+def _update_spot(state: NDArray[np.void], c: Constants, outcome: int, energy_J: float, burn_us: float) -> None:
     """Update the heat of the spot: an arc adds to that of the discharge before, a spark begins a new spot."""
     left = 0.0
     if outcome == ARC:
@@ -128,8 +128,8 @@ def discharge(
     within = _within(state)
     locate(state, window, a, c, s, within)
     heated = _wire_at(a, s, within)
-    feed_current(a, heated, t.current_form * t.current_A**2 * burn_us)
-    _mark_spot(state, c, outcome, energy, burn_us)
+    divide_current(a, heated, t.current_form * t.current_A**2 * burn_us)
+    _update_spot(state, c, outcome, energy, burn_us)
     state[0].last_slice = s
     state[0].last_ray = ray_at(a, s, k)
     warm(state, window, a, c, heat, heated, energy, spot_K(heat, state[0].chain_J, state[0].chain_us))
@@ -145,7 +145,7 @@ def short_circuit(
     """Apply a short circuit of the on-time; if metal touches (`s` >= 0), it melts a part of the bridge."""
     # Returns the impulse of the melting metal: a share of that of a bubble of the same energy at 20 um.
     window[0].charge_A_us += t.short_A * t.on_us
-    feed_current(a, s if s >= 0 else a.shape.shape[0] // 2, t.current_form * t.short_A**2 * t.on_us)
+    divide_current(a, s if s >= 0 else a.shape.shape[0] // 2, t.current_form * t.short_A**2 * t.on_us)
     if s < 0:
         return 0.0
     power = c.short_removal_share * t.burning_V * t.short_A
@@ -172,7 +172,7 @@ def log_pulse(
 
 
 @compiled
-def _load_steadily(a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array) -> None:
+def _set_steady_loads(a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array) -> None:
     """Set the loads that are constant for many pulses: the mean magnetic force since the last time, and the jets."""
     # The magnetic force has the direction of the electrostatic pull on the slice. The jets push the wire to the open
     # side of the kerf. Along a wall there are no jets, and the water behind the wire is that of the bath.
@@ -197,7 +197,7 @@ def propagate_heat(
     dt = state[0].heat_wait_us
     add_currents(a, current2_us)
     heat_step(a, heat, current2_us, dt)
-    _load_steadily(a, c, sums, current2_us, dt, forces)
+    _set_steady_loads(a, c, sums, current2_us, dt, forces)
     for s in range(a.shape.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
     # debris over the whole height slows the water down

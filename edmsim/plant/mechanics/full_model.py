@@ -22,7 +22,7 @@ from edmsim.compiled.memory_views import call_with_two
 from edmsim.errors import EdmsimError
 from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.axes.encoder import position, see_edges, watch_cam
-from edmsim.plant.axes.shaft import energise, rubbed_rotor, rubbed_table, screw_damping
+from edmsim.plant.axes.shaft import energise, rotor_after_friction, screw_damping, table_after_friction
 from edmsim.plant.kernel.state import CHANGING, Array, Arrays, Axes, Constants, Propagators, Stored, Timing
 from edmsim.plant.mechanics import model as mechanics
 from edmsim.plant.mechanics.film import film_now, suction_limited
@@ -313,10 +313,11 @@ def _brake_axis(axes: Axes, link: FullLink, axis: int, rotor_rad_s: float, carri
     """Apply dry friction to the speeds of rotor and carriage after a time step."""
     motor, dt = axes.motors[axis], link.timestep[0]
     rotor, carriage = link.rotor[axis], link.carriage[axis]
-    change = rubbed_rotor(axes.rows[axis], motor, rotor_rad_s, link.qvel[rotor], dt) - link.qvel[rotor]
+    change = rotor_after_friction(axes.rows[axis], motor, rotor_rad_s, link.qvel[rotor], dt) - link.qvel[rotor]
     link.qvel[rotor] += change
     link.qpos[rotor] += change * dt
-    change = rubbed_table(motor, carriage_m_s * 1e6, link.qvel[carriage] * 1e6, dt) * 1e-6 - link.qvel[carriage]
+    after_um_s = table_after_friction(motor, carriage_m_s * 1e6, link.qvel[carriage] * 1e6, dt)
+    change = after_um_s * 1e-6 - link.qvel[carriage]
     link.qvel[carriage] += change
     link.qpos[carriage] += change * dt
 
@@ -343,7 +344,7 @@ def step(state: NDArray[np.void], axes: Axes, link: FullLink) -> bool:
 
 
 @compiled
-def see_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> None:
+def update_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> None:
     """Update the servo axes and their encoders after MuJoCo has moved them."""
     for axis in range(2):
         if axes.drives[axis].sample == 0:
@@ -360,7 +361,7 @@ def see_axes(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int)
 
 
 @compiled
-def lay_out_axes(axes: Axes, link: FullLink) -> None:
+def copy_axes_to_mujoco(axes: Axes, link: FullLink) -> None:
     """Copy positions and speeds of the servo axes to MuJoCo."""
     for axis in range(2):
         if axes.drives[axis].sample != 0:
@@ -383,13 +384,13 @@ def coast_table(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: i
     for k in range(steps):
         if not step(state, axes, link):
             return False
-        see_axes(state, axes, link, start_ns + span_ns * (k + 1) // steps)
+        update_axes(state, axes, link, start_ns + span_ns * (k + 1) // steps)
     state[0].time_ns = until_ns
     return True
 
 
 @compiled
-def _lay_out(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
+def _copy_to_mujoco(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
     """Copy positions and velocities from the plant's arrays to MuJoCo."""
     for axis in range(2):
         for m in range(link.wire.shape[1]):
@@ -404,7 +405,7 @@ def _lay_out(state: NDArray[np.void], a: Arrays, link: FullLink) -> None:
 
 
 @compiled
-def _take_back(state: NDArray[np.void], a: Arrays, axes: Axes, link: FullLink) -> None:
+def _copy_from_mujoco(state: NDArray[np.void], a: Arrays, axes: Axes, link: FullLink) -> None:
     """Copy positions and velocities from MuJoCo to the plant's arrays."""
     for axis in range(2):
         for m in range(link.wire.shape[1]):
@@ -501,7 +502,7 @@ def move_full(
     n_steps = math.ceil(period_us / link.longest_us)
     dt_us = period_us / n_steps
     link.timestep[0] = dt_us * 1e-6
-    _lay_out(state, a, link)
+    _copy_to_mujoco(state, a, link)
     # the kick is divided between two time steps so that its mean time is exact; in the last step it comes early
     kicked = min(int(end_us / dt_us), n_steps - 1)
     second = end_us / dt_us - kicked if kicked < n_steps - 1 else 0.0
@@ -530,6 +531,6 @@ def move_full(
             break
         _brake(a, c, link, films, mean, resistance)
         if axes.loops != 0:
-            see_axes(state, axes, link, until_ns)
-    _take_back(state, a, axes, link)
+            update_axes(state, axes, link, until_ns)
+    _copy_from_mujoco(state, a, axes, link)
     return next_event if fine and sound(link) else LOST

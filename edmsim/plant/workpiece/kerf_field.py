@@ -102,7 +102,7 @@ class KerfField:
     relief : Relief or None
         The places at which each slice of a stepped stock has metal; None if all slices have it everywhere.
     gone : tuple of Polygon
-        Pieces that fell out of the stock, in um: `take_out`.
+        Pieces that fell out of the stock, in um: `remove_piece`.
     levels : float32 array (capacity, TILE, TILE)
         Of a stepped stock, its height over a slice's before the cut, ``[tile, ix, iy]``; otherwise it has no tiles.
 
@@ -214,7 +214,7 @@ class KerfField:
         x, y = _centres_um(tx, ty, self.cell_um)
         return np.asarray(shapely.contains_xy(shapely.union_all(near), x[:, None], y[None, :]), np.bool_)
 
-    def take_out(self, piece: shapely.Polygon) -> float:
+    def remove_piece(self, piece: shapely.Polygon) -> float:
         """Remove a piece that fell from the stock: in every slice, also where no tile is allocated yet."""
         # It then counts neither as removed metal nor as stock. Cells whose centres are in it are emptied.
         whole = isinstance(piece, shapely.Polygon) and piece.is_valid and not piece.is_empty

@@ -30,8 +30,8 @@ from edmsim.recording.figures.profile import (
     draw_shares,
     label_corners,
     mark_pauses,
-    say_unknown,
     time_unit,
+    write_not_measured,
 )
 from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
@@ -327,7 +327,7 @@ def _draw_band(
         axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(band.x, band.mean, color=colour, linewidth=0.9, label=None if number else name)
     if not np.isfinite(values).any():
-        say_unknown(axes)
+        write_not_measured(axes)
 
 
 @style.in_style

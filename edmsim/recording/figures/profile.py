@@ -79,7 +79,7 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
         else:
             draw_shares(axes, t_s / seconds, windows)
         if lines and not any(np.isfinite(quantity(windows, series)).any() for series, _, _ in lines):
-            say_unknown(axes)
+            write_not_measured(axes)
         elif label.endswith("\nµm"):
             axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
         _label(axes, label)
@@ -92,7 +92,7 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
     panels[-1].set_xlabel(f"machine time, {unit}   {meaning}", color=palette.MUTED, fontsize=9)
 
 
-def say_unknown(axes: Axes) -> None:
+def write_not_measured(axes: Axes) -> None:
     """Write "not measured" on the axes of a series without values, instead of a scale."""
     axes.set_yticks([])
     centred: dict[str, Any] = {"transform": axes.transAxes, "ha": "center", "va": "center"}

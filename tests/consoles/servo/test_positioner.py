@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from edmsim.consoles.positioner import Press, Station, press_of, run_and_tell
+from edmsim.consoles.positioner import Press, Station, press_of, run_and_report
 from edmsim.errors import InputError
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "positioner"
@@ -47,7 +47,7 @@ def test_files_of_another_editor_are_read(tmp_path):
 @pytest.mark.slow
 def test_it_tells_what_changes():
     said = []
-    run_and_tell(station(), 1.0, [Press("ifForward", 0.2, 0.3), Press("ifForward", 0.25, 0.4)], said.append)
+    run_and_report(station(), 1.0, [Press("ifForward", 0.2, 0.3), Press("ifForward", 0.25, 0.4)], said.append)
     changes = [line.split(" s  ")[1] for line in said[:-1]]
     assert changes[:7] == [
         "axis:st_init 1", "axis:st_loopon 1", "ofstill 1", "ifForward on", "axis:st_still 0", "ofstill 0",
@@ -174,7 +174,7 @@ def test_bad_words_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"a\.mod: line 1: 1 is divided by zero"):
         Station(FILES[0].read_text(encoding="utf-8"), "slShare = 1/0", files=("a.cnf", "a.mod")).run(0.1)
     with pytest.raises(InputError, match="--press closes ifStart at 2 s, but the run ends at 1 s"):
-        run_and_tell(one, 1.0, [Press("ifStart", 2.0, 3.0)], print)
+        run_and_report(one, 1.0, [Press("ifStart", 2.0, 3.0)], print)
     with pytest.raises(InputError, match="no such file"):
         Station.of_files(tmp_path / "none.cnf", FILES[1], "analogue")
     with pytest.raises(InputError, match="no axis 'bench' with an amplifier; choose one of analogue, analogue-table"):
