@@ -338,7 +338,7 @@ class Rig:
 
     def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
         """Return a window's motor steps, by hand, program, timers and planner, up to the opening of an end switch."""
-        stopped = self.in_emergency
+        reported = self.in_emergency and not self.moving
         self._carriage = [*moved(self.place_um, self.board.steps)]
         try:
             self.computer.code.run_until(end_ns)
@@ -346,6 +346,9 @@ class Rig:
             self.refuse(error.reason)
         if self._planner is not None and self.computer.state == COMPUTER_STAND_BY:
             self.stand("STOPPED BY A PROGRAM")
+        if self.in_emergency and not reported:  # before the planner computes steps that no motor makes
+            self._stopped()
+            reported = True
         try:
             made = self._motion(start_ns, end_ns)
         except InputError as error:  # an altered counter has led off the table
@@ -353,10 +356,9 @@ class Rig:
             self.computer.emergency()
             self.computer.cause = (error.reason,)
         self.computer.serve()
-        if self.in_emergency and (self.moving or not stopped):
-            self._planner = None  # so that this cut is not stored for resuming
-            causes = (cause if ":" in cause else f"{cause} SWITCH" for cause in self.computer.cause)
-            self._stopped(" AND ".join(causes).upper() or UNKNOWN_CAUSE)
+        if self.in_emergency and not reported:
+            self._planner = None  # not stored for GO, because it is ahead of the counters, or off the table
+            self._stopped()
         return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)
 
     def _motion(self, start_ns: int, end_ns: int) -> list[Step]:
@@ -438,7 +440,9 @@ class Rig:
         if self.has_no_wire:
             self.trip(WIRE_BREAK, cause)
 
-    def _stopped(self, cause: str) -> None:
+    def _stopped(self, cause: str = "") -> None:
+        """Report an emergency; without a cause, those that the emergency routine has found."""
         self.put_down()
-        self.cause = cause
-        self.say(f"EMERGENCY: {cause}; NOTHING MOVES UNTIL INIT")
+        found = (switch if ":" in switch else f"{switch} SWITCH" for switch in self.computer.cause)
+        self.cause = cause or " AND ".join(found).upper() or UNKNOWN_CAUSE
+        self.say(f"EMERGENCY: {self.cause}; NOTHING MOVES UNTIL INIT")

@@ -57,9 +57,10 @@ def test_an_emergency_at_rest_stops_what_stands_and_keeps_the_place(rig):
     assert status == 3
 
 
-def test_a_stopped_cut_goes_on_after_init(rig):
-    cut = SET, "NEW 32560 32500", "START", "WAIT 1", "EM"
-    status, lines, _ = run_script(rig, *cut, "INIT", "GO", SET, "GO", "WAIT")
+@pytest.mark.parametrize("stop", [("EM",), ("MON", "S 3400 CD 00 02 C9", "G 3400", "G")])  # by hand, by machine code
+def test_a_stopped_cut_goes_on_after_init(rig, stop):
+    cut = SET, "NEW 32560 32500", "START", "WAIT 1"
+    status, lines, _ = run_script(rig, *cut, *stop, "INIT", "GO", SET, "GO", "WAIT")
     assert [line for line in lines if line.startswith("?")] == ["? t(i) and t(p) are not set; TI us TP us sets them"]
     assert "READY   X 32560 Y 32500 um" in lines
     assert status == 2
