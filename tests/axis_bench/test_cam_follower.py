@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from edmsim.controllers.axis.elcam.mcu_g3 import CYCLE_S, ControlAxis
 from edmsim.controllers.axis.elcam.module import CallStatus
 from edmsim.controllers.axis.elcam.table import Error, Function, Mode
 from edmsim.errors import InputError
@@ -308,6 +309,16 @@ def test_a_ramp_that_was_broken_off_does_not_come_back():
     assert rig.control.in_sync(0)
     rig.run(0.002)
     assert rig.control.axes[Y].setpoint == 2.5
+
+
+def test_an_axis_slows_down_on_its_ramp_for_a_target_close_ahead():
+    axis = ControlAxis(1000.0, velocity=50.0, target=0.3, speed=50.0)
+    speeds = [50.0]
+    while axis.target is not None:
+        axis.travel(CYCLE_S)
+        speeds.append(axis.velocity)
+    assert axis.setpoint == 0.3
+    assert np.abs(np.diff(speeds)).max() < 2.1 * axis.accel * CYCLE_S
 
 
 def test_names_of_plcopen():

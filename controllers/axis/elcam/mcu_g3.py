@@ -54,14 +54,15 @@ class ControlAxis:
 
     def travel(self, dt: float) -> None:
         """Advance speed and setpoint by a cycle, towards a target or at the commanded speed."""
-        demand = self.speed
+        demand, change = self.speed, self.accel * dt
         if self.target is not None:
             rest = self.target - self.setpoint
-            demand = math.copysign(min(self.speed, math.sqrt(2.0 * self.accel * abs(rest))), rest)
-            if abs(rest) <= max(abs(self.velocity), self.accel * dt) * dt:
+            brakes = math.sqrt(0.25 * change * change + 2.0 * self.accel * abs(rest)) - 0.5 * change  # whole cycles
+            demand = math.copysign(min(self.speed, brakes), rest)
+            last = 1.01 * change  # speed of the last cycle, with a share for rounding, so that no axis turns back
+            if abs(rest) <= last * dt and abs(self.velocity) <= 2.0 * last:
                 self.setpoint, self.velocity, self.speed, self.target = self.target, 0.0, 0.0, None
                 return
-        change = self.accel * dt
         self.velocity += min(max(demand - self.velocity, -change), change)
         self.setpoint += self.velocity * dt
 
