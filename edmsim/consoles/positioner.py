@@ -209,8 +209,8 @@ _FAST = ("st_acc", "st_dec", "st_vconst", "st_int")  # states that every move ch
 
 def run_and_report(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
     """Run a station, press its inputs at their times, and pass every change to `say`."""
+    times = [(station.input(one.name), one.from_s, one.to_s) for one in presses]
     for one in presses:
-        station.input(one.name)
         if one.from_s >= seconds:
             raise InputError(f"--press closes {one.name} at {one.from_s:g} s, but the run ends at {seconds:g} s")
     events = sorted({(at_s, one.name) for one in presses for at_s in one[1:]})
@@ -218,8 +218,9 @@ def run_and_report(station: Station, seconds: float, presses: list[Press], say: 
     while station.bench.time_s < seconds - 1e-9:
         while events and events[0][0] <= station.bench.time_s + 1e-9:
             due_s, name = events.pop(0)
-            closed = any(one.from_s <= due_s < one.to_s for one in presses if one.name == name)
-            if closed != station.control.inputs[station.input(name)]:
+            address = station.input(name)
+            closed = any(from_s <= due_s < to_s for pressed, from_s, to_s in times if pressed == address)
+            if closed != station.control.inputs[address]:
                 station.press(name, closed)
                 say(f"{station.bench.time_s:8.3f} s  {name} {'on' if closed else 'off'}")
         station.run(PASS_NS * 1e-9)

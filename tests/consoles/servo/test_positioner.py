@@ -137,9 +137,11 @@ def test_the_command_takes_contactors(more, status, said, piped):
 
 
 def test_the_command_presses_inputs(piped):
-    done = piped(b"", "console", "positioner", *FILES, "--press", "ifStart=0.1:0.2", "--seconds", 0.5)
+    presses = ("--press", "ifStart=0.1:0.2", "--press", "ifstart=0.15:0.3")
+    done = piped(b"", "console", "positioner", *FILES, *presses, "--seconds", 0.5)
     assert done.returncode == 0
     assert "axis:st_still 0" in done.text[0]
+    assert "0.300 s  ifstart off" in done.text[0]
 
 
 def test_a_run_has_an_end(edmsim):
