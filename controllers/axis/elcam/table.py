@@ -80,8 +80,6 @@ class Mode(IntFlag):
     AUXILIARY_ROW = 1 << 8
 
 
-
-
 def cubic(xs: NDArray[Any], ys: NDArray[Any], k: int, share: float) -> float:
     """Return Hermite's cubic at a share of piece `k`, with Catmull and Rom's slopes for uneven points."""
     width = float(xs[k + 1]) - float(xs[k])

@@ -66,11 +66,6 @@ def test_a_stopped_cut_goes_on_after_init(rig, stop):
     assert status == 2
 
 
-def test_a_stopped_cut_does_not_go_on_from_elsewhere(rig):
-    lines = run_script(rig, SET, "NEW 32560 32500", "START", "WAIT 1", "STOP", "Y 20", "WAIT", "GO").lines
-    assert any(line.startswith("? the cut stopped at X ") for line in lines)
-
-
 # T-87: the timers' own cut, stopped and gone on with
 def test_the_timers_cut_stop_and_go_on_from_the_same_place_only(machine):
     rig = Rig(machine, seed=1, resolution="fast", planner="poscal-literal")
