@@ -192,11 +192,11 @@ def test_a_full_disk_warns_and_the_cut_goes_on(cut_small, tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
-def test_a_disk_full_at_the_end_leaves_the_checkpoint(cut_small, tmp_path, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(scene.np, "savez_compressed", full)
-        with pytest.raises(EdmsimError, match="No space left on device; the checkpoint holds the cut") as caught:
-            cut_small(out=tmp_path, **SHORT)
+@pytest.mark.parametrize(("writer", "name"), [(scene.np, "savez_compressed"), (Path, "write_bytes")])
+def test_a_disk_full_at_the_end_leaves_the_checkpoint(cut_small, tmp_path, monkeypatch, writer, name):
+    message = "results could not be written: .*No space left on device; the checkpoint holds the cut"
+    with monkeypatch.context() as patch, pytest.raises(EdmsimError, match=message) as caught:
+        cut_small(out=tmp_path, enter=lambda _: patch.setattr(writer, name, full), **SHORT)
     assert "\n" not in str(caught.value)
     assert names(tmp_path) == [CHECKPOINT]
     cut_small(out=tmp_path, resume=True, **SHORT)

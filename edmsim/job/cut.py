@@ -267,11 +267,11 @@ class _Run:
         assert self._folder is not None
         try:
             result.write(self._folder, tell)
-        except OSError as error:
-            saved = self._save()
-            held = "the checkpoint holds the cut: make room and continue with --resume"
+        except (OSError, InputError) as error:  # InputError: the folder cannot be written to any longer
+            saved, why = self._save(), error.reason if isinstance(error, InputError) else error.strerror or error
+            held = "the checkpoint holds the cut: when files can be written again, continue with --resume"
             raise EdmsimError(
-                f"{self._folder}: the results could not be written: {error.strerror or error}; "
+                f"{self._folder}: the results could not be written: {why}; "
                 f"{held if saved else 'nor could a checkpoint: the cut is lost'}"
             ) from None
         self._signals.only_note()
