@@ -222,11 +222,7 @@ class _Keeper(BaseCallback):
     def __init__(self, trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None) -> None:
         super().__init__()
         self._trained, self._out, self._watch = trained, out, watch
-        self._every = max(trained.run.steps // CHECKPOINTS, 1)
         self._saved = self._learned = trained.model.num_timesteps
-
-    def _on_training_start(self) -> None:
-        self._report()  # the first step of a part takes a minute
 
     def _report(self) -> None:
         returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
@@ -237,15 +233,16 @@ class _Keeper(BaseCallback):
         if self._watch is not None:
             self._watch(TrainingProgress(steps, total, mean))
 
+    _on_training_start = _report  # because the first step of a part takes a minute
+
     def _on_step(self) -> bool:
         self._report()
         return True
 
     def _on_rollout_start(self) -> None:
         self._learned = self.model.num_timesteps
-        if self._learned - self._saved >= self._every:
+        if self._learned - self._saved >= max(self._trained.run.steps // CHECKPOINTS, 1):
             self.save()
-
     _on_training_end = _on_rollout_start
 
     def save(self) -> None:
