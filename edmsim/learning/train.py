@@ -164,7 +164,7 @@ def _learn(
         signals.only_note()
         trained.normalise.close()
         with _room(out):
-            keeper.save(at_end=True)
+            keeper.save()
 
 
 @contextmanager
@@ -222,11 +222,7 @@ class _Keeper(BaseCallback):
     def __init__(self, trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None) -> None:
         super().__init__()
         self._trained, self._out, self._watch = trained, out, watch
-        self._every = max(trained.run.steps // CHECKPOINTS, 1)
-        self._saved = trained.model.num_timesteps
-
-    def _on_training_start(self) -> None:
-        self._report()  # the first step of a part takes a minute
+        self._saved = self._learned = trained.model.num_timesteps
 
     def _report(self) -> None:
         returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
@@ -237,25 +233,30 @@ class _Keeper(BaseCallback):
         if self._watch is not None:
             self._watch(TrainingProgress(steps, total, mean))
 
+    _on_training_start = _report  # because the first step of a part takes a minute
+
     def _on_step(self) -> bool:
         self._report()
-        if self.model.num_timesteps - self._saved >= self._every:
-            self.save()
         return True
 
-    def save(self, at_end: bool = False) -> None:
-        """Write a new checkpoint, then remove the old one; `at_end` means that the last update is included."""
-        model, done = self._trained.model, self._trained.model.num_timesteps
+    def _on_rollout_start(self) -> None:
+        self._learned = self.model.num_timesteps
+        if self._learned - self._saved >= max(self._trained.run.steps // CHECKPOINTS, 1):
+            self.save()
+    _on_training_end = _on_rollout_start
+
+    def save(self) -> None:
+        """Write a new checkpoint, then remove the old one; a resumed training repeats an unfinished rollout."""
+        model, done = self._trained.model, self._learned
         if not all(torch.isfinite(each).all() for each in model.policy.parameters()):
             raise EdmsimError(
                 f"the training has diverged: after {done} steps its network has numbers that are not finite; a "
                 "smaller learning_rate may help. Its last checkpoint, if it has one, stays"
             )
         partial, folder = self._out / "partial", self._out / f"checkpoint-{done:012d}"
-        if folder.exists() and at_end:  # written after the last step, before the last update
-            folder = folder.with_name(f"{folder.name}-end")
         if folder.exists() or not done:
             return
+        model.num_timesteps = done
         shutil.rmtree(partial, ignore_errors=True)
         try:
             self._write(partial)
@@ -311,7 +312,6 @@ def _saved(checkpoint: Path) -> _Saved:
         raise _damaged(invalid_entry(error), checkpoint) from None
     except OSError as error:
         raise _damaged(error.strerror, checkpoint) from None
-
 
 
 def _damaged(error: object, checkpoint: Path) -> InputError:
