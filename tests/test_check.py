@@ -160,7 +160,7 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim, t
         (("evaluate", "edmsim/GapFeed-v2", "--controllers", "pid"), "there is no feed controller 'pid'"),
         (("evaluate", "edmsim/GapFeed-v2", "--controllers", "a/p.json"), "did you mean 'policy:a/p.json'?"),
         (("report", "a", "--seconds", "3"), "give the file with --film"),
-        (("report", "."), "report.json: no such file, the folder of a cut is needed"),
+        (("report", "."), "report.json: no such file, the folder of a finished cut is needed"),
         (("view",), "directory"), (("view", "."), "no cut.rrd in it"), (("view", "none"), "none: no such folder"),
         (("bench", "--figure", "a.jpg"), "a.jpg: a figure is written as .pdf .svg .png"),
         (("bench", "--against", "no-such-revision"), "has no revision 'no-such-revision'"),

@@ -754,6 +754,6 @@ def _read_report(file: Path) -> Report:
             raise InputError(f"written by edmsim {made_by} without {missing[0]}: cut again", file)
         return Report(**report)
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError("no such file, the folder of a cut is needed", file) from None
+        raise InputError("no such file, the folder of a finished cut is needed", file) from None
     except (OSError, ValueError, TypeError, RecursionError) as error:  # also for deeply nested brackets
         raise InputError(f"not the report of a cut ({error})", file) from None

@@ -45,7 +45,7 @@ def find_recording(directory: str | Path) -> Path:
     if not recording.is_file():
         half = " but one half-written," if (folder / f"{RECORDING}.part").is_file() else ","
         raise InputError(
-            f"there is no {RECORDING} in it{half} give a folder that `edmsim cut --out` wrote", directory
+            f"there is no {RECORDING} in it{half} give the folder of a finished `edmsim cut`", directory
         )
     read_chunks(recording)
     return recording
