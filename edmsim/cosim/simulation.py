@@ -267,6 +267,8 @@ class Simulation:
         command = self._reset_controller(machine, points)
         own = self.controller.path_run(self._planner_name) if isinstance(self.controller, RunsPath) else None
         drives = self.controller if isinstance(self.controller, protocols.DrivesSteps) and own is None else None
+        # once per leg: a runtime check of a protocol takes a twentieth of a window
+        self._switched = self.controller if isinstance(self.controller, protocols.HasSwitches) else None
         rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
         return PlannerMotion(
             own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._offset, self._compensation
@@ -388,11 +390,11 @@ class Simulation:
 
     def _stopped_by_controller(self, opened: Sequence[str]) -> bool:
         """Apply open switches to the controller's inputs, if it has any; return whether it stopped the machine."""
-        if not isinstance(self.controller, protocols.HasSwitches):
+        if self._switched is None:
             return False
         for name in opened:
-            self.controller.open_switch(name)
-        stopped = self.controller.emergency
+            self._switched.open_switch(name)
+        stopped = self._switched.emergency
         if stopped is not None:
             self._say(stopped)
         return stopped is not None
