@@ -249,9 +249,9 @@ class LineEditor:
         if byte == LINE_FEED:
             return b"", None
         if byte in (BACKSPACE, DELETE):
-            speed_after_friction = _RUB_OUT if self._typed else b""
+            erased = _RUB_OUT if self._typed else b""
             del self._typed[-1:]
-            return self._sent(speed_after_friction), None
+            return self._sent(erased), None
         if not 0x20 <= byte < DELETE or len(self._typed) == LONGEST:
             self.spoil()
             return b"", None
@@ -277,7 +277,7 @@ def lines_of(texts: Iterable[str]) -> bytes:
 
 
 def command_in(text: str) -> Command | None:
-    """Return the command in a line, None if there is none: ``P600`` is ``Command("P", 600)``."""
+    """Return the command in a line, or None if it holds no command: ``P600`` is ``Command("P", 600)``."""
     found = _COMMAND.fullmatch(text)
     return Command(found[1], None if found[2] is None else int(found[2])) if found else None
 

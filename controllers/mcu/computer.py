@@ -254,7 +254,7 @@ class Streams:
         }
 
     def ci(self) -> int | None:
-        """Return a character from the stream of CIADR; None if there is none."""
+        """Return a character from the stream of CIADR, or None if it has sent nothing."""
         address = self.memory.word(at.CIADR)
         if address not in self.inputs:
             raise InputError(f"CIADR holds {address:04X}H: there is no input routine")

@@ -195,7 +195,7 @@ MOTOR = np.dtype(
         ("spike_s", "f8"),  # mean duration of a spike
         ("index_phase_um", "f8"),  # distance of an index mark from a multiple of `index_um`
         ("index_width_um", "f8"),
-        # velocity amplifier; 0 in the first field means that there is none
+        # velocity amplifier; 0 in the first field means no amplifier
         ("amplifier_rad_s_V", "f8"),  # rotor speed per volt of the reference
         ("amplifier_A_s", "f8"),  # proportional gain: A per rad/s of speed error
         ("amplifier_A", "f8"),  # integral gain: A per rad
@@ -205,7 +205,7 @@ MOTOR = np.dtype(
         ("offset_V", "f8"),  # input offset
         ("drift_V", "f8"),  # change of the offset after switch-on
         ("warm_s", "f8"),  # time constant of the drift; 0 for no drift
-        # home cam; low equal to high means that there is none
+        # home cam; low equal to high means no cam
         ("cam_low_um", "f8"),  # the switch closes between this position of the table
         ("cam_high_um", "f8"),  # and this one
         ("cam_hysteresis_um", "f8"),  # and opens at this distance outside

@@ -137,7 +137,7 @@ class _PartLibrary(core.codegen.JITCodeLibrary):  # type: ignore[misc]
 
     @property
     def codegen(self) -> Any:
-        """Where numba registers the function's environment; without machine code there is none."""
+        """Where numba registers the function's environment; a function without machine code has no environment."""
         return self
 
     def set_env(self, *_: Any) -> None:

@@ -52,7 +52,7 @@ class AxisTrace(NamedTuple):
     error: NDArray[np.int64]
 
     def overshoot(self, counts: int) -> float:
-        """Return the overshoot of a step of `counts`, as a share of the step; 0 if there is none."""
+        """Return the overshoot of a step of `counts`, as a share of the step; 0 without an overshoot."""
         return max(float(-self.error.min()) / counts, 0.0)
 
     @property

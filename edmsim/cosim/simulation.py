@@ -460,7 +460,7 @@ class Simulation:
         self.reason = reason if self.reason is None else f"{self.reason}; {reason}"
 
     def _end_of_leg(self) -> StopCause:
-        """Wait for the axes and the dwell, then begin the next leg; `StopCause.FINISHED` if there is none."""
+        """Wait for the axes and the dwell, then begin the next leg; `StopCause.FINISHED` after the last leg."""
         at, leg, now_ns = self._at, self.legs[self._at.leg], self.plant.time_ns
         if not self._axes.settled():
             if late := self._axes.late():

@@ -9,6 +9,7 @@ one that is cut first.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -144,11 +145,10 @@ def parse_height(text: str) -> Height:
 
 def _in_um(region_mm: BaseGeometry) -> BaseGeometry:
     """Convert a region from mm to um."""
-    region = shapely.transform(region_mm, lambda mm: mm * 1000.0)
-    if region.is_valid:
-        return region
+    scaled = partial(shapely.transform, transformation=lambda mm: mm * 1000.0)
+    region: BaseGeometry = scaled(region_mm)
     # if corners are too near to each other, rounding may have made the border cross itself
-    return shapely.transform(shapely.set_precision(region_mm, NEAREST_MM), lambda mm: mm * 1000.0)
+    return region if region.is_valid else scaled(shapely.set_precision(region_mm, NEAREST_MM))
 
 
 def _pair(item: tuple[Any, float], first: str) -> tuple[Any, float]:

@@ -387,7 +387,7 @@ class Elcam:
         return known and self.has("compensation")
 
     def _function(self, what: Descriptor, kind: type, right: str) -> Function | None:
-        """Return a descriptor's function; None if there is none for a call of this kind."""
+        """Return a descriptor's function for a call of this kind, or None."""
         if what.bus != DATA["elcam"]["bus"] or what.device != 1 or what.index < 0 or not self.option:
             return None
         if what.sub_index not in set(ACCESS):
