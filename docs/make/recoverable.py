@@ -1,8 +1,8 @@
 """How well a recurrent network estimates a machine's constants from the machine's measurements.
 
-python docs/make/recoverable.py out/histories      # the table of tasks/max-rate-shift.md, and its picture
+python docs/make/recoverable.py out/histories      # table and picture of tasks/max-rate-shift.md; half an hour
 
-First it records histories of `MACHINES` training machines of MaxRateShift, each cut for some minutes at a heat flux
+First it records histories of `MACHINES` training machines of MaxRateShift, each cut for ten minutes at a heat flux
 that rises until a wire breaks; after an interruption the same command resumes. An LSTM reads a history second by
 second and estimates every constant. It learns from some machines and is tested on others, in `FOLDS` parts, by the
 share of the variance that it explains. Needs the extra `rl` (torch).
@@ -25,17 +25,19 @@ from edmsim.envs.episode import Task
 from edmsim.envs.registry import make_family
 from edmsim.envs.servo import target_of
 from edmsim.evaluation.episode import Episode
+from edmsim.files import replacing
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.recording.figures.palette import BLUE, MUTED
+from edmsim.runs import Processes, perform
 
 FOLDS, CELLS, RATE, DECAY = 5, 24, 5e-3, 1e-2
 LIMIT_EPOCHS, EPOCHS = 200, 60
 """Epochs of the network for the limit alone, and of the one for all drawn constants."""
 SHORTED = 0.25  # breaks with a greater share of shorts do not count for the flux that breaks the wire
-AFTER_S = 10, 60, 240
+AFTER_S = 10, 60, 240, 600
 ENV_ID, ENVIRONMENT = "edmsim/MaxRateShift-v0", {"decision_s": 1.0, "history": 1}
 FAMILY = make_family(ENV_ID, **ENVIRONMENT)
-MACHINES, FIRST_SEED, SECONDS = 32, 10_000, 240.0
+MACHINES, FIRST_SEED, SECONDS = 96, 10_000, 600.0
 LAW = "heat-flux:shortest_us=12.5,recovery_s=0.5,retract_feed_um_s=80"
 LOW, HIGH = 0.04, 2.0  # fluxes of actions -1 and 1, over the critical one; the logarithm is linear in the action
 MOST_TARGET = 0.3  # set-point of the open share at an action of 1; it is 0 at -1
@@ -166,15 +168,18 @@ def logarithm(flux: float) -> float:
     return math.log(min(max(flux, math.exp(-4.0)), math.exp(4.0)))
 
 
-def record(seed: int, seconds: float, file: Path) -> None:
-    """Cut a training machine, and save observations with decisions (n, entries + 2), and its constants."""
+def record(file: Path) -> None:
+    """Cut the training machine of the seed in the file's name; save observations, decisions (n, 2), and constants."""
+    seed = int(file.stem)
     task, climber = Task(ENV_ID, test_s=0.0), Climber(seed)
     for window in Episode(task, Recorder(climber), seed, "climber").windows():
-        if window.observation.time_s >= seconds:
+        if window.observation.time_s >= SECONDS:
             break
     drawn = {name: value for name, value in task.scenario.drawn.items() if not isinstance(value, str)}
     rows = np.array(climber.rows[:-1], np.float32)  # the last decision had no effect
-    np.savez_compressed(file, rows=rows, names=np.array(list(drawn)), constants=np.array(list(drawn.values())))
+    arrays = {"rows": rows, "names": np.array(list(drawn)), "constants": np.array(list(drawn.values()))}
+    with replacing(file) as partial, partial.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)
 
 
 class Cut(NamedTuple):
@@ -279,10 +284,10 @@ def main() -> None:
     torch.set_num_threads(1)
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    for k in range(MACHINES):
-        if not (folder / f"{FIRST_SEED + k}.npz").exists():
-            record(FIRST_SEED + k, SECONDS, folder / f"{FIRST_SEED + k}.npz")
-            print(f"{k + 1} of {MACHINES} machines recorded", flush=True)
+    files = [folder / f"{FIRST_SEED + k}.npz" for k in range(MACHINES)]
+    missing = [file for file in files if not file.exists()]
+    if missing:
+        perform(record, missing, lambda done, all_: print(done, "of", all_, flush=True), engine=Processes())
     cuts, constants = load(folder)
     raw = np.stack(list(constants.values()), axis=1)
     targets = (raw - np.nanmean(raw, axis=0)) / (np.nanstd(raw, axis=0) + 1e-12)
@@ -301,7 +306,8 @@ def main() -> None:
         for name in certain
     ]  # fmt: skip
     value, low, high, count = by_first_break(cuts)
-    rows.append([f"{LIMIT}, from the first break alone", "", "", "", f"{value:.2f} ({low:.2f} to {high:.2f})"])
+    empty = [""] * len(AFTER_S)
+    rows.append([f"{LIMIT}, from the first break alone", *empty, f"{value:.2f} ({low:.2f} to {high:.2f})"])
     with_break = sum(math.isfinite(one.broke_s) for one in cuts)
     machines = f"{len(cuts)} machines, each judged by a network that learned from others"
     text = (
@@ -316,7 +322,7 @@ def main() -> None:
 
 def draw(shares: dict[str, list[float]], moments: list[str]) -> None:
     """Draw the explained shares of the variance."""
-    figure, axes = plt.subplots(figsize=(6.4, 1.2 + 0.35 * len(shares)))
+    figure, axes = plt.subplots(figsize=(6.4, 1.4 + 0.35 * len(shares)))
     places = np.arange(len(shares))[::-1]
     for k, moment in enumerate(moments):
         color = BLUE if moment == "first break" else MUTED
@@ -329,11 +335,13 @@ def draw(shares: dict[str, list[float]], moments: list[str]) -> None:
     axes.set_xlim(-0.25, 1.0)
     axes.set_ylim(-0.6, len(shares) - 0.4)
     axes.set_xlabel("share of the variance between machines that is recovered, R2")
-    axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), ncols=len(moments))
+    axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
     axes.spines[["top", "right"]].set_visible(False)
     figure.tight_layout()
     figure.savefig(DOCS / "recoverable.png", dpi=110)
 
 
 if __name__ == "__main__":
-    main()
+    from recoverable import main as run  # because other processes import functions by module
+
+    run()
