@@ -1,6 +1,7 @@
-"""Rows on the dependence of figures on the constants' ranges (drawn machines) and on the resolution."""
+"""Rows on what figures depend on: the constants' ranges (drawn machines), the resolution, films that are left out."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.machine.machine import Machine
+from edmsim.plant.resolution import Resolution, resolution
 from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
 from edmsim.validation.lag import LAG
 from edmsim.validation.rows import Checks, Row, Seeds, differences, mean_and_interval
@@ -102,6 +104,33 @@ def _against_fine(figure: Figure, name: str, cuts: Sequence[Cut], fine: Sequence
                      unit=figure.unit, note=NOTE)
 
 
-CHECKS: Checks = {
-    ranges: ("ranges",), resolutions: ("resolution",),
-}
+# The film of single slices is left out in wide gaps.
+
+FAST = resolution("fast")
+SKIP = f"the film of a slice is followed where its front gap is under {FAST.film_from_um:g} um; that this is enough"
+SKIP_FEED_UM_S, ALL_FROM_UM = 24.0, 40.0
+"""A feed at which the wire is near the metal, and a front gap below which every slice's film is applied (ours)."""
+
+
+def check_skip(seeds: Seeds) -> list[Row]:
+    """Compare lag and shorts with the films of single slices applied everywhere and only in narrow gaps."""
+
+    def cuts(res: Resolution) -> list[Cut]:
+        machine = Machine.load()
+        return [
+            cut_straight(machine, SKIP_FEED_UM_S, seed, settle_s=6.0, seconds=15.0, resolution=res) for seed in seeds
+        ]
+
+    usual = cuts(FAST)
+    everywhere = cuts(replace(FAST, film_from_um=ALL_FROM_UM))
+    followed = f"film followed under {ALL_FROM_UM:g} um less under {FAST.film_from_um:g} um"
+    note = "docs/theory/gas.md#the-film-of-water"
+    return [
+        Row.band("film", f"lag, {followed}", SKIP, low=-0.5, high=0.5, published="no difference", unit="um",
+                 simulated=differences(usual, everywhere, lambda cut: cut.lag_um), note=note),
+        Row.band("film", f"short share, {followed}", SKIP, low=-0.02, high=0.02, published="no difference",
+                 simulated=differences(usual, everywhere, lambda cut: cut.share("short")), note=note),
+    ]
+
+
+CHECKS: Checks = {ranges: ("ranges",), resolutions: ("resolution",), check_skip: ("film",)}
