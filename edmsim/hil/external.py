@@ -11,7 +11,6 @@ from collections import deque
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
 from edmsim.errors import InputError
@@ -53,7 +52,7 @@ class ExternalMotion:
             raise InputError(f"time_scale is above 0, in machine seconds per second, not {time_scale!r}")
         self._link, self._time_scale = link, time_scale
         self._run: _Followed | None = None
-        self._points: NDArray[np.float64] = np.zeros((0, 2))
+        self._points: np.typing.NDArray[np.float64] = np.zeros((0, 2))
         self._step_um = self._rapid_um_s = self._end_um = 1.0
         self._before: deque[tuple[float, float]] = deque()
 
@@ -62,7 +61,7 @@ class ExternalMotion:
         if legs > 1:
             raise InputError("another program moves the axes along one contour without dwells: cut the others apart")
 
-    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+    def set_up(self, machine: Machine, points_um: np.typing.NDArray[Any], start_um: float) -> None:
         """Read the path; the other program is then at its start."""
         table = machine.base.table
         self._points, self._step_um, self._end_um = points_um, table.step_um.value, machine.wire_diameter_um
@@ -114,7 +113,8 @@ class _Followed(Snapshots):
     max_feed_um_s = math.inf
 
     def __init__(
-        self, link: Link, points_um: NDArray[np.float64], step_um: float, rapid_um_s: float, time_scale: float
+        self, link: Link, points_um: np.typing.NDArray[np.float64], step_um: float, rapid_um_s: float,
+        time_scale: float,
     ) -> None:
         self._link, self._points, self._step_um, self._scale = link, points_um, step_um, time_scale
         self._between_ns = int(step_um / rapid_um_s * 1e9)
