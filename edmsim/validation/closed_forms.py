@@ -205,9 +205,11 @@ def check_boiling(seeds: Seeds) -> list[Row]:
     convection = machine.base.cooling.convection_W_m2K.value
     critical = machine.base.cooling.critical_W_m2.value
 
-    def flux_W_m2(superheat_K: float, without: float = 0.0) -> float:
-        kelvin = law.boiling_K + superheat_K
-        return (wire.heat_transfer_W_m2K(kelvin, law, convection, critical, 0.0) - without) * (kelvin - law.water_K)
+    def transfer_W_m2K(superheat_K: float) -> float:
+        return wire.heat_transfer_W_m2K(law.boiling_K + superheat_K, law, convection, critical, 0.0)
+
+    def boiling(superheat_K: float) -> float:
+        return (transfer_W_m2K(superheat_K) - convection) * (law.boiling_K + superheat_K - law.water_K)
 
     surface_m2 = math.pi * machine.wire_diameter_um * 1e-6 * machine.height_mm * 1e-3
     power_W = 0.75 * critical * surface_m2
@@ -220,10 +222,10 @@ def check_boiling(seeds: Seeds) -> list[Row]:
     nearly = (1 - 1e-9) * law.superheat_K
     return [
         Row.value("wire", "heat flux by boiling, half of the critical superheat over all of it", BOILING,
-                  published=1 / 8, within=0.01,
-                  simulated=flux_W_m2(law.superheat_K / 2, convection) / flux_W_m2(nearly, convection)),
+                  published=1 / 8, within=0.01, simulated=boiling(law.superheat_K / 2) / boiling(nearly)),
         Row.value("wire", "largest heat flux before a film of steam", BOILING, published=critical * 1e-6,
-                  simulated=1e-6 * flux_W_m2(nearly), within=0.01, unit="MW/m2"),
+                  simulated=1e-6 * transfer_W_m2K(nearly) * (law.boiling_K + nearly - law.water_K), within=0.01,
+                  unit="MW/m2"),
         Row.value("wire", "mean rise at three quarters of the critical heat flux", BOILING,
                   published=law.boiling_K - law.water_K + float(brentq(excess, 0.0, law.superheat_K)),
                   simulated=_settled_rise_K(machine, law, spark_W=power_W), within=0.02, unit="K"),
