@@ -231,18 +231,13 @@ class Simulation:
         number = 1 if leg.cut_pass is None else leg.cut_pass.number
         return self._setups[min(number, len(self._setups)) - 1]
 
-    def _take_setup(self, leg: Leg) -> Machine:
-        """Apply the setting of a leg's pass, and change the plant's set-up if it differs."""
+    def _begin_leg(self) -> PlannerMotion:
+        """Plan a leg from the wire's position, which may be half a step before the end of the last leg."""
+        at, leg = self._at, self.legs[self._at.leg]
         setup = self._setup_of(leg)
         if setup.machine is not self._setup.machine:
             self.plant.change_setup(setup.machine)
         self._setup = setup
-        return self._setup.machine
-
-    def _begin_leg(self) -> PlannerMotion:
-        """Plan a leg from the wire's position, which may be half a step before the end of the last leg."""
-        at, leg = self._at, self.legs[self._at.leg]
-        machine = self._take_setup(leg)
         points, along, leads = leg.started_at(at.from_um, at.lead_um)
         for observer in self.observers:
             observer.leg(points, at.start_um)
@@ -259,7 +254,7 @@ class Simulation:
             )
         )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
-        command = self._reset_controller(machine, points)
+        command = self._reset_controller(setup.machine, points)
         own = self.controller.path_run(self._planner_name) if isinstance(self.controller, registry.RunsPath) else None
         drives = self.controller if isinstance(self.controller, protocols.DrivesSteps) and own is None else None
         # once per leg: a runtime check of a protocol takes a twentieth of a window

@@ -124,8 +124,8 @@ class _Followed(Snapshots):
         self._end: tuple[float, float] | None = None
         self._clock: tuple[float, int] | None = None
         self.path_um = 0.0
-        ways = np.diff(points_um, axis=0)
-        self._lengths = np.hypot(*ways.T)
+        self._sides = np.diff(points_um, axis=0)
+        self._lengths = np.hypot(*self._sides.T)
         self._stations = np.concatenate([[0.0], np.cumsum(self._lengths)])
 
     @property
@@ -192,10 +192,9 @@ class _Followed(Snapshots):
     def _station(self) -> float:
         """Return the length of path nearest to the counters, within `_NEAR_UM` of the last one."""
         place, begins = np.array(self._counted), self._points[:-1]
-        ways = np.diff(self._points, axis=0)
-        along = ((place - begins) * ways).sum(axis=1) / np.maximum(self._lengths, 1e-9)
+        along = ((place - begins) * self._sides).sum(axis=1) / np.maximum(self._lengths, 1e-9)
         along = np.clip(along, 0.0, self._lengths)
-        feet = begins + ways * (along / np.maximum(self._lengths, 1e-9))[:, None]
+        feet = begins + self._sides * (along / np.maximum(self._lengths, 1e-9))[:, None]
         far = np.abs(self._stations[:-1] + along - self.path_um) > _NEAR_UM
         nearest = int(np.where(far, np.inf, np.hypot(*(place - feet).T)).argmin())
         return float(self._stations[nearest] + along[nearest])
