@@ -467,17 +467,10 @@ LEAK = "leakage sigma V A / g; 10 uS/cm, 30 mm, 20 um, 80 V"
 
 
 def critical_share(gap_um: float) -> float:
-    """Return the debris share at which half of the pulses are bridged, by bisection of the loop's probability."""
+    """Return the debris share at which half of the pulses are bridged, by the loop's probability."""
     gap = Machine.load().base.gap
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = (low + high) / 2
-        bridged = water.bridged_probability(
-            middle, gap_um, gap.bridge_base.value, gap.bridge_per_um.value, gap.bridge_ceiling.value,
-            gap.bridge_steepness.value,
-        )
-        low, high = (low, middle) if bridged > 0.5 else (middle, high)
-    return high
+    law = gap.bridge_base.value, gap.bridge_per_um.value, gap.bridge_ceiling.value, gap.bridge_steepness.value
+    return float(brentq(lambda share: water.bridged_probability(share, gap_um, *law) - 0.5, 0.0, 1.0))
 
 
 def bridged_share(gap_um: float, debris: float, seed: int) -> float:

@@ -20,21 +20,16 @@ MACHINES_PER_SEED = 3  # machines drawn per seed (ours: two dozen in all, whose 
 PAGE = "docs/theory/emergence.md#ranges"
 
 
-def drawn_cuts(seeds: Seeds) -> list[Cut]:
-    """Cut straight with the count law on machines drawn within the ranges of all constants; the wire may break."""
-    cuts = []
+def ranges(seeds: Seeds) -> list[Row]:
+    """Report rate, gaps and lag of drawn machines: the median, and half of the range of 95 % of them."""
+    drawn = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
         for _ in range(MACHINES_PER_SEED):
             machine = Machine.load().sample(rng)
-            cuts.append(cut_straight(machine, make("counts"), seed, settle_s=10.0, seconds=40.0))
-    return cuts
-
-
-def ranges(seeds: Seeds) -> list[Row]:
-    """Report rate, gaps and lag of drawn machines: the median, and half of the range of 95 % of them."""
+            drawn.append(cut_straight(machine, make("counts"), seed, settle_s=10.0, seconds=40.0))
     # a machine that travels less than a wire's diameter has a rate but no kerf, and is left out of gaps and lag
-    cuts = [cut for cut in drawn_cuts(seeds) if not cut.broken]
+    cuts = [cut for cut in drawn if not cut.broken]
     fed = [cut for cut in cuts if cut.travel_um > cut.plant.machine.wire_diameter_um]
     sides = [(float(c.kerf_um.mean()) - c.plant.machine.wire_diameter_um) / 2 for c in fed]
     rates = [c.feed_um_s * c.plant.machine.height_mm * 60e-3 for c in cuts]
