@@ -5,16 +5,14 @@
 40.0
 """
 
-import signal
-import sys
-import threading
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmsim.signals import ending_at_once
+
 if TYPE_CHECKING:
-    from edmsim import controllers as controllers
-    from edmsim import envs as envs
+    from edmsim import controllers, envs
     from edmsim.errors import EdmsimError, InputError
     from edmsim.evaluation.stable_rate import StableRate, highest_stable_rate
     from edmsim.job.cut import cut
@@ -48,23 +46,6 @@ if not (Path(__file__).parent / "controllers").is_dir():
     __path__.append(str(Path(__file__).parents[1]))
 
 
-def _register() -> None:
-    """Register the environments and policies by name; they are imported when one is made."""
-    from edmsim.envs.registry import register_all
-    from edmsim.user_code import MAKERS, PASS_MAKERS
-
-    register_all()
-    MAKERS["policy"] = "edmsim.learning.policy_controller:from_name"
-    PASS_MAKERS["policy"] = "edmsim.learning.policy_controller:passes_from_name"
-
-
-def _is_starting() -> bool:
-    """Return whether this is the command ``edmsim`` or ``python -m edmsim``, which does not handle Ctrl-C yet."""
-    is_command = any(Path(word).stem == "edmsim" for word in sys.orig_argv[1:3])
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    return is_command and in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
 def __dir__() -> list[str]:
     """List the public names, imported or not."""
     return sorted([*__all__, "__version__", "__doc__"])
@@ -82,9 +63,12 @@ def __getattr__(name: str) -> Any:
     return value
 
 
-if _is_starting():
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # end at once, without a traceback
-    _register()
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-else:
+def _register() -> None:
+    """Register the environments by name; they are imported when one is made."""
+    from edmsim.envs.registry import register_all
+
+    register_all()
+
+
+with ending_at_once():
     _register()

@@ -2,19 +2,18 @@
 
 import sys
 
-from edmsim.errors import INTERRUPTED
-from edmsim.signals import raise_again
+from edmsim import errors, signals
 
 
 def main() -> None:
     """Run the command line; Ctrl-C ends it without a traceback even while its modules are imported."""
-    sys.unraisablehook = raise_again
+    sys.unraisablehook = signals.raise_again
     try:
         from edmsim.cli.app import main as run
 
         run()
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        sys.exit(errors.INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -1,24 +1,16 @@
 """Errors that users see: for bad input, one line with what is wrong, where, and what would be right."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re
 import sys
 from collections import abc
-from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
 from inspect import formatannotation, isfunction
 from numbers import Number
-from os import PathLike
-from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeVar
-
-if TYPE_CHECKING:
-    from pydantic import ValidationError
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 FAILED, BAD_INPUT, STOPPED, INTERRUPTED = 1, 2, 3, 130
 """Exit statuses of a command: the model left its range of validity, or another failure; bad usage or input; the
@@ -44,6 +36,7 @@ _REASONS = {"missing": "missing", "extra_forbidden": "unknown", "model_type": "m
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 _Class = TypeVar("_Class", bound=type)
+_File = str | os.PathLike[str] | None
 
 
 class EdmsimError(Exception):
@@ -63,7 +56,7 @@ class InputError(EdmsimError):
         The line in that file, counted from 1.
     """
 
-    def __init__(self, reason: str, file: str | Path | None = None, line: int | None = None) -> None:
+    def __init__(self, reason: str, file: _File = None, line: int | None = None) -> None:
         self.reason = one_line(reason)
         super().__init__(self.reason)
         self.file = None if file is None else str(file)
@@ -86,7 +79,7 @@ class CombinationError(InputError):
 
 
 @contextmanager
-def located(file: str | Path | None = None, line: int | None = None, name: str = "") -> Iterator[None]:
+def located(file: _File = None, line: int | None = None, name: str = "") -> abc.Iterator[None]:
     """Add a file, a line and a prefix to input errors raised inside, where they have none."""
     try:
         yield
@@ -96,13 +89,13 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
         raise
 
 
-def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+def refuses_wrong_types(function: abc.Callable[_Arguments, _Result]) -> abc.Callable[_Arguments, _Result]:
     """Let a function refuse non-booleans for a bool and texts for a list; if it fails, name a wrong argument."""
     kinds = {name: _shown(kind) for name, kind in function.__annotations__.items() if name != "return"}
     switches = {name for name, kind in kinds.items() if kind == "bool"}
     lists = {name for name, kind in kinds.items() if re.fullmatch(r"(Sequence|Iterable)\[str\]( \| None)?", kind)}
 
-    def arguments(args: tuple[object, ...], options: dict[str, object]) -> Iterator[tuple[str, object]]:
+    def arguments(args: tuple[object, ...], options: dict[str, object]) -> abc.Iterator[tuple[str, object]]:
         yield from (*zip(function.__code__.co_varnames, args, strict=False), *options.items())
 
     @wraps(function)
@@ -141,7 +134,7 @@ def _shown(annotation: object) -> str:
 _PLAIN = {"None", "Path", "bool", "float", "int", "str"}
 
 
-def _may_be(value: object, kind: str, known: Mapping[str, object]) -> bool:
+def _may_be(value: object, kind: str, known: abc.Mapping[str, object]) -> bool:
     """Return whether a value may have an annotated type; True if a class of another package makes this uncertain."""
     own, kinds = type(value), set(re.findall(r"\w+", re.sub(r"\[[^|]*\]", "", kind)))
     taken = {"Any", "object", "None" if value is None else own.__name__}
@@ -150,7 +143,7 @@ def _may_be(value: object, kind: str, known: Mapping[str, object]) -> bool:
         classes = [known.get(name) for name in kinds - _PLAIN]
         if not all(_is_own(one) for one in classes):
             return True
-        plain = (Number, PathLike) if kinds & _PLAIN else ()
+        plain = (Number, os.PathLike) if kinds & _PLAIN else ()
         return isinstance(value, (*classes, *plain))  # type: ignore[arg-type]
     if taken & kinds:
         return True
@@ -161,20 +154,20 @@ def _is_own(kind: object) -> bool:
     return isinstance(kind, type) and kind.__module__.startswith(__package__) and not issubclass(kind, Protocol)
 
 
-def refused_entry(error: ValidationError) -> tuple[str, str]:
+def refused_entry(error: Any) -> tuple[str, str]:
     """Return the first entry that pydantic refused, as ``table.key``, and the reason in terms of the file."""
     first = error.errors()[0]
     said = re.sub(r"^\w+ should\b", "must", re.sub("^Value error, | after validation", "", first["msg"]))
     return ".".join(map(str, first["loc"])), _REASONS.get(first["type"], said)
 
 
-def invalid_entry(error: ValidationError) -> str:
+def invalid_entry(error: Any) -> str:
     """Return the first entry that pydantic refused, with the reason, in one line."""
     place, reason = refused_entry(error)
     return f"{place + ': ' if place else ''}{reason}"
 
 
-def one_of(name: object, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
+def one_of(name: object, known: abc.Iterable[str], listed: abc.Iterable[str] | None = None) -> str:
     """Return the end of a refusal: the valid names (or those to list), and the one most similar to the wrong name."""
     by_lower = {one.lower(): one for one in known}
     near = get_close_matches(str(name).lower(), by_lower, n=1, cutoff=_NEAR)
@@ -182,7 +175,7 @@ def one_of(name: object, known: Iterable[str], listed: Iterable[str] | None = No
     return ", ".join(by_lower.values() if listed is None else listed) + hint
 
 
-def refuse_unknown(what: str, name: object, known: Iterable[str], file: str | Path | None = None) -> None:
+def refuse_unknown(what: str, name: object, known: abc.Iterable[str], file: _File = None) -> None:
     """Refuse a name that is not among the valid ones."""
     names = [*known]
     if not isinstance(name, abc.Hashable) or name not in names:  # comparing an array with a name gives an array
@@ -197,7 +190,7 @@ def one_line(text: str, longest: int = LONGEST_REASON) -> str:
     return f"{shown[: longest - 105]} ... {shown[-100:]}"
 
 
-def run_command(run: Callable[[], object]) -> None:
+def run_command(run: abc.Callable[[], object]) -> None:
     """Run a command; an `EdmsimError` becomes one line on standard error and an exit status."""
     try:
         run()

@@ -4,18 +4,14 @@ import io
 import math
 import shutil
 import tempfile
-import tokenize
 import tomllib
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
-from numpy.typing import NDArray
 
 from edmsim.errors import InputError, refuses_wrong_types
 
@@ -57,7 +53,7 @@ def replacing(file: str | Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
+def read_arrays(packed: bytes) -> dict[str, np.typing.NDArray[Any]]:
     """Return the arrays of an ``.npz`` by name; raises a one-line `ValueError` if they are damaged or too large."""
     # nothing is unpickled, and no memory is allocated before the sizes are checked
     try:
@@ -70,15 +66,14 @@ def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
                     _check_array(member, opened)
         with np.load(io.BytesIO(packed), allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
-    except (OSError, EOFError, LookupError, TypeError, SyntaxError, NotImplementedError, RuntimeError, MemoryError,
-            tokenize.TokenError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+    except Exception as error:  # of zipfile, zlib, numpy or tokenize
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from None
 
 
 def _check_array(member: zipfile.ZipInfo, opened: Any) -> None:
     """Refuse a member that is not an array, contains objects, or declares another size than it has."""
-    version = npy.read_magic(opened)
-    header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
+    npy = np.lib.format
+    header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(opened)]
     shape, _, dtype = header(opened)
     if dtype.hasobject or any(length < 0 for length in shape):
         raise ValueError(f"{member.filename} is not an array of numbers")
@@ -184,12 +179,9 @@ def together(folder: Path, last: str) -> Iterator[Path]:
     """
     for left in folder.glob(f"{_UNFINISHED}*"):  # left by a process that was killed
         shutil.rmtree(left, ignore_errors=True)
-    unfinished = Path(tempfile.mkdtemp(prefix=_UNFINISHED, dir=folder))
-    try:
-        yield unfinished
-        files = sorted(unfinished.iterdir(), key=lambda file: file.name == last)
+    with tempfile.TemporaryDirectory(prefix=_UNFINISHED, dir=folder, ignore_cleanup_errors=True) as unfinished:
+        yield Path(unfinished)
+        files = sorted(Path(unfinished).iterdir(), key=lambda file: file.name == last)
         (folder / last).unlink(missing_ok=True)
         for file in files:
             file.replace(folder / file.name)
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)

@@ -4,11 +4,11 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from edmsim.errors import InputError
 
-Floats = NDArray[np.float64]
+Floats = np.typing.NDArray[np.float64]
+Ints = np.typing.NDArray[np.int64]
 
 POINTS_PER_LAG = 64
 """Points of the wire's path per lag of travel while its direction changes (ours: chords err by 1e-4 of the lag)."""
@@ -18,12 +18,12 @@ SETTLED_RAD = 1e-6
 """Angle below which the wire is assumed to follow straight behind the guides (ours)."""
 
 
-def arc_lengths(points: ArrayLike) -> Floats:
+def arc_lengths(points: np.typing.ArrayLike) -> Floats:
     """Return the length of a polyline (n, 2) up to every point (n,)."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
-def interpolated(places: Floats, known: Floats | NDArray[np.int64], rows: Floats | NDArray[np.int64]) -> Floats:
+def interpolated(places: Floats, known: Floats | Ints, rows: Floats | Ints) -> Floats:
     """Interpolate `rows` (m, k), known at the increasing values `known` (m,), linearly at `places` (n,)."""
     return np.stack([np.interp(places, known, column) for column in rows.T], axis=1)
 
@@ -45,11 +45,11 @@ class Polyline:
         # closed line ends is stored at its first point, and its last has 0
         self.turn_deg = np.append(_signed_angle(heading - before), 0.0)
 
-    def corners(self, min_turn_deg: float) -> NDArray[np.intp]:
+    def corners(self, min_turn_deg: float) -> np.typing.NDArray[np.intp]:
         """Return the indices of the points that turn by at least this angle."""
         return np.flatnonzero(np.abs(self.turn_deg) >= min_turn_deg)
 
-    def stations(self, step: float, vertices: NDArray[np.intp]) -> Floats:
+    def stations(self, step: float, vertices: np.typing.NDArray[np.intp]) -> Floats:
         """Return arc lengths at most `step` apart that include `vertices`, the start, and the end of an open line."""
         stops = np.unique(np.concatenate([[0.0], self.s[vertices], [self.length]]))
         rows = [np.linspace(a, b, int(np.ceil((b - a) / step)), endpoint=False) for a, b in pairwise(stops)]
@@ -79,7 +79,7 @@ class Polyline:
         return np.asarray(np.minimum(s - fence[after - 1], fence[after] - s), np.float64)
 
 
-def path_corners(points_um: Floats | NDArray[np.int64]) -> tuple[Floats, Floats]:
+def path_corners(points_um: Floats | Ints) -> tuple[Floats, Floats]:
     """Return the length in um of a path (n, 2) up to each corner, and the turn there in degrees, left positive."""
     line = Polyline(np.asarray(points_um * 1e-3, np.float64), closed=False)
     corners = line.corners(CORNER_DEG)
@@ -100,7 +100,7 @@ def _signed_angle(degrees: Floats) -> Floats:
     return np.asarray((degrees + 180.0) % 360.0 - 180.0, np.float64)
 
 
-def pursuit(path_um: ArrayLike, lag_um: float) -> Floats:
+def pursuit(path_um: np.typing.ArrayLike, lag_um: float) -> Floats:
     """Return the wire's path at a constant lag for a path of the guides: its tractrix.
 
     A wire that is bent back by a constant distance always moves towards its guides. Along a straight stretch the
@@ -141,7 +141,7 @@ def pursuit(path_um: ArrayLike, lag_um: float) -> Floats:
     return np.concatenate(wire)
 
 
-def _checked(path_um: ArrayLike) -> Floats:
+def _checked(path_um: np.typing.ArrayLike) -> Floats:
     """Return the path without repeated points."""
     path = np.asarray(path_um, float)
     if path.ndim != 2 or path.shape[1] != 2 or not np.isfinite(path).all():
@@ -158,9 +158,7 @@ def _until_taut(offset: Floats, heading: Floats, lag: float) -> float:
     return max(0.0, -along + math.sqrt(max(0.0, along**2 - float(offset @ offset) + lag**2)))
 
 
-def _follow(
-    guide: Floats, wire: Floats, heading: Floats, length: float, lag: float
-) -> Floats:
+def _follow(guide: Floats, wire: Floats, heading: Floats, length: float, lag: float) -> Floats:
     """Return the wire's path while the guides travel `length` from `guide`, a lag away from the wire."""
     across = np.array([-heading[1], heading[0]])
     half = math.atan2(float((guide - wire) @ across), float((guide - wire) @ heading)) / 2

@@ -9,38 +9,32 @@
 (21, 3)
 """
 
-from __future__ import annotations
-
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from edmsim.controllers import from_text
+from edmsim import controllers, errors, numeric, screen
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.axis.elcam.file import ErrorTable, StepCompensation, load_tables
+from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.cosim.simulation import Progress, Simulation
-from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
 from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.plan import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import PROFILE_STEP_MM, ProfileError, profile_error, slice_heights_mm
-from edmsim.numeric import whole_from
 from edmsim.plant.axes.ways import StillTable
-from edmsim.program.outline import Outline, Program, Taper
-from edmsim.program.path import plan_path
+from edmsim.program import outline, path
 from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
-from edmsim.screen import ScreenTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.projections.polar import PolarAxes
 
-    from edmsim.controllers.axis.elcam.module import Elcam
     from edmsim.recording.scene import ErrorMap
 
 __all__ = ["TableMeasurement", "load_tables", "measure_table"]
@@ -66,7 +60,8 @@ class Positioning:
         """Refuse arrays of unequal shapes, and fewer than two runs."""
         shape = self.up_um.shape
         if shape != self.down_um.shape or len(shape) != 2 or shape[1:] != self.targets_mm.shape or shape[0] < 2:
-            raise InputError(f"deviations need two runs or more to every target either way, not a shape of {shape}")
+            reason = f"deviations need two runs or more to every target either way, not a shape of {shape}"
+            raise errors.InputError(reason)
 
     @property
     def mean_up_um(self) -> Floats:
@@ -231,7 +226,7 @@ class _Bench:
         return round(um / self._step_um) * self._step_um
 
 
-@refuses_wrong_types
+@errors.refuses_wrong_types
 def measure_table(
     machine: Machine, *, interval_mm: float | None = None, runs: int | None = None, seed: int = 0,
     compensation: Elcam | None = None,
@@ -260,10 +255,10 @@ def measure_table(
     interval_mm = data["interval_mm"] if interval_mm is None else interval_mm
     runs = data["runs"] if runs is None else runs
     if not 0.02 <= interval_mm <= travel_mm / 4:
-        raise InputError(f"an interval of {interval_mm:g} mm is not within 0.02..{travel_mm / 4:g} mm")
+        raise errors.InputError(f"an interval of {interval_mm:g} mm is not within 0.02..{travel_mm / 4:g} mm")
     if not 2 <= runs <= 100:
-        raise InputError(f"{runs} runs are not within 2..100: a spread needs two")
-    bench = _Bench(machine, compensation, np.random.default_rng(whole_from("seed", seed, 0)))
+        raise errors.InputError(f"{runs} runs are not within 2..100: a spread needs two")
+    bench = _Bench(machine, compensation, np.random.default_rng(numeric.whole_from("seed", seed, 0)))
     places = np.arange(interval_mm / 2, travel_mm, interval_mm)
     targets = np.array([bench.whole_steps(mm * 1e3) for mm in places])
     along = {}
@@ -336,9 +331,9 @@ def as_json(found: TableMeasurement) -> str:
     )
 
 
-def render(found: TableMeasurement) -> ScreenTable:
+def render(found: TableMeasurement) -> screen.ScreenTable:
     """Return all figures as a table for the terminal."""
-    table = ScreenTable(
+    table = screen.ScreenTable(
         "ISO 230-2, um", numbers=("x", "y"), title=f"{len(found.along['x', 'x'].targets_mm)} targets an axis"
     )
     x, y = (found.along[axis, axis].figures() for axis in ("x", "y"))
@@ -357,8 +352,8 @@ _COLOURS = VERMILION, BLUE
 _SMOOTHED_MM = 1.0  # length along the edge over which the wall is averaged: its roughness is several um (ours)
 
 
-@refuses_wrong_types
-def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
+@errors.refuses_wrong_types
+def table_figure(measured: Mapping[str, TableMeasurement]) -> "Figure":
     """Draw measurements of a table, once or before and after compensation.
 
     Parameters
@@ -372,24 +367,27 @@ def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
         Deviations of x and of y along their own axes, in both directions (thin lines) and their mean; of y along x;
         and the circular test.
     """
-    from edmsim.recording.figures.style import NotebookFigure, own_style
-
-    _check_few(measured)
-    with own_style():
-        figure = NotebookFigure(figsize=(9.0, 6.4), layout="constrained")
+    with _new_figure(measured, 6.4) as figure:
         for place, pair in enumerate((("x", "x"), ("y", "y"), ("y", "x")), 1):
             _draw(figure.add_subplot(2, 2, place), pair, measured)
-        polar: PolarAxes = figure.add_subplot(2, 2, 4, projection="polar")  # type: ignore[assignment]
-        _draw_circles(polar, {name: found.circle for name, found in measured.items()})
+        _draw_circles(
+            figure.add_subplot(2, 2, 4, projection="polar"), {name: found.circle for name, found in measured.items()}
+        )
     return figure
 
 
-def _check_few(measured: Mapping[str, TableMeasurement]) -> None:
+@contextmanager
+def _new_figure(measured: Mapping[str, TableMeasurement], height_in: float) -> "Iterator[Figure]":
+    """Yield a figure for one or two measurements, to be drawn in the style of all figures."""
+    from edmsim.recording.figures.style import NotebookFigure, own_style
+
     if not 1 <= len(measured) <= len(_COLOURS):
-        raise InputError(f"a figure shows one or two measurements by name, not {len(measured)}")
+        raise errors.InputError(f"a figure shows one or two measurements by name, not {len(measured)}")
+    with own_style():
+        yield NotebookFigure(figsize=(9.0, height_in), layout="constrained")
 
 
-def _draw(axes: Axes, pair: tuple[str, str], measured: Mapping[str, TableMeasurement]) -> None:
+def _draw(axes: "Axes", pair: tuple[str, str], measured: Mapping[str, TableMeasurement]) -> None:
     """Draw the deviations of an axis along an axis."""
     for colour, (name, table) in zip(_COLOURS, measured.items(), strict=False):
         found = table.along[pair]
@@ -401,7 +399,7 @@ def _draw(axes: Axes, pair: tuple[str, str], measured: Mapping[str, TableMeasure
     axes.legend(fontsize=8)
 
 
-def _draw_circles(axes: PolarAxes, circles: Mapping[str, CircularTest]) -> None:
+def _draw_circles(axes: "Axes", circles: Mapping[str, CircularTest]) -> None:
     most = max(float(np.abs(c.deviation_um(way)).max()) for c in circles.values() for way in (False, True))
     for colour, circle in zip(_COLOURS, circles.values(), strict=False):
         angle = np.append(circle.angle_rad, 2 * np.pi)
@@ -414,8 +412,8 @@ def _draw_circles(axes: PolarAxes, circles: Mapping[str, CircularTest]) -> None:
     axes.set_title(f"radius on a circle of {radius:g} mm, um (clockwise dotted)", fontsize=9)
 
 
-@refuses_wrong_types
-def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, ErrorMap]) -> Figure:
+@errors.refuses_wrong_types
+def part_figure(measured: Mapping[str, TableMeasurement], cuts: "Mapping[str, ErrorMap]") -> "Figure":
     """Draw a table's pitch error before and after compensation, and its effect on the wall of a part.
 
     Parameters
@@ -426,11 +424,7 @@ def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, Err
         The same contour, cut with both and with a perfect table (``"perfect table"``), which is subtracted from
         the others: wire and process are the same.
     """
-    from edmsim.recording.figures.style import NotebookFigure, own_style
-
-    _check_few(measured)
-    with own_style():
-        figure = NotebookFigure(figsize=(9.0, 5.0), layout="constrained")
+    with _new_figure(measured, 5.0) as figure:
         drawn = figure.subplot_mosaic([["x", "y"], ["part", "part"]])
         for pair in (("x", "x"), ("y", "x")):
             _draw(drawn[pair[0]], pair, measured)
@@ -438,7 +432,7 @@ def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, Err
     return figure
 
 
-def _draw_part(axes: Axes, cuts: Mapping[str, ErrorMap]) -> None:
+def _draw_part(axes: "Axes", cuts: "Mapping[str, ErrorMap]") -> None:
     """Draw the walls of a part, less that of a perfect table."""
     perfect = cuts["perfect table"].error_um
     names = [name for name in cuts if name != "perfect table"]
@@ -481,38 +475,38 @@ class GuidesFound(NamedTuple):
     shift_um: Floats
 
 
-def block(angle_deg: float) -> Program:
+def block(angle_deg: float) -> outline.Program:
     """Return the program of the block: its walls along y lean towards -x, those along x do not."""
     half = SIDE_MM / 2
     points = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], np.float64)
-    outline = Outline(
+    walls = outline.Outline(
         points, (0,) * 4, True, "right", "left", np.empty((0, 2)), elements=(1, 2, 3, 4),
-        taper=Taper((0.0, angle_deg, 0.0, -angle_deg), corners="sharp"),
+        taper=outline.Taper((0.0, angle_deg, 0.0, -angle_deg), corners="sharp"),
     )
-    return Program((outline,), (), "test block")
+    return outline.Program((walls,), (), "test block")
 
 
-@refuses_wrong_types
+@errors.refuses_wrong_types
 def measure_guides(
     machine: Machine, angle_deg: float = 10.0, errors_mm: tuple[float, float] = (0.0, 0.0), *, seed: int = 0,
     resolution: str = "fast", watch: Callable[[Progress], None] | None = None,
 ) -> GuidesFound:
     """Cut a block with leaning walls, with known errors compensated, and find the errors of the guides' heights."""
     if not 1.0 <= angle_deg <= 30.0:
-        raise InputError(f"a test block's walls cannot lean by {angle_deg:g} degrees: give 1 to 30")
+        raise errors.InputError(f"a test block's walls cannot lean by {angle_deg:g} degrees: give 1 to 30")
     guides = guides_of(machine, errors_mm)
     travel_um = round(machine.base.table.travel_mm.value * 1e3)
-    path = plan_path(
+    planned = path.plan_path(
         block(angle_deg), auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, guides=[guides],
         lead_in_mm=1.0 + machine.height_mm * math.tan(math.radians(angle_deg)),
     )
-    cut = Simulation(machine, path, from_text("counts"), planner="exact", seed=seed, resolution=resolution)
+    law = controllers.from_text("counts")
+    cut = Simulation(machine, planned, law, planner="exact", seed=seed, resolution=resolution)
     outcome = cut.run(watch)
     if outcome != "finished":
-        raise EdmsimError(f"the test block was not cut to its end: {cut.reason or outcome}")
+        raise errors.EdmsimError(f"the test block was not cut to its end: {cut.reason or outcome}")
     assert guides is not None
-    contour = path.contours[0]
-    profile = profile_error(cut.plant.field, contour)
+    profile = profile_error(cut.plant.field, planned.contours[0])
     shift_um = _shift_um(profile)
     heights_mm = slice_heights_mm(cut.plant.field, machine.height_mm)
     tangent = math.tan(math.radians(angle_deg))
@@ -525,9 +519,9 @@ def measure_guides(
     places = [(at + low_mm / distance_mm - start) / steep for at in (0.0, 1.0)]
     known = [np.array([place, 1.0]) for place in places]
     scatter_mm = [spread * math.sqrt(float(row @ covariance @ row)) / steep for row in known]
-    errors = [math.hypot(one_mm, WALL_UM * 1e-3 / tangent) for one_mm in scatter_mm]
+    spreads = [math.hypot(one_mm, WALL_UM * 1e-3 / tangent) for one_mm in scatter_mm]
     return GuidesFound(
-        errors_mm[0] + places[0] - low_mm, errors_mm[1] + places[1] - high_mm, (errors[0], errors[1]), heights_mm,
+        errors_mm[0] + places[0] - low_mm, errors_mm[1] + places[1] - high_mm, (spreads[0], spreads[1]), heights_mm,
         shift_um,
     )
 
@@ -539,5 +533,5 @@ def _shift_um(profile: ProfileError) -> Floats:
     counted = (np.abs(y) < SIDE_MM / 2 - CORNER_MM) & ~profile.at_lead_in
     left, right = (profile.error_um[:, counted & side] for side in (x < 0, x > 0))
     if not all(np.isfinite(side).any(axis=1).all() for side in (left, right)):
-        raise EdmsimError("the walls of the test block lie too far off to be measured: let them lean less")
+        raise errors.EdmsimError("the walls of the test block lie too far off to be measured: let them lean less")
     return np.asarray((np.nanmedian(left, axis=1) - np.nanmedian(right, axis=1)) / 2)

@@ -6,7 +6,6 @@
 """
 
 import math
-import sys
 from dataclasses import fields
 from numbers import Integral, Real
 from typing import Annotated, Any
@@ -16,7 +15,7 @@ from pydantic import BeforeValidator
 
 from edmsim.errors import InputError
 
-_MOST = sys.float_info.max  # an int may exceed the range of float
+_MOST = float(np.finfo(float).max)  # an int may exceed the range of float
 
 
 def _scalar(value: object) -> object:

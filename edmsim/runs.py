@@ -4,11 +4,8 @@ Threads start at once and suit short cuts, because the pulse loop releases Pytho
 cuts and users' code, which may crash; those of a Ray cluster need the extra ``cluster``.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
-import logging
 import os
 import pickle
 import queue
@@ -16,7 +13,6 @@ import socket
 import subprocess
 import sys
 import threading
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
@@ -26,15 +22,14 @@ from pkgutil import resolve_name
 from traceback import format_exception, print_exc
 from typing import Any, BinaryIO, Protocol
 
-from edmsim import user_code
-from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types, refuses_wrong_types
-from edmsim.files import naming, remove_unfinished_line, replacing
-from edmsim.numeric import whole_from
+from edmsim import errors, files, numeric, user_code
 
 Row = dict[str, Any]
+Function = Callable[[Any], Any]
+"""The function of jobs: in a module that every computer has; jobs and answers must be picklable."""
 
 
-@methods_refuse_wrong_types
+@errors.methods_refuse_wrong_types
 class RunTable:
     """Finished runs: a row for each by its ``id``, in a file to which rows are appended, or in memory only.
 
@@ -62,7 +57,7 @@ class RunTable:
         file = None if file is None else Path(file)
         self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
         self.file, self._of, self._lock = file, of, threading.Lock()
-        if file is not None and file.exists() and not remove_unfinished_line(file):
+        if file is not None and file.exists() and not files.remove_unfinished_line(file):
             self.keep(())
 
     def add(self, row: Row) -> None:
@@ -71,7 +66,7 @@ class RunTable:
             if self.file is not None:
                 if not self.file.exists():
                     self.keep(self.rows.values())
-                with naming(self.file), self.file.open("ab") as opened:
+                with files.naming(self.file), self.file.open("ab") as opened:
                     opened.write(json.dumps(row).encode() + b"\n")
                     opened.flush()
                     os.fsync(opened.fileno())
@@ -82,7 +77,7 @@ class RunTable:
         self.rows = {row["id"]: row for row in rows}
         if self.file is not None:
             lines = [*([] if self._of is None else [{"of": self._of}]), *self.rows.values()]
-            with replacing(self.file) as partial:
+            with files.replacing(self.file) as partial:
                 partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 
@@ -93,7 +88,7 @@ def read_rows(file: str | Path, of: Mapping[str, Any] | None = None, texts: Sequ
     except (FileNotFoundError, NotADirectoryError):
         return []
     except IsADirectoryError:
-        raise InputError("this is a folder: name a table of runs in it", file) from None
+        raise errors.InputError("this is a folder: name a table of runs in it", file) from None
     rows = []
     for number, line in enumerate(lines, 1):
         try:
@@ -104,8 +99,9 @@ def read_rows(file: str | Path, of: Mapping[str, Any] | None = None, texts: Sequ
             if not (isinstance(row, dict) and all(isinstance(row.get(name), str) for name in texts)):
                 raise ValueError("not a row of a run")
         except (ValueError, LookupError, TypeError, RecursionError) as error:
-            raise InputError(f"the journal is damaged ({error}): delete this line to repeat its run", file,
-                             number) from None  # fmt: skip
+            raise errors.InputError(
+                f"the journal is damaged ({error}): delete this line to repeat its run", file, number
+            ) from None
         rows.append(row)
     return rows
 
@@ -124,7 +120,7 @@ def check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: str | Pa
             reason = f"it has the runs of {name} {before[name]!r}, not {value!r}"
             if name == "files":  # their values are digests
                 reason = "one of your files has changed since its runs were made"
-            raise InputError(f"{reason}: finish those, give another place, or delete it", file)
+            raise errors.InputError(f"{reason}: finish those, give another place, or delete it", file)
 
 
 def digest(file: str) -> str | None:
@@ -160,8 +156,8 @@ def digests_of(values: Iterable[Any]) -> dict[str, str]:
 @lru_cache(maxsize=1024)
 def _named_in(file: str, _digest: str) -> list[Any]:
     """Return the files that a user's TOML file names: a machine's MJCF, set-ups of a technology."""
-    with suppress(AttributeError, LookupError, OSError, TypeError, ValueError, RecursionError):
-        table = tomllib.loads(Path(file).read_text(encoding="utf-8")) if file.endswith(".toml") else {}
+    with suppress(AttributeError, LookupError, TypeError, errors.InputError):
+        table = files.read_toml(file) if file.endswith(".toml") else {}
         mjcf = [str(Path(file).parent / table["model"])] if "model" in table else []
         of_passes = [one["generator"] for at in table.get("height", ()) for one in at["pass"]]
         return [*mjcf, *of_passes, *(table.get(part) for part in ("machine", "material", "wire"))]
@@ -173,10 +169,10 @@ def identity(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
 
 
-@refuses_wrong_types
+@errors.refuses_wrong_types
 def perform(
     work: Callable[[Any], Any], jobs: Sequence[Any], watch: Callable[[int, int], None] | None = None, *,
-    engine: Engine | None = None, table: RunTable | None = None, ids: Sequence[str] = (),
+    engine: "Engine | None" = None, table: RunTable | None = None, ids: Sequence[str] = (),
 ) -> list[Any]:
     """Run jobs on all cores, and return their answers in order; an error or an interruption ends all of them.
 
@@ -219,14 +215,14 @@ def perform(
 
 
 def _done_elsewhere(
-    engine: Engine, work: Function, jobs: Sequence[tuple[int, Any]], saved: Callable[[int, Any], Any]
+    engine: "Engine", work: Function, jobs: Sequence[tuple[int, Any]], saved: Callable[[int, Any], Any]
 ) -> Iterator[tuple[tuple[int, Any], Any]]:
     """Yield numbered jobs with their answers; an error of a job is raised here."""
     if isinstance(engine, Processes):
         _refuse_not_importable(work)
     for (number, _, job), answer in engine.done(_attempted, ((number, work, job) for number, job in jobs)):
         if isinstance(answer, LostJob):
-            raise EdmsimError(answer.why)
+            raise errors.EdmsimError(answer.why)
         if isinstance(answer, Exception):
             raise answer
         yield (number, job), saved(number, answer)
@@ -237,8 +233,9 @@ def _refuse_not_importable(work: Function) -> None:
     function = getattr(work, "func", work)  # of a partial
     name = getattr(function, "__qualname__", "")
     if function.__module__ == "__main__" or "<" in name:
-        raise InputError(f"other processes cannot import {name or work!r}: define it in a module, or use threads, "
-                         "engine=None")
+        raise errors.InputError(
+            f"other processes cannot import {name or work!r}: define it in a module, or use threads, engine=None"
+        )
 
 
 def _attempted(numbered: tuple[int, Function, Any]) -> Any:
@@ -250,8 +247,8 @@ def _attempted(numbered: tuple[int, Function, Any]) -> Any:
         try:
             pickle.loads(pickle.dumps(error))
         except Exception:
-            return EdmsimError(str(error)) if isinstance(error, EdmsimError) else RuntimeError(text)
-        if not isinstance(error, EdmsimError):
+            return errors.EdmsimError(str(error)) if isinstance(error, errors.EdmsimError) else RuntimeError(text)
+        if not isinstance(error, errors.EdmsimError):
             error.add_note(text)  # the traceback, which is lost between processes
         return error
 
@@ -261,14 +258,12 @@ LONG_S = 3600.0
 wait for the GIL)."""
 
 
-def engine_for(machine_s: float) -> Engine | None:
+def engine_for(machine_s: float) -> "Engine | None":
     """Return the faster engine for cuts of this much machine time in total: processes, or None for threads."""
     return Processes() if machine_s > LONG_S and processors() > 1 else None
 
 
 ATTEMPTS = 3  # attempts at a job whose process or computer is lost, before it counts as failed (ours)
-Function = Callable[[Any], Any]
-"""The function of jobs: in a module that every computer has; jobs and answers must be picklable."""
 
 
 class LostJob:
@@ -309,7 +304,7 @@ class Threads:
                 pool.shutdown(cancel_futures=True)
 
 
-@methods_refuse_wrong_types
+@errors.methods_refuse_wrong_types
 class Processes:
     """Runs jobs in processes on this computer.
 
@@ -325,7 +320,7 @@ class Processes:
     """
 
     def __init__(self, count: int | None = None) -> None:
-        self.count = processors() if count is None else whole_from("count", count, 1)
+        self.count = processors() if count is None else numeric.whole_from("count", count, 1)
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         """See `Engine.done`."""
@@ -455,7 +450,7 @@ IN_FLIGHT = 2
 LOOK_S = 2.0  # longest time between two checks of the number of processors
 
 
-@methods_refuse_wrong_types
+@errors.methods_refuse_wrong_types
 class Cluster:
     """Runs jobs on a Ray cluster, one per processor.
 
@@ -480,7 +475,7 @@ class Cluster:
         try:
             import ray
         except ImportError as error:
-            raise InputError(f"a cluster needs {error.name}: pip install 'edmsim[cluster]'") from None
+            raise errors.InputError(f"a cluster needs {error.name}: pip install 'edmsim[cluster]'") from None
         self._ray: Any = ray
         if not ray.is_initialized():
             try:
@@ -489,10 +484,12 @@ class Cluster:
                     socket.create_connection((host, int(port)), timeout=LOOK_S).close()
                 # for a cluster on one computer, Ray would use the address under which other computers know it
                 here: dict[str, Any] = {"_node_ip_address": host} if host.startswith("127.") else {}
-                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **here)
+                ray.init(address=address, log_to_driver=False, logging_level="ERROR", **here)
             except (OSError, ValueError, RuntimeError) as error:
                 reason = str(error).split(". ")[0]
-                raise InputError(f"there is no Ray cluster at '{address}' ({reason}); start one: ray start") from None
+                raise errors.InputError(
+                    f"there is no Ray cluster at '{address}' ({reason}); start one: ray start"
+                ) from None
 
     @property
     def count(self) -> int:
@@ -528,7 +525,9 @@ class Cluster:
         try:
             return self._ray.get(reference)
         except self._ray.exceptions.LocalRayletDiedError:  # no job can run any longer, so this one has not failed
-            raise EdmsimError("Ray has ended on this computer: start it again, and run the same command") from None
+            raise errors.EdmsimError(
+                "Ray has ended on this computer: start it again, and run the same command"
+            ) from None
         except self._ray.exceptions.RayError as error:
             return LostJob(str(error).strip().split("\n")[0] or type(error).__name__)
 
@@ -536,7 +535,7 @@ class Cluster:
 def engine_of(ray: str | None, processes: int | None) -> Engine:
     """Return where a command makes its runs: in processes of this computer, or on a cluster."""
     if ray is None:
-        return Processes(None if processes is None else whole_from("--processes", processes, 1))
+        return Processes(None if processes is None else numeric.whole_from("--processes", processes, 1))
     if processes is not None:
-        raise InputError("--processes are those of this computer: leave them out with --ray")
+        raise errors.InputError("--processes are those of this computer: leave them out with --ray")
     return Cluster(ray)

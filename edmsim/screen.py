@@ -1,12 +1,18 @@
-"""Tables for a terminal of any width."""
+"""The terminal: tables of any width, and progress bars; in a file or a pipe, lines at intervals."""
 
-from collections.abc import Iterable, Sequence
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from html import escape
 from typing import Any
 
-import rich.table
+from rich import progress, table
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
+
+from edmsim.compiled import PROGRESS
 
 LEAST_NAME = 8
 """Least length of a shortened name (ours)."""
@@ -14,7 +20,7 @@ CUT = "…"
 """Stands for the omitted part of a name."""
 
 
-class ScreenTable(rich.table.Table):
+class ScreenTable(table.Table):
     """A table that fits the terminal: names are shortened, sentences wrap, and numbers stay complete.
 
     In columns other than `numbers`, words that are too long, such as paths, lose their middle; different words stay
@@ -74,7 +80,7 @@ class ScreenTable(rich.table.Table):
             widths[0] = max(widths[0] + left, 1)  # folded, so nothing is lost
         return widths
 
-    def _least(self, column: rich.table.Column) -> int:
+    def _least(self, column: table.Column) -> int:
         """Return the least width: numbers need all of it, names enough to stay different."""
         if _has_numbers(column):
             names = shortened(self._heads(), _shortest(self._heads()))
@@ -84,8 +90,8 @@ class ScreenTable(rich.table.Table):
     def _heads(self) -> list[str]:
         return _words(column.header for column in self.columns if _has_numbers(column))
 
-    def _part(self, widths: dict[int, int], is_first: bool) -> rich.table.Table:
-        part = rich.table.Table(
+    def _part(self, widths: dict[int, int], is_first: bool) -> table.Table:
+        part = table.Table(
             title=self.title if is_first else None, caption=self.caption if is_first else None, box=self.box,
             padding=self.padding, pad_edge=self.pad_edge, show_header=self.show_header, style=self.style,
             title_justify=self.title_justify, caption_justify=self.caption_justify,
@@ -127,7 +133,7 @@ def _shortest(words: list[str]) -> int:
     return next((width for width in range(LEAST_NAME, longest) if shortened(words, width)), longest)
 
 
-def _has_numbers(column: rich.table.Column) -> bool:
+def _has_numbers(column: table.Column) -> bool:
     return column.justify == "right"
 
 
@@ -150,3 +156,99 @@ def _replaced(cell: Any, names: dict[str, str]) -> Any:
     for word in sorted({word for word in text.split() if names.get(word, word) != word}, key=len, reverse=True):
         changed = changed.replace(word, names[word])
     return cell if changed == text else Text(changed, getattr(cell, "style", ""))
+
+
+LINE_EVERY_S = 10.0
+"""Interval between lines of progress in a file or a pipe (ours)."""
+NOTEBOOK_EVERY_S = 0.3
+"""Interval between updates of the bar in a notebook (ours: smooth, and little work for a browser)."""
+
+
+class ShownProgress:
+    """One bar for each name that is shown. None is drawn before the first, so bad input prints only its own line.
+
+    With `quiet` nothing is shown. With `keep` the finished bars, or in a file or a pipe the last line of each, stay.
+
+    >>> with ShownProgress(quiet=True) as bar:
+    ...     bar.show("cutting", 3, 10, "12 um/s")
+    """
+
+    def __init__(self, quiet: bool = False, keep: bool = False) -> None:
+        self._console = Console(stderr=True)
+        self._quiet, self._keep = quiet, keep
+        text = progress.TextColumn("{task.fields[text]}", table_column=table.Column(no_wrap=True, ratio=1))
+        self._bars = progress.Progress(
+            progress.TextColumn("{task.description}"), progress.BarColumn(bar_width=12),
+            progress.TextColumn("{task.fields[share]}"), progress.TimeElapsedColumn(), text, console=self._console,
+            transient=not keep, expand=True,
+        )  # fmt: skip
+        self._tasks: dict[str, progress.TaskID] = {}
+        self._display: Any = None
+        self._drawn_s = time.monotonic()
+        self._name = self._line = ""
+
+    def __enter__(self) -> "ShownProgress":
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if self._bars.live.is_started:
+            self._bars.stop()
+        elif self._keep and self._line and kind is None:
+            self._print()
+
+    def show(
+        self, name: str, done: float = 0.0, total: float | None = None, text: str = "", at_once: bool = False
+    ) -> None:
+        """Show progress in any unit; `total` is None if it is unknown.
+
+        With `at_once` a notebook draws it without waiting for the interval, because something else begins.
+        """
+        if self._quiet:
+            return
+        share = f"{100 * done / total:.1f} %" if total else ""
+        if self._console.is_terminal:
+            if name not in self._tasks:
+                self._bars.start()
+                self._tasks[name] = self._bars.add_task(name, share="", text="")
+            self._bars.update(self._tasks[name], completed=done, total=total, share=share, text=text)
+        elif in_notebook():
+            if at_once or self._display is None or self._is_due(NOTEBOOK_EVERY_S):
+                self._draw_in_notebook(name, done / total if total else None, text)
+        else:
+            if self._keep and self._line and name != self._name:
+                self._print()
+            self._name = name
+            self._line = " ".join(word for word in (name, share, text) if word)
+            if self._is_due(LINE_EVERY_S):
+                self._print()
+
+    def _print(self) -> None:
+        self._console.print(self._line, highlight=False, soft_wrap=True, markup=False)
+        self._line = ""
+
+    def of(self, name: str) -> Callable[..., None]:
+        """Return ``watch(done, total)``, which calls `show` with a name."""
+        return lambda *shown: self.show(name, *shown)
+
+    def _is_due(self, every_s: float) -> bool:
+        now = time.monotonic()
+        is_due = now >= self._drawn_s + every_s
+        if is_due:
+            self._drawn_s = now
+        return is_due
+
+    def _draw_in_notebook(self, name: str, share: float | None, text: str) -> None:
+        percent, value = ("", "") if share is None else (f"{100 * share:.1f} %", f' value="{share:.4f}"')
+        words = f"{name}: " + ", ".join(word for word in (percent, text) if word)
+        data = {"text/plain": words, "text/html": f'<progress max="1"{value}></progress> {escape(words)}'}
+        if self._display is None:
+            self._display = sys.modules["IPython.display"].display(data, raw=True, display_id=True)
+        else:
+            self._display.update(data, raw=True)
+
+
+def in_notebook() -> bool:
+    """Return whether this is a notebook in which progress is not switched off."""
+    ipython = sys.modules.get("IPython")  # a notebook has imported it already; elsewhere the import would take time
+    shell = None if ipython is None else ipython.get_ipython()
+    return getattr(shell, "kernel", None) is not None and os.environ.get(PROGRESS) != "0"

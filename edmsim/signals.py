@@ -1,13 +1,11 @@
-"""Ending a process by a signal while it has work to save."""
-
-from __future__ import annotations
+"""Ending a process by a signal: while it starts, and while it has work to save."""
 
 import signal
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
+from pathlib import Path
 
 _ENDING = {
     signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL,
@@ -23,7 +21,7 @@ class NotedSignals:
         self._came: int | None = None
         self._at_once = False
 
-    def take(self, number: int, _: FrameType | None) -> None:
+    def take(self, number: int, _: object) -> None:
         """Handle a signal."""
         self._came = number
         if self._at_once:
@@ -48,13 +46,26 @@ class NotedSignals:
 _AGAIN_S = 0.05  # after this time Python has left the callback that ignores errors (ours)
 
 
-def raise_again(ignored: sys.UnraisableHookArgs) -> None:
+def raise_again(ignored: "sys.UnraisableHookArgs") -> None:
     """Raise an interruption again that Python ignored, as in a callback of an import; a `sys.unraisablehook`."""
     if isinstance(ignored.exc_value, KeyboardInterrupt):
         number = next(iter(ignored.exc_value.args), signal.SIGINT)
         threading.Timer(_AGAIN_S, signal.raise_signal, [number]).start()
     else:
         sys.__unraisablehook__(ignored)
+
+
+@contextmanager
+def ending_at_once() -> Iterator[None]:
+    """Let Ctrl-C end the command ``edmsim`` or ``python -m edmsim`` at once, without a traceback, while it starts."""
+    is_command = any(Path(word).stem == "edmsim" for word in sys.orig_argv[1:3])
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    starts = is_command and in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if starts:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    yield
+    if starts:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @contextmanager

@@ -11,16 +11,13 @@
 6
 """
 
-from collections import deque
-from collections.abc import Mapping, Set
+from collections import abc, deque
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
-from types import UnionType
-from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 
 class Snapshots:
@@ -36,7 +33,7 @@ class Snapshots:
         """Return the state as JSON values."""
         return state_of(self)
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: abc.Mapping[str, Any]) -> None:
         """Load a snapshot into an object that was made and set up in the same way."""
         take_state(self, state)
 
@@ -47,9 +44,9 @@ class ArraySnapshots(Snapshots):
     Arrays are written in place and keep shape and type; properties are set.
     """
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
+    def snapshot(self) -> dict[str, np.typing.NDArray[Any]]:
         """Return a copy of the state as arrays."""
-        found: dict[str, NDArray[Any]] = {}
+        found: dict[str, np.typing.NDArray[Any]] = {}
         for key, name in _names_of(self).items():
             value = getattr(self, name)
             parts = _parts(key, value)
@@ -60,7 +57,7 @@ class ArraySnapshots(Snapshots):
                 found.update({f"{prefix}.{inner}": array for inner, array in part.snapshot().items()})
         return found
 
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+    def restore(self, state: abc.Mapping[str, np.typing.NDArray[Any]]) -> None:
         """Load a snapshot; raises `ValueError` for an array of another shape or type."""
         for key, name in _names_of(self).items():
             value = getattr(self, name)
@@ -71,7 +68,7 @@ class ArraySnapshots(Snapshots):
             for prefix, part in parts.items():
                 part.restore(with_prefix(state, f"{prefix}."))
 
-    def _take(self, name: str, value: Any, array: NDArray[Any]) -> None:
+    def _take(self, name: str, value: Any, array: np.typing.NDArray[Any]) -> None:
         if not isinstance(value, np.ndarray):
             setattr(self, name, array.tolist())
         elif isinstance(getattr(type(self), name, None), property):
@@ -85,7 +82,7 @@ class ArraySnapshots(Snapshots):
             value[...] = array
 
 
-def with_prefix(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
+def with_prefix(state: abc.Mapping[str, np.typing.NDArray[Any]], prefix: str) -> dict[str, np.typing.NDArray[Any]]:
     """Return the arrays whose names begin with a prefix, by the rest of their names."""
     return {name.removeprefix(prefix): array for name, array in state.items() if name.startswith(prefix)}
 
@@ -95,7 +92,7 @@ def state_of(thing: Any) -> dict[str, Any]:
     return {key: plain(getattr(thing, name)) for key, name in _names_of(thing).items()}
 
 
-def take_state(thing: Any, state: Mapping[str, Any]) -> None:
+def take_state(thing: Any, state: abc.Mapping[str, Any]) -> None:
     """Load the `state_of` an object into another one that was made in the same way."""
     kind: Any = type(thing)
     hints = _hints(kind)
@@ -118,9 +115,9 @@ def plain(value: Any) -> Any:
         return value.tobytes().hex()
     if isinstance(value, bytes | bytearray):
         return value.hex()
-    if isinstance(value, Mapping):
+    if isinstance(value, abc.Mapping):
         return [[plain(key), plain(entry)] for key, entry in value.items()]
-    if isinstance(value, Set):
+    if isinstance(value, abc.Set):
         return sorted(plain(entry) for entry in value)
     if isinstance(value, tuple | list | deque):
         return [plain(entry) for entry in value]
@@ -140,7 +137,7 @@ def like(now: Any, saved: Any, kind: Any = None) -> Any:
     if isinstance(now, bytearray):
         now[:] = bytes.fromhex(saved)
         return now
-    if get_origin(kind) in (Union, UnionType):
+    if type(None) in get_args(kind):
         (kind,) = (each for each in get_args(kind) if each is not type(None))
     made: Any = get_origin(kind) or kind or type(now)
     if isinstance(saved, dict):
@@ -153,7 +150,7 @@ def like(now: Any, saved: Any, kind: Any = None) -> Any:
 
 def _sequence_like(now: Any, saved: Any, made: Any, inner: tuple[Any, ...]) -> Any:
     """Return a sequence or set; without an annotation its entries have the type of the present ones."""
-    if issubclass(made, Mapping):
+    if issubclass(made, abc.Mapping):
         return made((key, like(None, entry, *inner[1:])) for key, entry in saved)
     if hasattr(made, "_fields"):
         before = now or (None,) * len(saved)
@@ -171,7 +168,7 @@ def _parts(key: str, value: Any) -> dict[str, Any] | None:
     """Return the parts of a value that have a `snapshot`, by their prefixes; None if the value is an array."""
     if hasattr(value, "snapshot"):
         return {key: value}
-    if isinstance(value, Mapping):
+    if isinstance(value, abc.Mapping):
         return {f"{key}.{entry}": part for entry, part in value.items()}
     return None
 

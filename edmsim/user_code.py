@@ -13,12 +13,11 @@ from traceback import FrameSummary, extract_tb
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from edmsim.errors import EdmsimError, InputError, located
-from edmsim.files import read_text
+from edmsim import errors, files
 
-MAKERS: dict[str, str] = {}
+MAKERS = {"policy": "edmsim.learning.policy_controller:from_name"}
 """Functions that make an object of a kind from the text after the colon: ``module:function``, imported on use."""
-PASS_MAKERS: dict[str, str] = {}
+PASS_MAKERS = {"policy": "edmsim.learning.policy_controller:passes_from_name"}
 """The same for laws that decide on the passes of a part (`edmsim.envs.pass_laws`)."""
 _OWN = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[^:]*)(?::(?P<rest>.*))?)?", re.DOTALL)
 
@@ -101,7 +100,7 @@ def _imported_by(text: bytes, package: str) -> list[str]:
 
 def run(file: str) -> ModuleType:
     """Run a Python file, again only if its text has changed; raises `InputError` if it fails."""
-    return _run(str(Path(file).absolute()), read_text(file), file)
+    return _run(str(Path(file).absolute()), files.read_text(file), file)
 
 
 @lru_cache(maxsize=64)
@@ -115,10 +114,10 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
     try:
         exec(compile(text, place, "exec"), vars(module))
         _check_imports(place)
-    except InputError:
+    except errors.InputError:
         raise
     except SyntaxError as error:
-        raise InputError(f"is not Python: {error.msg}", shown, error.lineno) from None
+        raise errors.InputError(f"is not Python: {error.msg}", shown, error.lineno) from None
     except (Exception, SystemExit) as error:
         raise failure(error, shown, "fails when it is run") from None
     return module
@@ -132,13 +131,13 @@ def _check_imports(file: str) -> None:
             raise ImportError(f"{name} was imported from {found}, not from this folder: rename one of them")
 
 
-def failure(error: BaseException, file: str, what: str) -> InputError:
+def failure(error: BaseException, file: str, what: str) -> errors.InputError:
     """Return an error of the user's code as an `InputError` that names the line and its callers."""
     frames = _frames(error, file)
     callers = " from ".join(f"line {frame.lineno} in {frame.name}" for frame in reversed(frames[:-1]))
     called = f"; {frames[-1].name} was called at {callers}" if callers else ""
     said = f"{type(error).__name__}: {error}".removesuffix(": ")
-    return InputError(f"{what}: {said}{called}", file, frames[-1].lineno if frames else None)
+    return errors.InputError(f"{what}: {said}{called}", file, frames[-1].lineno if frames else None)
 
 
 def _frames(error: BaseException, file: str) -> list[FrameSummary]:
@@ -158,9 +157,9 @@ def naming_failures(kind: Any, file: str, methods: tuple[str, ...]) -> Any:
         def run(*args: Any, **options: Any) -> Any:
             try:
                 return method(*args, **options)
-            except EdmsimError as error:
+            except errors.EdmsimError as error:
                 frames = [] if getattr(error, "file", None) else _frames(error, file)
-                with located(file, frames[-1].lineno if frames else None):
+                with errors.located(file, frames[-1].lineno if frames else None):
                     raise
             except (Exception, SystemExit) as error:
                 raise failure(error, file, f"{kind.__name__}.{method.__name__} fails") from error

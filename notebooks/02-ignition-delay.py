@@ -33,7 +33,7 @@ import edmsim
 from edmsim import models
 from edmsim.cosim.straight import cut_straight
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
-from edmsim.validation.ignition import (
+from edmsim.validation.discharges import (
     delays_us,
     mean_delay_us,
     median_and_interval,

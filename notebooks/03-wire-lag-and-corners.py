@@ -41,9 +41,9 @@ from edmsim.geometry import pursuit
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
-from edmsim.validation.quality import corner_rig
+from edmsim.validation.closed_forms import static_lag_um
+from edmsim.validation.lag import corner_rig
 from edmsim.validation.setups import altered
-from edmsim.validation.wire import static_lag_um
 
 plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3})
 

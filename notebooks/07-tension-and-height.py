@@ -46,7 +46,7 @@ from edmsim.cosim.straight import cut_straight
 from edmsim.errors import InputError
 from edmsim.plant.window import PlantError
 from edmsim.recording.figures.palette import BLUE, ORANGE, VERMILION
-from edmsim.validation.quality import cut_corner
+from edmsim.validation.lag import cut_corner
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 MEASURES = ("cutting rate, mm²/min", "kerf, µm", "lag, µm", "corner error, µm")

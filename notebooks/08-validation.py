@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {modules: [craters, wire]}
+#     small: {topics: [crater, wire]}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all
@@ -23,7 +23,7 @@
 # in the list, with a link to the reason.
 
 # %% tags=["parameters"]
-modules = ["ignition", "craters", "wire", "water", "corners"]  # checks; in this order the topics come
+topics = ["ignition", "crater", "wire", "dielectric", "corner"]
 
 # %%
 import math
@@ -34,18 +34,17 @@ from IPython.display import Markdown
 
 from edmsim import models, validation
 from edmsim.recording.figures.palette import BLUE, INK, MUTED, VERMILION
-from edmsim.validation import craters, wire
+from edmsim.validation import closed_forms, discharges
 from edmsim.validation.report import rows_table, summary
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 
 # %%
-rows = validation.run(modules=modules)
+rows = validation.run(modules=["discharges", "closed_forms"], topics=topics)
 print(summary(rows))
 assert not any(row.unexpected for row in rows)  # whatever fails has a page that says why
 
 # %%
-topics = list(dict.fromkeys(row.topic for row in rows))
 COLOURS = {"agree": BLUE, "fail": VERMILION, "do not count": MUTED}
 
 
@@ -108,7 +107,7 @@ ignition.axvspan(8, 10, color="0.92", zorder=0, label="two regimes meet (Esteves
 ignition.set(xlabel="gap, µm", ylabel="median ignition delay, µs", yscale="log", title="ignition")
 ignition.legend(frameon=False, fontsize=8)
 
-measured = craters.published()
+measured = discharges.published_craters()
 crater.errorbar([one.current_A for one in measured], [one.volume for one in measured],
                 [one.volume * one.scatter for one in measured], fmt="s", ms=4, color=INK, lw=1, label="ETH")
 for row in rows:
@@ -126,7 +125,7 @@ for voltage, colour in ((80.0, MUTED), (280.0, INK)):
     force = {float(row["gap_um"]): float(row["force_N_per_m"]) for row in closed if float(row["V"]) == voltage}
     pull.plot(list(force), list(force.values()), "s", ms=5, mfc="none", mec=colour, label=f"{voltage:g} V")
     at = np.linspace(4, 50, 24)
-    pull.plot(at, [wire.pull_N_m(gap, voltage) for gap in at], color=BLUE, lw=1)
+    pull.plot(at, [closed_forms.pull_N_m(gap, voltage) for gap in at], color=BLUE, lw=1)
 pull.set(xlabel="gap, µm", ylabel="pull, N/m", yscale="log", title="electrostatic pull (squares: closed form)")
 pull.legend(frameon=False, fontsize=8)
 
@@ -136,14 +135,14 @@ for row in string:
     lag.plot(float(row["T_N"]), float(row["ymax_um_per_N_per_m"]), "s", ms=5, mfc="none", mec=INK)
 tensions = sorted({float(row["T_N"]) for row in string})
 for height in heights:
-    lag.plot(tensions, [wire.static_lag_um(height, tension) for tension in tensions], color=BLUE, lw=1)
-    lag.annotate(f"{height:g} mm", (tensions[-1], wire.static_lag_um(height, tensions[-1])), fontsize=8,
+    lag.plot(tensions, [closed_forms.static_lag_um(height, tension) for tension in tensions], color=BLUE, lw=1)
+    lag.annotate(f"{height:g} mm", (tensions[-1], closed_forms.static_lag_um(height, tensions[-1])), fontsize=8,
                  xytext=(4, 0), textcoords="offset points", va="center")
 lag.set(xlabel="tension, N", ylabel="lag at 1 N/m, µm", yscale="log", title="static lag (squares: taut string)")
 figure.tight_layout()
 
 for row in string:
-    sag_um = wire.static_lag_um(float(row["h_mm"]), float(row["T_N"]))
+    sag_um = closed_forms.static_lag_um(float(row["h_mm"]), float(row["T_N"]))
     assert math.isclose(sag_um, float(row["ymax_um_per_N_per_m"]), rel_tol=0.01)
 
 # %% [markdown]

@@ -23,8 +23,8 @@ from edmsim.job.options import CutSettings
 from edmsim.learning import policy_file
 from edmsim.learning import score as scoring
 from edmsim.plant.window import WireLostError
-from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
+from edmsim.screen import ShownProgress
 from edmsim.signals import raise_again
 
 from .conftest import FILES

@@ -29,7 +29,7 @@ LAYERS: dict[str, set[str]] = {
 }  # fmt: skip
 """Packages that may import only some others."""
 ORDER = (
-    "models", "compiled", "errors", "numeric", "snapshots", "files", "user_code", "screen", "progress", "signals",
+    "models", "compiled", "errors", "numeric", "snapshots", "files", "user_code", "screen", "signals",
     "runs", "geometry", "machine", "plant", "controllers", "axis_bench", "program", "metrology", "cosim", "recording",
     "job", "measure", "envs", "consoles", "hil", "evaluation", "learning", "calibration", "validation", "sweep",
     "bench", "cli", "", "__main__",

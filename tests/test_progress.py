@@ -7,16 +7,16 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from edmsim import progress
+from edmsim import screen
 from edmsim.cosim.simulation import Progress
 from edmsim.job.cut import CutProgress
-from edmsim.progress import ShownProgress, in_notebook
+from edmsim.screen import ShownProgress, in_notebook
 
 
 @pytest.fixture
 def now(monkeypatch):
     clock = [100.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(screen.time, "monotonic", lambda: clock[0])
     return clock
 
 
@@ -42,7 +42,7 @@ def test_what_is_stored_ends_with_its_last_line(now, capsys):
 
 def test_a_narrow_terminal_keeps_share_and_time(monkeypatch):
     console = Console(file=io.StringIO(), force_terminal=True, width=40, color_system=None)
-    monkeypatch.setattr(progress, "Console", lambda stderr: console)
+    monkeypatch.setattr(screen, "Console", lambda stderr: console)
     with ShownProgress(keep=True) as bar:
         bar.show("part.ngc", 1, 8, "12 min 40 s simulated in 45.3 s, 33.3 um/s, short 3 %, open 35 %")
     assert "12.5 % 0:00:00" in console.file.getvalue()

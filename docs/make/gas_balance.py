@@ -11,8 +11,8 @@ from sections import table, write_sections
 
 from edmsim.evaluation.stable_rate import OPEN_SHARE
 from edmsim.machine.machine import Machine
-from edmsim.validation.breakage import STABLE_MM, rough_rig, sato_rig
-from edmsim.validation.lag import ROUGH_MM, ROUGH_OPEN_SHARE
+from edmsim.validation.breakage import ROUGH_MM, STABLE_MM, rough_rig, sato_rig
+from edmsim.validation.lag import ROUGH_OPEN_SHARE
 from edmsim.validation.setups import UNBREAKABLE, servo_cut
 
 SEEDS = range(1, 17)

@@ -11,8 +11,8 @@ import numpy as np
 from sections import table, write_sections
 
 from edmsim.cosim.straight import Cut
-from edmsim.validation.breakage import rough_rig
-from edmsim.validation.lag import ROUGH_MM, ROUGH_OPEN_SHARE
+from edmsim.validation.breakage import ROUGH_MM, rough_rig
+from edmsim.validation.lag import ROUGH_OPEN_SHARE
 from edmsim.validation.setups import servo_cut
 
 SEEDS = (1, 2, 3)

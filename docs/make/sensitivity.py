@@ -13,9 +13,9 @@ from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts
 from edmsim.machine.machine import Machine
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
-from edmsim.validation.breakage import mori_cut, mori_rig, rough_rig
-from edmsim.validation.lag import DEFAULT_S, DRUM_MM, PRODUCTION_S, ROUGH_MM, ROUGH_OPEN_SHARE
-from edmsim.validation.pulse_ratios import drum_um
+from edmsim.validation.breakage import ROUGH_MM, mori_cut, mori_rig, rough_rig
+from edmsim.validation.cuts import drum_um
+from edmsim.validation.lag import DEFAULT_S, DRUM_MM, PRODUCTION_S, ROUGH_OPEN_SHARE
 from edmsim.validation.setups import UNBREAKABLE, altered
 from edmsim.validation.stable_rate import FLUSHED_MM, QUICKER, THIN_MM, preset, rates_mm2_min, thin_rig
 

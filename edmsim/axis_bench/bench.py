@@ -4,18 +4,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from edmsim.axis_bench.motion import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, run
+from edmsim.axis_bench.motion import CHANGE_ROW, DONE, LOST, SAMPLE_ROW, Rows, run
 from edmsim.axis_bench.serial_link import SerialLink
 from edmsim.compiled import axis_rows
 from edmsim.controllers.axis.drive import Drive, PowersUp, data_of
 from edmsim.errors import EdmsimError, InputError, methods_refuse_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.numeric import finite, whole_from
-from edmsim.plant.axes.board import fault_net_low, hold_in_reset
+from edmsim.plant.axes import board, encoder
 from edmsim.plant.axes.drives import AXIS_NAMES, Drives
-from edmsim.plant.axes.encoder import LONG_AGO_NS, read_phases
 from edmsim.plant.axes.steps import DIR_OPEN, MOVE, STEP_OPEN, move
 from edmsim.plant.constants import screws, table_mechanics
 from edmsim.plant.kernel.state import STATE, sizes_of
@@ -96,11 +94,11 @@ class AxisBench:
         self._table = self._make_table()
         self._now_ns = 0
         self.trace = False
-        self._moves: NDArray[np.void] = np.zeros(0, MOVE)
+        self._moves: Rows = np.zeros(0, MOVE)
         self._unplugged = np.zeros(axis_rows.N_AXES, np.int64)  # `STEP_OPEN` and `DIR_OPEN` by axis
         self._notes = np.zeros(_SAMPLES, SAMPLE_ROW), np.zeros(_CHANGES, CHANGE_ROW), np.zeros(2, np.int64)
-        self._samples: list[NDArray[np.void]] = []
-        self._changes: list[NDArray[np.void]] = []
+        self._samples: list[Rows] = []
+        self._changes: list[Rows] = []
         self.names = tuple(name for name in AXIS_NAMES if name in drives)
         self._lines = {name: SerialLink(self.drive(name)) for name in self.names}
         for name in self.names:
@@ -267,7 +265,7 @@ class AxisBench:
         if finite("width_s", width_s, 0.0) * rate_Hz >= 1.0:
             row = self.axis(axis)
             for row["disturbed"] in (_PHASES[phases], 0):
-                read_phases(row)
+                encoder.read_phases(row)
 
     def slip_encoder(self, axis: str, counts: int) -> None:
         """Slip the encoder's disc by counts at once; at 2 counts both phases change together."""
@@ -275,7 +273,7 @@ class AxisBench:
         row["zero_um"] -= counts * motor["um_per_rad"] / motor["counts_per_rad"]
         row["true_count"] += counts
         row["state"] = row["true_count"] & 3 ^ (row["true_count"] & 3) >> 1
-        read_phases(row)
+        encoder.read_phases(row)
 
     def wire(self, axis: str, *, fault_in: bool = True, fault_out: bool = True) -> None:
         """Set a drive's connections to the fault net: input, and output diode."""
@@ -292,7 +290,7 @@ class AxisBench:
     def fault_net_low(self) -> bool:
         """Whether the fault net is low."""
         by_hand = any(self.axis(name)["hand_lines"] & axis_rows.FAULT_IN for name in self.names)
-        return bool(by_hand or fault_net_low(self._drives.axes))
+        return bool(by_hand or board.fault_net_low(self._drives.axes))
 
     def supply(self, axis: str, volts: float) -> None:
         """Set the motor supply's voltage, 0 or more."""
@@ -307,7 +305,7 @@ class AxisBench:
         held = bool(self.axis(axis)["in_reset"])
         if low and not held:
             k, before = self._number(axis), int(self.axis(axis)["pins"])
-            hold_in_reset(self._drives.axes, k)
+            board.hold_in_reset(self._drives.axes, k)
             pins = int(self.axis(axis)["pins"])
             if pins != before:
                 self._changes.append(np.array([(k, self._now_ns, pins)], CHANGE_ROW))
@@ -355,7 +353,7 @@ class AxisBench:
         motor["cam_hysteresis_um"] = finite("hysteresis_um", hysteresis_um, 0.0)
         motor["cam_low_um"], motor["cam_high_um"] = low_um, high_um
         motor["cam_bounce_ns"], motor["cam_filter_ns"] = times_ns
-        row["cam"], row["cam_ns"] = low_um <= row["place_um"] <= high_um, LONG_AGO_NS
+        row["cam"], row["cam_ns"] = low_um <= row["place_um"] <= high_um, encoder.LONG_AGO_NS
 
     def press_home(self, axis: str, closed: bool) -> None:
         """Close or open the home input of an axis without a cam."""
@@ -414,11 +412,11 @@ class AxisBench:
             bool(net or row["hand_lines"] & axis_rows.FAULT_IN),
         )
 
-    def samples(self, axis: str = "") -> NDArray[np.void]:
+    def samples(self, axis: str = "") -> Rows:
         """Return an axis' samples since the last call (`edmsim.axis_bench.motion.SAMPLE_ROW`)."""
         return _taken(self._samples, SAMPLE_ROW, self._number(axis))
 
-    def changes(self, axis: str = "") -> NDArray[np.void]:
+    def changes(self, axis: str = "") -> Rows:
         """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.motion.CHANGE_ROW`)."""
         return _taken(self._changes, CHANGE_ROW, self._number(axis))
 
@@ -450,10 +448,10 @@ def _ns(name: str, seconds: float) -> int:
     return round(finite(name, seconds, 0.0) * 1e9)
 
 
-def _taken(parts: list[NDArray[np.void]], kind: np.dtype[np.void], axis: int) -> NDArray[np.void]:
+def _taken(parts: list[Rows], kind: np.dtype[np.void], axis: int) -> Rows:
     """Remove an axis' rows from the records and return them."""
-    rows = np.concatenate(parts) if parts else np.zeros(0, kind)
-    own: NDArray[np.bool_] = rows["axis"] == axis
+    rows: Rows = np.concatenate([np.zeros(0, kind), *parts])
+    own: np.typing.NDArray[np.bool_] = rows["axis"] == axis
+    found: Rows = rows[own]
     parts[:] = [rows[~own]]
-    found: NDArray[np.void] = rows[own]
     return found

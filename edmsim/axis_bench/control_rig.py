@@ -1,15 +1,15 @@
 """A control of several axes on the bench: each cycle it reads the encoders and sets its loops' targets."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.axis_bench.bench import AxisBench
 from edmsim.controllers.axis.drive import Drive, PositionServo
 from edmsim.controllers.axis.elcam import mcu_g3
 from edmsim.errors import methods_refuse_wrong_types
+from edmsim.geometry import Floats
 from edmsim.numeric import finite
 
 _CYCLE_NS = round(mcu_g3.CYCLE_S * 1e9)
@@ -18,11 +18,11 @@ _CYCLE_NS = round(mcu_g3.CYCLE_S * 1e9)
 class Traces(NamedTuple):
     """Records of a run, a row per cycle and a column per axis: times in s, positions in the axes' units."""
 
-    time_s: NDArray[np.float64]
-    setpoint: NDArray[np.float64]
-    actual: NDArray[np.float64]
-    compensation: NDArray[np.float64]
-    table_um: NDArray[np.float64]
+    time_s: Floats
+    setpoint: Floats
+    actual: Floats
+    compensation: Floats
+    table_um: Floats
 
 
 @methods_refuse_wrong_types
@@ -56,7 +56,8 @@ class ControlRig:
         self.bench = AxisBench({**usual, **(drives or {})})
         self.control = mcu_g3.MotionControl(list(axes.values()), **options)
         self._sent = [0] * len(self.names)
-        self._notes: list[tuple[float, NDArray[np.float64]]] = []
+        self._times: list[float] = []
+        self._notes: list[list[list[float]]] = []
 
     def run(self, seconds: float) -> None:
         """Run for a time, in whole cycles."""
@@ -74,21 +75,20 @@ class ControlRig:
 
     def traces(self) -> Traces:
         """Return the records since the last call."""
-        times, rows = [at for at, _ in self._notes], [row for _, row in self._notes]
-        self._notes = []
-        columns = np.array(rows).reshape(len(rows), 4, len(self.names))
-        return Traces(np.array(times), *(columns[:, k] for k in range(4)))
+        times, columns = np.array(self._times), np.array(self._notes).reshape(-1, 4, len(self.names))
+        self._times, self._notes = [], []
+        return Traces(times, *(columns[:, k] for k in range(4)))
 
     def _turn(self) -> None:
-        axes = self.control.axes
-        counts = [
-            self._sent[k] if axis.stepper else self.count(name)
-            for k, (name, axis) in enumerate(zip(self.names, axes, strict=True))
-        ]
-        self.control.turn(counts, [self.count(name) for name in self.names])
+        axes, encoders = self.control.axes, [self.count(name) for name in self.names]
+        self.control.turn([self._sent[k] if axes[k].stepper else count for k, count in enumerate(encoders)], encoders)
         for k, (name, axis) in enumerate(zip(self.names, axes, strict=True)):
             self._command(k, name, axis)
-        self._notes.append((self.bench.time_s, self._note(axes)))
+        self._times.append(self.bench.time_s)
+        self._notes.append([
+            [axis.setpoint for axis in axes], [axis.actual for axis in axes], [axis.compensation for axis in axes],
+            [self.table_um(name) for name in self.names],
+        ])  # fmt: skip
 
     def _command(self, k: int, name: str, axis: mcu_g3.ControlAxis) -> None:
         """Set target and compensation of a servo axis, or step a stepper to the sum of both."""
@@ -103,10 +103,3 @@ class ControlRig:
         real[mcu_g3.COMPENSATION] = axis.compensation * axis.counts_per_unit
         rad_s = axis.velocity * axis.counts_per_unit / float(motor["counts_per_rad"])
         real[mcu_g3.FEED_FORWARD] = rad_s * float(motor["torque_Nm_A"]) / float(motor["supply_V"])
-
-    def _note(self, axes: Sequence[mcu_g3.ControlAxis]) -> NDArray[np.float64]:
-        places = [self.table_um(name) for name in self.names]
-        return np.array([
-            *(axis.setpoint for axis in axes), *(axis.actual for axis in axes),
-            *(axis.compensation for axis in axes), *places,
-        ])  # fmt: skip

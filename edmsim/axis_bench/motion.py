@@ -1,7 +1,6 @@
 """The bench's compiled loop: motion, samples and outputs in time order, and their records."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
@@ -11,6 +10,7 @@ from edmsim.plant.axes.steps import make_steps
 from edmsim.plant.kernel.state import Axes
 from edmsim.plant.mechanics.full_model import FullLink, coast_table, copy_axes_to_mujoco
 
+Rows = np.typing.NDArray[np.void]
 SAMPLE_ROW = np.dtype(
     [
         ("axis", "i8"), ("time_ns", "i8"), ("setpoint", "i8"), ("count", "i8"), ("command", "f8"), ("pins", "i8"),
@@ -25,7 +25,7 @@ DONE, FULL, LOST = range(3)
 
 
 @compiled
-def _note(axes: Axes, axis: int, row: NDArray[np.void]) -> None:
+def _note(axes: Axes, axis: int, row: Rows) -> None:
     drive, at = axes.drives[axis], axes.rows[axis]
     row[0].axis = axis
     row[0].time_ns = drive.now_ns
@@ -42,9 +42,8 @@ def _note(axes: Axes, axis: int, row: NDArray[np.void]) -> None:
 
 @compiled
 def run(
-    state: NDArray[np.void], axes: Axes, link: FullLink | None, moves: NDArray[np.void],
-    unplugged: NDArray[np.int64], until_ns: int, samples: NDArray[np.void], changes: NDArray[np.void],
-    noted: NDArray[np.int64],
+    state: Rows, axes: Axes, link: FullLink | None, moves: Rows, unplugged: np.typing.NDArray[np.int64],
+    until_ns: int, samples: Rows, changes: Rows, noted: np.typing.NDArray[np.int64],
 ) -> int:
     """Run drives and axes to a time, the table by MuJoCo if there is a `link`; returns `DONE`, `FULL` or `LOST`.
 

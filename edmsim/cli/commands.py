@@ -556,7 +556,7 @@ def gap(
         )
         say(f"written: {fmu}; its step is {step_s:.9g} s")
     if delays is not None:
-        from edmsim.hil.delays import delay_table, write_delays
+        from edmsim.hil.gap import delay_table, write_delays
 
         make_room(delays, "a table of delays", ".csv")
         with progress() as bar:

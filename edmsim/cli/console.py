@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from edmsim.progress import ShownProgress
+    from edmsim.screen import ShownProgress
 
 OUT = Console()
 ERR = Console(stderr=True)
@@ -46,7 +46,7 @@ def print_line(text: str) -> None:
 
 def progress(quiet: bool = False, keep: bool = False) -> "ShownProgress":
     """Return a progress display; its module is imported here, because short commands do not need it."""
-    from edmsim.progress import ShownProgress
+    from edmsim.screen import ShownProgress
 
     return ShownProgress(quiet, keep)
 

@@ -5,14 +5,16 @@ All cuts that Python runs window by window use it: programs (`edmsim.cosim.simul
 by interrupts; they share `WindowObservation.of`, `edmsim.cosim.stops` and the rules of legs.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
 
 from edmsim.controllers.axis.elcam.file import StepCompensation
 from edmsim.controllers.planner.registry import PathOffset, Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step, WindowObservation
-from edmsim.cosim.observers import Observer, Turn
-from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.machine import pulse_window, setting
+from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.plant import Plant
 from edmsim.snapshots import Snapshots
 
@@ -133,6 +135,43 @@ class EvenSteps:
         self.path_um += travel_um
 
 
+PlantView: TypeAlias = Plant
+"""Interface of the plant for observers, which read the last window and change nothing."""
+
+
+class Turn(NamedTuple):
+    """One turn of the cycle: a window, and the motion of the wire in it."""
+
+    window: pulse_window.PulseWindow  # results of the window
+    time_ns: int  # machine time at the window's end
+    feed_um_s: float  # feed at the window's end
+    path_um: float  # path length travelled by the position counters, over all legs
+    opposite: OppositePulses | None = None  # equalising pulses of the window, if the generator has them
+
+
+class Observer(Protocol):
+    """Observes a cut and changes nothing: the interface of recorders."""
+
+    name: ClassVar[str]  # key of its snapshot in the checkpoint, unique among the observers of a cut
+
+    def begin(self, plant: PlantView) -> None:
+        """Observe the plant before the first window."""
+        return
+
+    def leg(self, points_um: np.typing.NDArray[np.int64], start_um: float) -> None:
+        """Observe the points (n, 2) of the leg that begins at `Turn.path_um` == `start_um`."""
+        return
+
+    def window(self, turn: Turn, plant: PlantView) -> None:
+        """Observe a window after it ended."""
+
+    def snapshot(self) -> Mapping[str, np.typing.NDArray[Any]]:
+        """Return a copy of the state as arrays."""
+
+    def restore(self, state: Mapping[str, np.typing.NDArray[Any]]) -> None:
+        """Load a snapshot."""
+
+
 class Cycle:
     """Runs plant, motion and controller together. Observers see every window; a decision applies to the next one."""
 
@@ -155,6 +194,6 @@ class Cycle:
         turn = Turn(window, plant.time_ns, motion.feed_um_s, motion.path_um, plant.opposite_pulses())
         for observer in self._observers:
             observer.window(turn, plant)
-        if window.pulses == WINDOW_PULSES:
+        if window.pulses == setting.WINDOW_PULSES:
             self._decide(WindowObservation.of(window, turn.time_ns, turn.feed_um_s, turn.path_um))
         return turn

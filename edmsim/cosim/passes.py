@@ -7,10 +7,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
-from edmsim.cosim.observers import Turn
+from edmsim.cosim.cycle import Turn
 from edmsim.geometry import Floats, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.metrology import edges, kerf, profile
@@ -37,21 +36,21 @@ class ProgramPlace:
 class Leg(NamedTuple):
     """The path between two stops of the program: threading, a dwell, the end."""
 
-    points_um: NDArray[np.int64]
+    points_um: np.typing.NDArray[np.int64]
     threads: bool  # whether a new wire is threaded at the first point
     # rest_s, dwell_s: waiting times at the first point and at the last one (G4)
     rest_s: float
     dwell_s: float
-    along_um: NDArray[np.float64]  # (n,): path length at every point
+    along_um: Floats  # (n,): path length at every point
     # (n, 2): lead of the upper guide over the lower one; None for a vertical wire
-    lead_um: NDArray[np.int64] | None = None
+    lead_um: np.typing.NDArray[np.int64] | None = None
     cut_pass: CutPass | None = None  # its pass; None if the contour is cut in one pass
     leads_in: bool = False  # whether it leads from the start hole to the beginning of the pass
     part_side: Literal["left", "right"] | None = None  # None if the wire follows a line as drawn
 
     def started_at(
         self, point_um: tuple[float, float], lead_um: tuple[float, float]
-    ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any] | None]:
+    ) -> tuple[np.typing.NDArray[Any], Floats, np.typing.NDArray[Any] | None]:
         """Return points, path lengths and leads of the leg from a place on, which need not be its first point."""
         points, leads, along = self.points_um, self.lead_um, self.along_um - self.along_um[0]
         way = math.dist(points[0], point_um)
@@ -102,7 +101,7 @@ def programmed_um(legs: Sequence[Leg], path_um: Floats) -> Floats:
     return interpolated(path_um, np.concatenate(along), np.concatenate([leg.points_um for leg in legs]))
 
 
-def path_behind(legs: Sequence[Leg], number: int) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any]]:
+def path_behind(legs: Sequence[Leg], number: int) -> tuple[np.typing.NDArray[Any], Floats, np.typing.NDArray[Any]]:
     """Return the path that the wire of a trim has cut before a leg, since threading: points, path lengths, leads.
 
     A retract may run back onto it beyond the leg's first point, at which lengths are 0.

@@ -9,18 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from edmsim.controllers import FeedCommand, FeedController, WindowObservation, protocols
-from edmsim.controllers.axis import COMMISSIONED
+from edmsim.controllers import FeedCommand, FeedController, WindowObservation, axis, protocols
 from edmsim.controllers.axis.elcam.file import StepCompensation, check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
-from edmsim.controllers.planner.registry import PathOffset, RunsPath, make_planner, position_unit
-from edmsim.cosim.cycle import Cycle, PlannerMotion
-from edmsim.cosim.observers import Observer
+from edmsim.controllers.planner import four_axes, registry
+from edmsim.cosim.cycle import Cycle, Observer, PlannerMotion
 from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, path_behind
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.errors import InputError
@@ -32,8 +28,7 @@ from edmsim.plant.axes.steps import rapid_constants, time_left_s
 from edmsim.plant.constants import too_strong_mJ
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError
-from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.plant.workpiece.kerf_field import KerfField, Stock
+from edmsim.plant.workpiece import height_steps, kerf_field
 from edmsim.program.path import CutPath
 from edmsim.snapshots import Snapshots, like, state_of, take_state, with_prefix
 
@@ -57,7 +52,7 @@ class CutAxes(Snapshots):
             if fault.axis not in own:
                 raise InputError(
                     f"{fault.axis} has no servo drive, which the fault {fault.fault} needs: choose one of the "
-                    f"drives {', '.join(COMMISSIONED)}"
+                    f"drives {', '.join(axis.COMMISSIONED)}"
                 )
         step_um = plant.machine.base.table.step_um.value
         for name, own_um in own.items():
@@ -137,7 +132,7 @@ class Simulation:
         seed: int = 0,
         resolution: str = "default",
         max_time_s: float | None = None,  # machine time after which the cut is stopped
-        steps: tuple[LowerRegion, ...] = (),  # where the workpiece is lower than the height of the set-up
+        steps: tuple[height_steps.LowerRegion, ...] = (),  # where the workpiece is lower than the set-up's height
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
         drives: Mapping[str, AxisDrive] | None = None,
@@ -146,7 +141,7 @@ class Simulation:
         axis_faults: Sequence[AxisFault] = (),
         setups: Sequence[PassSetup] = (),  # from rough to last; the last one applies to all later passes
         approach: PassSetup | None = None,  # of the lead-ins of a path in passes; by default that of the first pass
-        metal: KerfField | None = None,  # workpiece after an earlier cut, which is copied
+        metal: kerf_field.KerfField | None = None,  # workpiece after an earlier cut, which is copied
         waits: bool = False,  # before every pass except the first, until `begin_pass` is called
     ) -> None:
         self.machine = machine
@@ -158,7 +153,7 @@ class Simulation:
         self.observers = tuple(observers)
         self._planner_name = planner
         table = machine.base.table
-        self.unit = position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
+        self.unit = registry.position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
         self.max_feed_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
@@ -176,9 +171,9 @@ class Simulation:
         if compensation is not None:
             check_cams(compensation, [contour.points_um for contour in path.contours], machine.guide_distance_mm)
         self._check_lean()
-        self._offset = PathOffset(step_um)
+        self._offset = registry.PathOffset(step_um)
         self.plant = Plant(
-            machine, seed, stock=Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
+            machine, seed, stock=kerf_field.Stock((x0, y0, x1, y1), holes, steps, machine.height_mm),
             position_um=self._motors_um(float(x), float(y), 0.0, self._lead_of(0)), resolution=resolution,
             mechanics=mechanics, drives=drives,
         )
@@ -236,18 +231,13 @@ class Simulation:
         number = 1 if leg.cut_pass is None else leg.cut_pass.number
         return self._setups[min(number, len(self._setups)) - 1]
 
-    def _take_setup(self, leg: Leg) -> Machine:
-        """Apply the setting of a leg's pass, and change the plant's set-up if it differs."""
+    def _begin_leg(self) -> PlannerMotion:
+        """Plan a leg from the wire's position, which may be half a step before the end of the last leg."""
+        at, leg = self._at, self.legs[self._at.leg]
         setup = self._setup_of(leg)
         if setup.machine is not self._setup.machine:
             self.plant.change_setup(setup.machine)
         self._setup = setup
-        return self._setup.machine
-
-    def _begin_leg(self) -> PlannerMotion:
-        """Plan a leg from the wire's position, which may be half a step before the end of the last leg."""
-        at, leg = self._at, self.legs[self._at.leg]
-        machine = self._take_setup(leg)
         points, along, leads = leg.started_at(at.from_um, at.lead_um)
         for observer in self.observers:
             observer.leg(points, at.start_um)
@@ -256,16 +246,16 @@ class Simulation:
         behind, along_behind, leads_behind = path_behind(self.legs, at.leg)
         every = np.concatenate([behind, points])
         planner = (
-            make_planner(self._planner_name, every, unit=self.unit, step_um=step_um, start=len(behind))
+            registry.make_planner(self._planner_name, every, unit=self.unit, step_um=step_um, start=len(behind))
             if leads is None
-            else make_leaning_planner(
+            else four_axes.make_leaning_planner(
                 self._planner_name, every, np.concatenate([leads_behind, leads]),
                 np.concatenate([along_behind, along]), self.unit, step_um,
             )
         )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
-        command = self._reset_controller(machine, points)
-        own = self.controller.path_run(self._planner_name) if isinstance(self.controller, RunsPath) else None
+        command = self._reset_controller(setup.machine, points)
+        own = self.controller.path_run(self._planner_name) if isinstance(self.controller, registry.RunsPath) else None
         drives = self.controller if isinstance(self.controller, protocols.DrivesSteps) and own is None else None
         # once per leg: a runtime check of a protocol takes a twentieth of a window
         self._switched = self.controller if isinstance(self.controller, protocols.HasSwitches) else None
@@ -274,7 +264,7 @@ class Simulation:
             own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._offset, self._compensation
         )
 
-    def _reset_controller(self, machine: Machine, points_um: NDArray[Any]) -> FeedCommand:
+    def _reset_controller(self, machine: Machine, points_um: np.typing.NDArray[Any]) -> FeedCommand:
         """Reset the controller for a leg's points, with the generator at its set-up; return its first command."""
         side = self.legs[self._at.leg].part_side
         protocols.set_up_controller(self.controller, machine, points_um, self._at.start_um, side)
@@ -287,7 +277,7 @@ class Simulation:
         """Refuse a machine or planner that cannot move the upper guide as the legs require."""
         for leg in self.legs:
             if leg.lead_um is not None:
-                check_lead(self._planner_name, leg.points_um, leg.lead_um)
+                four_axes.check_lead(self._planner_name, leg.points_um, leg.lead_um)
         if self.path.leans and self.elcam is not None and any(table.leads for table in self.elcam.tables.values()):
             raise InputError("the program's taper moves the upper guide, and so does a cam: leave one of them out")
 
@@ -527,7 +517,7 @@ class Simulation:
         self.passes.begin_leg(at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
         return StopCause.RUNNING
 
-    def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:
+    def _thread_at(self, point_um: np.typing.NDArray[np.int64], lead_um: tuple[float, float]) -> float:
         """Move to a contour and thread; return the time that axes would need that are too slow to wait for."""
         table = self.machine.base.table
         x, y = self.commanded_um
@@ -544,14 +534,14 @@ class Simulation:
                 watch(progress)
         return self.outcome
 
-    def snapshot(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    def snapshot(self) -> tuple[dict[str, np.typing.NDArray[Any]], dict[str, Any]]:
         """Return the state: arrays, and JSON values."""
         arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
         for observer in self.observers:
             arrays.update({f"{observer.name}.{k}": v for k, v in observer.snapshot().items()})
         return arrays, state_of(self)
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
+    def restore(self, arrays: Mapping[str, np.typing.NDArray[Any]], values: Mapping[str, Any]) -> None:
         """Load a `snapshot` of the same cut, with the same observers; the cut then continues bit for bit."""
         self._at = like(self._at, values["at"])
         self._cycle.motion = self._motion = self._begin_leg()

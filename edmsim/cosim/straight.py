@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from edmsim.controllers import FeedController, WindowObservation, make
-from edmsim.controllers.user_controllers import check_is_controller
+from edmsim.controllers import FeedController, WindowObservation, make, user_controllers
 from edmsim.cosim.cycle import Cycle, EvenSteps
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
@@ -104,7 +102,7 @@ class Cut:
         return self.windows[-1].broken
 
     @cached_property
-    def kerf_um(self) -> NDArray[np.float64]:
+    def kerf_um(self) -> np.typing.NDArray[np.float64]:
         """Width of the kerf in each slice from the bottom: cut area over length, as far as the wire has passed."""
         radius = self.plant.machine.wire_diameter_um / 2
         x = np.arange(self.from_um, self.from_um + self.travel_um - radius - SLOT_GAP_UM, 2 * _STEP_UM)
@@ -130,8 +128,9 @@ class Traverse(EvenSteps):
     """A cut along an axis at a fixed feed or with a controller, window by window; an alarm is only recorded."""
 
     def __init__(self, plant: Plant, feed: float | FeedController) -> None:
-        feed_um_s = real(feed)
-        self._controller = check_is_controller(feed) if feed_um_s is None else make("fixed", feed_um_s=feed_um_s)
+        um_s = real(feed)
+        law = user_controllers.check_is_controller(feed) if um_s is None else make("fixed", feed_um_s=um_s)
+        self._controller = law
         super().__init__(plant.machine.base.table.step_um.value, self._controller.reset(FASTEST_UM_S).feed_um_s)
         self.alarm: str | None = None
         self._plant = plant
@@ -195,10 +194,10 @@ class PulseSample:
     machine: Machine  # the set-up
     feed_um_s: float
     period_us: float  # pulse period
-    kind: NDArray[np.int64]  # (n,): class of every pulse, see `KINDS`
-    delay_us: NDArray[np.float64]  # (n,): ignition delay; NaN if the pulse did not ignite
+    kind: np.typing.NDArray[np.int64]  # (n,): class of every pulse, see `KINDS`
+    delay_us: np.typing.NDArray[np.float64]  # (n,): ignition delay; NaN if the pulse did not ignite
     # (n, slices, 2): wire minus guides after the pulse, per slice from the bottom, X and Y
-    deflection_um: NDArray[np.float64]
+    deflection_um: np.typing.NDArray[np.float64]
 
     def share(self, kind: str) -> float:
         """Share of a class of pulses, 0..1."""
@@ -234,7 +233,7 @@ def sample_pulses(
     plant = begin(machine, seed, resolution=resolution)
     if not plant.window_ns:
         raise InputError("sampling pulses needs generators of a fixed period")
-    traverse = Traverse(plant, make("fixed", feed_um_s=feed_um_s))
+    traverse = Traverse(plant, feed_um_s)
     if traverse.run(SETTLE_S)[-1].broken:
         raise InputError(f"the wire broke within {SETTLE_S:g} s at {feed_um_s:g} um/s: no pulses to see")
     return _look(plant, traverse, pulses)

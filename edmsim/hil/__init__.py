@@ -5,8 +5,7 @@ The connected controller sets the feed. `Rig` runs without a clock, for unit tes
 """
 
 from edmsim.hil.boards import BOARDS, Rig
-from edmsim.hil.delays import delay_table
-from edmsim.hil.gap import Gap
+from edmsim.hil.gap import Gap, delay_table
 from edmsim.hil.samples import SampleReader, Sensing
 
 __all__ = ["BOARDS", "Gap", "Rig", "SampleReader", "Sensing", "delay_table"]

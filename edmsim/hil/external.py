@@ -11,7 +11,6 @@ from collections import deque
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
 from edmsim.errors import InputError
@@ -53,7 +52,7 @@ class ExternalMotion:
             raise InputError(f"time_scale is above 0, in machine seconds per second, not {time_scale!r}")
         self._link, self._time_scale = link, time_scale
         self._run: _Followed | None = None
-        self._points: NDArray[np.float64] = np.zeros((0, 2))
+        self._points: np.typing.NDArray[np.float64] = np.zeros((0, 2))
         self._step_um = self._rapid_um_s = self._end_um = 1.0
         self._before: deque[tuple[float, float]] = deque()
 
@@ -62,7 +61,7 @@ class ExternalMotion:
         if legs > 1:
             raise InputError("another program moves the axes along one contour without dwells: cut the others apart")
 
-    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+    def set_up(self, machine: Machine, points_um: np.typing.NDArray[Any], start_um: float) -> None:
         """Read the path; the other program is then at its start."""
         table = machine.base.table
         self._points, self._step_um, self._end_um = points_um, table.step_um.value, machine.wire_diameter_um
@@ -114,7 +113,8 @@ class _Followed(Snapshots):
     max_feed_um_s = math.inf
 
     def __init__(
-        self, link: Link, points_um: NDArray[np.float64], step_um: float, rapid_um_s: float, time_scale: float
+        self, link: Link, points_um: np.typing.NDArray[np.float64], step_um: float, rapid_um_s: float,
+        time_scale: float,
     ) -> None:
         self._link, self._points, self._step_um, self._scale = link, points_um, step_um, time_scale
         self._between_ns = int(step_um / rapid_um_s * 1e9)
@@ -124,8 +124,8 @@ class _Followed(Snapshots):
         self._end: tuple[float, float] | None = None
         self._clock: tuple[float, int] | None = None
         self.path_um = 0.0
-        ways = np.diff(points_um, axis=0)
-        self._lengths = np.hypot(*ways.T)
+        self._sides = np.diff(points_um, axis=0)
+        self._lengths = np.hypot(*self._sides.T)
         self._stations = np.concatenate([[0.0], np.cumsum(self._lengths)])
 
     @property
@@ -192,10 +192,9 @@ class _Followed(Snapshots):
     def _station(self) -> float:
         """Return the length of path nearest to the counters, within `_NEAR_UM` of the last one."""
         place, begins = np.array(self._counted), self._points[:-1]
-        ways = np.diff(self._points, axis=0)
-        along = ((place - begins) * ways).sum(axis=1) / np.maximum(self._lengths, 1e-9)
+        along = ((place - begins) * self._sides).sum(axis=1) / np.maximum(self._lengths, 1e-9)
         along = np.clip(along, 0.0, self._lengths)
-        feet = begins + ways * (along / np.maximum(self._lengths, 1e-9))[:, None]
+        feet = begins + self._sides * (along / np.maximum(self._lengths, 1e-9))[:, None]
         far = np.abs(self._stations[:-1] + along - self.path_um) > _NEAR_UM
         nearest = int(np.where(far, np.inf, np.hypot(*(place - feet).T)).argmin())
         return float(self._stations[nearest] + along[nearest])

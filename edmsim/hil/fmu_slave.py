@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 import pythonfmu3 as fmu
 from pydantic import ValidationError
-from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability
 
 from edmsim import __version__
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import read_arrays
 from edmsim.hil.gap import Gap, Output
+from edmsim.machine import pulse_window, setting
 from edmsim.machine.machine import Machine
-from edmsim.machine.pulse_window import PulseWindow
-from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
 
 SETTINGS = "edmsim.json"
@@ -39,7 +37,7 @@ OUTPUTS = {
 }  # fmt: skip
 
 
-class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
+class EdmsimGap(fmu.Fmi3Slave):  # type: ignore[misc]
     """The slave: a fixed step of one window, get and set of its state by snapshots."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -74,11 +72,11 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
             raise InputError("another version of edmsim wrote this FMU: write it again by edmsim gap --fmu") from None
 
     def _register(self) -> None:
-        fixed, discrete = Fmi3Variability.fixed, Fmi3Variability.discrete
-        as_input = {"causality": Fmi3Causality.input, "variability": discrete}
-        as_output = {"causality": Fmi3Causality.output, "variability": discrete}
-        as_parameter = {"causality": Fmi3Causality.parameter, "variability": fixed}
-        time = {"causality": Fmi3Causality.independent, "variability": Fmi3Variability.continuous}
+        fixed, discrete = fmu.Fmi3Variability.fixed, fmu.Fmi3Variability.discrete
+        as_input = {"causality": fmu.Fmi3Causality.input, "variability": discrete}
+        as_output = {"causality": fmu.Fmi3Causality.output, "variability": discrete}
+        as_parameter = {"causality": fmu.Fmi3Causality.parameter, "variability": fixed}
+        time = {"causality": fmu.Fmi3Causality.independent, "variability": fmu.Fmi3Variability.continuous}
         variables = [
             fmu.Float64("time", **time),
             *(fmu.Float64(name, description=text, **as_input) for name, text in INPUTS.items()),
@@ -96,49 +94,47 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         try:
             self._gap = self._new_gap()
         except EdmsimError as error:
-            self.log(str(error), Fmi3Status.error)
+            self.log(str(error), fmu.Fmi3Status.error)
 
     def _new_gap(self) -> Gap:
         machine = self._machine.with_(height_mm=self.height_mm, tension=self.tension_N)
         chosen = {"resolution": self._settings["resolution"], "gap_um": self._settings["gap_um"]}
         return Gap(machine, self.seed, **chosen)
 
-    def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
+    def do_step(self, current_time: float, step_size: float) -> fmu.Fmi3StepResult:
         """Run the pulses that begin and end within the step; its length is fixed."""
         step_s = self._settings["step_s"]
-        if self._gap is None:
-            self.log("no step: not initialized yet, or its parameters were refused", Fmi3Status.error)
-            return Fmi3StepResult(Fmi3Status.error)
-        if abs(step_size - step_s) > 1e-6 * step_s:
-            self.log(f"steps are {step_s:.9g} s, one window of pulses, not {step_size:.9g}", Fmi3Status.error)
-            return Fmi3StepResult(Fmi3Status.error)
-        if math.isnan(self._start_s):
-            self._start_s = current_time
         try:
+            if self._gap is None:
+                raise EdmsimError("no step: not initialized yet, or its parameters were refused")
+            if abs(step_size - step_s) > 1e-6 * step_s:
+                raise EdmsimError(f"steps are {step_s:.9g} s, one window of pulses, not {step_size:.9g}")
+            if math.isnan(self._start_s):
+                self._start_s = current_time
             self._run(self._gap, round((current_time + step_size - self._start_s) * 1e9))
         except EdmsimError as error:
-            self.log(str(error), Fmi3Status.error)
-            return Fmi3StepResult(Fmi3Status.error)
-        return Fmi3StepResult(Fmi3Status.ok)
+            self.log(str(error), fmu.Fmi3Status.error)
+            return fmu.Fmi3StepResult(fmu.Fmi3Status.error)
+        return fmu.Fmi3StepResult(fmu.Fmi3Status.ok)
 
     def _run(self, gap: Gap, until_ns: int) -> None:
         t_on_us, t_period_us = (finite(name, getattr(self, name)) for name in ("t_on_us", "t_period_us"))
-        setting = Output(WINDOW_PULSES, bool(self.generator_on), t_on_us, t_period_us)
-        windows: list[PulseWindow] = []
-        while (room := self._room(gap, setting, until_ns)) > 0:
+        output = Output(setting.WINDOW_PULSES, bool(self.generator_on), t_on_us, t_period_us)
+        windows: list[pulse_window.PulseWindow] = []
+        while (room := self._room(gap, output, until_ns)) > 0:
             gap.setpoints.move_at((self.feed_x_um_s, self.feed_y_um_s), gap.plant.time_ns)
-            windows.append(gap.run(setting._replace(pulses=min(room, WINDOW_PULSES))).window)
+            windows.append(gap.run(output._replace(pulses=min(room, setting.WINDOW_PULSES))).window)
         if windows:
             for name, value in zip(OUTPUTS, _means(windows), strict=False):
                 setattr(self, name, value)
         self.x_um, self.y_um = gap.place_um
         self.wire_broken = bool(gap.lost)
 
-    def _room(self, gap: Gap, setting: Output, until_ns: int) -> int:
+    def _room(self, gap: Gap, output: Output, until_ns: int) -> int:
         """Return the number of pulses that certainly end by then; the next step begins with the rest of the time."""
         timing = gap.plant.timing
         varies = timing.period_ns == 0
-        longest_us = timing.wait_us + setting.t_period_us if varies else setting.t_period_us
+        longest_us = timing.wait_us + output.t_period_us if varies else output.t_period_us
         return math.floor((until_ns - gap.plant.time_ns) * 1e-3 / longest_us + 1e-6)
 
     def _names(self) -> list[str]:
@@ -150,8 +146,7 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         return {**gap, "fmu.values": values}
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:
-        values = dict(zip(self._names(), state["fmu.values"].tolist(), strict=True))
-        for name, value in values.items():
+        for name, value in zip(self._names(), state["fmu.values"].tolist(), strict=True):
             setattr(self, name, bool(value) if name in ("generator_on", "wire_broken") else value)
         rest = {name: value for name, value in state.items() if name != "fmu.values"}
         if not rest:
@@ -171,11 +166,10 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         return read_arrays(state)
 
 
-def _means(windows: list[PulseWindow]) -> tuple[float, ...]:
+def _means(windows: list[pulse_window.PulseWindow]) -> tuple[float, ...]:
     """Return the outputs of a step's windows as if they were one window; a single one has its own values."""
-    pulses = sum(window.pulses for window in windows)
-    counts = (sum(getattr(window, kind) for window in windows) for kind in ("short", "open", "spark", "arc"))
-    short, open_, spark, arc = counts
+    kinds = ("pulses", "short", "open", "spark", "arc")
+    pulses, short, open_, spark, arc = (sum(getattr(window, kind) for window in windows) for kind in kinds)
     rows = [(w.mean_voltage_V, w.mean_current_A, *w.deflection_um) for w in windows]
     weights = [window.duration_ns for window in windows] if len(windows) > 1 else None
     means = np.average(rows, axis=0, weights=weights)

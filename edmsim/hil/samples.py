@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from edmsim.errors import InputError, methods_refuse_wrong_types
@@ -23,7 +22,7 @@ from edmsim.hil.gap import Frame
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.kernel.state import OPEN, SHORT
 
-Array = NDArray[np.float64]
+Array = np.typing.NDArray[np.float64]
 LEAST_HZ, MOST_HZ = 1e4, 1e5
 _FINE_US = 1.0  # greatest step of the filter (ours: below a tenth of any pulse of these boards)
 COUNT_V, COUNT_A = 0.01, 0.01  # one count of a WAV file
@@ -155,7 +154,7 @@ class SampleReader:
         rig.watch(self._take)
         self.c_read = READ(self._fill)
 
-    def read(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def read(self, count: int) -> tuple[np.typing.NDArray[np.float32], np.typing.NDArray[np.float32]]:
         """Return the next voltages in V and currents in A, each float32 (count,)."""
         if count < 0:
             raise InputError(f"{count} samples cannot be read")
@@ -243,11 +242,10 @@ class SampleFile(FrameFile):
             self._writer.setsampwidth(2)
             self._writer.setframerate(int(self._sensing.rate_Hz))
             return
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        import pyarrow.parquet
 
-        schema = pa.schema([("t_s", pa.float64()), ("voltage_V", pa.float32()), ("current_A", pa.float32())])
-        self._writer = pq.ParquetWriter(self._partial, schema, compression="zstd")
+        kinds = {"t_s": pyarrow.float64(), "voltage_V": pyarrow.float32(), "current_A": pyarrow.float32()}
+        self._writer = pyarrow.parquet.ParquetWriter(self._partial, pyarrow.schema(kinds), compression="zstd")
 
     def _close(self) -> None:
         self._write()
@@ -285,10 +283,10 @@ class SampleFile(FrameFile):
             self._writer.writeframes(np.clip(counts, -_COUNTS, _COUNTS).astype("<i2").tobytes())
             return
         self.count += len(time)
-        import pyarrow as pa
+        import pyarrow
 
         columns = {"t_s": time, "voltage_V": voltage.astype(np.float32), "current_A": current.astype(np.float32)}
-        self._writer.write_table(pa.table(columns))
+        self._writer.write_table(pyarrow.table(columns))
 
 
 # A log of ratios and positions like that of an open machine's controller, for ``edmsim calibrate``.

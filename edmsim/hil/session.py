@@ -7,8 +7,7 @@ it has to wait, as with a USB port. So the other side cannot block the gap.
 
 import select
 import time
-from collections import deque
-from collections.abc import Callable
+from collections import abc, deque
 
 from edmsim.consoles.devices import Interrupts, PseudoTerminal
 from edmsim.errors import InputError
@@ -58,7 +57,7 @@ class Lines:
 class Port:
     """A pseudo-terminal and the function that answers its lines."""
 
-    def __init__(self, answer: Callable[[str], str]) -> None:
+    def __init__(self, answer: abc.Callable[[str], str]) -> None:
         self.terminal = PseudoTerminal()
         self.lines = Lines()
         self._answer = answer
@@ -97,7 +96,7 @@ class Session:
         self.motion = Port(rig.move)
         self._lost = ""
 
-    def run(self, seconds: float | None, stop: Callable[[], bool], say: Callable[[str], None]) -> None:
+    def run(self, seconds: float | None, stop: abc.Callable[[], bool], say: abc.Callable[[str], None]) -> None:
         """Run until `stop`, called between frames, returns True, or some machine time has passed."""
         began, from_s = time.monotonic(), self.rig.time_s
         while not stop() and (seconds is None or self.rig.time_s - from_s < seconds):
@@ -136,7 +135,7 @@ class Session:
             else:
                 port.lines.end_half_line(now)
 
-    def _speak(self, say: Callable[[str], None]) -> None:
+    def _speak(self, say: abc.Callable[[str], None]) -> None:
         """Send the board's unsolicited output, and status lines that are due."""
         if said := self.rig.board.unsolicited():
             self.board.say(said)
@@ -150,7 +149,7 @@ class Session:
                 say(lost)
 
 
-def serve(rig: Rig, *, speed: float, seconds: float | None, say: Callable[[str], None]) -> None:
+def serve(rig: Rig, *, speed: float, seconds: float | None, say: abc.Callable[[str], None]) -> None:
     """Open the ports, pass their names to `say`, and run until Ctrl-C or for some machine time."""
     session = Session(rig, speed)
     interrupts = Interrupts()

@@ -30,9 +30,9 @@ from edmsim.machine.options import show
 from edmsim.metrology.profile import BLANK_EDGE_MM, depth_in_blank
 from edmsim.plant.axes.drives import parse_fault
 from edmsim.plant.window import PlantError
-from edmsim.progress import ShownProgress, in_notebook
 from edmsim.recording.report import duration_text, outcome_text
 from edmsim.runs import digests_of
+from edmsim.screen import ShownProgress, in_notebook
 from edmsim.signals import NotedSignals, noted
 
 CHECKPOINT = "checkpoint.npz"  # file in the output folder, deleted after the results are written

@@ -13,9 +13,8 @@ from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, refuse_unknown
 from edmsim.learning import bandit, hyperparameters, policy_file, score
 from edmsim.learning.hyperparameters import ALGORITHMS, Hyperparameters
-from edmsim.progress import ShownProgress
 from edmsim.runs import RunTable
-from edmsim.screen import ScreenTable
+from edmsim.screen import ScreenTable, ShownProgress
 
 BANDIT = "bandit"
 """The algorithm that has no learner of stable-baselines3: see `edmsim.learning.bandit`."""

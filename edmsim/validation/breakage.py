@@ -47,8 +47,8 @@ def sato_rig(
     return altered(rig, changes or {})
 
 
-ROUGH_PERIOD_US, ROUGH_TENSION_N = 10.0, 10.0
-"""Least period and tension of the rough cut for rows on the wire's position (ours: usual values)."""
+ROUGH_MM, ROUGH_PERIOD_US, ROUGH_TENSION_N = 30.0, 10.0, 10.0
+"""Height, least period and tension of the rough cut for rows on the wire's position (ours: usual values)."""
 
 
 def rough_rig(

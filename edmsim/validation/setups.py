@@ -1,6 +1,6 @@
 """Set-ups of several checks: changed constants, a straight cut at fixed feed, a hole of known gap."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from edmsim.controllers import from_text
@@ -51,12 +51,24 @@ def _replaced(part: Any, keys: list[str], value: float, path: str) -> Any:
     return part.model_copy(update={keys[0]: new})
 
 
+def with_on_time(machine: Machine, t_on_us: float) -> Machine:
+    """Return a machine with another on-time, the same peak and the same pause."""
+    return machine.with_(t_on_us=t_on_us, t_period_us=t_on_us + machine.t_period_us - machine.t_on_us)
+
+
 def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "fast") -> Plant:
     """Return a plant with its wire in the middle of a round hole, with the same gap all around."""
     centre_um = x, y = machine.base.table.centre_um
     radius = machine.wire_diameter_um / 2 + gap_um
     stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, radius),))
     return Plant(machine, seed, stock=stock, position_um=centre_um, resolution=resolution)
+
+
+def load_debris(plant: Plant, share: float) -> None:
+    """Set the share of debris in the gap's water, in all slices."""
+    state = plant.snapshot()
+    state["debris"][: plant.resolution.slices] = share
+    plant.restore(state)
 
 
 NO_IGNITION: Mapping[str, float] = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
@@ -84,6 +96,11 @@ def servo_cut(machine: Machine, seed: int, *, open_share: float = OPEN_SHARE, se
     """Cut straight with a servo that holds a share of open pulses: a count law, fast enough for dense pulses."""
     # by default 0.1, as in the search for the highest stable rate
     return cut_straight(machine, from_text(quick_counts(open_share)), seed, settle_s=seconds, seconds=seconds)
+
+
+def servo_cuts(machine: Machine, seeds: Iterable[int], **servo: float) -> list[Cut]:
+    """Return a `servo_cut` with every seed."""
+    return [servo_cut(machine, seed, **servo) for seed in seeds]
 
 
 CAPACITY_SHARE = 0.85

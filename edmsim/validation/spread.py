@@ -1,6 +1,7 @@
-"""Rows on the dependence of figures on the constants' ranges (drawn machines) and on the resolution."""
+"""Rows on what figures depend on: the constants' ranges (drawn machines), the resolution, films that are left out."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.machine.machine import Machine
+from edmsim.plant.resolution import Resolution, resolution
 from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
 from edmsim.validation.lag import LAG
 from edmsim.validation.rows import Checks, Row, Seeds, differences, mean_and_interval
@@ -18,21 +20,16 @@ MACHINES_PER_SEED = 3  # machines drawn per seed (ours: two dozen in all, whose 
 PAGE = "docs/theory/emergence.md#ranges"
 
 
-def drawn_cuts(seeds: Seeds) -> list[Cut]:
-    """Cut straight with the count law on machines drawn within the ranges of all constants; the wire may break."""
-    cuts = []
+def ranges(seeds: Seeds) -> list[Row]:
+    """Report rate, gaps and lag of drawn machines: the median, and half of the range of 95 % of them."""
+    drawn = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
         for _ in range(MACHINES_PER_SEED):
             machine = Machine.load().sample(rng)
-            cuts.append(cut_straight(machine, make("counts"), seed, settle_s=10.0, seconds=40.0))
-    return cuts
-
-
-def ranges(seeds: Seeds) -> list[Row]:
-    """Report rate, gaps and lag of drawn machines: the median, and half of the range of 95 % of them."""
+            drawn.append(cut_straight(machine, make("counts"), seed, settle_s=10.0, seconds=40.0))
     # a machine that travels less than a wire's diameter has a rate but no kerf, and is left out of gaps and lag
-    cuts = [cut for cut in drawn_cuts(seeds) if not cut.broken]
+    cuts = [cut for cut in drawn if not cut.broken]
     fed = [cut for cut in cuts if cut.travel_um > cut.plant.machine.wire_diameter_um]
     sides = [(float(c.kerf_um.mean()) - c.plant.machine.wire_diameter_um) / 2 for c in fed]
     rates = [c.feed_um_s * c.plant.machine.height_mm * 60e-3 for c in cuts]
@@ -102,6 +99,33 @@ def _against_fine(figure: Figure, name: str, cuts: Sequence[Cut], fine: Sequence
                      unit=figure.unit, note=NOTE)
 
 
-CHECKS: Checks = {
-    ranges: ("ranges",), resolutions: ("resolution",),
-}
+# The film of single slices is left out in wide gaps.
+
+FAST = resolution("fast")
+SKIP = f"the film of a slice is followed where its front gap is under {FAST.film_from_um:g} um; that this is enough"
+SKIP_FEED_UM_S, ALL_FROM_UM = 24.0, 40.0
+"""A feed at which the wire is near the metal, and a front gap below which every slice's film is applied (ours)."""
+
+
+def check_skip(seeds: Seeds) -> list[Row]:
+    """Compare lag and shorts with the films of single slices applied everywhere and only in narrow gaps."""
+
+    def cuts(res: Resolution) -> list[Cut]:
+        machine = Machine.load()
+        return [
+            cut_straight(machine, SKIP_FEED_UM_S, seed, settle_s=6.0, seconds=15.0, resolution=res) for seed in seeds
+        ]
+
+    usual = cuts(FAST)
+    everywhere = cuts(replace(FAST, film_from_um=ALL_FROM_UM))
+    followed = f"film followed under {ALL_FROM_UM:g} um less under {FAST.film_from_um:g} um"
+    note = "docs/theory/gas.md#the-film-of-water"
+    return [
+        Row.band("film", f"lag, {followed}", SKIP, low=-0.5, high=0.5, published="no difference", unit="um",
+                 simulated=differences(usual, everywhere, lambda cut: cut.lag_um), note=note),
+        Row.band("film", f"short share, {followed}", SKIP, low=-0.02, high=0.02, published="no difference",
+                 simulated=differences(usual, everywhere, lambda cut: cut.share("short")), note=note),
+    ]
+
+
+CHECKS: Checks = {ranges: ("ranges",), resolutions: ("resolution",), check_skip: ("film",)}

@@ -425,7 +425,7 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(log_file, monkeyp
         return np.full((10, 5), 0.5)
 
     monkeypatch.setattr("edmsim.calibration.comparison.simulate", briefly)
-    monkeypatch.setattr("edmsim.progress.LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("edmsim.screen.LINE_EVERY_S", 0.0)
     words = "calibrate", log_file, "--out", log_file.parent / "fitted.toml", "--height", "10"
     first = edmsim(*words)
     assert first.status == INTERRUPTED

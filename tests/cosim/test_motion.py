@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from edmsim import Machine, Plant
 from edmsim.controllers.planner.registry import PathOffset
 from edmsim.controllers.protocols import FeedCommand, Step
-from edmsim.cosim.cycle import EvenSteps, PlannerMotion
-from edmsim.cosim.observers import Turn
+from edmsim.cosim.cycle import EvenSteps, PlannerMotion, Turn
 from edmsim.cosim.passes import Sums
 from edmsim.cosim.straight import Traverse, cut_straight
 from edmsim.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 
 from edmsim.controllers import FeedCommand
 from edmsim.controllers.feed.laws import FixedController
-from edmsim.cosim.observers import Observer
+from edmsim.cosim.cycle import Observer
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.machine.machine import Machine

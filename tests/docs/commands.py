@@ -143,7 +143,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     from edmsim.calibration import comparison, fit
     from edmsim.consoles import autotune
     from edmsim.envs.episode import Task
-    from edmsim.hil import delays
+    from edmsim.hil import gap
     from edmsim.recording.rerun import viewer
 
     def shown(command: list[str], env: dict[str, str]) -> int:
@@ -160,8 +160,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     shares = dict.fromkeys(profile.PARTS, 1.0 / len(profile.PARTS))
     patch.setattr(profile, "profile", lambda _: {"fast": profile.LoopProfile(400.0, 410.0, shares, 1000)})
     patch.setattr(serial, "measure", lambda watch: {"powercore_realtime_factor": 60.0})
-    patch.setattr(delays, "delay_table", partial(delays.delay_table, draws=1))
-    patch.setattr(validation, "run", partial(validation.run, modules=("wire",)))
+    patch.setattr(gap, "delay_table", partial(gap.delay_table, draws=1))
+    patch.setattr(validation, "run", partial(validation.run, modules=("closed_forms",)))
     # tests/measure cuts a leaning block, tests/consoles/servo finds gains
     guides = measure.GuidesFound(0.1, 0.0, (0.01, 0.01), np.array([0.5, 1.5]), np.array([-3.0, -1.0]))
     patch.setattr(measure, "measure_guides", lambda *_, **__: guides)

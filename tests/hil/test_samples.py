@@ -14,9 +14,8 @@ import pytest
 
 from edmsim.calibration import read_log
 from edmsim.errors import InputError
-from edmsim.hil import Rig, SampleReader, Sensing, delay_table, delays
-from edmsim.hil.delays import QUANTILES, write_delays
-from edmsim.hil.gap import Frame
+from edmsim.hil import Rig, SampleReader, Sensing, delay_table
+from edmsim.hil.gap import QUANTILES, Frame, write_delays
 from edmsim.hil.samples import COUNT_A, COUNT_V, SampleFile, Sampler
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, PULSE, SHORT, SPARK
@@ -252,7 +251,7 @@ def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, edmsim):
 
 
 def test_a_table_of_delays(tmp_path, monkeypatch, edmsim):
-    drawn = delays.delay_table.__wrapped__
+    drawn = delay_table.__wrapped__
     monkeypatch.setattr(drawn, "__kwdefaults__", {
         **drawn.__kwdefaults__, "draws": 2, "gaps_um": (8.0,), "voltages_V": (80.0,),
     })  # fmt: skip

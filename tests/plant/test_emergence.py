@@ -11,8 +11,8 @@ from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import BOILING_K
 from edmsim.validation.breakage import APPROACH_S, HELD_SHARE, HOLD_S, break_limit_A, sato_rig
-from edmsim.validation.pulse_ratios import drum_um
-from edmsim.validation.quality import AFTER_UM, BEFORE_UM, corner_rig, cut_corner
+from edmsim.validation.cuts import drum_um
+from edmsim.validation.lag import AFTER_UM, BEFORE_UM, corner_rig, cut_corner
 from edmsim.validation.setups import UNBREAKABLE, altered
 
 PULL = "base.dielectric.permittivity"

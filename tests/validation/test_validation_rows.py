@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import edmsim
 from edmsim import validation
 from edmsim.runs import RunTable
+from edmsim.validation import closed_forms
 from edmsim.validation.report import as_json, simulated, summary
 from edmsim.validation.rows import Row, differences, mean_and_interval, ratios, worst
 from edmsim.validation.setups import altered
@@ -19,8 +20,9 @@ from edmsim.validation.setups import altered
 
 def value(simulated, uncertainty=0.0, note=""):
     return Row.value(
-        "t", "n", "s", published=-10.0, simulated=simulated, within=0.1, uncertainty=uncertainty, unit="um", note=note
-    )
+        "wire", "n", "s", published=-10.0, simulated=simulated, within=0.1, uncertainty=uncertainty, unit="um",
+        note=note,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -164,13 +166,13 @@ def test_rows_come_in_order_whatever_finishes_first(monkeypatch):
 
     def fast(seeds):
         slow_may_end.set()
-        return [Row.band("other", "n", "s", simulated=float(seeds[0]), low=0)]
+        return [Row.band("lag", "n", "s", simulated=float(seeds[0]), low=0)]
 
     monkeypatch.setattr(validation, "checks", lambda *_: [slow, fast, slow])
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     observed = []
     rows = validation.run(lambda done, total: observed.append((done, total)))
-    assert [row.topic for row in rows] == ["t"] * 4 + ["other"]
+    assert [row.topic for row in rows] == ["wire"] * 4 + ["lag"]
     assert [row.simulated for row in rows[:4]] == [-10.0, -9.5] * 2
     assert observed == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
@@ -186,10 +188,10 @@ def test_an_error_in_a_check_is_not_hidden(monkeypatch):
 
 @pytest.mark.slow
 def test_some_modules_can_be_run_alone():
-    rows = validation.run(modules=["corners"])
-    assert {row.topic for row in rows} == {"corner"}
-    assert rows == validation.checks(["corners"])[0](validation.SEEDS)
-    with pytest.raises(edmsim.InputError, match="unknown module of checks 'nonsense'; there are: ignition, craters"):
+    rows = validation.run(modules=["closed_forms"], topics=["corner"])
+    assert len(rows) == 8
+    assert rows == closed_forms.check_corners(validation.SEEDS)
+    with pytest.raises(edmsim.InputError, match="unknown module of checks 'nonsense'; there are: discharges, closed"):
         validation.run(modules=["nonsense"])
 
 
@@ -203,9 +205,9 @@ def test_checks_of_some_topics_are_run_and_only_their_rows_shown():
 
 def test_rows_of_other_topics_of_a_check_are_left_out(monkeypatch):
     monkeypatch.setattr(validation, "checks", lambda *_: [
-        lambda seeds: [value(-10.0), Row.report("other", "r", "nothing in print", simulated=3.0)]
+        lambda seeds: [value(-10.0), Row.report("lag", "r", "nothing in print", simulated=3.0)]
     ])  # fmt: skip
-    assert [row.topic for row in validation.run(topics=["other"])] == ["other"]
+    assert [row.topic for row in validation.run(topics=["lag"])] == ["lag"]
 
 
 def test_an_interrupted_validation_makes_only_the_missing_checks(monkeypatch, tmp_path):

@@ -278,7 +278,7 @@ def kerf_figure(report: Report) -> Figure:
 
 BINS = 250  # most points of a drawn series: two per pixel at one column's width
 PATH_STEPS = 120  # points of the controller's path (ours: few enough to follow by eye)
-TAIL_US = 10.0  # longer delays are all of the long branch of breakdowns (see `edmsim.validation.ignition`)
+TAIL_US = 10.0  # longer delays are all of the long branch of breakdowns (see `edmsim.validation.discharges`)
 LEAST_TAIL = 20  # least breakdowns in the tail for a fitted line (ours: its slope is known to some 20 %)
 
 
