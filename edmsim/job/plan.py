@@ -8,13 +8,10 @@ from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
-from edmsim.controllers import FeedController, SeesTruth, axis, from_text
-from edmsim.controllers.axis.elcam.file import load_tables, read_tables
-from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.mcu.firmware.poscal import unit_um
-from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers import FeedController, SeesTruth, axis, from_text, user_controllers
+from edmsim.controllers.axis.elcam import file, module
+from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
 from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.job.options import CutSettings
@@ -24,17 +21,17 @@ from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technolog
 from edmsim.plant.constants import screws
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.program.arcs import extent_mm
+from edmsim.program import arcs, taper
 from edmsim.program.outline import Corners, Outline, Program
 from edmsim.program.passes import CutPass, PassPlan
 from edmsim.program.path import Conditions, CutPath, WireContour, load_program, plan_path
-from edmsim.program.taper import GuideHeights
 from edmsim.recording.report import duration_text, mm_text
 
 
 def make_controller(choice: str | FeedController) -> FeedController:
     """Return a feed controller for a cut: from its text, see `edmsim.controllers.from_text`, or the object itself."""
-    controller = from_text(choice, cutting=True) if isinstance(choice, str) else check_is_controller(choice)
+    own = user_controllers.check_is_controller
+    controller = from_text(choice, cutting=True) if isinstance(choice, str) else own(choice)
     if isinstance(controller, SeesTruth):
         raise InputError(
             f"the {controller.name} controller looks at the true gap, which no machine shows: use it only in "
@@ -62,19 +59,19 @@ def planned(
     offset = settings.offset if passes is None or passes.of_program else "auto"
     return plan_path(
         program if isinstance(program, Program) else read_program(program, settings), offset,
-        auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um)),
+        auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=poscal.unit_um(unit, round(step_um)),
         taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
         guides=[guides_of(one, errors_mm) for one in machines], passes=passes,
     )
 
 
-def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights | None:
+def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> taper.GuideHeights | None:
     """Return the guides' positions as known to the control; None if the upper guide does not move."""
     travel = machine.base.guides.upper_travel_mm
     if travel is None:
         return None
     bends, (lower_mm, upper_mm) = guide_bends(machine), np.add(machine.guides_z_mm, errors_mm).tolist()
-    return GuideHeights(lower_mm, upper_mm, machine.height_mm, travel.value, bends.stiff_mm, bends.radius_mm)
+    return taper.GuideHeights(lower_mm, upper_mm, machine.height_mm, travel.value, bends.stiff_mm, bends.radius_mm)
 
 
 # A cut in passes: the values of a technology replace the options that it decides.
@@ -233,11 +230,11 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
         table = table._replace(notices=(*table.notices, moved))
     if technology.material == material:
         return table
-    file = f"{Path(material).stem}-passes.toml"  # must differ from the material's file
+    own = f"{Path(material).stem}-passes.toml"  # must differ from the material's file
     notice = (
         f"there is no technology for {material}: the passes take the settings of '{technology.title}', the material "
         f"most like it; search its own with edmsim tune technology {material} --height {height_mm:g} --passes "
-        f"{passes} --out {file}, and cut with --technology {file}"
+        f"{passes} --out {own}, and cut with --technology {own}"
     )
     return table._replace(notices=(notice, *table.notices))
 
@@ -262,7 +259,7 @@ class Prepared(NamedTuple):
     path: CutPath
     steps: tuple[LowerRegion, ...]
     drives: dict[str, axis.Drive]
-    compensation: Elcam | None
+    compensation: module.Elcam | None
     setups: tuple[PassSetup, ...] = ()
     approach: PassSetup | None = None
 
@@ -271,7 +268,7 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
     """Read and check all inputs of a cut, without simulation."""
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path
-    machine, file = settings.load_machine(), settings.compensation
+    machine, tables = settings.load_machine(), settings.compensation
     controller = make_controller(settings.controller)
     if found.setups:
         machine, controller = found.setups[0]
@@ -281,7 +278,7 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
         name: axis.from_text(settings.drive, axis.Screw(step_um, screw["um_per_rad"]))
         for name, screw in zip("xy", screws(machine).values(), strict=True)
     }
-    compensation = None if file is None else load_tables(read_tables(file), file)
+    compensation = None if tables is None else file.load_tables(file.read_tables(tables), tables)
     return Prepared(
         settings, machine, controller, path, steps, drives, compensation, found.setups, found.approach
     )
@@ -381,7 +378,7 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
 def feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
     """Return the lower of the greatest feeds of machine and planner, and which of the two it is."""
     own, of_planner_um_s = machine.base.table.max_feed_um_s, kind_of(planner).max_feed_um_s
-    own_um_s = MAX_FEED_UM_S if own is None else own.value
+    own_um_s = timers.MAX_FEED_UM_S if own is None else own.value
     return (own_um_s, "machine") if own_um_s <= of_planner_um_s else (of_planner_um_s, "planner")
 
 
@@ -452,7 +449,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     rows = list(_program_rows(found.program))
     for number, contour in enumerate(found.path.contours, 1):
         x, y = contour.points_um[0] / 1e3 - origin
-        across, up = extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])
+        across, up = arcs.extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])
         kind = "closed" if contour.closed else "open"
         thread = f"{'continues from' if contour.continues else 'threaded at'} X {mm_text(x)} Y {mm_text(y)}"
         size = f"{kind}, {across:.3f} x {up:.3f} mm, part on the {contour.part_side}, {thread}"
