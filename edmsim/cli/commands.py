@@ -467,7 +467,7 @@ def bench(
     json: Json = False,
 ) -> None:
     """Measure the speed of this computer in processor time."""
-    from edmsim.bench import measured
+    from edmsim.bench.figures import measured
 
     with interruptible("no measurement was completed") as bar:
         found = measured(
