@@ -17,11 +17,6 @@ from edmsim.cli.options import SET_UP, Environment, Json, Program, Quiet, Unset,
 from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED, InputError
 
 
-def _default_folder(program: Path) -> Path:
-    """Return the default folder for the outputs of a program."""
-    return Path("out") / program.stem
-
-
 @takes(out=Unset("Default out/PROGRAM."))
 def cut(
     program: Program,
@@ -34,7 +29,7 @@ def cut(
     """Cut a part program."""
     from edmsim.job.cut import CHECKPOINT, CutProgress
 
-    folder = Path(options.pop("out", _default_folder(program)))
+    folder = Path(options.pop("out", Path("out") / program.stem))
     files.make_room(traces, "a file of traces", ".parquet")
     result = None
     try:
@@ -78,7 +73,7 @@ def check(
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
     from edmsim.recording.figures import profile, style
 
-    picture = _default_folder(program) / "path.png" if out is None else out
+    picture = Path("out") / program.stem / "path.png" if out is None else out
     style.check_figure(picture)
     settings = settings_of(options)
     unknown: dict[str, list[int]] = {}

@@ -112,10 +112,11 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
     """Read the program and set up the simulation; return the settings in force, the simulation and its recorders."""
     ready = prepared(program, settings)
     settings = ready.settings
-    recorders = recorders_for(ready.machine, ready.steps, settings.resolution)
+    steps = settings.workpiece.steps(ready.path, ready.machine.wire_diameter_um)
+    recorders = recorders_for(ready.machine, steps, settings.resolution)
     simulation = Simulation(
         ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
-        resolution=settings.resolution, max_time_s=settings.max_time_s, steps=ready.steps,
+        resolution=settings.resolution, max_time_s=settings.max_time_s, steps=steps,
         mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor, setups=ready.setups, approach=ready.approach,
         axis_faults=[parse_fault(text) for text in settings.axis_faults],
