@@ -143,11 +143,14 @@ def make_room(file: Path | None, what: str, *suffixes: str) -> None:
 
 
 @contextmanager
-def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
-    """Lock a folder for this process. On leaving, the lock is removed, and the folder if it is new and empty.
+def locked(folder: Path | None, who: str = "edmsim") -> Iterator[None]:
+    """Lock a folder, if any, for this process. On leaving, the lock is removed, and the folder if new and empty.
 
     Raises `InputError` if the folder cannot be written to, or is locked. `who` names the holder in the message.
     """
+    if folder is None:
+        yield
+        return
     made = not folder.exists()
     make_writable(folder)
     file = folder / _LOCK

@@ -21,12 +21,12 @@ from typer.models import ArgumentInfo
 
 from edmsim import controllers
 from edmsim.cli import app as cli
-from edmsim.cli.options import flag, with_options
+from edmsim.cli.options import with_options
 from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.feed.law import GapServo, ServoLaw
 from edmsim.machine.machine import Machine
-from edmsim.machine.options import Names, SetUpOptions, available, fact, limits_text
+from edmsim.machine.options import Names, SetUpOptions, available, fact, flag, limits_text
 from edmsim.machine.setting import most_current_A, open_V, pulse_shape
 from edmsim.recording.windows import COLUMNS, EQUALISING_COLUMNS
 

@@ -8,15 +8,14 @@ import platform
 import re
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from sections import table, write_sections
 
-from edmsim.bench.figures import half_cheetah_comparison, settled, straight_cuts
-from edmsim.bench.subject import spent_s
+from edmsim.bench.figures import half_cheetah_comparison, settled
+from edmsim.bench.subject import fleet, spent_s
 
 COUNTS, THREADS = (1, 4, 16, 64, 256), (1, 2)
 """Numbers of environments and threads of the table."""
@@ -37,14 +36,13 @@ def rates(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> l
     """Return the rates of straight cuts at ``fast``."""
     kinds = [(count, many) for count in counts for many in threads]
     best_s, processor_best_s = np.full(len(kinds), np.inf), np.full(len(kinds), np.inf)
-    with ExitStack() as opened:
-        steps = [opened.enter_context(straight_cuts(count, "fast", many)) for count, many in kinds]
-        spells = [settled(step) for step in steps]
-        for _ in range(ROUNDS):
-            for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
-                start_s = time.process_time()
-                best_s[k] = min(best_s[k], spent_s(step, spell, time.perf_counter) / spell)
-                processor_best_s[k] = min(processor_best_s[k], (time.process_time() - start_s) / spell)
+    steps = [fleet(count, 0, many) for count, many in kinds]
+    spells = [settled(step) for step in steps]
+    for _ in range(ROUNDS):
+        for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
+            start_s = time.process_time()
+            best_s[k] = min(best_s[k], spent_s(step, spell, time.perf_counter) / spell)
+            processor_best_s[k] = min(processor_best_s[k], (time.process_time() - start_s) / spell)
     return [
         VectorRate(count, many, count / float(wall), 1e6 * float(processor) / count)
         for (count, many), wall, processor in zip(kinds, best_s, processor_best_s, strict=True)

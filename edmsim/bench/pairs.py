@@ -4,28 +4,23 @@ A computer's speed varies, and other programs use it, too. So both revisions are
 (several threads by the clock), and the ratio is reported.
 """
 
-import io
 import json
 import os
 import shutil
 import subprocess
 import sys
-import tarfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import edmsim
+from edmsim import errors, files, screen
 from edmsim.bench import subject
 from edmsim.compiled.cache import user_folder
-from edmsim.errors import EdmsimError, InputError
 from edmsim.evaluation.compare import Figure, median
-from edmsim.files import locked
-from edmsim.screen import ScreenTable
 
 ROOT = Path(edmsim.__file__).resolve().parents[1]
 """Folder from which edmsim is imported."""
@@ -37,14 +32,14 @@ def commit_of(revision: str) -> str:
     Raises `InputError` if there is no git, edmsim does not run from a checkout, or it has no such revision.
     """
     if shutil.which("git") is None:
-        raise InputError("--against needs git, which is not on the path: install git")
+        raise errors.InputError("--against needs git, which is not on the path: install git")
     if _git("rev-parse", "--show-prefix") != b"\n":  # no checkout, or a folder of another one
-        raise InputError(
+        raise errors.InputError(
             f"--against needs edmsim installed from its git checkout (pip install -e .); it runs from {ROOT}"
         )
     commit = _git("rev-parse", "--verify", "--quiet", "--end-of-options", f"{revision}^{{commit}}").decode().strip()
     if not commit:
-        raise InputError(f"{ROOT} has no revision '{revision}': name a commit, a tag or a branch of it")
+        raise errors.InputError(f"{ROOT} has no revision '{revision}': name a commit, a tag or a branch of it")
     return commit
 
 
@@ -53,15 +48,16 @@ def checkout(commit: str) -> Iterator[Path]:
     """Yield a temporary folder with the files of a commit, locked for one comparison at a time."""
     # its name and its files' times depend only on the commit, so later comparisons reuse the compiled code
     cached = (user_folder() / "revisions" / commit).resolve()
-    with ExitStack() as last, locked(cached, "comparison"):
+    with ExitStack() as last, files.locked(cached, "comparison"):
         last.callback(_remove_empty, cached)
-        folder = cached / "files"
+        folder, packed = cached / "files", cached / "files.tar"
         try:
             shutil.rmtree(folder, ignore_errors=True)  # left by a comparison that was killed
-            with tarfile.open(fileobj=io.BytesIO(_git("archive", commit))) as files:
-                files.extractall(folder, filter="data")
+            _git("archive", f"--output={packed}", commit)
+            shutil.unpack_archive(packed, folder, filter="data")
             yield folder
         finally:
+            packed.unlink(missing_ok=True)
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -88,8 +84,8 @@ class Pairs:
     """Speed of this checkout compared with a revision."""
 
     commit: str  # commit of the revision
-    here: dict[str, NDArray[np.float64]]  # rates of this checkout, one per pair
-    there: dict[str, NDArray[np.float64]]  # rates of the revision
+    here: dict[str, np.ndarray]  # rates of this checkout, one per pair
+    there: dict[str, np.ndarray]  # rates of the revision
 
     def ratio(self, name: str) -> Figure:
         """Return the ratio of a rate, this checkout's over the revision's: median and interval over the pairs."""
@@ -122,14 +118,14 @@ def _rates(name: str, root: Path, sizes: tuple[str, ...]) -> dict[str, float]:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         said = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
-        raise EdmsimError(f"{name} cannot be timed: {said[-1]}")
+        raise errors.EdmsimError(f"{name} cannot be timed: {said[-1]}")
     rates: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return rates
 
 
 def measured(
     revision: str, count: int | None, watch: Callable[[str], None]
-) -> tuple[dict[str, object], ScreenTable]:
+) -> tuple[dict[str, object], screen.ScreenTable]:
     """Return a comparison with a revision as numbers and texts only, and as a table for the terminal."""
     found = compare(revision, PAIRS if count is None else count, watch)
     return as_numbers(found), render(found)
@@ -147,10 +143,10 @@ def as_numbers(pairs: Pairs) -> dict[str, object]:
     return {"against": pairs.commit, "figures": figures}
 
 
-def render(pairs: Pairs) -> ScreenTable:
+def render(pairs: Pairs) -> screen.ScreenTable:
     """Return a comparison as a table for the terminal."""
     count = len(next(iter(pairs.here.values())))
-    table = ScreenTable(
+    table = screen.ScreenTable(
         "figure", numbers=("ratio", "95 % interval", "here", "there"),
         title=f"here over {pairs.commit[:10]}, processor time, {count} pair{'s' * (count > 1)}",
     )

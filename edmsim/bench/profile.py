@@ -5,9 +5,6 @@ runs. It runs alternately with the loop without marks, whose time per pulse is d
 among the parts.
 """
 
-import itertools
-import random
-import statistics
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,18 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from edmsim.bench.figures import SETTLE_WINDOWS
-from edmsim.bench.subject import FEED_UM_S
+import edmsim
+from edmsim import errors, files, screen
+from edmsim.bench import subject
 from edmsim.compiled.specialised import marked
-from edmsim.errors import EdmsimError
-from edmsim.files import make_writable
-from edmsim.machine.machine import Machine
-from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.memory import CALL, fire_windows
-from edmsim.plant.plant import Plant, shapes
+from edmsim.plant.plant import shapes
 from edmsim.plant.resolution import RESOLUTIONS
 from edmsim.recording.figures import palette, style
-from edmsim.screen import ScreenTable
 
 PROFILED = ("fast", "default")
 """Resolutions to profile."""
@@ -97,9 +90,9 @@ class _Watch:
 
     def _look(self, over: threading.Event) -> None:
         """Add the processor time since the last sample to the part that runs; it is 0 if the thread waited."""
-        before = time.clock_gettime(self._clock)
+        before, rng = time.clock_gettime(self._clock), np.random.default_rng()
         while not over.is_set():
-            time.sleep(random.random() * LOOK_S)
+            time.sleep(rng.random() * LOOK_S)
             part, now = self._part(), time.clock_gettime(self._clock)
             self.spent_s[part] += now - before
             before = now
@@ -111,7 +104,7 @@ def _clock_of(thread: int) -> int:
     try:
         return time.pthread_getcpuclockid(thread)
     except AttributeError:
-        raise EdmsimError("this system has no clock of a thread's processor time: profile on Linux") from None
+        raise errors.EdmsimError("this system has no clock of a thread's processor time: profile on Linux") from None
 
 
 def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProfile]:
@@ -123,19 +116,19 @@ def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProf
         watch(f"compile {resolution} with marks")
         fire, part = marked(fire_windows, *named[resolution][:3], parts=names)
         watch(f"profile {resolution}")
-        found[resolution] = _profile(Plant(Machine.load(), seed=0, resolution=resolution), fire, part)
+        found[resolution] = _profile(subject.new_plant(resolution=resolution), fire, part)
     return found
 
 
-def _profile(plant: Plant, fire: Callable[[int, int], None], part: Callable[[], int]) -> LoopProfile:
+def _profile(plant: edmsim.Plant, fire: Callable[[int, int], None], part: Callable[[], int]) -> LoopProfile:
     """Run the loops with and without marks alternately, in as many cuts as necessary."""
     look = _Watch(part)
     plain_s, marked_s = [], []
-    for seed in itertools.count():
-        if look.looks >= LOOKS:
-            break
+    seed = 0
+    while look.looks < LOOKS:
         plant.reset(seed)
-        for _ in range(SETTLE_WINDOWS // BATCH):
+        seed += 1
+        for _ in range(subject.SETTLE_WINDOWS // BATCH):
             _fire(plant, plant.fire)
         for _ in range(ROUNDS):
             plain_s.append(_fire(plant, plant.fire))
@@ -143,14 +136,14 @@ def _profile(plant: Plant, fire: Callable[[int, int], None], part: Callable[[], 
                 marked_s.append(_fire(plant, fire))
     spent_s = look.spent_s[1:]  # the first entry is the time outside the loop
     shares = dict(zip(PARTS, (spent_s / spent_s.sum()).tolist(), strict=True))
-    plain_ns, marked_ns = (1e9 * statistics.median(s) / (BATCH * WINDOW_PULSES) for s in (plain_s, marked_s))
+    plain_ns, marked_ns = (1e9 * float(np.median(s)) / (BATCH * subject.PULSES) for s in (plain_s, marked_s))
     return LoopProfile(plain_ns, marked_ns, shares, look.looks)
 
 
-def _fire(plant: Plant, fire: Callable[[int, int], None]) -> float:
+def _fire(plant: edmsim.Plant, fire: Callable[[int, int], None]) -> float:
     """Continue the straight cut by a batch of windows; return the processor time."""
     plant.make_tiles()
-    interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / FEED_UM_S)
+    interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / subject.FEED_UM_S)
     edges_ns = plant.time_ns + plant.window_ns * np.arange(BATCH + 1)
     due_ns = np.arange(plant.time_ns + interval_ns, edges_ns[-1], interval_ns)
     steps = np.column_stack([due_ns, np.zeros_like(due_ns), np.ones_like(due_ns)])
@@ -159,35 +152,36 @@ def _fire(plant: Plant, fire: Callable[[int, int], None]) -> float:
     calls[:, 0] = plant.address
     calls[:, 1] = steps.ctypes.data + first[:-1] * steps.strides[0]
     calls[:, 2] = np.diff(first)
-    calls[:, 3] = WINDOW_PULSES
+    calls[:, 3] = subject.PULSES
     start_s = time.thread_time()
     fire(calls.ctypes.data, BATCH)
     spent_s = time.thread_time() - start_s
     if calls[:, 4].any():
-        raise EdmsimError(f"the straight cut that is profiled ended early, by {calls[:, 4].max()}")
+        raise errors.EdmsimError(f"the straight cut that is profiled ended early, by {calls[:, 4].max()}")
     return spent_s
 
 
 def measured(
     figure: Path | None, watch: Callable[[str], None]
-) -> tuple[dict[str, object], ScreenTable]:
+) -> tuple[dict[str, object], screen.ScreenTable]:
     """Return profiles as numbers and texts only, and as a table for the terminal; draw them if there is a file."""
     if figure is not None:
         style.check_figure(figure)
-        make_writable(figure.parent)
+        files.make_writable(figure.parent)
     found = profile(watch)
     if figure is not None:
         style.write_figure(draw(found), figure)
     return {resolution: one._asdict() for resolution, one in found.items()}, render(found)
 
 
-def render(found: dict[str, LoopProfile]) -> ScreenTable:
+def render(found: dict[str, LoopProfile]) -> screen.ScreenTable:
     """Return the profiles as a table for the terminal."""
     numbers = [head for resolution in found for head in (f"{resolution} ns", f"{resolution} %")]
-    table = ScreenTable("part of a pulse", numbers=numbers, title="edmsim bench --profile, processor time")
+    table = screen.ScreenTable("part of a pulse", numbers=numbers, title="edmsim bench --profile, processor time")
     for part in PARTS:
-        cells = [(f"{one.ns(part):.0f}", f"{100 * one.shares[part]:.1f}") for one in found.values()]
-        table.add_row(part, *itertools.chain(*cells))
+        table.add_row(part, *(
+            cell for one in found.values() for cell in (f"{one.ns(part):.0f}", f"{100 * one.shares[part]:.1f}")
+        ))  # fmt: skip
     table.add_section()
     table.add_row("together", *(text for p in found.values() for text in (f"{p.ns_per_pulse:.0f}", "100.0")))
     table.add_row("with marks", *(text for p in found.values() for text in (f"{p.marked_ns_per_pulse:.0f}", "")))

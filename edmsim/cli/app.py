@@ -2,20 +2,16 @@
 
 import gc
 import sys
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
-from edmsim import __version__
-from edmsim.cli import commands, groups
-from edmsim.cli.console import OUT, accept_any_encoding
-from edmsim.cli.options import Command
+import edmsim
+from edmsim.cli import commands, console, groups, options
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
 
 
-class _Commands(TyperGroup):
+class _Commands(typer.core.TyperGroup):
     """All commands; the usage line names the two options, so that the list of commands fits a screen of 24 lines."""
 
     def get_help_option(self, ctx: Any) -> Any:
@@ -32,7 +28,7 @@ app = typer.Typer(
 )
 _UsageError: Any = typer.BadParameter.__base__  # that of click, which newer releases of typer contain
 
-COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
+COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
     "": ("", {
         "cut": commands.cut, "check": commands.check, "view": commands.view, "report": commands.report,
         "train": commands.train, "dataset": commands.dataset, "evaluate": commands.evaluate,
@@ -57,7 +53,8 @@ for _name, (_purpose, _commands) in COMMANDS.items():
     _group = typer.Typer(no_args_is_help=True, help=_purpose) if _name else app
     for _word, _command in _commands.items():
         _settings = groups.SHORT_FORM if _command is groups.run else {}
-        _group.command(_word, cls=Command, context_settings=_settings, options_metavar="[OPTIONS]")(_command)
+        _declare = _group.command(_word, cls=options.Command, context_settings=_settings, options_metavar="[OPTIONS]")
+        _declare(_command)
     if _name:
         app.add_typer(_group, name=_name, options_metavar="[OPTIONS]")
 
@@ -65,7 +62,7 @@ for _name, (_purpose, _commands) in COMMANDS.items():
 @app.callback(invoke_without_command=True)
 def _version(version: Annotated[bool, typer.Option("--version", hidden=True)] = False) -> None:
     if version:
-        OUT.print(__version__, highlight=False)
+        console.OUT.print(edmsim.__version__, highlight=False)
         raise typer.Exit
 
 
@@ -73,14 +70,14 @@ def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
     # by default the garbage collector scans all objects four times in a short cut; most belong to libraries
     gc.set_threshold(50_000, 10, 10)
-    accept_any_encoding()
+    console.accept_any_encoding()
     run_command(_run)
 
 
 def _run() -> None:
     try:
         status = app(prog_name="edmsim", standalone_mode=False)
-        OUT.file.flush()  # so that a full disk is reported here, and not by Python at exit
+        console.OUT.file.flush()  # so that a full disk is reported here, and not by Python at exit
     except _UsageError as error:
         command = error.ctx.command_path if error.ctx is not None else "edmsim"
         reason = error.format_message().strip().rstrip(".")

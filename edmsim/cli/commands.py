@@ -1,30 +1,20 @@
 """Commands without a group: from a part program to its cut, policies, comparisons, the gap alone."""
 
-import json as codec
 import math
-import shlex
-import sys
 import tempfile
 import warnings
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
-import gymnasium as gym
 import typer
 
 import edmsim
-from edmsim.cli.console import ERR, OUT, RESUME, interrupted, interruptible, print_line, progress, say
+from edmsim import files, user_code
+from edmsim.cli import console
+from edmsim.cli.console import ERR, OUT, RESUME, interruptible, print_json, print_line, print_use, quoted, say
 from edmsim.cli.options import SET_UP, Environment, Json, Program, Quiet, Unset, settings_of, takes
-from edmsim.envs.registry import resolve
 from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED, InputError
-from edmsim.files import check_suffix, make_room, make_writable
-from edmsim.user_code import listed, policy_of
-
-
-def _default_folder(program: Path) -> Path:
-    """Return the default folder for the outputs of a program."""
-    return Path("out") / program.stem
 
 
 @takes(out=Unset("Default out/PROGRAM."))
@@ -39,11 +29,11 @@ def cut(
     """Cut a part program."""
     from edmsim.job.cut import CHECKPOINT, CutProgress
 
-    folder = Path(options.pop("out", _default_folder(program)))
-    make_room(traces, "a file of traces", ".parquet")
+    folder = Path(options.pop("out", Path("out") / program.stem))
+    files.make_room(traces, "a file of traces", ".parquet")
     result = None
     try:
-        with progress(quiet, keep=True) as bar, warnings.catch_warnings():
+        with console.progress(quiet, keep=True) as bar, warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: say(str(message))
             shown = CutProgress(bar, program.name)
             result = edmsim.cut(program, out=folder, **options, watch=shown.show, enter=shown.enter)
@@ -51,7 +41,7 @@ def cut(
         if result is None:
             resumable = "interrupted; run the same command with --resume to continue"
             said = resumable if (folder / CHECKPOINT).exists() else "interrupted before the cut began"
-            raise interrupted(interrupt, said) from None
+            raise console.interrupted(interrupt, said) from None
     if traces is not None:
         try:
             result.write_traces(traces)
@@ -60,10 +50,8 @@ def cut(
             raise typer.Exit(INTERRUPTED) from None
     with suppress(KeyboardInterrupt):  # all files are written
         if not quiet:
-            from edmsim.recording.report import render_table
-
-            OUT.print(render_table(result.report))
-            print_line(f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}")
+            OUT.print(result.report)
+            print_line(f"Written to {folder}; play it back with: edmsim view {quoted(folder)}")
     if result.report.outcome != "finished":
         raise typer.Exit(STOPPED)
 
@@ -83,11 +71,10 @@ def check(
     """Check a program before the cut: path, notices, time."""
     from edmsim.job import plan
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
-    from edmsim.recording.figures.profile import path_figure
-    from edmsim.recording.figures.style import check_figure, write_figure
+    from edmsim.recording.figures import profile, style
 
-    picture = _default_folder(program) / "path.png" if out is None else out
-    check_figure(picture)
+    picture = Path("out") / program.stem / "path.png" if out is None else out
+    style.check_figure(picture)
     settings = settings_of(options)
     unknown: dict[str, list[int]] = {}
 
@@ -109,7 +96,7 @@ def check(
         print_line(f"{name:<12}{text}")
     for notice in found.path.notices:
         print_line(f"note: {notice}")
-    write_figure(path_figure(found.path, program.name, 2e3 * found.machine.auto_offset_mm), picture)
+    style.write_figure(profile.path_figure(found.path, program.name, 2e3 * found.machine.auto_offset_mm), picture)
     print_line(f"Written: {picture}")
     if unknown:
         raise typer.Exit(BAD_INPUT)
@@ -149,8 +136,7 @@ def report(
     from edmsim.job.result import remake
     from edmsim.recording.exports import write_contour, write_faces
     from edmsim.recording.report import read_cut
-    from edmsim.recording.rerun.playback import find_recording
-    from edmsim.recording.rerun.viewer import take_screenshots
+    from edmsim.recording.rerun import playback, viewer
 
     if contour is None and contour_height is not None:
         raise InputError("--contour-height is that of a contour: give the file with --contour")
@@ -162,14 +148,14 @@ def report(
     if film is not None:
         from edmsim.recording.film import SECONDS, check_film, render  # loads Matplotlib
 
-        recording, length_s = find_recording(directory), SECONDS if seconds is None else seconds
+        recording, length_s = playback.find_recording(directory), SECONDS if seconds is None else seconds
         check_film(film, length_s)
         with ERR.status(f"drawing {film.name}"):
             render(recording, film, length_s)
         written.append(film)
     if screenshots is not None:
         with ERR.status("opening the viewer without a window"):
-            written += take_screenshots(find_recording(directory), screenshots)
+            written += viewer.take_screenshots(playback.find_recording(directory), screenshots)
     if contour is not None:
         write_contour(read_cut(directory).scene, contour, contour_height)
         written.append(contour)
@@ -232,16 +218,16 @@ def train(
     for name, value in (("--steps", steps), ("--score", score), ("--record-every", record_every)):
         words += [] if value is None else [name, str(value)]
     words += ["--live"] if live else []
-    again = f"to continue: {shlex.join(words)}"
+    again = f"to continue: {' '.join(map(quoted, words))}"
     with interruptible(lambda: again if has_training(out) else "nothing was trained"):
         tables = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     for table in tables:
         OUT.print(table)
-    policy = shlex.quote(f"policy:{out / 'policy.json'}")
-    use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"
-    if is_part(resolve(env_id)) or algo == BANDIT:  # a bandit's law may be too fast for the usual machine
-        use = f"Compare it: edmsim evaluate {env_id} --controllers {policy}"
-    print_line(use)
+    policy = f"policy:{out / 'policy.json'}"
+    if is_part(edmsim.envs.registry.resolve(env_id)) or algo == BANDIT:  # a bandit's law may be too fast for a cut
+        print_line(f"Compare it: edmsim evaluate {env_id} --controllers {quoted(policy)}")
+    else:
+        print_use("Cut with it", controller=policy)
 
 
 @takes("seed")
@@ -258,7 +244,8 @@ def dataset(
     from edmsim.learning.dataset import record
 
     with interruptible() as bar:
-        made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
+        resolved, named = edmsim.envs.registry.resolve(env_id), user_code.listed(controllers)
+        made = record(resolved, named, steps, out, watch=bar.show, **options)
     for row in made:
         print_line(
             f"{row.dataset_id}: {row.episodes} episodes, {row.steps} steps, {row.breaks} with a broken wire, "
@@ -304,10 +291,9 @@ def evaluate(
     **options: Any,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
+    from edmsim import numeric, runs
     from edmsim.evaluation import compare, episode
     from edmsim.learning import policy_file, score
-    from edmsim.numeric import whole_from
-    from edmsim.runs import RunTable
 
     resolution, named = options.get("resolution"), env_ids or []
     if write_card and not policy:
@@ -315,7 +301,7 @@ def evaluate(
     if not named and not policy:
         raise InputError("name an environment, or a policy with --policy; see edmsim evaluate --help")
     if named and policy:
-        names = ",".join(f"policy:{policy_of(name)}" for name in policy)
+        names = ",".join(f"policy:{user_code.policy_of(name)}" for name in policy)
         raise InputError(f"--policy is for a policy's own environment: compare it in others by --controllers {names}")
     of_envs = {"--controllers": controllers, "--record": record, "--leaderboard": leaderboard, "--page": page}
     if not named and (without := [flag for flag, value in of_envs.items() if value is not None]):
@@ -323,26 +309,25 @@ def evaluate(
     if "all" in named and len(named) > 1:
         raise InputError("all names every environment: leave out the others, or all")
     if policy and seeds is not None:
-        whole_from("seeds", seeds, 2)
+        numeric.whole_from("seeds", seeds, 2)
     chosen = {
-        env_id: compare.usual(env_id) if controllers is None else listed(controllers)
-        for env_id in (compare.env_ids() if named == ["all"] else map(resolve, named))
+        env_id: compare.usual(env_id) if controllers is None else user_code.listed(controllers)
+        for env_id in (compare.env_ids() if named == ["all"] else map(edmsim.envs.registry.resolve, named))
     }
     for name in policy or ():
         score.env_id_of(name)  # an unknown policy is refused before the first cut
     for env_id, laws in chosen.items():
         compare.check(env_id, laws, episode.lines_of(env_id).seeds if seeds is None else seeds, resolution)
-    if page is not None:
-        check_suffix(page, "a page", ".md")
-    if leaderboard is not None:
-        check_suffix(leaderboard, "a leaderboard", ".jsonl")
+    for file, what, suffix in ((page, "a page", ".md"), (leaderboard, "a leaderboard", ".jsonl")):
+        if file is not None:
+            files.check_suffix(file, what, suffix)
     for file in (leaderboard, page):
         if file is not None:
-            make_writable(file.parent)
+            files.make_writable(file.parent)
     until_written = page or (policy_file.locate(policy[0]) if policy and write_card else None)
     journal = None if until_written is None else until_written.with_suffix(".runs.jsonl")
-    runs = RunTable(journal)
-    cuts = runs if leaderboard is None else RunTable(leaderboard, texts=compare.CUT_TEXTS)
+    finished = runs.RunTable(journal)
+    cuts = finished if leaderboard is None else runs.RunTable(leaderboard, texts=compare.CUT_TEXTS)
     saved = leaderboard is not None or journal is not None
     found, scores = [], {}
     unsaved = "nothing was saved; --leaderboard, --page and --write-card save finished cuts"
@@ -355,7 +340,7 @@ def evaluate(
         for name in policy or ():
             scores[name] = score.measure(
                 score.env_id_of(name), name, USUAL_EPISODES if seeds is None else seeds, bar.show,
-                () if resolution is None else (resolution,), runs,
+                () if resolution is None else (resolution,), finished,
             )  # fmt: skip
             if write_card:
                 score.write_card(name, scores[name])
@@ -364,7 +349,7 @@ def evaluate(
     if journal is not None:
         journal.unlink(missing_ok=True)
     if json:
-        sys.stdout.write(compare.as_json(found, scores) + "\n")
+        print_json(compare.as_json(found, scores))
         return
     of_policies = (score.render(name, score.env_id_of(name), rows) for name, rows in scores.items())
     for shown in (*(compare.render(made, OUT.width) for made in found), *of_policies):
@@ -389,17 +374,16 @@ def calibrate(
     **options: Any,
 ) -> None:
     """Fit the model's constants to a machine's log."""
-    from edmsim import calibration
+    from edmsim import calibration, runs
     from edmsim.calibration import comparison, output
     from edmsim.calibration import fit as fitting
-    from edmsim.runs import RunTable
 
-    make_room(out, "the fitted machine", ".toml")
+    files.make_room(out, "the fitted machine", ".toml")
     table = calibration.read_log(log)
     seed = options.pop("seed")
     settings, notices = calibration.settings_for(table, **options)
-    chosen = calibration.DEFAULT_CONSTANTS if fit is None else listed(fit)
-    runs = out.with_suffix(".runs.jsonl")
+    chosen = calibration.DEFAULT_CONSTANTS if fit is None else user_code.listed(fit)
+    journal = out.with_suffix(".runs.jsonl")
     set_up = fitting.machine_of(settings)
     for notice in (*notices, *fitting.held(settings, set_up, chosen)):
         say(notice)
@@ -410,18 +394,18 @@ def calibrate(
             bar.show("calibrate", text=f"{progress.cuts} of some {progress.usual} cuts simulated{misfit}")
 
         found = calibration.calibrate(
-            table, set_up, chosen, seed=seed, resolution=settings.resolution, table=RunTable(runs), watch=watch
+            table, set_up, chosen, seed=seed, resolution=settings.resolution, table=runs.RunTable(journal),
+            watch=watch,
         )
-    files = output.write(found, table.name, out, [name for name, _ in settings.overrides])
-    runs.unlink(missing_ok=True)
+    written = output.write(found, table.name, out, [name for name, _ in settings.overrides])
+    journal.unlink(missing_ok=True)
     if json:
-        sys.stdout.write(output.as_json(found, files) + "\n")
+        print_json(output.as_json(found, written))
         return
     OUT.print(output.render(found, settings.resolution))
     usual, of_set_up = settings_of({}), ("material", "wire", "generator", "resolution")
     others = {name: now for name in of_set_up if (now := getattr(settings, name)) != getattr(usual, name)}
-    fitted = " ".join(f"--{part} {shlex.quote(str(value))}" for part, value in {**others, **files}.items())
-    print_line(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR")
+    print_use("Cut with it", **{**others, **written})
 
 
 def validate(
@@ -439,14 +423,14 @@ def validate(
     from edmsim.runs import Processes, RunTable
     from edmsim.validation import CHECK_TEXTS, checks, report, run
 
-    chosen = None if topics is None else listed(topics)
+    chosen = None if topics is None else user_code.listed(topics)
     checks(topics=chosen)  # an unknown topic is refused before a folder is made
-    make_room(out, "a table of checks", ".jsonl")
+    files.make_room(out, "a table of checks", ".jsonl")
     table = RunTable(out, texts=CHECK_TEXTS)
     with interruptible("nothing was saved; --out saves finished checks" if out is None else RESUME) as bar:
         rows = run(bar.of("validate"), engine=Processes(), topics=chosen, table=table)
     if json:
-        sys.stdout.write(report.as_json(rows, report.failed(rows) if failed else None) + "\n")
+        print_json(report.as_json(rows, report.failed(rows) if failed else None))
     else:
         OUT.print(report.render_failed(rows) if failed else report.render(rows))
     if any(row.unexpected for row in rows):
@@ -467,7 +451,7 @@ def bench(
     json: Json = False,
 ) -> None:
     """Measure the speed of this computer in processor time."""
-    from edmsim.bench import measured
+    from edmsim.bench.figures import measured
 
     with interruptible("no measurement was completed") as bar:
         found = measured(
@@ -475,7 +459,7 @@ def bench(
         )
     if json:
         numbers = {name: numbers for name, (numbers, _) in found.items()}
-        sys.stdout.write(codec.dumps(numbers if len(found) > 1 else next(iter(numbers.values())), indent=2) + "\n")
+        print_json(numbers if len(found) > 1 else next(iter(numbers.values())), indent=2)
     else:
         for _, table in found.values():
             OUT.print(table)
@@ -517,9 +501,8 @@ def gap(
     **options: Any,
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""
-    from edmsim.hil.boards import PlainGenerator, Rig, make_board
+    from edmsim.hil import boards, session
     from edmsim.hil.samples import RatioLog, SampleFile, Sensing
-    from edmsim.hil.session import run_alone, serve
 
     is_run = not (serial is None and samples is None and log is None)
     if not is_run and delays is None and fmu is None:
@@ -538,7 +521,7 @@ def gap(
                          "--samples")  # fmt: skip
     if log is None and log_rate is not None:
         raise InputError("--log-rate is that of a log: give the file with --log")
-    board = None if serial is None else make_board(serial)
+    board = None if serial is None else boards.make_board(serial)
     of_board = {} if board is None else {"generator": board.generator}
     settings = settings_of({**of_board, **options})
     if board is not None:
@@ -558,8 +541,8 @@ def gap(
     if delays is not None:
         from edmsim.hil.gap import delay_table, write_delays
 
-        make_room(delays, "a table of delays", ".csv")
-        with progress() as bar:
+        files.make_room(delays, "a table of delays", ".csv")
+        with console.progress() as bar:
             rows = delay_table(set_up, seed=seed, watch=bar.of("delays"))
         write_delays(rows, delays)
         say(f"{len(rows)} gaps and voltages in {delays}")
@@ -569,19 +552,20 @@ def gap(
         raise InputError(f"--seconds is above 0, not {seconds:g}")
     for file in (samples, log):
         if file is not None:
-            make_writable(file.parent)
-    rig = Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=gap, resolution=settings.resolution)
-    with ExitStack() as files:
+            files.make_writable(file.parent)
+    pulser = board or boards.PlainGenerator(set_up)
+    rig = boards.Rig(pulser, set_up, seed=seed, gap_um=gap, resolution=settings.resolution)
+    with ExitStack() as opened:
         sensing = Sensing(**chosen, seed=seed)
-        sampled = files.enter_context(SampleFile(samples, sensing, rig.time_s)) if samples else None
-        logged = files.enter_context(RatioLog(log, rig, 10.0 if log_rate is None else log_rate)) if log else None
-        for taker in (sampled, logged):
-            if taker is not None:
-                rig.watch(taker.frame)
+        sampled = opened.enter_context(SampleFile(samples, sensing, rig.time_s)) if samples else None
+        logged = opened.enter_context(RatioLog(log, rig, 10.0 if log_rate is None else log_rate)) if log else None
+        for taker in filter(None, (sampled, logged)):
+            rig.watch(taker.frame)
         if serial is None:
-            run_alone(rig, feed_um_s=5.0 if feed is None else feed, seconds=1.0 if seconds is None else seconds)
+            lasts_s = 1.0 if seconds is None else seconds
+            session.run_alone(rig, feed_um_s=5.0 if feed is None else feed, seconds=lasts_s)
         else:
-            serve(rig, speed=1.0 if speed is None else speed, seconds=seconds, say=say)
+            session.serve(rig, speed=1.0 if speed is None else speed, seconds=seconds, say=say)
     if sampled is not None:
         say(f"{sampled.count} samples in {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
     if logged is not None:
@@ -590,7 +574,7 @@ def gap(
         say(rig.gap.lost)
 
 
-_LINE = "G0 X0 Y0\nG1 X0.5\nM2\n"
+
 
 
 def warm_up() -> None:
@@ -612,9 +596,9 @@ def _use_once() -> None:
     """Run a cut and a step of an environment, which compile planners, observations and rewards."""
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "line.ngc"
-        program.write_text(_LINE, encoding="ascii")
+        program.write_text("G0 X0 Y0\nG1 X0.5\nM2\n", encoding="ascii")
         edmsim.cut(program, offset="none", resolution="fast", max_time_s=0.1)
-    env = gym.make("edmsim/GapFeed-v2", resolution="fast")
+    env = edmsim.envs.EdmEnv("GapFeed", resolution="fast")
     env.reset(seed=0)
     env.step(env.action_space.sample())
     env.close()

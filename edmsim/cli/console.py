@@ -1,6 +1,8 @@
 """Standard output and error, progress, and the effect of Ctrl-C, for all commands."""
 
 import codecs
+import json
+import shlex
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -42,6 +44,22 @@ def say(text: str) -> None:
 def print_line(text: str) -> None:
     """Print text on standard output as it is; lines are not broken."""
     OUT.print(text, highlight=False, soft_wrap=True, markup=False)
+
+
+def print_json(content: object, indent: int | None = None) -> None:
+    """Print JSON on standard output; a text is JSON already."""
+    sys.stdout.write((content if isinstance(content, str) else json.dumps(content, indent=indent)) + "\n")
+
+
+def quoted(word: object) -> str:
+    """Return a word as one types it in a shell."""
+    return shlex.quote(str(word))
+
+
+def print_use(what: str, **options: object) -> None:
+    """Print how to cut with something: `what`, and the command with these options."""
+    flags = " ".join(f"--{name} {quoted(value)}" for name, value in options.items())
+    print_line(f"{what}: edmsim cut PROGRAM {flags} --out DIR")
 
 
 def progress(quiet: bool = False, keep: bool = False) -> "ShownProgress":

@@ -1,9 +1,6 @@
 """Commands in groups: sweeps and searches of many runs, measurements of a machine, consoles."""
 
-import json as codec
 import math
-import shlex
-import sys
 import time
 from pathlib import Path
 from pkgutil import resolve_name
@@ -11,16 +8,22 @@ from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, OUT, interruptible, print_line, progress, say
+from edmsim import files
+from edmsim.cli.console import ERR, OUT, interruptible, print_json, print_line, print_use, progress, quoted, say
 from edmsim.cli.options import SET_UP, Among, DriveAxis, Environment, Json, Quiet, Unset, settings_of, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, STOPPED, InputError
-from edmsim.files import check_suffix, make_room, make_writable, replacing
 
 Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
 ProcessCount = Annotated[
     int | None, typer.Option("--processes", help="Processes on this computer; default: one per processor.")
 ]
 SHORT_FORM = {"ignore_unknown_options": True, "allow_extra_args": True}
+
+
+def _engine(ray: str | None, processes: int | None) -> Any:
+    from edmsim.runs import engine_of
+
+    return engine_of(ray, processes)
 
 
 def run(
@@ -44,14 +47,13 @@ def run(
     --height 5,10,20 --t-on 10:40:5 --gap.critical_um 4,5.
     If a sweep was interrupted, the same command makes only the missing runs.
     """
-    from edmsim.runs import engine_of
     from edmsim.sweep.run import SweepProgress, sweep
     from edmsim.sweep.specification import specification_of
 
     specification = specification_of(
         what, context.args, seeds=seeds, machine_samples=machine_samples, recordings=record
     )
-    engine = engine_of(ray, processes)
+    engine = _engine(ray, processes)
     with interruptible("run the same command to make the missing runs", keep=True) as bar:
 
         def watch(progress: SweepProgress) -> None:
@@ -66,7 +68,7 @@ def run(
         slow_s = time.monotonic() + 2.0
         last = sweep(specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking)
     OUT.print(f"{last.done} runs, {last.made} made now, {last.failed} failed.", highlight=False)
-    print_line(f"Look at them with: edmsim sweep show {shlex.quote(str(out))}")
+    print_line(f"Look at them with: edmsim sweep show {quoted(out)}")
     if last.failed:
         raise typer.Exit(STOPPED)
 
@@ -105,13 +107,12 @@ def training(
     processes: ProcessCount = None,
 ) -> None:
     """Search for settings of a training (extras rl and tune)."""
-    from edmsim.runs import engine_of
     from edmsim.sweep.tune import tune_training
 
     with interruptible() as bar:
         found = tune_training(
             env_id, out, algo=algo, steps=steps, trials=trials, seed=seed, seeds=seeds,
-            engine=engine_of(ray, processes), watch=lambda made, best: bar.show(env_id, made, trials, f"{best:.4g}"),
+            engine=_engine(ray, processes), watch=lambda made, best: bar.show(env_id, made, trials, f"{best:.4g}"),
         )  # fmt: skip
     score = f"score {found.value:.4g} (before {found.first_value:.4g})"
     _print_values(env_id, found.values, f"{score}; {found.trials} trials, {found.failed} failed", out)
@@ -159,14 +160,13 @@ def controller(
     **options: Any,
 ) -> None:  # fmt: skip
     """Search for settings of a controller on drawn machines (extra tune)."""
-    from edmsim.runs import engine_of
     from edmsim.sweep.tune import tune_controller
 
     height = {key: options.pop(key) for key in ("height_mm",) if key in options}
     machine = {"name" if key == "machine" else key: value for key, value in options.items()}
     with interruptible() as bar:
         found = tune_controller(
-            name, out, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
+            name, out, trials=trials, seed=seed, seeds=seeds, engine=_engine(ray, processes),
             watch=lambda made, best: bar.show(name, made, trials, f"{best:.4g}"),
             **({"machine": machine} if machine else {}), **height,
         )  # fmt: skip
@@ -203,18 +203,18 @@ def technology(
     job = Job(material, passes=passes, **options)
     file = Path(f"{Path(material).stem}-{Path(job.wire).stem}.toml") if out is None else out
     job.check()
-    make_room(file, "a technology", ".toml")
+    files.make_room(file, "a technology", ".toml")
     known = read_technology(str(file)) if file.exists() else None
     if known is not None:
         job.check_like(known, file)
     journal = file.with_suffix(".runs.jsonl")
     with interruptible():
         found = Search(job, (lambda text: None) if quiet else print_line, journal, at_height(known, job)).run()
-    with replacing(file) as partial:
+    with files.replacing(file) as partial:
         partial.write_text(technology_text(job.technology(merged(known, found), known)), encoding="utf-8")
     journal.unlink(missing_ok=True)
-    set_up = f"--material {shlex.quote(material)} --height {job.height_mm:g} --resolution {job.resolution}"
-    of_passes = f"--passes {passes} --technology {shlex.quote(str(file))}"
+    set_up = f"--material {quoted(material)} --height {job.height_mm:g} --resolution {job.resolution}"
+    of_passes = f"--passes {passes} --technology {quoted(file)}"
     print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM {set_up} {of_passes}")
 
 
@@ -235,8 +235,7 @@ def _print_values(name: str, values: dict[str, float], score: str, out: Path) ->
     listed = ",".join(f"{key}={value:g}" for key, value in values.items())
     print_line(f"{name}:{listed}\n{score}. Written: {out / BEST}")
     if (out / "policy.json").is_file():
-        policy = shlex.quote(f"policy:{out / 'policy.json'}")
-        print_line(f"Cut with the best policy: edmsim cut PROGRAM --controller {policy} --out DIR")
+        print_use("Cut with the best policy", controller=f"policy:{out / 'policy.json'}")
 
 
 @takes(
@@ -260,29 +259,28 @@ def table(
     if plot is not None:
         check_figure(plot)
     if out is not None:
-        check_suffix(out, "a compensation file", ".toml")
+        files.check_suffix(out, "a compensation file", ".toml")
     settings = settings_of(options)
     compensation = settings.compensation
     loaded = None if compensation is None else load_tables(read_tables(compensation), compensation)
     worn = settings.load_machine()
     for file in (out, plot):
         if file is not None:
-            make_writable(file.parent)
+            files.make_writable(file.parent)
     found = measure_table(worn, interval_mm=interval, runs=runs, seed=settings.seed, compensation=loaded)
     if out is not None:
         left = "" if compensation is None else f" with {Path(compensation).name} in force"
         about = f"Errors of the table of {settings.machine}{left}: indicated less true position of an axis."
-        with replacing(out) as partial:
+        with files.replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
         write_figure(table_figure({"measured": found}), plot)
     if json:
-        sys.stdout.write(as_json(found) + "\n")
+        print_json(as_json(found))
         return
     OUT.print(render(found))
     if out is not None and compensation is None:
-        use = f"--machine {shlex.quote(settings.machine)} --compensation {shlex.quote(str(out))}"
-        print_line(f"Cut with it: edmsim cut PROGRAM {use} --out DIR")
+        print_use("Cut with it", machine=settings.machine, compensation=out)
 
 
 @takes(
@@ -302,15 +300,15 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
         )
     lower_mm, upper_mm = found.uncertainty_mm
     if json:
-        sys.stdout.write(codec.dumps({
+        print_json({
             "lower_mm": found.lower_mm, "upper_mm": found.upper_mm, "uncertainty_mm": found.uncertainty_mm,
             "heights_mm": found.heights_mm.tolist(), "shift_um": found.shift_um.tolist(),
-        }) + "\n")  # fmt: skip
+        })  # fmt: skip
         return
     for name, error, own in (("lower", found.lower_mm, lower_mm), ("upper", found.upper_mm, upper_mm)):
         OUT.print(f"the {name} guide is {error:+.3f} mm higher than its file says, ±{own:.3f} mm", highlight=False)
     errors = f"--guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}"
-    print_line(f"Cut with it: edmsim cut PROGRAM --machine {shlex.quote(settings.machine)} {errors} --out DIR")
+    print_line(f"Cut with it: edmsim cut PROGRAM --machine {quoted(settings.machine)} {errors} --out DIR")
 
 
 @takes("machine", "material", "wire", "height_mm", "tension", "planner", "resolution", "seed",
@@ -330,19 +328,18 @@ def terminal(
     **options: Any,
 ) -> None:
     """Operate the controller of 1982 at its terminal."""
-    from edmsim.consoles.computer_1982.rig import Rig
-    from edmsim.consoles.computer_1982.session import choose_faults, run
+    from edmsim.consoles.computer_1982 import rig, session
 
     settings = settings_of(options)
-    faults = choose_faults(fault or (), settings.seed)
+    faults = session.choose_faults(fault or (), settings.seed)
     try:
         with ERR.status("starting; the first time, the pulse loop is compiled"):
-            rig = Rig(
+            made = rig.Rig(
                 settings.load_machine(), settings.seed, resolution=settings.resolution, planner=settings.planner,
                 faults=faults,
             )
-            rig.warm_up()
-        raise typer.Exit(run(rig, host, speed, view, monitor, tapes))
+            made.warm_up()
+        raise typer.Exit(session.run(made, host, speed, view, monitor, tapes))
     except KeyboardInterrupt:
         raise typer.Exit(INTERRUPTED) from None
 

@@ -9,13 +9,11 @@ from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
 import typer
-from typer.core import TyperCommand
 
+import edmsim
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
-    from pydantic.fields import FieldInfo
-
     from edmsim.job.options import CutSettings
 
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
@@ -96,7 +94,7 @@ def settings_of(options: dict[str, Any]) -> "CutSettings":
 _NO_FLAG = {"height_areas", "watch", "enter"}  # options that cannot be typed: polygons, functions
 
 
-class Command(TyperCommand):
+class Command(typer.core.TyperCommand):
     """A command that looks up its options when it runs or shows its help, not when all commands are listed."""
 
     def get_params(self, ctx: Any) -> list[Any]:
@@ -131,23 +129,13 @@ def _with_names(parameter: inspect.Parameter) -> inspect.Parameter:
     kind, info = get_args(parameter.annotation)
     if "{controllers}" not in info.help:
         return parameter
-    from edmsim.controllers import choices
-
     listing = copy(info)
-    listing.help = info.help.replace("{controllers}", ", ".join(choices()))
+    listing.help = info.help.replace("{controllers}", ", ".join(edmsim.controllers.choices()))
     return parameter.replace(annotation=Annotated[kind, listing])
 
 
-def flag(name: str, field: "FieldInfo") -> str:
-    """Return the name of an option on the command line."""
-    from edmsim.machine.options import Flag, bare_name, fact
-
-    own = fact(field, Flag)
-    return "--" + (own.name if own is not None and own.name else bare_name(name).replace("_", "-"))
-
-
-def _parameter(name: str, field: "FieldInfo", taken: _Taken) -> inspect.Parameter:
-    from edmsim.machine.options import Flag, Names, fact, meaning
+def _parameter(name: str, field: Any, taken: _Taken) -> inspect.Parameter:
+    from edmsim.machine.options import Flag, Names, fact, flag, meaning
 
     default = taken.instead.get(name, field.default)
     if isinstance(default, Among):

@@ -8,32 +8,24 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, ParamSpec, Protocol
 
 import numpy as np
 
-from edmsim import user_code
+from edmsim import files, runs, screen, signals, user_code
+from edmsim.controllers import protocols, pulse_counters
 from edmsim.controllers.axis.elcam.file import NAMES, PLACES
-from edmsim.controllers.protocols import snapshot_text
-from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.cosim.simulation import Progress, Simulation
-from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError, located, refuses_wrong_types
-from edmsim.files import folder_of, locked, read_arrays, replacing
 from edmsim.job.options import CutOptions, CutSettings, Running
 from edmsim.job.plan import prepared
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
-from edmsim.machine.machine import constants_digest
-from edmsim.machine.options import show
+from edmsim.machine import machine, options
 from edmsim.metrology.profile import BLANK_EDGE_MM, depth_in_blank
 from edmsim.plant.axes.drives import parse_fault
 from edmsim.plant.window import PlantError
 from edmsim.recording.report import duration_text, outcome_text
-from edmsim.runs import digests_of
-from edmsim.screen import ShownProgress, in_notebook
-from edmsim.signals import NotedSignals, noted
 
 CHECKPOINT = "checkpoint.npz"  # file in the output folder, deleted after the results are written
 CHECKPOINT_EVERY_S = 60.0  # wall time between checkpoints of a long cut
@@ -48,8 +40,8 @@ class _Cut(Protocol[_Options]):
     def __call__(self, program: str | Path, *no: _Options.args, **options: _Options.kwargs) -> CutResult: ...
 
 
-def _takes(options: Callable[_Options, CutOptions]) -> Callable[[Callable[..., CutResult]], _Cut[_Options]]:
-    return lambda cut: show(cut, CutOptions)
+def _takes(declared: Callable[_Options, CutOptions]) -> Callable[[Callable[..., CutResult]], _Cut[_Options]]:
+    return lambda cut: options.show(cut, CutOptions)
 
 
 @_takes(CutOptions)
@@ -87,11 +79,12 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     watch, enter, out = running.watch, running.enter, running.out
     settings, simulation, recorders = _begin(program, CutSettings.model_validate(options))
     made_with = _made_with(program, settings, simulation)
-    bar = None if watch or enter or not in_notebook() else CutProgress(ShownProgress(), made_with["program"])
-    if bar is not None:
+    bar = None
+    if not (watch or enter) and screen.in_notebook():
+        bar = CutProgress(screen.ShownProgress(), made_with["program"])
         watch, enter = bar.show, bar.enter
     tell = enter or (lambda _: None)
-    folder = None if out is None else folder_of(out)
+    folder = None if out is None else files.folder_of(out)
     if running.resume and running.overwrite:
         raise InputError("you can resume or discard an interrupted cut: choose --resume or --overwrite")
     if running.resume:
@@ -99,8 +92,8 @@ def cut(program: str | Path, **options: Any) -> CutResult:
             raise InputError("to resume a cut, name its folder")
         if not (folder / CHECKPOINT).exists():
             raise InputError("there is no interrupted cut to resume in this folder", folder)
-    with nullcontext() if folder is None else locked(folder), noted() as signals:
-        run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, signals)
+    with files.locked(folder), signals.noted() as pending:
+        run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, pending)
         run.begin(running.resume, running.overwrite)
         tell("cutting")
         with located(user_code.file_of(made_with["controller"])):
@@ -119,10 +112,11 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
     """Read the program and set up the simulation; return the settings in force, the simulation and its recorders."""
     ready = prepared(program, settings)
     settings = ready.settings
-    recorders = recorders_for(ready.machine, ready.steps, settings.resolution)
+    steps = settings.workpiece.steps(ready.path, ready.machine.wire_diameter_um)
+    recorders = recorders_for(ready.machine, steps, settings.resolution)
     simulation = Simulation(
         ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
-        resolution=settings.resolution, max_time_s=settings.max_time_s, steps=ready.steps,
+        resolution=settings.resolution, max_time_s=settings.max_time_s, steps=steps,
         mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor, setups=ready.setups, approach=ready.approach,
         axis_faults=[parse_fault(text) for text in settings.axis_faults],
@@ -132,20 +126,20 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
 
 def _made_with(program: str | Path, settings: CutSettings, simulation: Simulation) -> dict[str, Any]:
     """Return the report's settings: options, values derived from them, and digests of the files that they name."""
-    machine, path = simulation.machine, simulation.path
+    set_up, path, tables = simulation.machine, simulation.path, settings.compensation
     file = user_code.file_of(settings.controller) if isinstance(settings.controller, str) else None
-    tables = settings.compensation
+    own_code = None if file is None else [*runs.digests_of([file]).values()]
     return {
         "program": Path(program).name.encode("utf-8", "replace").decode(),
         "program_sha256": _digest(Path(program).read_bytes()),
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
-        **({} if file is None else {"controller_sha256": _digest(repr([*digests_of([file]).values()]).encode())}),
+        **({} if own_code is None else {"controller_sha256": _digest(repr(own_code).encode())}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
         **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
-        "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
-        "t_period_us": machine.t_period_us, "position_unit": simulation.unit, "offset_um": path.offset_um,
+        "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "t_on_us": set_up.t_on_us,
+        "t_period_us": set_up.t_period_us, "position_unit": simulation.unit, "offset_um": path.offset_um,
         "wire_path_sha256": _digest(b"".join(way.tobytes() for contour in path.contours for way in contour.reach_um)),
-        "constants_sha256": constants_digest(machine),
+        "constants_sha256": machine.constants_digest(set_up),
     }
 
 
@@ -156,7 +150,7 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
         notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
     for name, drive in simulation.plant.drives.items():
         tells = getattr(drive, "why_stopped", None)
-        if simulation.cause is StopCause.FINISHED and tells is not None and (why := tells()):
+        if simulation.outcome == "finished" and tells is not None and (why := tells()):
             notices.append(f"the drive of {name} says: {why}")
     for table in [] if simulation.elcam is None else simulation.elcam.tables.values():
         driven, along = NAMES[table.axis], PLACES[table.master]
@@ -205,9 +199,9 @@ class _Run:
     """A running cut, with a checkpoint in its folder until the results are written."""
 
     def __init__(
-        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any], signals: NotedSignals
+        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any], pending: signals.NotedSignals
     ) -> None:
-        self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, signals
+        self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, pending
         self._before_s = self.wall_time_s = 0.0
         self._saved = time.monotonic()
         self._held_s: float | None = None  # machine time of the checkpoint
@@ -216,7 +210,7 @@ class _Run:
         """Resume the interrupted cut of the folder, or refuse to overwrite it unless `overwrite` is set."""
         if self._folder is None:
             return
-        snapshot_text(self._simulation.controller)  # raises before the cut if the controller's state cannot be saved
+        protocols.snapshot_text(self._simulation.controller)  # raises before the cut if the state cannot be saved
         file = self._folder / CHECKPOINT
         if resume:
             self._before_s = self.wall_time_s = load_checkpoint(self._simulation, file, self._made_with)
@@ -296,7 +290,7 @@ def save_checkpoint(simulation: Simulation, file: Path, settings: Mapping[str, A
     arrays, values = simulation.snapshot()
     own = {"format": CHECKPOINT_FORMAT, "settings": dict(settings), "values": values, "wall_time_s": wall_time_s}
     text = np.frombuffer(json.dumps(own).encode(), np.uint8)
-    with replacing(file) as partial, partial.open("wb") as opened:
+    with files.replacing(file) as partial, partial.open("wb") as opened:
         np.savez(opened, allow_pickle=False, __json__=text, **arrays)
 
 
@@ -306,7 +300,7 @@ def load_checkpoint(simulation: Simulation, file: Path, settings: Mapping[str, A
     Raises `InputError` if the file is damaged, of another version, or of a cut with other settings.
     """
     try:
-        arrays = read_arrays(file.read_bytes())
+        arrays = files.read_arrays(file.read_bytes())
         saved = json.loads(arrays.pop("__json__").tobytes())
         if saved.get("format") != CHECKPOINT_FORMAT:
             raise InputError("another version of edmsim wrote the checkpoint; cut again without --resume", file)
@@ -350,7 +344,7 @@ _EVERY_S = 0.1  # between two updates of the bar, because windows are shorter (o
 class CutProgress:
     """The callbacks of `edmsim.cut` that show a progress bar."""
 
-    def __init__(self, bar: ShownProgress, name: str) -> None:
+    def __init__(self, bar: screen.ShownProgress, name: str) -> None:
         self._bar, self._name = bar, name
         self._last: Progress | None = None
         self._drawn_s = 0.0
@@ -366,7 +360,7 @@ class CutProgress:
         if now < self._drawn_s + _EVERY_S:
             return
         self._drawn_s = now
-        short, open_ = percent_of_window(progress.short), percent_of_window(progress.open)
+        short, open_ = map(pulse_counters.percent_of_window, (progress.short, progress.open))
         self._draw(f"{progress.feed_um_s:.1f} um/s, short {short:.0f} %, open {open_:.0f} %")
 
     def _draw(self, words: str, at_once: bool = False) -> None:

@@ -11,25 +11,12 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import pydantic
-import shapely
 
 from edmsim.errors import InputError
-from edmsim.machine.machine import Machine
-from edmsim.machine.options import (
-    Flag,
-    MachineOption,
-    Names,
-    Options,
-    SetUpOptions,
-    TextOrPath,
-    checked_name,
-    refusal,
-    registered,
-)
-from edmsim.machine.overrides import checked_constants, parse_constant, with_overrides
-from edmsim.machine.setting import MOST_TIME_S, check_height
+from edmsim.machine import machine, options, overrides, setting
+from edmsim.machine.options import Flag, Names, TextOrPath, registered
 from edmsim.numeric import Number, WholeNumber
-from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes, parse_height
+from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes, corners_of, parse_height
 from edmsim.program.passes import OVERLAP_MM, TAB_MM
 
 if TYPE_CHECKING:
@@ -62,7 +49,7 @@ def _drives() -> tuple[str, ...]:
     return (axis.Stepper.name, *axis.COMMISSIONED)
 
 
-class CutSettings(SetUpOptions, MachineOption):
+class CutSettings(options.SetUpOptions, options.MachineOption):
     """Options of a cut: checked, immutable, and readable from their JSON.
 
     Raises
@@ -158,12 +145,12 @@ class CutSettings(SetUpOptions, MachineOption):
         try:
             return handler(value)
         except pydantic.ValidationError as error:
-            raise refusal(error, CutSettings, "a cut") from None
+            raise options.refusal(error, CutSettings, "a cut") from None
 
     @pydantic.field_validator("height_mm")
     @classmethod
     def _check_height(cls, height_mm: float) -> float:
-        check_height(height_mm)
+        setting.check_height(height_mm)
         return height_mm
 
     @pydantic.field_validator("heights", mode="plain")
@@ -173,27 +160,23 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @pydantic.field_validator("height_areas", mode="plain")
     @classmethod
-    def _check_areas(cls, value: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
+    def _check_areas(cls, value: Sequence[Area] | None) -> tuple[Area, ...]:
         return checked_areas(_list(value))
 
     @pydantic.field_validator("constants", mode="plain")
     @classmethod
     def _check_constants(cls, value: Any) -> tuple[tuple[str, float], ...]:
         if isinstance(value, Iterable) and not isinstance(value, Mapping | str):
-            value = [parse_constant(item) if isinstance(item, str) else item for item in value]
-        return tuple((name, float(number)) for name, number in checked_constants(value or {}))
+            value = [overrides.parse_constant(item) if isinstance(item, str) else item for item in value]
+        return tuple((name, float(number)) for name, number in overrides.checked_constants(value or {}))
 
     @pydantic.field_serializer("heights", "constants")
     def _pairs(self, pairs: Any) -> Any:
         return pairs
 
     @pydantic.field_serializer("height_areas")
-    def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
-        """Return areas as lists of corners; those with holes, which a list cannot represent, as GeoJSON."""
-        return [
-            [shapely.geometry.mapping(area) if area.interiors else shapely.get_coordinates(area).tolist(), height]
-            for area, height in areas
-        ]
+    def _corners(self, areas: Any) -> list[list[object]]:
+        return corners_of(areas)
 
     @pydantic.field_validator("controller", mode="plain")
     @classmethod
@@ -209,7 +192,7 @@ class CutSettings(SetUpOptions, MachineOption):
     @pydantic.field_validator("planner", "mechanics", "resolution", "dialect", "taper_corners", "after_tab")
     @classmethod
     def _check_name(cls, value: str, info: pydantic.ValidationInfo) -> Any:
-        return checked_name(cls, str(info.field_name), value)
+        return options.checked_name(cls, str(info.field_name), value)
 
     @pydantic.field_validator("drive")
     @classmethod
@@ -247,8 +230,9 @@ class CutSettings(SetUpOptions, MachineOption):
     @pydantic.field_validator("max_time_s")
     @classmethod
     def _check_max_time(cls, max_time_s: float | None) -> float | None:
-        if max_time_s is not None and not 0 < max_time_s <= MOST_TIME_S:
-            raise InputError(f"the time limit of {max_time_s:g} s must be above zero, and at most {MOST_TIME_S:g} s")
+        most_s = setting.MOST_TIME_S
+        if max_time_s is not None and not 0 < max_time_s <= most_s:
+            raise InputError(f"the time limit of {max_time_s:g} s must be above zero, and at most {most_s:g} s")
         return max_time_s
 
     @classmethod
@@ -257,7 +241,7 @@ class CutSettings(SetUpOptions, MachineOption):
         try:
             return cls.model_validate_json(text)
         except pydantic.ValidationError as error:
-            raise refusal(error, CutSettings, "a cut") from None
+            raise options.refusal(error, CutSettings, "a cut") from None
 
     @classmethod
     def of_report(cls, report: Mapping[str, Any]) -> CutSettings:
@@ -280,9 +264,9 @@ class CutSettings(SetUpOptions, MachineOption):
     @property
     def set_up(self) -> dict[str, Any]:
         """The arguments of `Machine.load` other than the machine's name."""
-        return {name: getattr(self, name) for name in SetUpOptions.model_fields}
+        return {name: getattr(self, name) for name in options.SetUpOptions.model_fields}
 
-    def load_machine(self) -> Machine:
+    def load_machine(self) -> machine.Machine:
         """Return the set-up; its height is the greatest of the workpiece.
 
         Raises
@@ -290,11 +274,11 @@ class CutSettings(SetUpOptions, MachineOption):
         InputError
             As `Machine.load`.
         """
-        machine = Machine.load(self.machine, **{**self.set_up, "height_mm": self.workpiece.greatest_mm})
-        return with_overrides(machine, self.overrides) if self.overrides else machine
+        loaded = machine.Machine.load(self.machine, **{**self.set_up, "height_mm": self.workpiece.greatest_mm})
+        return overrides.with_overrides(loaded, self.overrides) if self.overrides else loaded
 
 
-class Running(Options):
+class Running(options.Options):
     """Options for running a cut that do not change its result."""
 
     out: Annotated[str | Path | None, Flag(metavar="PATH")] = None
@@ -310,12 +294,12 @@ class Running(Options):
     """Called with the name of a phase when it begins: cutting, measuring, figures, recording."""
 
     @classmethod
-    def taken_from(cls, options: dict[str, Any]) -> Running:
+    def taken_from(cls, values: dict[str, Any]) -> Running:
         """Remove these options from all those of a cut and return them; raises `InputError` for an invalid value."""
         try:
-            return cls.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
+            return cls.model_validate({name: values.pop(name) for name in Running.model_fields if name in values})
         except pydantic.ValidationError as error:
-            raise refusal(error, Running, "a cut") from None
+            raise options.refusal(error, Running, "a cut") from None
 
 
 class CutOptions(CutSettings, Running):

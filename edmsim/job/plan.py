@@ -8,13 +8,10 @@ from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
-from edmsim.controllers import FeedController, SeesTruth, axis, from_text
-from edmsim.controllers.axis.elcam.file import load_tables, read_tables
-from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.mcu.firmware.poscal import unit_um
-from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
+from edmsim.controllers import FeedController, SeesTruth, axis, from_text, user_controllers
+from edmsim.controllers.axis.elcam import file, module
+from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
 from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.job.options import CutSettings
@@ -23,18 +20,17 @@ from edmsim.machine.setting import guide_bends, mean_current_A
 from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
 from edmsim.plant.constants import screws
 from edmsim.plant.gap.generator import timing
-from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.program.arcs import extent_mm
+from edmsim.program import arcs, taper
 from edmsim.program.outline import Corners, Outline, Program
 from edmsim.program.passes import CutPass, PassPlan
 from edmsim.program.path import Conditions, CutPath, WireContour, load_program, plan_path
-from edmsim.program.taper import GuideHeights
 from edmsim.recording.report import duration_text, mm_text
 
 
 def make_controller(choice: str | FeedController) -> FeedController:
     """Return a feed controller for a cut: from its text, see `edmsim.controllers.from_text`, or the object itself."""
-    controller = from_text(choice, cutting=True) if isinstance(choice, str) else check_is_controller(choice)
+    own = user_controllers.check_is_controller
+    controller = from_text(choice, cutting=True) if isinstance(choice, str) else own(choice)
     if isinstance(controller, SeesTruth):
         raise InputError(
             f"the {controller.name} controller looks at the true gap, which no machine shows: use it only in "
@@ -62,19 +58,19 @@ def planned(
     offset = settings.offset if passes is None or passes.of_program else "auto"
     return plan_path(
         program if isinstance(program, Program) else read_program(program, settings), offset,
-        auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um)),
+        auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=poscal.unit_um(unit, round(step_um)),
         taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
         guides=[guides_of(one, errors_mm) for one in machines], passes=passes,
     )
 
 
-def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights | None:
+def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> taper.GuideHeights | None:
     """Return the guides' positions as known to the control; None if the upper guide does not move."""
     travel = machine.base.guides.upper_travel_mm
     if travel is None:
         return None
     bends, (lower_mm, upper_mm) = guide_bends(machine), np.add(machine.guides_z_mm, errors_mm).tolist()
-    return GuideHeights(lower_mm, upper_mm, machine.height_mm, travel.value, bends.stiff_mm, bends.radius_mm)
+    return taper.GuideHeights(lower_mm, upper_mm, machine.height_mm, travel.value, bends.stiff_mm, bends.radius_mm)
 
 
 # A cut in passes: the values of a technology replace the options that it decides.
@@ -108,37 +104,42 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
             if settings.technology is not None:
                 raise InputError(f"a technology is for passes: {remedy}")
             return Passes(settings, path)
-        technology = technology_of(settings)
-        table = _table(settings, technology, path.passes)
-        note = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
-        table = table._replace(notices=(f"{note}'{technology.title}'", *table.notices))
-        return _in_passes(program, settings, technology, table, PassPlan(table.offsets_mm, of_program=True), plan)
+        return _in_passes(program, settings, path.passes, plan, of_program=True)
     if settings.conditions is not None:
         raise InputError("conditions set the program's own passes: leave out their table, or the number of passes")
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
     if settings.passes == 1:
         _refuse_of_passes(settings, "give more than one, as --passes 4")
-    technology = technology_of(settings)
-    table = _table(settings, technology, settings.passes)
-    shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
-    offsets_mm = tuple(round(mm + shift_mm, 6) for mm in table.offsets_mm)
-    after_tab: Any = settings.after_tab
-    pass_plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, after_tab)
-    return _in_passes(program, settings, technology, table, pass_plan, plan)
+    return _in_passes(program, settings, settings.passes, plan, of_program=False)
+
+
+def _chosen(settings: CutSettings, name: str) -> Any:
+    """Return the value of an option; None if it is the default."""
+    value = getattr(settings, name)
+    return None if value == CutSettings.model_fields[name].default else value
 
 
 def _refuse_of_passes(settings: CutSettings, remedy: str) -> None:
     for name, what in _OF_PASSES.items():
-        if getattr(settings, name) != CutSettings.model_fields[name].default:
+        if _chosen(settings, name) is not None:
             raise InputError(f"{what} is for passes: {remedy}")
 
 
 def _in_passes(
-    program: str | Path | Program, settings: CutSettings, technology: Technology, table: PassTable,
-    passes: PassPlan, plan: _Plan,
+    program: str | Path | Program, settings: CutSettings, count: int, plan: _Plan, of_program: bool
 ) -> Passes:
-    """Plan a cut in passes, each with its set-up."""
+    """Plan a cut in passes of a technology, each with its set-up; their number is the program's or an option."""
+    technology = technology_of(settings)
+    table = _table(settings, technology, count)
+    if of_program:
+        note = f"the program cuts an edge {count} times: these are passes, with the settings of the technology "
+        table = table._replace(notices=(f"{note}'{technology.title}'", *table.notices))
+        passes = PassPlan(table.offsets_mm, of_program=True)
+    else:
+        shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
+        offsets_mm = tuple(round(mm + shift_mm, 6) for mm in table.offsets_mm)
+        passes = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, cast(Any, settings.after_tab))
     settings = in_force(settings, technology, table)
     own = technology.material == settings.material
     none = f"there is no technology for {settings.material}, and the settings of '{technology.title}' cannot be used"
@@ -177,8 +178,7 @@ def _with_condition(settings: CutSettings, conditions: Conditions, name: str | N
     if "tension_N" in found:
         decided["tension"] = found.pop("tension_N")
     for option, value in {**decided, **found}.items():
-        usual = CutSettings.model_fields[option].default
-        if getattr(settings, option) not in (usual, value):
+        if _chosen(settings, option) not in (None, value):
             raise InputError(f"the table of conditions decides {option} of {name}: leave the option out")
     return settings.model_copy(update={**decided, **found})
 
@@ -197,8 +197,7 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
         **{name: getattr(rough, own) for name, own in OF_PASS.items()},
     }  # fmt: skip
     for name, value in decided.items():
-        chosen, usual = getattr(settings, name), CutSettings.model_fields[name].default
-        if chosen not in (usual, value):
+        if (chosen := _chosen(settings, name)) not in (None, value):
             raise InputError(
                 f"the technology '{technology.title}' sets {name} to {value!r}, not {chosen!r}: omit the option, "
                 "or choose a technology with this value"
@@ -213,12 +212,7 @@ def technology_of(settings: CutSettings) -> Technology:
         if found.material != settings.material:
             raise InputError(f"the technology '{found.title}' is for {found.material}, not for {settings.material}")
         return found
-    usual = CutSettings.model_fields
-    machine, wire = (
-        None if getattr(settings, name) == usual[name].default else getattr(settings, name)
-        for name in ("machine", "wire")
-    )
-    return technology_for(settings.material, machine, wire)
+    return technology_for(settings.material, _chosen(settings, "machine"), _chosen(settings, "wire"))
 
 
 def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTable:
@@ -233,11 +227,11 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
         table = table._replace(notices=(*table.notices, moved))
     if technology.material == material:
         return table
-    file = f"{Path(material).stem}-passes.toml"  # must differ from the material's file
+    own = f"{Path(material).stem}-passes.toml"  # must differ from the material's file
     notice = (
         f"there is no technology for {material}: the passes take the settings of '{technology.title}', the material "
         f"most like it; search its own with edmsim tune technology {material} --height {height_mm:g} --passes "
-        f"{passes} --out {file}, and cut with --technology {file}"
+        f"{passes} --out {own}, and cut with --technology {own}"
     )
     return table._replace(notices=(notice, *table.notices))
 
@@ -260,9 +254,8 @@ class Prepared(NamedTuple):
     machine: Machine
     controller: FeedController
     path: CutPath
-    steps: tuple[LowerRegion, ...]
     drives: dict[str, axis.Drive]
-    compensation: Elcam | None
+    compensation: module.Elcam | None
     setups: tuple[PassSetup, ...] = ()
     approach: PassSetup | None = None
 
@@ -271,19 +264,19 @@ def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) 
     """Read and check all inputs of a cut, without simulation."""
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path
-    machine, file = settings.load_machine(), settings.compensation
+    machine, tables = settings.load_machine(), settings.compensation
     controller = make_controller(settings.controller)
     if found.setups:
         machine, controller = found.setups[0]
-    steps = settings.workpiece.steps(path, machine.wire_diameter_um)
+    settings.workpiece.steps(path, machine.wire_diameter_um)  # refuses heights that the path does not reach
     step_um = machine.base.table.step_um.value
     drives = {
         name: axis.from_text(settings.drive, axis.Screw(step_um, screw["um_per_rad"]))
         for name, screw in zip("xy", screws(machine).values(), strict=True)
     }
-    compensation = None if file is None else load_tables(read_tables(file), file)
+    compensation = None if tables is None else file.load_tables(file.read_tables(tables), tables)
     return Prepared(
-        settings, machine, controller, path, steps, drives, compensation, found.setups, found.approach
+        settings, machine, controller, path, drives, compensation, found.setups, found.approach
     )
 
 
@@ -362,8 +355,10 @@ def _between_um(path: CutPath) -> list[tuple[float, bool]]:
 
 def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
     """Return the estimate of each pass: feeds of the technology are those of straight cuts; lead-ins are slower."""
+    if found.table is None:
+        return ()
     estimates = []
-    for number, one in enumerate(found.table.settings if found.table else (), 1):
+    for number, one in enumerate(found.table.settings, 1):
         ways = [p for contour in found.path.contours for p in contour.passes if p.number == number]
         plain = [contour for contour in found.path.contours if number == 1 and not contour.passes]
         cut: list[CutPass | WireContour] = [*ways, *plain]
@@ -371,7 +366,6 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
             float(p.way.along_um[p.approach_moves]) * 1e-3 for p in ways if number == 1 and p.piece == "profile"
         )
         length_mm = sum(float(p.way.along_um[-1]) * 1e-3 for p in cut)
-        assert found.table is not None
         seconds = 60 * (length_mm - slow + slow / found.table.approach_share) / one.found.feed_mm_min
         offset_mm = max(p.offset_um for p in cut) * 1e-3
         estimates.append(PassEstimate(number, offset_mm, length_mm, seconds, one.found.ra_um))
@@ -381,7 +375,7 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
 def feed_limit(machine: Machine, planner: str) -> tuple[float, Limit]:
     """Return the lower of the greatest feeds of machine and planner, and which of the two it is."""
     own, of_planner_um_s = machine.base.table.max_feed_um_s, kind_of(planner).max_feed_um_s
-    own_um_s = MAX_FEED_UM_S if own is None else own.value
+    own_um_s = timers.MAX_FEED_UM_S if own is None else own.value
     return (own_um_s, "machine") if own_um_s <= of_planner_um_s else (of_planner_um_s, "planner")
 
 
@@ -452,7 +446,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     rows = list(_program_rows(found.program))
     for number, contour in enumerate(found.path.contours, 1):
         x, y = contour.points_um[0] / 1e3 - origin
-        across, up = extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])
+        across, up = arcs.extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])
         kind = "closed" if contour.closed else "open"
         thread = f"{'continues from' if contour.continues else 'threaded at'} X {mm_text(x)} Y {mm_text(y)}"
         size = f"{kind}, {across:.3f} x {up:.3f} mm, part on the {contour.part_side}, {thread}"

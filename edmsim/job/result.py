@@ -5,34 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-import scipy
 import shapely
 
-from edmsim import __version__
+from edmsim import __version__, files, numeric
+from edmsim.cosim import straight
 from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums, programmed_um
 from edmsim.cosim.simulation import Simulation
-from edmsim.cosim.stops import StopCause
-from edmsim.cosim.straight import PULSES, PulseSample, sample_pulses
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
-from edmsim.files import folder_of, locked, make_room, make_writable, replacing, together
 from edmsim.geometry import Floats
 from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.setting import AIR_SHARE, discharge_current_A
-from edmsim.metrology import edges
-from edmsim.metrology import shares as causes
-from edmsim.metrology.kerf import KerfWidth, kerf_width, unknown_wall, width_stats
-from edmsim.metrology.profile import ElementError, ProfileError, corners, element_errors, error_stats, profile_error
-from edmsim.metrology.roughness import electrolysed_um, face_roughness_um, heat_affected_um, roughness_um
-from edmsim.numeric import real
+from edmsim.metrology import edges, kerf, profile, roughness, shares
 from edmsim.plant.resolution import resolution as resolution_named
-from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
-from edmsim.plant.workpiece.kerf_field import KerfField
+from edmsim.plant.workpiece import height_steps, kerf_field
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import report as reports
 from edmsim.recording.scene import ErrorMap, PassFace, Scene, holes_mm, polylines, terraces, write_scene
@@ -44,7 +34,7 @@ if TYPE_CHECKING:
 
 # Measurements of the part, for report, picture and recording.
 
-_WINDOW_REACH_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
+
 _HEIGHT_STEP_UM = 10.0  # spacing of points on the path at which the local height is evaluated
 
 
@@ -100,13 +90,13 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
     table, lead = _table(simulation, profiles), _lead(simulation.path)
     ways_um = _ways_um(simulation, windows)
-    shares = _shares(simulation, profiles, ways_um)
-    left_um = [causes.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
-    found = [c for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
+    shares_um = _shares(simulation, profiles, ways_um)
+    left_um = [shares.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
+    found = [c for k, p in zip(contours, profiles, strict=True) for c in profile.corners(k, p)]
     scene = Scene(
         maps=tuple(
             ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um, split, left, p.error_um)
-            for k, p, split, left in zip(contours, profiles, shares, left_um, strict=True)
+            for k, p, split, left in zip(contours, profiles, shares_um, left_um, strict=True)
         ),
         cut_edges_mm=tuple(polylines(edges.cut_edges(field, s)) for s in range(field.n_slices)),
         corners=tuple(found),
@@ -124,17 +114,17 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         ) if lead is not None else (),
         pass_faces=_pass_faces(simulation.passes.records, profiles),
     )
-    if simulation.cause is not StopCause.FINISHED:
+    if simulation.outcome != "finished":
         x, y = scene.axis_um(np.array([simulation.commanded_um]), np.array([simulation.path_um]))[0].tolist()
         scene = replace(scene, stop_mm=(x * 1e-3, y * 1e-3))
     in_passes = bool(simulation.passes.records)
     commanded_um = windows.ways_um()[0] if in_passes else np.concatenate([commanded for commanded, _, _ in ways_um])
     part = _part(simulation, profiles, scene, left_um, table)
     axis_um = scene.axis_um(commanded_um, windows.ways_um()[-1])
-    return Inspection(part, scene, _error_per_window(axis_um, profiles))
+    return Inspection(part, scene, profile.nearest_error_um(axis_um, profiles))
 
 
-def _pass_faces(records: list[PassRecord], profiles: list[ProfileError]) -> tuple[PassFace, ...]:
+def _pass_faces(records: list[PassRecord], profiles: list[profile.ProfileError]) -> tuple[PassFace, ...]:
     """Return the faces after each finished pass."""
     return tuple(
         PassFace(
@@ -160,22 +150,22 @@ def _lead(path: CutPath) -> Floats | None:
     return np.concatenate(rows)
 
 
-def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
+def _error_of_edge(field: kerf_field.KerfField, contour: WireContour) -> profile.ProfileError:
     """Measure a contour's profile error; it is NaN without offset, because the wire's centre line is not an edge."""
-    found = profile_error(field, contour)
+    found = profile.profile_error(field, contour)
     return found if contour.offset_um else replace(found, error_um=np.full_like(found.error_um, np.nan))
 
 
 def _profile_errors(
-    contours: tuple[WireContour, ...], profiles: list[ProfileError], left_um: list[Floats], scene: Scene,
+    contours: tuple[WireContour, ...], profiles: list[profile.ProfileError], left_um: list[Floats], scene: Scene,
     origin_mm: tuple[float, float],
 ) -> reports.ProfileErrors:
     """Return the profile error's statistics, with and without the metal that the wire cannot reach."""
     reached = [p.error_um - left for p, left in zip(profiles, left_um, strict=True)]
-    shares = [edge.shares_um for edge in scene.maps]
+    shares_um = [edge.shares_um for edge in scene.maps]
 
     def worst(reachable: bool) -> reports.ErrorPlace:
-        found = causes.worst_place(contours, profiles, left_um, shares, reachable=reachable)
+        found = shares.worst_place(contours, profiles, left_um, shares_um, reachable=reachable)
         if found is None:
             return reports.ErrorPlace()
         x_mm, y_mm = found.x_mm - origin_mm[0], found.y_mm - origin_mm[1]
@@ -188,7 +178,7 @@ def _profile_errors(
     )  # fmt: skip
 
 
-def _element(found: ElementError, origin_mm: tuple[float, float]) -> reports.Element:
+def _element(found: profile.ElementError, origin_mm: tuple[float, float]) -> reports.Element:
     """Return an element in the program's coordinates."""
     row = asdict(found)
     for name, zero_mm in zip(("x_mm", "y_mm", "end_x_mm", "end_y_mm"), origin_mm * 2, strict=True):
@@ -203,7 +193,7 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats,
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
         program_um = programmed_um(simulation.legs, path_um)
-        program, table = causes.motor_offsets_um(simulation.machine, commanded, program_um, path_um, simulation.elcam)
+        program, table = shares.motor_offsets_um(simulation.machine, commanded, program_um, path_um, simulation.elcam)
         commanded, guides = commanded - program, guides - table
     if simulation.passes.records:
         ways_um = (commanded, guides, guides - lag)
@@ -241,14 +231,14 @@ def pass_figures(simulation: Simulation) -> tuple[reports.PassFigures, ...]:
 def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[reports.PassFigures]:
     """Return the figures of the passes along one piece, which follow each other on the same face."""
     machines = [simulation.machine_of(record.number) for record in records]
-    walls = [unknown_wall(()) if r.wall is None else r.wall for r in records]
+    walls = [kerf.unknown_wall(()) if r.wall is None else r.wall for r in records]
     lefts = [wall.mean_um for wall in walls]
-    taken = [math.nan, *(before - now for before, now in pairwise(lefts))]
+    taken = [math.nan, *np.subtract(lefts[:-1], lefts[1:]).tolist()]
     volumes = [r.sums.crater_um3 / max(r.sums.spark + r.sums.arc, 1) for r in records]
-    faces = face_roughness_um(volumes, taken, machines[0].base.discharge.crater_flatness.value)
+    faces = roughness.face_roughness_um(volumes, taken, machines[0].base.discharge.crater_flatness.value)
     found, heated = [], math.nan
     for record, machine, wall, took, ra_um in zip(records, machines, walls, taken, faces, strict=True):
-        own_um = heat_affected_um(machine, _discharge_us(machine, record.sums))
+        own_um = roughness.heat_affected_um(machine, _discharge_us(machine, record.sums))
         heated = own_um if record is records[0] else float(np.maximum(own_um, heated - took))
         length_mm, seconds = (record.end_um - record.begin_um) * 1e-3, record.end_s - record.begin_s
         face_mm2 = _area_mm2(simulation, record.begin_um, record.end_um)
@@ -269,12 +259,12 @@ def _discharge_us(machine: Machine, sums: Sums) -> float:
 
 
 def _shares(
-    simulation: Simulation, profiles: list[ProfileError], ways_um: list[tuple[Floats, ...]]
+    simulation: Simulation, profiles: list[profile.ProfileError], ways_um: list[tuple[Floats, ...]]
 ) -> list[Floats | None]:
     """Split the profile error of each contour into shares; None if the contour has no offset, or leans."""
     each = zip(profiles, simulation.path.contours, ways_um, _last_passes(simulation), strict=True)
     return [
-        causes.error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
+        shares.error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
         for profile, contour, ways, last in each
     ]
 
@@ -285,7 +275,7 @@ def _last_passes(simulation: Simulation) -> list[int | None]:
     return [max((r.number for r in simulation.passes.records if r.contour == k), default=None) for k in contours]
 
 
-def _table(simulation: Simulation, profiles: list[ProfileError]) -> reports.TableShare | None:
+def _table(simulation: Simulation, profiles: list[profile.ProfileError]) -> reports.TableShare | None:
     """Return the effect of the table's errors on the part; None for a perfect table without compensation."""
     machine, elcam, contours = simulation.machine, simulation.elcam, simulation.path.contours
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
@@ -293,7 +283,7 @@ def _table(simulation: Simulation, profiles: list[ProfileError]) -> reports.Tabl
         return None
     starts = np.cumsum([0.0, *(k.length_um for k in contours[:-1])]).tolist()
     places = zip(contours, profiles, starts, _last_passes(simulation), strict=True)
-    found = [causes.table_error(machine, k, p, elcam, start_um, last) for k, p, start_um, last in places]
+    found = [shares.table_error(machine, k, p, elcam, start_um, last) for k, p, start_um, last in places]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
     return reports.TableShare(
@@ -305,20 +295,20 @@ def _table(simulation: Simulation, profiles: list[ProfileError]) -> reports.Tabl
 
 
 def _spread(errors_um: list[Floats]) -> reports.Spread:
-    return reports.Spread(**error_stats(np.concatenate(errors_um)))
+    return reports.Spread(**profile.error_stats(np.concatenate(errors_um)))
 
 
 def _part(
-    simulation: Simulation, profiles: list[ProfileError], scene: Scene, left_um: list[Floats],
+    simulation: Simulation, profiles: list[profile.ProfileError], scene: Scene, left_um: list[Floats],
     table: reports.TableShare | None,
 ) -> reports.Report:
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
-    widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
-    kerf = reports.Kerf(**width_stats(np.concatenate([w.width_um.ravel() for w in widths])))
+    widths = [kerf.kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
+    kerf_um = reports.Kerf(**kerf.width_stats(np.concatenate([w.width_um.ravel() for w in widths])))
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
-    heated_um = heat_affected_um(machine, _discharge_us(machine, sums)) if ignited else None
+    heated_um = roughness.heat_affected_um(machine, _discharge_us(machine, sums)) if ignited else None
     origin_mm = simulation.path.origin_mm
     passes = pass_figures(simulation)
     last = max(passes, key=_as_last, default=None)
@@ -327,14 +317,14 @@ def _part(
         of_one for number, of_one in enumerate(zip(contours, profiles, left_um, strict=True), 1)
         if _is_finished(number, of_one[0], simulation.passes.records)
     ]
-    mean_um = causes.mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
+    mean_um = shares.mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
     elements = (
         found
         for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
-        for found in element_errors(number, *of_contour)
+        for found in profile.element_errors(number, *of_contour)
     )
     return reports.Report(
-        origin_mm=reports.Origin(*origin_mm), kerf_um=kerf, kerf_section=_section(widths, machine.height_mm),
+        origin_mm=reports.Origin(*origin_mm), kerf_um=kerf_um, kerf_section=_section(widths, machine.height_mm),
         profile_error_um=_profile_errors(contours, profiles, left_um, scene, origin_mm),
         offset=reports.Offset(offset_mm, mean_um, round(offset_mm - mean_um * 1e-3, 4)),
         elements=[_element(found, origin_mm) for found in elements], table_error_um=table,
@@ -344,9 +334,9 @@ def _part(
         ],
         heights=_heights(profiles, machine.height_mm), passes=list(passes),
         surface=reports.Surface(
-            last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else None,
+            last.ra_um if last else roughness.roughness_um(sums.crater_um3 / ignited, flatness) if ignited else None,
             last.heat_affected_um if last else heated_um,
-            _electrolysed_um(simulation, kerf),
+            _electrolysed_um(simulation, kerf_um),
         ),
     )  # fmt: skip
 
@@ -361,19 +351,19 @@ def _as_last(one: reports.PassFigures | PassRecord) -> tuple[bool, float]:
     return one.piece == "profile", one.end_s
 
 
-def _electrolysed_um(simulation: Simulation, kerf: reports.Kerf) -> float | None:
+def _electrolysed_um(simulation: Simulation, kerf_um: reports.Kerf) -> float | None:
     """Return the depth dissolved by the water, in passes only by the last, because trims remove earlier layers."""
-    sums, length_um = simulation.sums, simulation.path_um
-    gap_um = ((math.nan if kerf.mean is None else kerf.mean) - simulation.machine.wire_diameter_um) / 2
+    sums, length_um, machine = simulation.sums, simulation.path_um, simulation.machine
+    gap_um = ((math.nan if kerf_um.mean is None else kerf_um.mean) - machine.wire_diameter_um) / 2
     if simulation.passes.records:
         last = max(simulation.passes.records, key=_as_last)
         sums, length_um = last.sums, last.end_um - last.begin_um
         left_um = math.nan if last.wall is None else last.wall.mean_um
-        gap_um = last.offset_um - left_um - simulation.machine.wire_diameter_um / 2
-    return electrolysed_um(simulation.machine, sums.voltage_s / (length_um * 1e-3), gap_um) if length_um else None
+        gap_um = last.offset_um - left_um - machine.wire_diameter_um / 2
+    return roughness.electrolysed_um(machine, sums.voltage_s / (length_um * 1e-3), gap_um) if length_um else None
 
 
-def _heights(profiles: list[ProfileError], height_mm: float) -> list[reports.HeightError]:
+def _heights(profiles: list[profile.ProfileError], height_mm: float) -> list[reports.HeightError]:
     """Return the profile error slice by slice, over all contours."""
     error_um = np.concatenate([p.error_um for p in profiles], axis=1)
     slice_mm = height_mm / len(error_um)
@@ -389,10 +379,10 @@ def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
     split = [(edge.shares_um, edge.error_um) for edge in scene.maps if edge.shares_um is not None]
     if not split:
         return None
-    return causes.share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
+    return shares.share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
 
 
-def _section(widths: list[KerfWidth], height_mm: float) -> list[reports.KerfSlice]:
+def _section(widths: list[kerf.KerfWidth], height_mm: float) -> list[reports.KerfSlice]:
     """Combine the walls measured along all contours, slice by slice."""
     part = np.concatenate([w.part_um for w in widths], axis=1)
     rest = np.concatenate([w.width_um for w in widths], axis=1) - part
@@ -411,12 +401,7 @@ def _wall(distance_um: Floats) -> reports.Wall:
     return reports.Wall(float(known.mean()), float(low), float(high))
 
 
-def _error_per_window(guides_um: Floats, profiles: list[ProfileError]) -> Floats:
-    """Return the profile error at the point of the edge nearest to the wire, window by window."""
-    points = np.concatenate([p.points_mm for p in profiles])
-    error = np.append(np.concatenate([p.mean_um for p in profiles]), np.nan)
-    _, nearest = scipy.spatial.KDTree(points).query(guides_um * 1e-3, distance_upper_bound=_WINDOW_REACH_MM)
-    return np.asarray(error[nearest])
+
 
 
 # The result, and its files.
@@ -430,17 +415,17 @@ class Recorders(NamedTuple):
     closeups: Closeups  # windows kept pulse by pulse
 
 
-def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: str) -> Recorders:
+def recorders_for(machine: Machine, steps: Sequence[height_steps.LowerRegion], resolution: str) -> Recorders:
     """Return empty recorders for a cut of a workpiece with some height steps."""
     size = resolution_named(resolution)
     lowest_mm = min([step.height_mm for step in steps], default=machine.height_mm)
-    middle = middle_slice(lowest_mm, machine.height_mm, size.slices)
+    middle = height_steps.middle_slice(lowest_mm, machine.height_mm, size.slices)
     windows = WindowTable(machine.generator.equalising is not None)
     return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))
 
 
 @refuses_wrong_types
-def sample_like(report: reports.Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
+def sample_like(report: reports.Report, windows: pa.Table, *, pulses: int = straight.PULSES) -> straight.PulseSample:
     """Sample pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
     The workpiece has its greatest height, and the mechanics are always modal.
@@ -454,10 +439,10 @@ def sample_like(report: reports.Report, windows: pa.Table, *, pulses: int = PULS
     if constants_digest(machine) != report.settings["constants_sha256"]:
         raise InputError("a file of the set-up has other constants than the cut had: undo the change, or cut again")
     median_um_s, resolution = float(np.median(feed_um_s[cutting])), settings.resolution
-    return sample_pulses(machine, median_um_s, seed=settings.seed, pulses=pulses, resolution=resolution)
+    return straight.sample_pulses(machine, median_um_s, seed=settings.seed, pulses=pulses, resolution=resolution)
 
 
-def sample_or_reason(report: reports.Report, windows: pa.Table) -> PulseSample | str:
+def sample_or_reason(report: reports.Report, windows: pa.Table) -> straight.PulseSample | str:
     """Return the sample of `sample_like`, or the message of its error."""
     try:
         return sample_like(report, windows)
@@ -472,7 +457,7 @@ class CutResult:
     report: reports.Report  # the fields of ``report.json``
     windows: pa.Table  # a row per window of 255 pulses: ``windows.parquet``; its metadata have the `CutSettings`
     path: CutPath  # the wire's path
-    field: KerfField  # the remaining metal
+    field: kerf_field.KerfField  # the remaining metal
     frames: Frames  # the wire's shape in a subset of windows
     scene: Scene  # the drawing: nominal and cut edges, errors, corners
     closeups: Closeups  # windows with every pulse: a subset, and all of them around events
@@ -579,9 +564,9 @@ class CutResult:
             the cut's windows with samples, or the file cannot be written.
         """
         for name, time_s in (("begin_s", begin_s), ("end_s", end_s)):
-            if real(time_s) is None or math.isnan(time_s):
+            if numeric.real(time_s) is None or math.isnan(time_s):
                 raise InputError(f"{name} is {time_s!r}: give a machine time in s")
-        make_room(Path(file), "a file of traces", ".parquet")
+        files.make_room(Path(file), "a file of traces", ".parquet")
         self.closeups.write_traces(file, every_us, begin_s, end_s)
 
     @refuses_wrong_types
@@ -607,7 +592,7 @@ class CutResult:
         from edmsim.recording.rerun.write import write_recording
 
         tell = enter or (lambda _: None)
-        with together(make_writable(folder), "report.json") as target:
+        with files.together(files.make_writable(folder), "report.json") as target:
             tell("figures")
             write_windows(self.windows, target / "windows.parquet")
             write_scene(self.scene, target / "part.npz")
@@ -654,9 +639,9 @@ def remake(
         raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
     cut = reports.read_cut(directory)
     sample = sample_or_reason(cut.report, cut.windows)
-    target = folder_of(directory if figures is None else figures)
+    target = files.folder_of(directory if figures is None else figures)
     if figures is None:
-        with locked(target):
+        with files.locked(target):
             write_html(*cut, sample, target / "report.html")
         return [target / "report.html"]
     written, captions = [], []
@@ -664,7 +649,7 @@ def remake(
         written.append(target / f"{picture.name}.{kind}")
         write_figure(picture.figure, written[-1])
         captions.append(f"{written[-1].name}: {picture.caption}\n")
-    written.append(make_writable(target) / "captions.txt")
-    with replacing(written[-1]) as partial:
+    written.append(files.make_writable(target) / "captions.txt")
+    with files.replacing(written[-1]) as partial:
         partial.write_text("".join(captions), encoding="utf-8")
     return written

@@ -208,6 +208,12 @@ def checked_name(options: type[BaseModel], name: str, value: Any) -> Any:
     return value
 
 
+def flag(name: str, field: FieldInfo) -> str:
+    """Return the name of an option on the command line."""
+    own = fact(field, Flag)
+    return "--" + (own.name if own is not None and own.name else bare_name(name).replace("_", "-"))
+
+
 def refusal(error: ValidationError, options: type[BaseModel], of: str) -> InputError:
     """Return the error of the first invalid option in one line."""
     first, (name, reason) = error.errors()[0], refused_entry(error)

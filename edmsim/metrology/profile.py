@@ -69,6 +69,7 @@ LEAD_IN_REACH_MM = 0.25
 """Arc length on both sides of the lead-in's end that may carry its witness mark: about one wire."""
 FRONT_MM = 0.25  # nearer than this to where the cut stopped, the round front would be mistaken for the wall
 FARTHEST_WALL_MM = 1.0
+PLACE_REACH_MM = 0.5  # a place of the wire belongs to the point of an edge only within this distance
 NEAR_SEGMENTS = 8
 """Segments, by nearest middle, among which the nearest wall is searched; more cannot be as near."""
 
@@ -129,6 +130,14 @@ def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
     lead_in_end = middle.points_um[middle.lead_in_moves] / 1000
     meeting = s_mm[[np.hypot(*(points - lead_in_end).T).argmin()]]
     return ProfileError(points, s_mm, error, line.distance_along(s_mm, meeting) <= LEAD_IN_REACH_MM)
+
+
+def nearest_error_um(places_um: Floats, profiles: list[ProfileError]) -> Floats:
+    """Return the mean error at the point of the edges nearest to each place; NaN where none is near."""
+    points = np.concatenate([p.points_mm for p in profiles])
+    error = np.append(np.concatenate([p.mean_um for p in profiles]), np.nan)
+    _, nearest = scipy.spatial.KDTree(points).query(places_um * 1e-3, distance_upper_bound=PLACE_REACH_MM)
+    return np.asarray(error[nearest])
 
 
 def slice_heights_mm(field: KerfField, height_mm: float) -> Floats:

@@ -132,6 +132,14 @@ def checked_areas(value: Sequence[Area]) -> tuple[tuple[shapely.Polygon, float],
     return tuple(checked)
 
 
+def corners_of(areas: Sequence[tuple[shapely.Polygon, float]]) -> list[list[object]]:
+    """Return areas as lists of corners; those with holes, which a list cannot represent, as GeoJSON."""
+    return [
+        [shapely.geometry.mapping(area) if area.interiors else shapely.get_coordinates(area).tolist(), height]
+        for area, height in areas
+    ]
+
+
 def parse_height(text: str) -> Height:
     """Parse ``12.5:30``: from 12.5 mm of path on, 30 mm high; raises `InputError` for anything else."""
     place, _, height = text.partition(":")

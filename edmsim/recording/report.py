@@ -394,6 +394,7 @@ class Report(Figures):
 
     Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``; ``dict(report)``
     is plain JSON. Unknown values are None, never NaN. Means over machine time weight every window by its duration.
+    `rich.print` shows its key figures.
     """
 
     outcome: str = ""  # "finished", or one or two words for what stopped the machine
@@ -436,6 +437,9 @@ class Report(Figures):
     def title(self) -> str:
         """The program's name."""
         return str(self.settings["program"])
+
+    def __rich__(self) -> RenderableType:
+        return render_table(self)
 
 
 CLOCKS = "wall_time_s", "realtime_factor"

@@ -1,4 +1,4 @@
-"""The benchmark's figures are there, positive and of the same run."""
+"""The figures of ``edmsim bench`` are there, positive and of the same run."""
 
 import signal
 from pathlib import Path
@@ -6,15 +6,16 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from edmsim.bench import figures
+from edmsim.bench import figures, subject
 from edmsim.errors import InputError
 
 
 @pytest.fixture
 def short(monkeypatch):
     """A few windows only, and no new process."""
+    monkeypatch.setattr(subject, "SETTLE_WINDOWS", 1)
     for name, value in (
-        ("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 4), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
+        ("TIMED_WINDOWS", 2), ("REPEATS", 4), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
         ("MEMORY_S", 0.1), ("NUM_ENVS", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1), ("KNOB_STEPS", 5),
         ("RESETS", 2), ("EPISODES", 1), ("CUT_WINDOWS", 2), ("CUT_SETTLE_WINDOWS", 1), ("CALLS", 10),
         ("SPAN_S", 0.05), ("SERVO_REPEATS", 1),
@@ -75,3 +76,31 @@ def test_cold_start_includes_a_window_of_pulses():
     scope: dict[str, object] = {}
     exec(figures._COLD, scope)
     assert scope["plant"].pulses == 255
+
+
+@pytest.mark.slow
+def test_round_trips_and_speeds_of_every_board(monkeypatch):
+    monkeypatch.setattr(figures, "ROUND_TRIPS", 20)
+    monkeypatch.setattr(figures, "MACHINE_S", 0.2)
+    found = figures.serial_figures(lambda name: None)
+    assert {name for name in found if name.endswith("_realtime_factor")} == {
+        f"{name}_realtime_factor" for name in ("powercore", "powercore-v2", "spark")
+    }  # fmt: skip
+    for board in ("spark", "powercore"):
+        median, high, greatest = (found[f"{board}_round_trip_{title}_ms"] for title in ("median", "p99", "greatest"))
+        assert 0 < median <= high <= greatest
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_training_is_timed_against_half_cheetah(monkeypatch):
+    monkeypatch.setattr(figures, "ROLLOUT", 8)
+    monkeypatch.setattr(figures, "SPELLS", 1)
+    observed = []
+    found = figures.training_figures(observed.append, counts=(2,))
+    assert list(found) == [
+        f"{name}_{what}_2" for name in ("training", "half_cheetah_training") for what in ("steps_per_s", "env_share")
+    ]
+    assert observed == ["first rollouts of 2 environments", "2 environments, 1 of 1"]
+    assert all(value > 0.0 for value in found.values())
+    assert all(value < 1.0 for name, value in found.items() if "share" in name)

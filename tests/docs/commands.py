@@ -139,7 +139,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
 
     from edmsim import envs, measure, runs, validation
     from edmsim.bench import figures as bench
-    from edmsim.bench import pairs, profile, serial
+    from edmsim.bench import pairs, profile
     from edmsim.calibration import comparison, fit
     from edmsim.consoles import autotune
     from edmsim.envs.episode import Task
@@ -159,7 +159,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(pairs, "compare", lambda revision, *_: pairs.Pairs(revision, rates, rates))
     shares = dict.fromkeys(profile.PARTS, 1.0 / len(profile.PARTS))
     patch.setattr(profile, "profile", lambda _: {"fast": profile.LoopProfile(400.0, 410.0, shares, 1000)})
-    patch.setattr(serial, "measure", lambda watch: {"powercore_realtime_factor": 60.0})
+    patch.setattr(bench, "serial_figures", lambda watch: {"powercore_realtime_factor": 60.0})
     patch.setattr(gap, "delay_table", partial(gap.delay_table, draws=1))
     patch.setattr(validation, "run", partial(validation.run, modules=("closed_forms",)))
     # tests/measure cuts a leaning block, tests/consoles/servo finds gains
