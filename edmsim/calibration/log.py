@@ -2,8 +2,6 @@
 
 import codecs
 import csv
-import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -121,7 +119,7 @@ def _heading(line: str, separator: str) -> list[str]:
 def _rows(lines: list[str], first: int, separator: str, fields: int, file: Path) -> list[tuple[int, list[str]]]:
     """Return the fields of every line with its number; empty lines are left out."""
     rows: list[tuple[int, list[str]]] = []
-    reader = csv.reader(io.StringIO("\n".join(lines[first:])), delimiter=separator)
+    reader = csv.reader((f"{line}\n" for line in lines[first:]), delimiter=separator)
     try:
         for row in reader:
             if not any(field.strip() for field in row):
@@ -204,7 +202,7 @@ def _check_ratios(columns: Mapping[str, Floats], file: str | Path) -> None:
     short, open_ = columns["short_ratio"], columns["open_ratio"]
     period = columns["t_period_us"]
     wrong = {
-        "t_s": ~((np.diff(time, prepend=time[0] - 1.0) > 0) & (time < math.inf)),
+        "t_s": ~((np.diff(time, prepend=time[0] - 1.0) > 0) & (time < np.inf)),
         "short_ratio": ~((short >= 0) & (short <= 1)), "open_ratio": ~((open_ >= 0) & (short + open_ <= 1.0001)),
         "t_on_us": ~(columns["t_on_us"] > 0), "t_period_us": ~((period > columns["t_on_us"]) & (period < _MOST)),
         **_out_of_range(columns, ("x_um", "y_um", *MEANS)),
@@ -386,7 +384,10 @@ def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
 
 
 def stretches(log: Log, settle_um: float) -> list[Stretch]:
-    """Return the steady stretches of a log, each `STRETCH_WINDOWS` long and `settle_um` of travel after a change."""
+    """Return the steady stretches of a log, each `STRETCH_WINDOWS` long and `settle_um` of travel after a change.
+
+    Raises `InputError` if there is none.
+    """
     # A new run begins when the setting changes or the feed jumps. Stretches are left out if they are in air, at rest,
     # with an unsteady feed, or, if the log has positions, along a path that turns.
     found = []
@@ -398,6 +399,14 @@ def stretches(log: Log, settle_um: float) -> list[Stretch]:
             stretch = _stretch(log, first, float(travel_um[first - begin]))
             if stretch is not None and _turn_deg(log, first, settle_um) <= TURN_DEG:
                 found.append(stretch)
+    if not found:
+        raise InputError(
+            f"no stretch of {STRETCH_WINDOWS} windows can be used: after {settle_um:.0f} um of travel it must have "
+            f"one setting, a feed of {LEAST_FEED_UM_S:g} um/s or more that varies by at most "
+            f"{100 * FEED_SPREAD:g} %, at most {100 * AIR_SHARE:g} % open pulses, and no turn of more than "
+            f"{TURN_DEG:g} degrees; the median feed of the log is {np.median(log.columns['feed_um_s']):.3g} um/s",
+            log.name,
+        )
     return found
 
 

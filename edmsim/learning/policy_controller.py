@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, set_up_controller
-from edmsim.envs import path_follower, servo
+from edmsim.envs import part_task, path_follower, servo, sub_envs
 from edmsim.envs.observation import DIALS, EXACT, window_of
-from edmsim.envs.part_task import Part
-from edmsim.envs.sub_envs import ObservationBuilder
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, path_corners
-from edmsim.learning import bandit
-from edmsim.learning.policy_file import Policy, load
+from edmsim.learning import bandit, policy_file
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
 from edmsim.snapshots import Snapshots
@@ -43,10 +40,10 @@ class PolicyController(Snapshots):
         "_memory",
     )  # fmt: skip
 
-    def __init__(self, policy: Policy) -> None:
+    def __init__(self, policy: policy_file.Policy) -> None:
         self.policy = policy
         self._family = policy.family()
-        self._builder = ObservationBuilder(self._family, 1, EXACT)  # the machine's sensors add their errors
+        self._builder = sub_envs.ObservationBuilder(self._family, 1, EXACT)  # the machine's sensors add their errors
         self._rows: NDArray[np.void] = np.zeros(1, path_follower.SUB_ENV)  # the state of a sub-environment
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
         self._memory: Floats = policy.fresh_memory()
@@ -229,13 +226,13 @@ class PolicyController(Snapshots):
 def from_name(name: str) -> bandit.BanditController | PolicyController:
     """Make the controller of a policy from its file or its name under ``models/policies``."""
     file = bandit.find(name)
-    return PolicyController(load(name)) if file is None else bandit.BanditController(bandit.load(file))
+    return PolicyController(policy_file.load(name)) if file is None else bandit.BanditController(bandit.load(file))
 
 
 class PassPolicy:
     """Decides on the passes of a part as a policy trained in Part does; see `edmsim.envs.pass_laws.PassLaw`."""
 
-    def __init__(self, policy: Policy) -> None:
+    def __init__(self, policy: policy_file.Policy) -> None:
         self.policy = policy
         self._memory = policy.fresh_memory()
 
@@ -251,7 +248,7 @@ class PassPolicy:
 
 def passes_from_name(name: str) -> PassPolicy:
     """Make a `PassPolicy` from a policy's file or its name under ``models/policies``."""
-    policy = load(name)
-    if not isinstance(policy.arguments(), Part):
+    policy = policy_file.load(name)
+    if not isinstance(policy.arguments(), part_task.Part):
         raise InputError(f"the policy {name} was trained in {policy.card.env_id}: it decides on windows, not passes")
     return PassPolicy(policy)

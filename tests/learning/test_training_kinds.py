@@ -14,9 +14,9 @@ from edmsim.envs.families import GapFeed
 from edmsim.envs.sb3 import make_sb3_vec_env
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
-from edmsim.learning.command import TrainOptions
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.sb3 import CostVecEnv, Multiplier, TaughtVecEnv, vec_env_of
+from edmsim.learning.score import TrainOptions
 from edmsim.learning.train import train
 
 pytestmark = [
@@ -27,7 +27,7 @@ pytestmark = [
 
 def exported(tmp_path, env_id, algo, steps=64, algorithm=(), **options):
     """Train for some windows; return what was trained, and the policy as it is read from its files."""
-    usual = TrainOptions(**options).hyperparameters(env_id, algo)
+    usual = TrainOptions(**options).parameters(env_id, algo)
     parameters = usual.model_copy(update={"algorithm": usual.algorithm | dict(algorithm)})
     trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=parameters)
     policy_file.write(*trained.export("a test"), tmp_path / "policy.json")
@@ -182,7 +182,7 @@ def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, optio
 def test_a_residual_replaces_no_settings_in_silence(tmp_path, entry):
     (tmp_path / "own.toml").write_text(f"[environment]\n{entry}\n", encoding="utf-8")
     with pytest.raises(InputError, match=f"own.toml: .*leave environment.{entry.split()[0]} out"):
-        TrainOptions(tmp_path / "own.toml", residual="counts").hyperparameters("edmsim/GapFeed-v2", "ppo")
+        TrainOptions(tmp_path / "own.toml", residual="counts").parameters("edmsim/GapFeed-v2", "ppo")
 
 
 @pytest.mark.parametrize(("env_id", "teacher"), [

@@ -9,8 +9,8 @@ from rich.console import Console
 
 from edmsim import runs
 from edmsim.errors import InputError
+from edmsim.sweep.run import as_table, read
 from edmsim.sweep.summary import KEYS, TIME, front_of, groups, pareto_front, render, sensitivities
-from edmsim.sweep.table import as_table, read
 
 
 @pytest.fixture
