@@ -53,7 +53,28 @@ class StretchComparison:
         """Weight the statistics by the noise of this machine's cuts."""
         # The noise depends on the cut's shares of open and short pulses. A log made with a gap controller does not
         # show it, because the controller keeps the counts steadier than a cut at a fixed feed would.
-        self._scales, self._scales_alone = self._noise_scales(machine)
+        # The log's batches show the noise of each stretch without its slow part, which comes from walls that the wire
+        # passes for one diameter of travel. The ratio of the whole variance to that of batches, and correlations, are
+        # measured with cuts of the same stretches with other seeds. The simulated cut doubles the variance.
+        repeats = self._repeats
+        first = self._seed + len(self.picked)
+        jobs = [(machine, k, first + r * len(self.picked) + k)
+                for r in range(repeats) for k in range(len(self.picked))]  # fmt: skip
+        cuts = np.nan_to_num(self._run(jobs))
+        apart = cuts - cuts.mean(axis=0)
+        between = np.maximum((apart**2).sum(axis=0) / (repeats - 1), 1e-24)  # (stretches, 5)
+        within = np.array([_variance_of_mean(stretch.batches) for stretch in self.picked])
+        more = np.maximum(np.mean(between / np.maximum(within, between / 100), axis=0), 1.0)
+        scaled = (apart / np.sqrt(between)).reshape(-1, len(STATISTICS))
+        correlation = (1 - SHRINKAGE) * scaled.T @ scaled / ((repeats - 1) * len(self.picked))
+        np.fill_diagonal(correlation, 1.0)
+        root = np.linalg.cholesky(correlation)
+        # Cholesky factors of covariances, (5, 5) per stretch: of simulated minus logged, and of simulated
+        self._scales, self._scales_alone = list[Floats](), list[Floats]()
+        for stretch, variance in zip(self.picked, within, strict=True):
+            reading = np.array(READING) * np.where([False, False, True, True, True], np.nan_to_num(stretch.mean), 1.0)
+            self._scales.append(np.sqrt(2 * more * variance + reading**2)[:, None] * root)
+            self._scales_alone.append(np.sqrt(more * variance)[:, None] * root)
 
     @property
     def simulation_share(self) -> float:
@@ -103,31 +124,6 @@ class StretchComparison:
             apart = np.where(np.isfinite(simulated[number]), simulated[number], 0.0) - stretch.mean
             rows.append(np.linalg.solve(self._scales[number][np.ix_(known, known)], apart[known]))
         return np.concatenate(rows)
-
-    def _noise_scales(self, machine: Machine) -> tuple[list[Floats], list[Floats]]:
-        """Return Cholesky factors of covariances, (5, 5) per stretch: of simulated minus logged, and of simulated."""
-        # The log's batches show the noise of each stretch without its slow part, which comes from walls that the wire
-        # passes for one diameter of travel. The ratio of the whole variance to that of batches, and correlations, are
-        # measured with cuts of the same stretches with other seeds. The simulated cut doubles the variance.
-        repeats = self._repeats
-        first = self._seed + len(self.picked)
-        jobs = [(machine, k, first + r * len(self.picked) + k)
-                for r in range(repeats) for k in range(len(self.picked))]  # fmt: skip
-        cuts = np.nan_to_num(self._run(jobs))
-        apart = cuts - cuts.mean(axis=0)
-        between = np.maximum((apart**2).sum(axis=0) / (repeats - 1), 1e-24)  # (stretches, 5)
-        within = np.array([_variance_of_mean(stretch.batches) for stretch in self.picked])
-        more = np.maximum(np.mean(between / np.maximum(within, between / 100), axis=0), 1.0)
-        scaled = (apart / np.sqrt(between)).reshape(-1, len(STATISTICS))
-        correlation = (1 - SHRINKAGE) * scaled.T @ scaled / ((repeats - 1) * len(self.picked))
-        np.fill_diagonal(correlation, 1.0)
-        root = np.linalg.cholesky(correlation)
-        scales, alone = [], []
-        for stretch, variance in zip(self.picked, within, strict=True):
-            reading = np.array(READING) * np.where([False, False, True, True, True], np.nan_to_num(stretch.mean), 1.0)
-            scales.append(np.sqrt(2 * more * variance + reading**2)[:, None] * root)
-            alone.append(np.sqrt(more * variance)[:, None] * root)
-        return scales, alone
 
 
 def _variance_of_mean(batches: Floats) -> Floats:

@@ -50,8 +50,8 @@ def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
         if "height_mm" not in options:
             notices.append(f"the height changed in the cut of this log: {height_mm:g} mm is taken for all of it")
         start = start.model_copy(update={"height_mm": height_mm, "heights": (), "height_areas": ()})
-    named = {"machine": options.get("machine"), "material": options.get("material"), "wire": options.get("wire")}
-    others = {part for part, name in named.items() if name not in (None, getattr(start, part))}
+    parts = "machine", "material", "wire"
+    others = {part for part in parts if options.get(part) not in (None, getattr(start, part))}
     left_out = [name for name, _ in start.overrides if _part(name) in others]
     start_constants = {name: value for name, value in start.overrides if name not in left_out}
     if left_out and log.settings is not None:

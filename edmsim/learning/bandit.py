@@ -279,21 +279,18 @@ class BanditController(Snapshots):
         if self.clock_s >= 0.0:
             self.belief.cut_s[self.setting] += window.duration_s
         if self.clock_s > self.card.settle_s:
-            self._measure(window)
+            self.seconds += window.duration_s
+            self.way_um += window.path_um - self.path_um
+            self.pulses += WINDOW_PULSES
+            self.open += window.open
+            self.short += window.short
+            self.fifths += np.array(window.fifths)
         self.path_um = window.path_um
         if self.clock_s >= self.card.segment_s:
             self._end_segment()
         # set in every window, because the law's state does not include its arguments
         self.law.override(self.card.settings[self.setting if self.clock_s >= 0.0 else 0])
         return self.law.update(window)
-
-    def _measure(self, window: WindowObservation) -> None:
-        self.seconds += window.duration_s
-        self.way_um += window.path_um - self.path_um
-        self.pulses += WINDOW_PULSES
-        self.open += window.open
-        self.short += window.short
-        self.fifths += np.array(window.fifths)
 
     def _end_segment(self) -> None:
         """Learn from the segment's measurement, and choose the next segment's setting."""

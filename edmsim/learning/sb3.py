@@ -19,7 +19,7 @@ from __future__ import annotations
 import platform
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from functools import partial
 from importlib.metadata import version
@@ -252,8 +252,7 @@ class PrivilegedVecEnv(VecEnvWrapper):
     def __init__(self, venv: VecEnv) -> None:
         vec_env: Any = venv.unwrapped
         self._names = tuple(vec_env.env.family.drawn_constants)
-        shown = venv.observation_space
-        assert isinstance(shown, gym.spaces.Box)
+        shown: Any = venv.observation_space
         more = np.full(len(TRUTHS) + len(self._names), np.inf, np.float32)
         space = gym.spaces.Box(np.append(shown.low, -more), np.append(shown.high, more), dtype=np.float32)
         super().__init__(venv, observation_space=space)
@@ -277,7 +276,7 @@ class PrivilegedVecEnv(VecEnvWrapper):
         self._draw(ended)
         return self._with(observations, truths), rewards, done, infos
 
-    def _draw(self, indices: Sequence[int] | NDArray[np.int64] | range) -> None:
+    def _draw(self, indices: Iterable[int]) -> None:
         infos = self.unwrapped.reset_infos
         for index in indices:
             self._constants[index] = [infos[index]["drawn"][name] for name in self._names]
@@ -306,8 +305,7 @@ class AsymmetricPolicy(policies.ActorCriticPolicy):
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
         self._shown_entries = shown_entries
         super().__init__(*args, **{**kwargs, "share_features_extractor": False})
-        space = self.observation_space
-        assert isinstance(space, gym.spaces.Box)
+        space: Any = self.observation_space
         self.pi_features_extractor = VisibleEntries(space, shown_entries)
         self.features_extractor = self.pi_features_extractor
 

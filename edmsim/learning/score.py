@@ -238,11 +238,8 @@ class TrainOptions(NamedTuple):
 
     def of_result(self) -> dict[str, Any]:
         """Return the options that change the result, for JSON; a resumed training restores them."""
-        settings = None if self.settings is None else str(self.settings)
-        return {
-            "settings": settings, "residual": self.residual, "teacher": self.teacher,
-            "privileged_critic": self.privileged_critic, "start": self.start, "safe": self.safe,
-        }  # fmt: skip
+        chosen = {**self._asdict(), "settings": None if self.settings is None else str(self.settings)}
+        return {name: value for name, value in chosen.items() if name not in ("record_every", "live")}
 
     def words(self) -> str:
         """Return the command-line options that change the result."""

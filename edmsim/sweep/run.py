@@ -6,7 +6,6 @@ result is saved at once in a journal, whose rows are moved in parts to a Parquet
 
 import json
 import math
-import shutil
 import socket
 import tempfile
 import time
@@ -222,17 +221,12 @@ class Store:
 
     def _record(self, run: SweepRun, recorded: Mapping[str, bytes]) -> None:
         """Write a run's files next to those it has; they appear together or not at all."""
-        target = self._recording(run)
-        partial = target.with_name(target.name + ".part")
-        shutil.rmtree(partial, ignore_errors=True)
-        if target.exists():
-            shutil.copytree(target, partial)
-        partial.mkdir(parents=True, exist_ok=True)
-        for name, content in recorded.items():
-            with files.naming(partial / name):
-                (partial / name).write_bytes(content)
-        shutil.rmtree(target, ignore_errors=True)
-        partial.rename(target)
+        folder = self._recording(run)
+        folder.mkdir(parents=True, exist_ok=True)
+        with files.together(folder, report.RECORDING if report.RECORDING in recorded else min(recorded)) as partial:
+            for name, content in recorded.items():
+                with files.naming(partial / name):
+                    (partial / name).write_bytes(content)
 
 
 # One run.
@@ -260,7 +254,9 @@ def perform(run: SweepRun) -> Outcome:
     # except wall_time_s and host, a result depends only on the run, not on computer, process or earlier runs
     started = time.monotonic()
     try:
-        _same_files(run)
+        for file, expected in run.files.items():
+            if runs.digest(file) != expected:
+                raise InputError("is missing, or has changed since the sweep began", file)
         found, recorded = _cut(run) if run.is_cut else (_episode(run), {})
     except Exception as error:  # any exception, because it must not end a sweep of a thousand cuts
         found, recorded = {"error": said(error)}, {}
@@ -288,12 +284,6 @@ def said(error: Exception) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
     return " ".join(f"{type(error).__name__}: {error}{where}".split())
-
-
-def _same_files(run: SweepRun) -> None:
-    for file, expected in run.files.items():
-        if runs.digest(file) != expected:
-            raise InputError("is missing, or has changed since the sweep began", file)
 
 
 def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:

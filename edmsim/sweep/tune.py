@@ -474,8 +474,10 @@ def tune_controller(
         return Trial(number, "controller", name, values, tuple(judged_by), options=options)
 
     run_study(study, space, trials, machines, made, watch)
-    finalists, table = [made(-1, in_use), *_finalists(study, made)], runs.RunTable(folder / FINAL)
-    spreads = _judged_again(finalists, fresh, machines, table)
+    whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
+    best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
+    finalists = [made(-1, in_use), *(made(trial.number, _rounded(trial)) for trial in best)]
+    spreads = _judged_again(finalists, fresh, machines, runs.RunTable(folder / FINAL))
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]
     before, ended, failed = spreads[-1][1], made_in(study), made_in(study, "FAIL")
@@ -513,12 +515,6 @@ def _value_in_use(law: object, name: str) -> float:
     if value is None:
         raise InputError(f"{name} of your controller has no value to begin with: give the parameter a default")
     return value
-
-
-def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> list[Trial]:
-    whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
-    best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
-    return [made(trial.number, _rounded(trial)) for trial in best]
 
 
 def _judged_again(
