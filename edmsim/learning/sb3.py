@@ -482,8 +482,7 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
             raise InputError(
                 "this VecNormalize has other means and variances than the learner's: give its own, or load its file"
             )
-    weights, biases, lstm = _arrays(network, entry_count)
-    packed = pack(weights, biases, lstm)
+    packed = pack(*_arrays(network, entry_count))
     mean, variance, epsilon, clip = _normalisation(wrapped.normalise, entry_count)
     return card_of(
         env_id, options, packed, mean, variance, epsilon=epsilon, clip=clip, **network.shape,
