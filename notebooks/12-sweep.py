@@ -34,10 +34,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
-from edmsim.sweep.run import sweep
+from edmsim.sweep.run import read, sweep
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.summary import front_of, sensitivities
-from edmsim.sweep.table import read
 
 plt.rcParams.update({"figure.dpi": 90, "axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 PUNCH = "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"

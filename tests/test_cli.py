@@ -319,7 +319,7 @@ def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
     for kind in ("json", "npz"):
         (tmp_path / f"mine.{kind}").write_bytes(models.path(f"policies/GapFeed-ppo.{kind}").read_bytes())
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
-    monkeypatch.setattr(scoring, "run", lambda *_, **__: {"policy:mine": []})
+    monkeypatch.setattr("edmsim.evaluation.compare.run", lambda *_, **__: {"policy:mine": []})
     monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))
     outcome = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--write-card")
     assert outcome.status == 0
@@ -336,7 +336,7 @@ def test_a_policy_is_scored_again(edmsim, tmp_path, monkeypatch):
 
 def test_a_policy_of_a_shift_is_scored_again_where_its_training_scored_it(edmsim, monkeypatch):
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
-    monkeypatch.setattr(scoring, "run", lambda *_, **__: {"policy:mine": []})
+    monkeypatch.setattr("edmsim.evaluation.compare.run", lambda *_, **__: {"policy:mine": []})
     monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))
     outcome = edmsim("evaluate", "--policy", "MaxRateShift-adapt", "--seeds", 2, "--json")
     assert [row["resolution"] for row in json.loads(outcome.out)[0]["scores"]] == ["fast"]

@@ -20,7 +20,7 @@ from edmsim.job.cut import CHECKPOINT
 from edmsim.job.result import remake
 from edmsim.recording import scene
 from edmsim.recording.report import read_cut
-from edmsim.sweep import table
+from edmsim.sweep.run import read as read_sweep
 
 from .conftest import FILES, timeless
 
@@ -140,7 +140,7 @@ def test_many_want_a_folder_and_one_after_the_other_has_it(tmp_path):
 
 def test_a_folder_without_a_name_is_not_the_present_one(small_cut, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for use in (small_cut.result.write, read_cut, table.read):
+    for use in (small_cut.result.write, read_cut, read_sweep):
         with pytest.raises(InputError, match="the folder has no name"):
             use("")
     assert names(tmp_path) == []

@@ -20,7 +20,7 @@ from tasks import PAGES
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation.compare import leaderboard
 from edmsim.evaluation.episode import lines_of
-from edmsim.learning.command import in_words
+from edmsim.learning.score import in_words
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 SEEDS = (1, 2, 3, 4, 5)

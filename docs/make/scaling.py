@@ -17,9 +17,8 @@ from sections import table, write_sections
 from vector_envs import processor
 
 from edmsim.runs import Cluster, Processes
-from edmsim.sweep.run import Outcome, blank, perform, sweep
+from edmsim.sweep.run import RESULTS, ROWS_PER_PART, Outcome, Store, blank, perform, read, sweep
 from edmsim.sweep.specification import Specification, runs_of
-from edmsim.sweep.table import RESULTS, ROWS_PER_PART, Store, read
 
 PUNCH = "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n"
 """A punch of 1 x 1 mm, about two minutes of machine time."""

@@ -6,16 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from edmsim import __version__
+from edmsim import __version__, runs
 from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch, statistics
 from edmsim.cosim.straight import Traverse, begin
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine, constants_digest
-from edmsim.machine.pulse_window import PulseWindow
-from edmsim.machine.setting import WINDOW_PULSES
-from edmsim.plant.gap.generator import timing
+from edmsim.machine.setting import WINDOW_PULSES, short_current_A
 from edmsim.plant.window import PlantError
-from edmsim.runs import RunTable, identity, perform
 
 SHRINKAGE = 0.2
 """Shrinkage of the measured correlations to 0 (ours, because some twenty cuts determine them poorly)."""
@@ -40,7 +37,7 @@ class StretchComparison:
     """Stretches of a log, and their simulation, which uses the same random draws for every machine."""
 
     def __init__(
-        self, machine: Machine, picked: list[Stretch], seed: int, resolution: str, table: RunTable,
+        self, machine: Machine, picked: list[Stretch], seed: int, resolution: str, table: runs.RunTable,
         watch: Callable[[CalibrationProgress], None] | None, constants: int,
     ) -> None:
         self.machine, self.picked = machine, picked
@@ -56,7 +53,28 @@ class StretchComparison:
         """Weight the statistics by the noise of this machine's cuts."""
         # The noise depends on the cut's shares of open and short pulses. A log made with a gap controller does not
         # show it, because the controller keeps the counts steadier than a cut at a fixed feed would.
-        self._scales, self._scales_alone = self._noise_scales(machine)
+        # The log's batches show the noise of each stretch without its slow part, which comes from walls that the wire
+        # passes for one diameter of travel. The ratio of the whole variance to that of batches, and correlations, are
+        # measured with cuts of the same stretches with other seeds. The simulated cut doubles the variance.
+        repeats = self._repeats
+        first = self._seed + len(self.picked)
+        jobs = [(machine, k, first + r * len(self.picked) + k)
+                for r in range(repeats) for k in range(len(self.picked))]  # fmt: skip
+        cuts = np.nan_to_num(self._run(jobs))
+        apart = cuts - cuts.mean(axis=0)
+        between = np.maximum((apart**2).sum(axis=0) / (repeats - 1), 1e-24)  # (stretches, 5)
+        within = np.array([_variance_of_mean(stretch.batches) for stretch in self.picked])
+        more = np.maximum(np.mean(between / np.maximum(within, between / 100), axis=0), 1.0)
+        scaled = (apart / np.sqrt(between)).reshape(-1, len(STATISTICS))
+        correlation = (1 - SHRINKAGE) * scaled.T @ scaled / ((repeats - 1) * len(self.picked))
+        np.fill_diagonal(correlation, 1.0)
+        root = np.linalg.cholesky(correlation)
+        # Cholesky factors of covariances, (5, 5) per stretch: of simulated minus logged, and of simulated
+        self._scales, self._scales_alone = list[Floats](), list[Floats]()
+        for stretch, variance in zip(self.picked, within, strict=True):
+            reading = np.array(READING) * np.where([False, False, True, True, True], np.nan_to_num(stretch.mean), 1.0)
+            self._scales.append(np.sqrt(2 * more * variance + reading**2)[:, None] * root)
+            self._scales_alone.append(np.sqrt(more * variance)[:, None] * root)
 
     @property
     def simulation_share(self) -> float:
@@ -79,13 +97,13 @@ class StretchComparison:
             if self._watch is not None:
                 self._watch(CalibrationProgress(len(self._table.rows), self._usual, self.misfit))
 
-        rows = perform(self._simulate, jobs, count, table=self._table, ids=[self._id(*job) for job in jobs])
+        rows = runs.perform(self._simulate, jobs, count, table=self._table, ids=[self._id(*job) for job in jobs])
         return np.array([row["statistics"] for row in rows]).reshape(-1, len(self.picked), len(STATISTICS))
 
     def _id(self, machine: Machine, number: int, seed: int) -> str:
         stretch = self.picked[number]
         setting = stretch.feed_um_s, stretch.t_on_us, stretch.t_period_us, stretch.travelled_um
-        return identity({
+        return runs.identity({
             "edmsim": __version__, "machine": constants_digest(machine), "stretch": setting, "seed": seed,
             "resolution": self._resolution,
         })  # fmt: skip
@@ -106,31 +124,6 @@ class StretchComparison:
             apart = np.where(np.isfinite(simulated[number]), simulated[number], 0.0) - stretch.mean
             rows.append(np.linalg.solve(self._scales[number][np.ix_(known, known)], apart[known]))
         return np.concatenate(rows)
-
-    def _noise_scales(self, machine: Machine) -> tuple[list[Floats], list[Floats]]:
-        """Return Cholesky factors of covariances, (5, 5) per stretch: of simulated minus logged, and of simulated."""
-        # The log's batches show the noise of each stretch without its slow part, which comes from walls that the wire
-        # passes for one diameter of travel. The ratio of the whole variance to that of batches, and correlations, are
-        # measured with cuts of the same stretches with other seeds. The simulated cut doubles the variance.
-        repeats = self._repeats
-        first = self._seed + len(self.picked)
-        jobs = [(machine, k, first + r * len(self.picked) + k)
-                for r in range(repeats) for k in range(len(self.picked))]  # fmt: skip
-        cuts = np.nan_to_num(self._run(jobs))
-        apart = cuts - cuts.mean(axis=0)
-        between = np.maximum((apart**2).sum(axis=0) / (repeats - 1), 1e-24)  # (stretches, 5)
-        within = np.array([_variance_of_mean(stretch.batches) for stretch in self.picked])
-        more = np.maximum(np.mean(between / np.maximum(within, between / 100), axis=0), 1.0)
-        scaled = (apart / np.sqrt(between)).reshape(-1, len(STATISTICS))
-        correlation = (1 - SHRINKAGE) * scaled.T @ scaled / ((repeats - 1) * len(self.picked))
-        np.fill_diagonal(correlation, 1.0)
-        root = np.linalg.cholesky(correlation)
-        scales, alone = [], []
-        for stretch, variance in zip(self.picked, within, strict=True):
-            reading = np.array(READING) * np.where([False, False, True, True, True], np.nan_to_num(stretch.mean), 1.0)
-            scales.append(np.sqrt(2 * more * variance + reading**2)[:, None] * root)
-            alone.append(np.sqrt(more * variance)[:, None] * root)
-        return scales, alone
 
 
 def _variance_of_mean(batches: Floats) -> Floats:
@@ -160,21 +153,18 @@ def simulate(machine: Machine, stretch: Stretch, windows: int, seed: int, resolu
     # wholly settled. If the wire breaks or is driven into the metal, missing windows count as short circuits, because
     # these statistics differ most from those of a machine that cuts.
     set_up = machine.model_copy(update={"t_on_us": stretch.t_on_us, "t_period_us": stretch.t_period_us})
-    windows_fired: list[PulseWindow] = []
+    rows: list[tuple[float, ...]] = []
     try:
         traverse = Traverse(begin(set_up, seed, resolution=resolution), stretch.feed_um_s)
         wholly_um = WHOLLY_SETTLED_DIAMETERS * machine.wire_diameter_um
         travel_um = min(max(stretch.travelled_um, settle_um(machine)), wholly_um)
-        if not traverse.run(travel_um / stretch.feed_um_s)[-1].broken:
-            while len(windows_fired) < windows and not (windows_fired and windows_fired[-1].broken):
-                windows_fired.append(traverse.window())
+        w = traverse.run(travel_um / stretch.feed_um_s)[-1]
+        while not w.broken and len(rows) < windows:
+            w = traverse.window()
+            if not w.broken:
+                rows.append((w.short, w.open, w.mean_voltage_V, w.mean_current_A, w.mean_delay_us))
     except PlantError:
         pass
-    if windows_fired and windows_fired[-1].broken:
-        windows_fired.pop()
-    lost = windows - len(windows_fired)
-    short_A = timing(set_up).short_A * stretch.t_on_us / stretch.t_period_us
-    rows = [(w.short, w.open, w.mean_voltage_V, w.mean_current_A, w.mean_delay_us) for w in windows_fired]
-    rows += [(WINDOW_PULSES, 0, 0.0, short_A, 0.0)] * lost
-    short, open_, voltage, current, delay = np.array(rows, float).T
-    return statistics(short, open_, voltage, current, delay)
+    short_A = short_current_A(set_up) * stretch.t_on_us / stretch.t_period_us
+    rows += [(WINDOW_PULSES, 0, 0.0, short_A, 0.0)] * (windows - len(rows))
+    return statistics(*np.array(rows, float).T)

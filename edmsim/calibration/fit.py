@@ -11,29 +11,17 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import optimize, stats
 
+from edmsim import numeric, runs
 from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
-from edmsim.calibration.log import (
-    FEED_SPREAD,
-    LEAST_FEED_UM_S,
-    STATISTICS,
-    STRETCH_WINDOWS,
-    TURN_DEG,
-    Log,
-    Stretch,
-    stretches,
-)
+from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Log, Stretch, stretches
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.evaluation.compare import CONFIDENCE
-from edmsim.evaluation.stable_rate import JAMMED_SHARE
+from edmsim.evaluation import compare, stable_rate
 from edmsim.geometry import Floats
 from edmsim.job.options import CutSettings
+from edmsim.machine import overrides, ranges, setting
 from edmsim.machine.machine import Machine
-from edmsim.machine.overrides import KINDS, with_overrides
-from edmsim.machine.ranges import choose, share_of, uncertain, value_at, with_constants, with_values
-from edmsim.machine.setting import AIR_SHARE, discharge_current_A, open_V, short_current_A
-from edmsim.numeric import whole_from
-from edmsim.runs import RunTable
 
 # The set-up for the comparison with a log: the log's settings, and the user's overrides.
 
@@ -62,8 +50,8 @@ def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
         if "height_mm" not in options:
             notices.append(f"the height changed in the cut of this log: {height_mm:g} mm is taken for all of it")
         start = start.model_copy(update={"height_mm": height_mm, "heights": (), "height_areas": ()})
-    named = {"machine": options.get("machine"), "material": options.get("material"), "wire": options.get("wire")}
-    others = {part for part, name in named.items() if name not in (None, getattr(start, part))}
+    parts = "machine", "material", "wire"
+    others = {part for part in parts if options.get(part) not in (None, getattr(start, part))}
     left_out = [name for name, _ in start.overrides if _part(name) in others]
     start_constants = {name: value for name, value in start.overrides if name not in left_out}
     if left_out and log.settings is not None:
@@ -85,18 +73,19 @@ def machine_of(settings: CutSettings) -> Machine:
     # in a cut, overridden constants have no range; here they are start values of the search, or held
     machine = settings.model_copy(update={"constants": ()}).load_machine()
     listed = dict(settings.overrides)
-    checked = with_overrides(machine, listed.items())
-    ranges = {name: constant.range for name, constant in uncertain(machine).items()}
+    checked = overrides.with_overrides(machine, listed.items())
+    bounds = {name: constant.range for name, constant in ranges.uncertain(machine).items()}
+    source = "given to the cut of the log"
     changed = {
-        name: KINDS[name].model_construct(value=value, source="given to the cut of the log", range=ranges.get(name))
+        name: overrides.KINDS[name].model_construct(value=value, source=source, range=bounds.get(name))
         for name, value in listed.items()
     }
-    return with_constants(checked, changed)
+    return ranges.with_constants(checked, changed)
 
 
 def held(settings: CutSettings, machine: Machine, fitted: Iterable[str]) -> list[str]:
     """Return a line for every override of the log's cut that is not fitted, or is outside its range."""
-    chosen = choose(machine, fitted)
+    chosen = ranges.choose(machine, fitted)
     lines = []
     for name, value in settings.overrides:
         bounds = chosen[name].range if name in chosen else None
@@ -157,7 +146,7 @@ class Fit:
 @refuses_wrong_types
 def calibrate(
     log: Log, machine: Machine, only: Sequence[str] = DEFAULT_CONSTANTS, *, seed: int = 0,
-    resolution: str | None = None, table: RunTable | None = None,
+    resolution: str | None = None, table: runs.RunTable | None = None,
     watch: Callable[[CalibrationProgress], None] | None = None,
 ) -> Fit:
     """Fit constants of a machine to its log.
@@ -185,20 +174,11 @@ def calibrate(
         If a constant is unknown, the generator refuses a setting, or the log has no steady stretch, has fewer
         statistics than constants, or determines no constant.
     """
-    seed = whole_from("seed", seed)
+    seed = numeric.whole_from("seed", seed)
     if not only:
         raise InputError("there is no constant to fit: name some, or sections, as 'gap'")
-    known = choose(machine, only)
-    steady = stretches(log, settle_um(machine))
-    if not steady:
-        raise InputError(
-            f"no stretch of {STRETCH_WINDOWS} windows can be used: after {settle_um(machine):.0f} um of travel it "
-            f"must have one setting, a feed of {LEAST_FEED_UM_S:g} um/s or more that varies by at most "
-            f"{100 * FEED_SPREAD:g} %, at most {100 * AIR_SHARE:g} % open pulses, and no turn of more than "
-            f"{TURN_DEG:g} degrees; the median feed of the log is {np.median(log.columns['feed_um_s']):.3g} um/s",
-            log.name,
-        )
-    picked = spread(steady, MOST_STRETCHES)
+    known = ranges.choose(machine, only)
+    picked = spread(stretches(log, settle_um(machine)), MOST_STRETCHES)
     for stretch in picked:
         # raises `InputError` if the generator cannot run this setting
         set_up = machine.with_(t_on_us=stretch.t_on_us, t_period_us=stretch.t_period_us)
@@ -208,14 +188,14 @@ def calibrate(
         raise InputError(f"{len(known)} constants cannot be determined from {size} statistics", log.name)
     if resolution is None:
         resolution = start_of(log).resolution
-    comparison = StretchComparison(machine, picked, seed, resolution, table or RunTable(), watch, len(known))
+    comparison = StretchComparison(machine, picked, seed, resolution, table or runs.RunTable(), watch, len(known))
     return _fit_what_is_determined(comparison, list(known), log.name)
 
 
 def _check_means(stretch: Stretch, machine: Machine, log_name: str) -> None:
     """Raise `InputError` if voltage or current exceed the generator's, for example because they are in mV or mA."""
-    most_A = max(short_current_A(machine), discharge_current_A(machine))
-    most = {"mean_voltage_V": open_V(machine), "mean_current_A": most_A}
+    most_A = max(setting.short_current_A(machine), setting.discharge_current_A(machine))
+    most = {"mean_voltage_V": setting.open_V(machine), "mean_current_A": most_A}
     for name, mean in zip(STATISTICS, stretch.mean.tolist(), strict=True):
         if abs(mean) > most.get(name, math.inf):
             unit = name[-1]
@@ -249,8 +229,8 @@ def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str],
     undetermined = {name: "the statistics do not depend on it" for name in names if name not in determined}
     while determined:
         if search is None or search.names != determined:
-            start_values = {name: constant.value for name, constant in choose(start, determined).items()}
-            search = _Search(comparison, determined, with_values(comparison.machine, start_values))
+            at = ranges.with_values(comparison.machine, ranges.values_of(start, determined))
+            search = _Search(comparison, determined, at)
             search.run()
         error = search.standard_errors()
         worst = int(error.argmax())
@@ -258,8 +238,8 @@ def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str],
             return _result(search, error, undetermined)
         name = determined[worst]
         determined = [other for other in determined if other != name]
-        at = choose(comparison.machine, [name])[name].value
-        others = f"another value of {', '.join(determined)} does the same; the fit holds for {at:g} only"
+        value = ranges.values_of(comparison.machine, [name])[name]
+        others = f"another value of {', '.join(determined)} does the same; the fit holds for {value:g} only"
         undetermined[name] = others if determined else "the noise hides it"
     reasons = "; ".join(f"{name}: {reason}" for name, reason in undetermined.items())
     far = "" if search is None or search.misfit <= MUCH else (
@@ -281,11 +261,11 @@ class _Search:
     def __init__(self, comparison: StretchComparison, names: Sequence[str], start: Machine) -> None:
         self.comparison = comparison
         self.names = list(names)
-        start_values, before = choose(start, names), choose(comparison.machine, names)
-        self.before = [before[name].value for name in names]
-        values, ranges = [start_values[name].value for name in names], [start_values[name].range for name in names]
-        self.ranges = [bounds for bounds in ranges if bounds is not None]
-        starts = [share_of(bounds, value) for bounds, value in zip(self.ranges, values, strict=True)]
+        self.before = ranges.values_of(comparison.machine, names)
+        chosen = ranges.choose(start, names)
+        self.ranges = [bounds for name in names if (bounds := chosen[name].range) is not None]
+        values = ranges.values_of(start, names).values()
+        starts = [ranges.share_of(bounds, value) for bounds, value in zip(self.ranges, values, strict=True)]
         self.shares: Floats = np.clip(starts, 0.05, 0.95)
         self.simulated: Floats = np.zeros((0, 5))
         self.information: Floats = np.zeros((0, 0))
@@ -294,8 +274,9 @@ class _Search:
 
     def machine(self, shares: Floats) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
-        named = zip(self.names, self.ranges, shares, strict=True)
-        return with_values(self._start, {name: value_at(bounds, float(share)) for name, bounds, share in named})
+        named = zip(self.names, self.ranges, shares.tolist(), strict=True)
+        values = {name: ranges.value_at(bounds, share) for name, bounds, share in named}
+        return ranges.with_values(self._start, values)
 
     def run(self) -> None:
         """Search, and compute information and misfit at the end of the search."""
@@ -309,9 +290,7 @@ class _Search:
         self.information = self.information_at(self.shares)
 
     def _descend(self) -> None:
-        from scipy.optimize import least_squares
-
-        found = least_squares(
+        found = optimize.least_squares(
             self._residuals, self.shares, self._sensitivities, bounds=(0.0, 1.0), method="trf", x_scale=1.0,
             ftol=1e-3, xtol=3e-3, gtol=None, max_nfev=MOST_ROUNDS,
         )  # fmt: skip
@@ -329,16 +308,6 @@ class _Search:
     def _misfit(self, residuals: Floats) -> float:
         return float(residuals @ residuals) / (self.comparison.size - len(self.names))
 
-    def _around(self, shares: Floats) -> list[tuple[Floats, Floats]]:
-        """Return for every constant a place below and a place above, within the ranges."""
-        pairs = []
-        for place in range(len(shares)):
-            low, high = shares.copy(), shares.copy()
-            low[place] = max(0.0, min(shares[place] - STEP, 1.0 - 2 * STEP))
-            high[place] = low[place] + 2 * STEP
-            pairs.append((low, high))
-        return pairs
-
     def _sensitivities(self, shares: Floats) -> Floats:
         """Return the change of the residuals per share of the range, (size, p)."""
         return self._slopes(shares)[0]
@@ -347,9 +316,12 @@ class _Search:
         """Return `_sensitivities`, and the share of the range over which each was computed, (p,)."""
         # a cut that jams on one side does not show how the statistics change, so only the other side is used
         columns, spans = [], []
-        for place, (low, high) in enumerate(self._around(shares)):
+        for place in range(len(shares)):
+            low, high = shares.copy(), shares.copy()
+            low[place] = max(0.0, min(shares[place] - STEP, 1.0 - 2 * STEP))
+            high[place] = low[place] + 2 * STEP
             rows = self._statistics([low, high])
-            low_jams, high_jams = (bool((row[:, 0] > JAMMED_SHARE).any()) for row in rows)
+            low_jams, high_jams = (bool((row[:, 0] > stable_rate.JAMMED_SHARE).any()) for row in rows)
             if low_jams and not high_jams and high[place] > shares[place]:
                 low, rows[0] = shares, self._statistics([shares])[0]
             elif high_jams and not low_jams and shares[place] > low[place]:
@@ -392,18 +364,14 @@ def remark(share: float, half: float) -> str:
 
 
 def _result(search: _Search, error: Floats, undetermined: dict[str, str]) -> Fit:
-    from scipy.stats import t as student
-
     covariance = search.covariance()
     assert covariance is not None
-    half = error * student.ppf((1 + CONFIDENCE) / 2, search.comparison.size - len(search.names))
+    half = error * stats.t.ppf((1 + compare.CONFIDENCE) / 2, search.comparison.size - len(search.names))
     constants = []
-    for place, (name, bounds) in enumerate(zip(search.names, search.ranges, strict=True)):
-        share = float(search.shares[place])
-        low, high = (value_at(bounds, float(np.clip(share + side * half[place], 0.0, 1.0))) for side in (-1, 1))
-        said = remark(share, float(half[place]))
-        value = value_at(bounds, share)
-        constants.append(FittedConstant(name, search.before[place], value, (low, high), bounds, said))
+    both = zip(search.shares.tolist(), half.tolist(), strict=True)
+    for (name, before), bounds, (share, off) in zip(search.before.items(), search.ranges, both, strict=True):
+        value, *ends = (ranges.value_at(bounds, min(max(at, 0.0), 1.0)) for at in (share, share - off, share + off))
+        constants.append(FittedConstant(name, before, value, (ends[0], ends[1]), bounds, remark(share, off)))
     return Fit(
         search.machine(search.shares), tuple(constants), undetermined, covariance / np.outer(error, error),
         search.misfit, search.comparison.picked, search.simulated, search.comparison.noise,

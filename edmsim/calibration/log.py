@@ -2,13 +2,10 @@
 
 import codecs
 import csv
-import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -33,15 +30,8 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 _NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # texts of a missing number, in lower case
 
 
-class LogTable(NamedTuple):
-    """Columns by name, and the file's metadata; empty if it has none."""
-
-    columns: dict[str, Floats]
-    metadata: dict[bytes, bytes]
-
-
-def read_table(file: Path) -> LogTable:
-    """Read the columns of a log (`_chosen`) from a Parquet or CSV file."""
+def read_table(file: Path) -> tuple[dict[str, Floats], dict[bytes, bytes]]:
+    """Return the columns of a log (`_chosen`) by name, and the metadata, from a Parquet or CSV file."""
     # A file that begins with `PARQUET` is Parquet. The separator of a CSV file follows from its heading; if it is not
     # the comma, a comma may be the decimal sign.
     try:
@@ -54,17 +44,17 @@ def read_table(file: Path) -> LogTable:
         return _of_parquet(content, file)
     if file.suffix == ".parquet":
         raise InputError("is not a Parquet file; a log as CSV has a name that ends in .csv", file)
-    return LogTable(_of_csv(_text(content, file), file), {})
+    return _of_csv(_text(content, file), file), {}
 
 
-def _of_parquet(content: bytes, file: Path) -> LogTable:
+def _of_parquet(content: bytes, file: Path) -> tuple[dict[str, Floats], dict[bytes, bytes]]:
     try:
         table = pa.parquet.read_table(pa.BufferReader(content))
         there = list(table.column_names)  # the names are decoded only here
     except (pa.ArrowException, OSError, UnicodeError):
         raise InputError("is a damaged Parquet file, or was not written to its end: copy it again", file) from None
     columns = {name: _numbers(table, name, file) for name in _chosen(there, file)}
-    return LogTable(columns, dict(table.schema.metadata or {}))
+    return columns, dict(table.schema.metadata or {})
 
 
 def _numbers(table: pa.Table, name: str, file: Path) -> Floats:
@@ -121,7 +111,7 @@ def _heading(line: str, separator: str) -> list[str]:
 def _rows(lines: list[str], first: int, separator: str, fields: int, file: Path) -> list[tuple[int, list[str]]]:
     """Return the fields of every line with its number; empty lines are left out."""
     rows: list[tuple[int, list[str]]] = []
-    reader = csv.reader(io.StringIO("\n".join(lines[first:])), delimiter=separator)
+    reader = csv.reader((f"{line}\n" for line in lines[first:]), delimiter=separator)
     try:
         for row in reader:
             if not any(field.strip() for field in row):
@@ -204,7 +194,7 @@ def _check_ratios(columns: Mapping[str, Floats], file: str | Path) -> None:
     short, open_ = columns["short_ratio"], columns["open_ratio"]
     period = columns["t_period_us"]
     wrong = {
-        "t_s": ~((np.diff(time, prepend=time[0] - 1.0) > 0) & (time < math.inf)),
+        "t_s": ~((np.diff(time, prepend=time[0] - 1.0) > 0) & (time < np.inf)),
         "short_ratio": ~((short >= 0) & (short <= 1)), "open_ratio": ~((open_ >= 0) & (short + open_ <= 1.0001)),
         "t_on_us": ~(columns["t_on_us"] > 0), "t_period_us": ~((period > columns["t_on_us"]) & (period < _MOST)),
         **_out_of_range(columns, ("x_um", "y_um", *MEANS)),
@@ -336,20 +326,20 @@ def read_log(file: str | Path) -> Log:
         If the file cannot be read, has no rows, lacks a column, or has impossible values; or its metadata are not
         valid settings of a cut.
     """
-    table = read_table(Path(file))
-    if NEEDED[0] in table.columns:
-        return Log(Path(file).name, windows_of(table.columns, file), feed_span_s=FEED_SPAN_S)
-    known = table.columns if set(PLACES) <= set(table.columns) else COLUMNS
-    columns = {name: values for name, values in table.columns.items() if name in known}
+    found, metadata = read_table(Path(file))
+    if NEEDED[0] in found:
+        return Log(Path(file).name, windows_of(found, file), feed_span_s=FEED_SPAN_S)
+    known = found if set(PLACES) <= set(found) else COLUMNS
+    columns = {name: values for name, values in found.items() if name in known}
     if len(columns["short"]) == 0:
         raise InputError("no windows in it", file)
     _check(columns, file)
-    return Log(Path(file).name, columns, _settings(table, file))
+    return Log(Path(file).name, columns, _settings(metadata, file))
 
 
-def _settings(table: LogTable, file: str | Path) -> CutSettings | None:
-    """Return the cut's settings from the table's metadata; None if the table is not a cut's."""
-    text = table.metadata.get(METADATA_KEY)
+def _settings(metadata: Mapping[bytes, bytes], file: str | Path) -> CutSettings | None:
+    """Return the cut's settings from a table's metadata; None if the table is not a cut's."""
+    text = metadata.get(METADATA_KEY)
     try:
         settings = None if text is None else CutSettings.of_json(text)
     except InputError as error:
@@ -386,7 +376,10 @@ def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
 
 
 def stretches(log: Log, settle_um: float) -> list[Stretch]:
-    """Return the steady stretches of a log, each `STRETCH_WINDOWS` long and `settle_um` of travel after a change."""
+    """Return the steady stretches of a log, each `STRETCH_WINDOWS` long and `settle_um` of travel after a change.
+
+    Raises `InputError` if there is none.
+    """
     # A new run begins when the setting changes or the feed jumps. Stretches are left out if they are in air, at rest,
     # with an unsteady feed, or, if the log has positions, along a path that turns.
     found = []
@@ -398,6 +391,14 @@ def stretches(log: Log, settle_um: float) -> list[Stretch]:
             stretch = _stretch(log, first, float(travel_um[first - begin]))
             if stretch is not None and _turn_deg(log, first, settle_um) <= TURN_DEG:
                 found.append(stretch)
+    if not found:
+        raise InputError(
+            f"no stretch of {STRETCH_WINDOWS} windows can be used: after {settle_um:.0f} um of travel it must have "
+            f"one setting, a feed of {LEAST_FEED_UM_S:g} um/s or more that varies by at most "
+            f"{100 * FEED_SPREAD:g} %, at most {100 * AIR_SHARE:g} % open pulses, and no turn of more than "
+            f"{TURN_DEG:g} degrees; the median feed of the log is {np.median(log.columns['feed_um_s']):.3g} um/s",
+            log.name,
+        )
     return found
 
 

@@ -11,15 +11,12 @@ from pydantic import BaseModel
 from rich.console import Group
 from rich.text import Text
 
-from edmsim import __version__
+from edmsim import __version__, files, screen
 from edmsim.calibration.fit import MUCH, Fit
 from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
-from edmsim.files import make_writable, replacing
-from edmsim.machine.machine import Machine
-from edmsim.machine.ranges import uncertain, with_constants
+from edmsim.machine import ranges
 from edmsim.plant.resolution import RESOLUTIONS
-from edmsim.screen import ScreenTable
 
 STRONG = 0.95
 """Stronger correlations of errors are reported: the log determines a combination better than either (ours)."""
@@ -29,24 +26,27 @@ def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -
     """Write the fitted set-up as new files, each replaced atomically; return them by options of ``edmsim cut``."""
     # `out` receives the machine's constants; files next to it receive those of material and wire, if any were fitted
     # or overridden in the cut of the log
-    machine = _with_sources(fit, log_name)
-    models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
+    machine = ranges.with_constants(fit.machine, _with_sources(fit, log_name))
+    # the diameter of the set-up is the default one, because an option's file name has no diameter
+    diameter = machine.wire.default_diameter_um.model_copy(update={"value": machine.wire_diameter_um})
+    wire = machine.wire.model_copy(update={"default_diameter_um": diameter})
+    models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": wire}
     parts = {name.partition(".")[0] for name in (*(constant.name for constant in fit.constants), *extra_files)}
-    files = {"machine": out}
-    files |= {part: out.with_name(f"{out.stem}-{part}.toml") for part in ("material", "wire") if part in parts}
-    make_writable(out.parent)
+    written = {"machine": out}
+    written |= {part: out.with_name(f"{out.stem}-{part}.toml") for part in ("material", "wire") if part in parts}
+    files.make_writable(out.parent)
     heading = f"# Fitted to {log_name} by edmsim calibrate ({__version__}).\n"
-    for part, file in files.items():
-        with replacing(file) as partial:
+    for part, file in written.items():
+        with files.replacing(file) as partial:
             partial.write_text(heading + as_toml(models[part]), encoding="utf-8")
-    return files
+    return written
 
 
-def _with_sources(fit: Fit, log_name: str) -> Machine:
-    """Return the fitted machine; every fitted constant has a new source text, and keeps its range."""
+def _with_sources(fit: Fit, log_name: str) -> dict[str, Any]:
+    """Return the changed constants: every fitted one has a new source text, and keeps its range."""
     fitted = {constant.name: constant for constant in fit.constants}
     changed = {}
-    for name, constant in uncertain(fit.machine).items():
+    for name, constant in ranges.uncertain(fit.machine).items():
         if name in fitted:
             low, high = fitted[name].interval
             remark = f", {fitted[name].remark}" if fitted[name].remark else ""
@@ -55,13 +55,7 @@ def _with_sources(fit: Fit, log_name: str) -> Machine:
             changed[name] = constant.model_copy(update={"source": source})
         elif constant.range is not None and not constant.range[0] <= constant.value <= constant.range[1]:
             changed[name] = constant.model_copy(update={"range": None})  # the cut's override is outside the range
-    return with_constants(fit.machine, changed)
-
-
-def _wire(machine: Machine) -> BaseModel:
-    """Return the wire with the diameter of the set-up as default, because an option's file name has no diameter."""
-    diameter = machine.wire.default_diameter_um.model_copy(update={"value": machine.wire_diameter_um})
-    return machine.wire.model_copy(update={"default_diameter_um": diameter})
+    return changed
 
 
 def as_toml(model: BaseModel) -> str:
@@ -82,7 +76,7 @@ def _item(value: Any) -> Any:
 def render(fit: Fit, resolution: str) -> Group:
     """Return the fit for the terminal: constants, undetermined ones, correlations, log and model."""
     numbers = ("before", "fitted", "95 % interval", "range")
-    table = ScreenTable("constant", numbers=numbers, box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table = screen.ScreenTable("constant", numbers=numbers, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("")
     for c in fit.constants:
         table.add_row(
@@ -137,10 +131,10 @@ def refusal(fit: Fit) -> list[str]:
     return []
 
 
-def _comparison_table(fit: Fit) -> ScreenTable:
+def _comparison_table(fit: Fit) -> screen.ScreenTable:
     """Return the table of the statistics of log and fitted model by stretch."""
     heads = ("feed um/s", "pulse us", "short %", "open %", "V", "A", "delay us")
-    table = ScreenTable(*heads[:1], numbers=heads[1:], title="log/fitted model", box=None, pad_edge=False)
+    table = screen.ScreenTable(*heads[:1], numbers=heads[1:], title="log/fitted model", box=None, pad_edge=False)
     for stretch, simulated in zip(fit.stretches, fit.simulated, strict=True):
         pairs = zip(stretch.mean * _PERCENT, simulated * _PERCENT, strict=True)
         cells = (f"{logged:.3g}/{model:.3g}" for logged, model in pairs)
@@ -151,7 +145,7 @@ def _comparison_table(fit: Fit) -> ScreenTable:
 _PERCENT = (100.0, 100.0, 1.0, 1.0, 1.0)
 
 
-def as_json(fit: Fit, files: Mapping[str, Path]) -> str:
+def as_json(fit: Fit, written: Mapping[str, Path]) -> str:
     """Return the fit as JSON; unknown values are null."""
     document = {
         "constants": [c._asdict() for c in fit.constants],
@@ -165,7 +159,7 @@ def as_json(fit: Fit, files: Mapping[str, Path]) -> str:
             }
             for s, simulated in zip(fit.stretches, fit.simulated, strict=True)
         ],
-        "files": {part: str(file) for part, file in files.items()},
+        "files": {part: str(file) for part, file in written.items()},
     }  # fmt: skip
     return json.dumps(document, indent=2, allow_nan=False)
 

@@ -210,8 +210,8 @@ def train(
 ) -> None:
     """Train a policy (extra rl, except for the bandit)."""
     from edmsim.evaluation.episode import is_part
-    from edmsim.learning.command import BANDIT, TrainOptions, run
     from edmsim.learning.hyperparameters import has_training
+    from edmsim.learning.score import BANDIT, TrainOptions, train_and_score
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
     words = ["edmsim", "train", env_id, "--algo", algo, "--seed", str(options["seed"]), "--resume", "--out", str(out)]
@@ -220,7 +220,7 @@ def train(
     words += ["--live"] if live else []
     again = f"to continue: {' '.join(map(quoted, words))}"
     with interruptible(lambda: again if has_training(out) else "nothing was trained"):
-        tables = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
+        tables = train_and_score(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     for table in tables:
         OUT.print(table)
     policy = f"policy:{out / 'policy.json'}"

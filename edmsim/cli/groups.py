@@ -78,8 +78,8 @@ def show(
 ) -> None:
     """Show the results of a sweep, and draw DIR/pareto.png."""
     from edmsim.recording.figures.style import write_figure
+    from edmsim.sweep.run import read
     from edmsim.sweep.summary import pareto_figure, render
-    from edmsim.sweep.table import read
 
     table = read(folder)
     OUT.print(render(table))

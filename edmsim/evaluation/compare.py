@@ -8,31 +8,21 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Group
 from rich.text import Text
 
-from edmsim import __version__, models
+from edmsim import __version__, files, models, numeric, runs, screen, user_code
 from edmsim.controllers import choices, from_text
-from edmsim.envs import pass_laws
-from edmsim.envs.arguments import plain
-from edmsim.envs.registry import arguments_with, find, registered_ids
+from edmsim.envs import arguments, pass_laws, registry
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.evaluation.episode import FINISHED, HELD_BACK, ORACLE, Result, cut, engine_of, is_part, lines_of
-from edmsim.files import make_writable, replacing
-from edmsim.numeric import real, whole, whole_from
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.recording.figures.palette import BLUE, MUTED
 from edmsim.recording.report import FigureKind, kinds_of
-from edmsim.runs import RunTable, digests_of, identity, perform, read_rows
-from edmsim.screen import ScreenTable
-from edmsim.user_code import policy_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Drawing
 
 CONFIDENCE = 0.95  # level of all intervals
 RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)
@@ -91,8 +81,9 @@ class Comparison:
 
 @refuses_wrong_types
 def evaluate(
-    env_id: str, controllers: Sequence[str] | None = None, seeds: int | None = None, *, resolution: str | None = None,
-    record: str | Path | None = None, watch: Callable[[int, int], None] | None = None, table: RunTable | None = None,
+    env_id: str, controllers: Sequence[str] | None = None, seeds: int | None = None, *,
+    resolution: str | None = None, record: str | Path | None = None, watch: Callable[[int, int], None] | None = None,
+    table: runs.RunTable | None = None,
 ) -> Comparison:
     """Compare controllers on the same cuts, on all cores.
 
@@ -133,8 +124,8 @@ def evaluate(
     if record is not None:
         if is_part(env_id):
             raise InputError(f"episodes of {env_id} are not recorded: edmsim cut --passes records the same part")
-        record = make_writable(record)
-    resolution = resolution or arguments_with(env_id).resolution
+        record = files.make_writable(record)
+    resolution = resolution or registry.arguments_with(env_id).resolution
     results = run(env_id, list(dict.fromkeys([*controllers, lines.blind, lines.reference])), seeds, resolution, watch,
                   record, table)  # fmt: skip
     return Comparison.of(env_id, resolution, held_back(seeds), results)
@@ -142,19 +133,19 @@ def evaluate(
 
 def run(
     env_id: str, controllers: Sequence[str], seeds: int, resolution: str,
-    watch: Callable[[int, int], None] | None = None, record: Path | None = None, table: RunTable | None = None,
+    watch: Callable[[int, int], None] | None = None, record: Path | None = None, table: runs.RunTable | None = None,
 ) -> dict[str, list[Result]]:
     """Make every controller's cuts; see `evaluate` for the arguments."""
     # the oracle's cuts take longest, because it rehearses: they run first, so that no core waits for them at the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
     of_cuts = {name: {**made_with(env_id, name), "resolution": resolution} for name in controllers}
-    versions = {name: identity(content) for name, content in of_cuts.items()}
-    ids = [identity({**of_cuts[name], "seed": seed, "record": record and str(record)}) for name, seed in jobs]
-    table = table or RunTable()
+    versions = {name: runs.identity(content) for name, content in of_cuts.items()}
+    ids = [runs.identity({**of_cuts[name], "seed": seed, "record": record and str(record)}) for name, seed in jobs]
+    table = table or runs.RunTable()
     for name in ids:
         if name in table.rows:  # raises for a damaged row before the first cut
             _result_of(table.rows[name], table.file)
-    rows = perform(
+    rows = runs.perform(
         partial(_row, env_id, resolution, record, versions), jobs, watch, engine=engine_of(env_id, len(jobs)),
         table=table, ids=ids,
     )  # fmt: skip
@@ -164,11 +155,11 @@ def run(
 
 def made_with(env_id: str, controller: str) -> dict[str, Any]:
     """Return all that determines a controller's episodes of an environment, for JSON."""
-    family, arguments = find(env_id)
-    files = digests_of([controller, inspect.getfile(family), *arguments.values()])
+    family, options = registry.find(env_id)
+    digests = runs.digests_of([controller, inspect.getfile(family), *options.values()])
     return {
-        **plain(arguments), "edmsim": __version__, "env_id": env_id, "controller": controller,
-        "files": sorted(files.values()),
+        **arguments.plain(options), "edmsim": __version__, "env_id": env_id, "controller": controller,
+        "files": sorted(digests.values()),
     }  # fmt: skip
 
 
@@ -189,8 +180,8 @@ def _result_of(row: Mapping[str, Any], file: str | Path | None) -> Result:
     kinds = {"controller": "a text", "outcome": "a text", "seed": "a whole number"}
     for figure, value in made._asdict().items():
         kind = kinds.get(figure, "a number")
-        fits = {"a text": isinstance(value, str), "a whole number": whole(value) is not None}
-        if not fits.get(kind, real(value) is not None):
+        fits = {"a text": isinstance(value, str), "a whole number": numeric.whole(value) is not None}
+        if not fits.get(kind, numeric.real(value) is not None):
             raise InputError(f"{figure} of the cut {row['id']} is {value!r}, and must be {kind}", file)
     return made
 
@@ -212,7 +203,7 @@ def leaderboard(file: str | Path) -> dict[tuple[str, str], Comparison]:
         If the file is not a table of cuts, or is damaged.
     """
     cuts: dict[tuple[str, str], dict[str, dict[int, Result]]] = {}
-    rows = read_rows(file, texts=CUT_TEXTS)
+    rows = runs.read_rows(file, texts=CUT_TEXTS)
     last = {tuple(row[name] for name in CUT_TEXTS[1:]): row["version"] for row in rows if "version" in row}
     for row in rows:
         made_cut, of_env = _result_of(row, file), cuts.setdefault((row["env_id"], row["resolution"]), {})
@@ -246,7 +237,7 @@ def usual(env_id: str) -> list[str]:
 
 def env_ids() -> tuple[str, ...]:
     """Return the ids of the benchmark environments."""
-    return registered_ids()
+    return registry.registered_ids()
 
 
 def check_controllers(controllers: Sequence[str], env_id: str) -> None:
@@ -264,7 +255,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
     if resolution is not None:
         check_resolution(resolution)
     check_controllers(controllers, env_id)
-    whole_from("seeds", seeds, 2)  # one gives no interval
+    numeric.whole_from("seeds", seeds, 2)  # one gives no interval
 
 
 def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> dict[str, Figure]:
@@ -303,7 +294,9 @@ def scores(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[
 
 def interquartile_mean(values: NDArray[np.float64]) -> Figure:
     """Mean of the middle half of values, with its bootstrap interval, as Agarwal et al. (NeurIPS 2021) recommend."""
-    return _of_one(_of_middle, values)
+    from scipy.stats import trim_mean
+
+    return _of_one(partial(trim_mean, proportiontocut=0.25), values)
 
 
 def median(values: NDArray[np.float64]) -> Figure:
@@ -328,12 +321,6 @@ def _of_one(statistic: Callable[..., Any], values: NDArray[np.float64]) -> Figur
         return _with_interval(statistic, values)
     value = float(statistic(values)) if len(values) else np.nan
     return Figure(value, *[value if len(values) > 1 else np.nan] * 2)
-
-
-def _of_middle(values: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
-    from scipy.stats import trim_mean
-
-    return np.asarray(trim_mean(values, 0.25, axis=axis))
 
 
 def mean(values: NDArray[np.float64]) -> Figure:
@@ -399,7 +386,7 @@ def render(comparison: Comparison, width: int) -> Group:
     used = [name for name in columns(comparison) if wide or name in NARROW]
     heads = [HEADS[name] for name in used] + ([] if wide else ["breaks", "jams"])
     title = f"{comparison.env_id}, {len(comparison.seeds)} cuts each, resolution {comparison.resolution}"
-    table = ScreenTable(
+    table = screen.ScreenTable(
         "controller", numbers=heads, title=title, box=None, padding=(0, 2, 0, 0), title_justify="left"
     )
     for controller in ranked(comparison):
@@ -408,15 +395,11 @@ def render(comparison: Comparison, width: int) -> Group:
         if wide:
             cells = [cell.replace(" (", "\n(") for cell in cells]
         else:
-            cells = [cell.split(" (")[0] for cell in cells] + _events(comparison, controller)
-        table.add_row(policy_of(controller), *cells)
+            made = comparison.results[controller]
+            events = sum(cut.wires_lost for cut in made), sum(cut.jammed for cut in made)
+            cells = [*(cell.split(" (")[0] for cell in cells), *map(str, events)]
+        table.add_row(user_code.policy_of(controller), *cells)
     return Group(table, Text(f"\n{_meaning(comparison, wide)}"))
-
-
-def _events(comparison: Comparison, controller: str) -> list[str]:
-    """Return how many wires a controller lost, and how many of its cuts jammed."""
-    cuts = comparison.results[controller]
-    return [str(sum(cut.wires_lost for cut in cuts)), str(sum(cut.jammed for cut in cuts))]
 
 
 def _meaning(comparison: Comparison, wide: bool) -> str:
@@ -433,24 +416,24 @@ def _meaning(comparison: Comparison, wide: bool) -> str:
 
 def as_json(comparisons: Sequence[Comparison], policies: Mapping[str, Sequence[Any]] | None = None) -> str:
     """Return environments, then policies, as JSON; unknown values are null."""
-    found = [_plain(comparison) for comparison in comparisons]
-    for name, rows in (policies or {}).items():
-        found.append({"policy": name, "scores": [_known(row._asdict()) for row in rows]})
-    return json.dumps(found, indent=2, allow_nan=False)
-
-
-def _plain(comparison: Comparison) -> dict[str, Any]:
-    return {
-        "env_id": comparison.env_id,
-        "resolution": comparison.resolution,
-        "seeds": list(comparison.seeds),
-        "edmsim_version": __version__,
-        "controllers": {
-            name: {key: _known(vars(figure)) for key, figure in figures.items()}
-            for name, figures in comparison.figures.items()
-        },
-        "cuts": [_known(result._asdict()) for results in comparison.results.values() for result in results],
-    }  # fmt: skip
+    found = [
+        {
+            "env_id": made.env_id,
+            "resolution": made.resolution,
+            "seeds": list(made.seeds),
+            "edmsim_version": __version__,
+            "controllers": {
+                name: {key: _known(vars(figure)) for key, figure in figures.items()}
+                for name, figures in made.figures.items()
+            },
+            "cuts": [_known(result._asdict()) for results in made.results.values() for result in results],
+        }
+        for made in comparisons
+    ]  # fmt: skip
+    of_policies = [
+        {"policy": name, "scores": [_known(row._asdict()) for row in rows]} for name, rows in (policies or {}).items()
+    ]
+    return json.dumps([*found, *of_policies], indent=2, allow_nan=False)
 
 
 def _known(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -477,7 +460,7 @@ def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
     """Write the page, and its figures as ``NAME-ENVIRONMENT.png`` in the same folder; see `draw_returns`."""
     from edmsim.recording.figures.style import own_style, write_figure
 
-    make_writable(file.parent)
+    files.make_writable(file.parent)
     parts = ["# Controllers compared", ""]
     for made in comparisons:
         name = f"{file.stem}-{re.sub(r'[^0-9A-Za-z]+', '-', made.env_id.removeprefix('edmsim/'))}.png"
@@ -490,11 +473,11 @@ def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
             "its 95 % interval.*", "", *markdown_table(made), "",
             f"Score: 0 is what `{lines.blind}` earns, 1 what `{lines.reference}` earns.", "",
         ]  # fmt: skip
-    with replacing(file) as partial:
+    with files.replacing(file) as partial:
         partial.write_text("\n".join(parts), encoding="utf-8")
 
 
-def draw_returns(made: Comparison) -> "Drawing":
+def draw_returns(made: Comparison) -> Any:
     """Draw the returns of every controller, the best mean on top: a dot for a machine, the mean with its interval."""
     # the dot of a machine has the same vertical position within the row of each controller
     from matplotlib.figure import Figure as Drawing

@@ -15,11 +15,8 @@ import numpy as np
 
 from edmsim.controllers import OF_A_TASK, SAME_LAW, FeedController, from_text, names
 from edmsim.cosim.stops import WORDS, StopCause, judge
-from edmsim.envs import pass_laws
+from edmsim.envs import part_task, pass_laws, registry, reward
 from edmsim.envs.episode import StepResult, Task
-from edmsim.envs.part_task import Part
-from edmsim.envs.registry import arguments_with, base_of, env_id_of, find, registered_ids
-from edmsim.envs.reward import REFERENCE_S
 from edmsim.errors import refuses_wrong_types
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, RECORDING, SHORTS, TIME, FigureKind
@@ -126,7 +123,7 @@ OF_TASK = {
 
 def lines_of(env_id: str) -> Lines:
     """Return the lines of an environment; a user's has those of edmsim's environment from which it derives."""
-    return OF_TASK.get(base_of(find(env_id)[0]), USUAL)
+    return OF_TASK.get(registry.base_of(registry.find(env_id)[0]), USUAL)
 
 
 class Result(NamedTuple):
@@ -209,7 +206,7 @@ def cut(
 def recording_folder(record: str | Path, env_id: str, seed: int, controller: str) -> Path:
     """Return the folder of a recorded cut: environment, seed and controller under the folder of all recordings."""
     short = env_id.removeprefix("edmsim/").partition("-v")[0]
-    task = env_id if env_id_of(short) == short else short  # environments of users may have the same family
+    task = env_id if registry.env_id_of(short) == short else short  # environments of users may have the same family
     names = (re.sub(r"[^\w.=,-]+", "-", text) for text in (task, f"seed-{seed}", controller))
     return Path(record).joinpath(*names)
 
@@ -225,9 +222,9 @@ def engine_of(env_id: str, cuts: int, machine_s: float | None = None) -> Engine 
 
     An environment that a user has registered is cut in threads, because other processes do not know it.
     """
-    if env_id not in registered_ids():
+    if env_id not in registry.registered_ids():
         return None
-    each_s = arguments_with(env_id).episode_s if machine_s is None else machine_s
+    each_s = registry.arguments_with(env_id).episode_s if machine_s is None else machine_s
     return engine_for(math.inf if each_s is None else cuts * each_s)
 
 
@@ -275,8 +272,9 @@ class Episode:
         task = type(self.task.family).__name__
         settings = {"environment": task, "controller": self._name, "seed of the reset": self._seed}
         outcome = WORDS[StopCause.PERSISTENT_SHORT].report if self.outcome == STOPPED else None
-        title = f"{task} by {self._name}, seed {self._seed}"
-        self._recorder.write(self._record / RECORDING, title, settings, outcome)
+        self._recorder.write(
+            self._record / RECORDING, f"{task} by {self._name}, seed {self._seed}", settings, outcome
+        )
 
     def _follow(self, result: StepResult) -> str | None:
         """Take the controller's command after a window; returns the outcome if the window was the last."""
@@ -292,7 +290,7 @@ class Episode:
         alarm = self._law.latest.alarm is not None
         cause = StopCause(judge(False, False, False, False, alarm, result.late, False))
         if cause is StopCause.PERSISTENT_SHORT:
-            self._return -= self.task.family.reward_weights.limit * self._threading_s / REFERENCE_S
+            self._return -= self.task.family.reward_weights.limit * self._threading_s / reward.REFERENCE_S
             self._cost += 1.0
             return STOPPED
         if cause is not StopCause.RUNNING:
@@ -333,10 +331,9 @@ class Episode:
 
     def _edge_error_um(self) -> float:
         """Return the edge's rms error over all contours of the program that were cut."""
-        contours = self.task.scenario.contours
         field = self.task.plant.field
-        values = [profile_error(field, contour).stats() for contour in contours]
-        squares = [v["rms"] ** 2 for v in values if math.isfinite(v["rms"])]
+        rms_um = (profile_error(field, contour).stats()["rms"] for contour in self.task.scenario.contours)
+        squares = [each**2 for each in rms_um if math.isfinite(each)]
         return math.sqrt(float(np.mean(squares))) if squares else math.nan
 
 
@@ -345,7 +342,7 @@ _OUTCOMES = {words.info: words.episode for words in WORDS.values()}
 
 def is_part(env_id: str) -> bool:
     """Return whether an environment is decided on pass by pass."""
-    return issubclass(find(env_id)[0], Part)
+    return issubclass(registry.find(env_id)[0], part_task.Part)
 
 
 def _cut_part(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:

@@ -179,8 +179,5 @@ def _held(cut: Cut, period_us: float) -> StablePeriod:
 
 def _mean(steps: Sequence[StablePeriod]) -> StablePeriod:
     """Return the means over several seeds' cuts at one period, and the sum of their windows."""
-    return StablePeriod(
-        steps[0].t_period_us, fmean(step.feed_um_s for step in steps), fmean(step.rate_mm2_min for step in steps),
-        fmean(step.current_A for step in steps), fmean(step.power_W for step in steps),
-        sum(step.windows for step in steps),
-    )
+    means = StablePeriod._make(map(fmean, zip(*steps, strict=True)))
+    return means._replace(t_period_us=steps[0].t_period_us, windows=sum(step.windows for step in steps))

@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
-from edmsim import __version__
+from edmsim import __version__, geometry, runs
 from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassRecord, PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.geometry import Floats
 from edmsim.job.plan import feed_limit
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import least_period_us, most_current_A, period_range_us
@@ -29,9 +28,7 @@ from edmsim.metrology.roughness import roughness_um
 from edmsim.plant.gap.generator import crater_um3
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.passes import CutPass
-from edmsim.program.path import CutPath
 from edmsim.program.straight import straight_path
-from edmsim.runs import RunTable, digests_of, identity
 
 
 class PassTarget(NamedTuple):
@@ -170,19 +167,17 @@ class Search:
         self._job, self._tell = job, tell
         self._known = () if known is None else known.passes
         self._made_with: dict[str, Any] = {}  # setting and offset of the last cut
-        self._runs = RunTable(journal, {
+        self._runs = runs.RunTable(journal, {
             **{name: value for name, value in asdict(job).items() if name != "passes"},
-            "files": sorted(digests_of(asdict(job).values()).values()), "edmsim": __version__,
+            "files": sorted(runs.digests_of(asdict(job).values()).values()), "edmsim": __version__,
         })  # fmt: skip
 
     def run(self) -> AtHeight:
         """Search, and return the passes. After Ctrl-C, the same search resumes after the runs in the journal."""
-        done = [row["passes"] for row in self._runs.rows.values() if "passes" in row]
-        done = [passes for passes in done if len(passes) <= self._job.passes]
-        found = [PassSetting.model_validate(one) for one in max(done, key=len, default=())]
-        if len(found) < len(self._known):
-            found = list(self._known)
-        found = self._passes(found)
+        done = [row.get("passes", ()) for row in self._runs.rows.values()]
+        longest = max((passes for passes in done if len(passes) <= self._job.passes), key=len, default=())
+        found = [PassSetting.model_validate(one) for one in longest]
+        found = self._passes(list(self._known) if len(found) < len(self._known) else found)
         return self._with_offsets(AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)}))
 
     def _passes(self, found: list[PassSetting]) -> list[PassSetting]:
@@ -220,7 +215,7 @@ class Search:
         cuts: list[list[dict[str, float]]] = []
         for number in range(OFFSET_CUTS):
             job = replace(self._job, seed=self._job.seed + NEXT_SEED * number)
-            run = identity({"seed": job.seed, "passes": settings})
+            run = runs.identity({"seed": job.seed, "passes": settings})
             if run not in self._runs.rows:
                 through = cut_through(job, placed)
                 self._tell(f"offsets, cut {number + 1} of {OFFSET_CUTS} at {job.resolution}: {through[-1].outcome}")
@@ -367,7 +362,11 @@ def cut_pass(job: Job, one: PassSetting, number: int, offset_mm: float, metal: K
     """Cut one pass along a straight edge, odd ones forward, on the metal that the pass before it left."""
     machine = job.machine_of(one)
     path = straight_path((offset_mm,) * (2 if number > 1 else 1), ROUGH_MM if number == 1 else TRIM_MM, machine)
-    path = _only(path, number)
+    if number > 1:
+        contour = path.contours[0]
+        points, back = contour.passes[0].points_um[contour.passes[0].approach_moves :], number % 2 == 0
+        trim = CutPass(number, "profile", points[::-1] if back else points, 0, contour.offset_um, back)
+        path = replace(path, contours=(replace(contour, passes=(trim,)),))
     approach = PassSetup(machine, from_text(one.controller(0.25)))
     simulation = Simulation(
         machine, path, from_text(one.controller()), planner="exact", seed=job.seed + 101 * number,
@@ -387,7 +386,7 @@ def _cut_of(simulation: Simulation, record: PassRecord) -> Cut:
 
 def cut_in_passes(
     technology: Technology, height_mm: float, passes: int, length_mm: float, *, seed: int, resolution: str,
-    edge_mm: Floats | None = None, watch: Callable[[Simulation], None] = lambda _: None,
+    edge_mm: geometry.Floats | None = None, watch: Callable[[Simulation], None] = lambda _: None,
 ) -> Simulation:  # fmt: skip
     """Cut a straight edge, or another open one, in passes with the offsets and settings of a technology.
 
@@ -430,17 +429,6 @@ def _walls(cuts: Sequence[Cut]) -> list[dict[str, float]]:
         })  # fmt: skip
         before_um = wall.mean_um
     return walls
-
-
-def _only(path: CutPath, number: int) -> CutPath:
-    """Return a straight path with pass `number` only: forward if it is odd, backward if it is even."""
-    contour = path.contours[0]
-    if number == 1:
-        return path
-    points = contour.passes[0].points_um[contour.passes[0].approach_moves :]
-    back = number % 2 == 0
-    one = CutPass(number, "profile", points[::-1] if back else points, 0, contour.offset_um, back)
-    return replace(path, contours=(replace(contour, passes=(one,)),))
 
 
 def _current_for(machine: Machine, ra_um: float) -> float:

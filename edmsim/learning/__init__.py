@@ -1,6 +1,5 @@
 """Learning feed controllers: training with stable-baselines3, and policies as plain arrays."""
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -14,10 +13,9 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'edmsim.learning' has no attribute '{name}'")
     try:
-        value = getattr(import_module(f"{__name__}.sb3"), name)
+        from edmsim.learning import sb3
     except ImportError as error:
         from edmsim.errors import InputError
 
         raise InputError(f"{name} needs {error.name}: pip install 'edmsim[rl]'") from error
-    globals()[name] = value
-    return value
+    return getattr(sb3, name)

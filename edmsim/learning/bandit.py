@@ -28,24 +28,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
-from edmsim import models
+from edmsim import files, models, numeric, runs, screen, user_code
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, set_up_controller
-from edmsim.envs import registry
-from edmsim.envs.episode import Task
-from edmsim.envs.families import Shift
+from edmsim.envs import episode, families, registry
 from edmsim.errors import InputError, invalid_entry, located
 from edmsim.evaluation.episode import HELD_BACK, Episode, engine_of
-from edmsim.files import locked, read_toml, replacing
 from edmsim.learning.hyperparameters import HISTORIES
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
-from edmsim.numeric import whole_from, whole_within
-from edmsim.runs import RunTable, perform, read_of
-from edmsim.screen import ScreenTable
 from edmsim.snapshots import Snapshots
-from edmsim.user_code import policy_of
 
 FORMAT: Final = "edmsim-bandit-1"
 QUANTITIES = "logarithm of the rate", "share of open pulses", "share of short pulses"
@@ -196,7 +189,7 @@ def height_share(fifths: Sequence[int]) -> float:
 
 def find(name: str) -> Path | None:
     """Return the file of a bandit by its path or its name under ``models/policies``; None for other policies."""
-    name = policy_of(name)
+    name = user_code.policy_of(name)
     shipped = name in models.policies()
     file = models.path(f"policies/{name}.json") if shipped else Path(name)
     if file.suffix != ".json" or not file.is_file():
@@ -221,7 +214,7 @@ def load(file: Path) -> BanditCard:
 
 def write(card: BanditCard, file: Path) -> None:
     """Write the file."""
-    with replacing(file) as partial:
+    with files.replacing(file) as partial:
         partial.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
@@ -286,21 +279,18 @@ class BanditController(Snapshots):
         if self.clock_s >= 0.0:
             self.belief.cut_s[self.setting] += window.duration_s
         if self.clock_s > self.card.settle_s:
-            self._measure(window)
+            self.seconds += window.duration_s
+            self.way_um += window.path_um - self.path_um
+            self.pulses += WINDOW_PULSES
+            self.open += window.open
+            self.short += window.short
+            self.fifths += np.array(window.fifths)
         self.path_um = window.path_um
         if self.clock_s >= self.card.segment_s:
             self._end_segment()
         # set in every window, because the law's state does not include its arguments
         self.law.override(self.card.settings[self.setting if self.clock_s >= 0.0 else 0])
         return self.law.update(window)
-
-    def _measure(self, window: WindowObservation) -> None:
-        self.seconds += window.duration_s
-        self.way_um += window.path_um - self.path_um
-        self.pulses += WINDOW_PULSES
-        self.open += window.open
-        self.short += window.short
-        self.fifths += np.array(window.fifths)
 
     def _end_segment(self) -> None:
         """Learn from the segment's measurement, and choose the next segment's setting."""
@@ -358,13 +348,13 @@ def settings_of(env_id: str, file: Path | None = None) -> BanditSettings:
     Raises `InputError` if a setting is invalid.
     """
     family, _ = registry.find(env_id)
-    if not issubclass(family, Shift):
+    if not issubclass(family, families.Shift):
         raise InputError(
             f"{env_id} is no shift: a bandit needs one to adapt in, edmsim/MaxRateShift-v0 or edmsim/ThinWireShift-v0"
         )
-    usual = read_toml(models.path(f"training/{registry.base_of(family)}-bandit.toml"))
+    usual = files.read_toml(models.path(f"training/{registry.base_of(family)}-bandit.toml"))
     try:
-        settings = BanditSettings.model_validate(usual if file is None else usual | read_toml(file))
+        settings = BanditSettings.model_validate(usual if file is None else usual | files.read_toml(file))
     except ValidationError as error:
         raise InputError(invalid_entry(error), file) from None
     with located(file):
@@ -420,10 +410,10 @@ class Trier(BanditController):
 def record(env_id: str, settings: BanditSettings, seed: int) -> dict[str, Any]:
     """Return a training machine's `History`: `BanditSettings.segments` segments, or up to the end of the shift."""
     trier = Trier(env_id, settings, seed)
-    episode = Episode(Task(env_id, test_s=0.0), trier, seed, "trier")
+    cut = Episode(episode.Task(env_id, test_s=0.0), trier, seed, "trier")
     rows: list[list[float]] = []
     seconds, area, measured = 0.0, 0.0, False
-    for window in episode.windows():
+    for window in cut.windows():
         if measured or trier.seconds > 0.0:  # the segment's measurement has begun
             seconds += window.observation.duration_s
             area += window.area_mm2
@@ -502,11 +492,11 @@ def _shape(lost: Floats, expected: Floats) -> float:
     return 1.0 / max(beyond, LEAST_SPREAD)
 
 
-def described(card: BanditCard) -> ScreenTable:
+def described(card: BanditCard) -> screen.ScreenTable:
     """Return a table of the differences between settings on training machines."""
     deviations, count = np.sqrt(np.diag(np.array(card.covariance))), len(card.settings)
     heads = "rate relative to the others, %", "opens, %", "shorts, %", "wires lost per hour"
-    table = ScreenTable("setting", numbers=heads)
+    table = screen.ScreenTable("setting", numbers=heads)
     for k, setting in enumerate(card.settings):
         rate = f"{100 * card.mean[k]:+.1f} ± {100 * deviations[k]:.1f}"
         shares = (f"{100 * card.mean[k + part * count]:.0f}" for part in (1, 2))
@@ -533,22 +523,24 @@ def train(
     if resume:
         settings, options = _before(file)
     settings = settings or settings_of(env_id)
-    machines = settings.machines if steps is None else max(-(-whole_from("steps", steps, 1) // settings.segments), 2)
+    machines = settings.machines
+    if steps is not None:
+        machines = max(math.ceil(numeric.whole_from("steps", steps, 1) / settings.segments), 2)
     if not resume:
         settings = settings.model_copy(update={"machines": machines})
     first = FIRST_SEED + seed
-    whole_within("seed", seed, 0, HELD_BACK - FIRST_SEED - machines)
+    numeric.whole_within("seed", seed, 0, HELD_BACK - FIRST_SEED - machines)
     _check_time(env_id, settings)
     known_as, _ = registry.stand_in(*registry.find(env_id))  # raises `InputError` if no policy file can describe it
-    with locked(out, "edmsim train"):
+    with files.locked(out, "edmsim train"):
         of = {"env_id": env_id, "seed": seed, "settings": settings.model_dump(), "options": options}
-        table = RunTable(file, of)
+        table = runs.RunTable(file, of)
         if steps is not None and machines < len(table.rows):
             done = len(table.rows) * settings.segments
             raise InputError(f"the training there has {done} steps: give as many or more, not {steps}", out)
         machines = max(machines, len(table.rows))
         seeds = range(first, first + machines)
-        rows = perform(
+        rows = runs.perform(
             partial(record, env_id, settings), seeds, watch, table=table, ids=[str(number) for number in seeds],
             engine=engine_of(env_id, machines, settings.segments * settings.segment_s),
         )  # fmt: skip
@@ -593,7 +585,7 @@ def _before(file: Path) -> tuple[BanditSettings, str]:
     if not file.exists():
         raise InputError("there is no training to resume in this folder", file.parent)
     try:
-        of = read_of(file)
+        of = runs.read_of(file)
         return BanditSettings.model_validate(of["settings"]), str(of["options"])
     except (ValueError, LookupError, TypeError) as error:
         raise _damaged(error, file) from None

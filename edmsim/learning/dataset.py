@@ -7,7 +7,6 @@ assembled from these files at the end.
 
 import json
 import math
-import os
 import re
 import shutil
 import warnings
@@ -19,19 +18,13 @@ from unittest.mock import patch
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
-from edmsim import __version__
+from edmsim import __version__, files, numeric, user_code
 from edmsim.controllers import from_text
-from edmsim.envs.environment import EdmEnv
+from edmsim.envs import registry
 from edmsim.envs.episode import check_acts
-from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.evaluation.compare import check_controllers, made_with
-from edmsim.evaluation.episode import HELD_BACK, is_part
-from edmsim.files import folder_of, locked, replacing
-from edmsim.numeric import whole_from, whole_within
-from edmsim.user_code import policy_of
+from edmsim.evaluation import compare, episode
 
 SAVED_INFOS = ("time_s", "dt_s", "path_um", "area_mm2", "cost", "error_um", "wires_lost")
 """Entries of ``info`` that a data set has, as float64."""
@@ -84,33 +77,33 @@ def record(
         another recording of that name, or Minari is not installed.
     """
     minari = _minari()
-    whole_from("steps", steps, 1)
-    whole_within("seed", seed, 0, HELD_BACK // 2 - 1)
-    if is_part(env_id):
+    numeric.whole_from("steps", steps, 1)
+    numeric.whole_within("seed", seed, 0, episode.HELD_BACK // 2 - 1)
+    if episode.is_part(env_id):
         raise InputError(f"{env_id} is decided on pass by pass: no feed controller acts in it")
     feeds: dict[str, Any] = {"action": "speed", "decision_s": None}
-    family = make_family(env_id, **feeds)
-    check_controllers(controllers, env_id)
+    family, full_id = registry.make_family(env_id, **feeds), registry.env_id_of(env_id)
+    compare.check_controllers(controllers, env_id)
     _check_names(controllers)
     for name in controllers:
         check_acts(family, name)
-    env: Any = gym.make(env_id_of(env_id), **feeds, disable_env_checker=True)
-    out = folder_of(out)
-    namespace, task, _ = gym.envs.registration.parse_env_id(env_id_of(env_id))
+    env: Any = gym.make(full_id, **feeds, disable_env_checker=True)
+    out = files.folder_of(out)
+    namespace, task, _ = gym.envs.registration.parse_env_id(full_id)
     place = "/".join(filter(None, (namespace, task.lower())))
     ids = {name: f"{place}/{_plain(name)}-v0" for name in controllers}
     folders = {name: out / UNFINISHED / _plain(name) for name in controllers}
-    of_controllers = {name: {**made_with(env_id, name), "seed": seed} for name in controllers}
-    with locked(out, "edmsim dataset"):
+    of_controllers = {name: {**compare.made_with(env_id, name), "seed": seed} for name in controllers}
+    with files.locked(out, "edmsim dataset"):
         for name, folder in folders.items():
             _refuse_others(folder / MADE_WITH, of_controllers[name], out / ids[name])
         made = []
         for name, folder in folders.items():
             folder.mkdir(parents=True, exist_ok=True)
-            with replacing(folder / MADE_WITH) as partial:
+            with files.replacing(folder / MADE_WITH) as partial:
                 partial.write_text(json.dumps(of_controllers[name]), encoding="utf-8")
-            files = _episodes(env, name, steps, seed, folder, watch)
-            made.append(_assemble(minari, env, ids[name], name, files, out))
+            episodes = _episodes(env, name, steps, seed, folder, watch)
+            made.append(_assemble(minari, env, ids[name], name, episodes, out))
         for folder in folders.values():
             shutil.rmtree(folder)
         with suppress(OSError):  # if recordings of other controllers are unfinished
@@ -140,27 +133,25 @@ def _episodes(
     env: Any, name: str, steps: int, seed: int, folder: Path, watch: Callable[[str, int, int], None] | None
 ) -> list[Path]:
     """Return the files of a controller's episodes, and make missing ones."""
-    files: list[Path] = []
+    episodes: list[Path] = []
     done = 0
     while done < steps:
-        file = folder / f"{len(files):06d}.npz"
+        file = folder / f"{len(episodes):06d}.npz"
         if not file.is_file():
-            with replacing(file) as partial, partial.open("wb") as opened:
-                np.savez(opened, allow_pickle=False, **_episode(env, name, seed + len(files)))
-        files.append(file)
+            with files.replacing(file) as partial, partial.open("wb") as opened:
+                np.savez(opened, allow_pickle=False, **_episode(env, name, seed + len(episodes)))
+        episodes.append(file)
         with np.load(file, allow_pickle=False) as archive:
             done += len(archive["rewards"])
         if watch is not None:
             watch(name, min(done, steps), steps)
-    return files
+    return episodes
 
 
-def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
+def _episode(env: Any, name: str, seed: int) -> dict[str, Any]:
     """Return an episode, an array per entry; observations and infos have one row more than steps."""
-    controller = from_text(name)
-    edm: EdmEnv = env.unwrapped
     observation, info = env.reset(seed=seed)
-    law = edm.attach_controller(controller)
+    law = env.unwrapped.attach_controller(from_text(name))
     law.begin()
     observations, step_infos, actions, rewards = [observation], [info], [], []
     terminated = truncated = False
@@ -182,10 +173,10 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
     }
 
 
-def _assemble(minari: Any, env: Any, dataset_id: str, name: str, files: list[Path], out: Path) -> Recorded:
+def _assemble(minari: Any, env: Any, dataset_id: str, name: str, episodes: list[Path], out: Path) -> Recorded:
     """Write a controller's data set; replace one that an interruption has left incomplete."""
     buffers, returns, breaks = [], [], 0
-    for k, file in enumerate(files):
+    for k, file in enumerate(episodes):
         with np.load(file, allow_pickle=False) as archive:
             infos = {key: archive[f"info_{key}"] for key in SAVED_INFOS}
             returns.append(float(archive["rewards"].sum()))
@@ -198,14 +189,14 @@ def _assemble(minari: Any, env: Any, dataset_id: str, name: str, files: list[Pat
             ))  # fmt: skip
     shutil.rmtree(out / dataset_id, ignore_errors=True)
     place = str(out.resolve())  # Minari joins a relative path twice
-    with patch.dict(os.environ, MINARI_DATASETS_PATH=place), warnings.catch_warnings():
+    with patch.dict("os.environ", MINARI_DATASETS_PATH=place), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # author and code are missing; the publisher adds them
         minari.create_dataset_from_buffers(
             dataset_id=dataset_id, buffer=buffers, env=env, algorithm_name=name,
             requirements=[f"edmsim=={__version__}"],
-            description=f"{len(files)} episodes of {env.unwrapped.spec.id} cut by the feed controller {name}.",
+            description=f"{len(episodes)} episodes of {env.unwrapped.spec.id} cut by the feed controller {name}.",
         )
-    return Recorded(dataset_id, len(files), sum(map(len, buffers)), breaks, math.fsum(returns) / len(returns))
+    return Recorded(dataset_id, len(episodes), sum(map(len, buffers)), breaks, math.fsum(returns) / len(returns))
 
 
 def _check_names(controllers: Sequence[str]) -> None:
@@ -221,6 +212,6 @@ def _check_names(controllers: Sequence[str]) -> None:
 
 def _plain(name: str) -> str:
     """Return a controller's name in the form for folders and data sets: lower case, with hyphens."""
-    short = policy_of(name)
+    short = user_code.policy_of(name)
     short = Path(short).stem if short.endswith((".json", ".npz")) else short
     return re.sub(r"[^a-zA-Z0-9]+", "-", short).strip("-").lower()

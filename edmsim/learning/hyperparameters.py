@@ -9,11 +9,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, with_config
 from typing_extensions import TypedDict
 
-from edmsim import models
+from edmsim import files, models
 from edmsim.envs.registry import arguments_with, base_of, find
 from edmsim.errors import InputError, invalid_entry, located, one_of, refuse_unknown, refuses_wrong_types
 from edmsim.evaluation.episode import ORACLE, lines_of
-from edmsim.files import read_toml
 from edmsim.numeric import Number, WholeNumber, real, whole_from
 
 CHECKPOINT = "checkpoint-*/run.json"
@@ -133,7 +132,7 @@ def load(env_id: str, algo: str, settings: str | Path | None = None) -> Hyperpar
     refuse_unknown("algorithm", algo, ALGORITHMS)
     general = models.path(f"training/{algo}.toml")
     own = general.with_name(f"{base_of(family)}-{algo}.toml")
-    ours = read_toml(own if own.is_file() else general)
+    ours = files.read_toml(own if own.is_file() else general)
     if algo == "imitation" and not own.is_file() and (reference := lines_of(env_id).reference) != ORACLE:
         ours["teacher"] = reference  # the oracle is the best of several cuts, which no learner can imitate
     known = {one.name for one in fields(family)} - set(registered)  # type: ignore[arg-type]
@@ -156,7 +155,7 @@ def steps_of(parameters: Hyperparameters, algo: str, steps: int | None) -> int:
 
 def _changed(usual: Hyperparameters, file: str | Path) -> Hyperparameters:
     """Return hyperparameters with overrides from a file."""
-    table = read_toml(file)
+    table = files.read_toml(file)
     if "gains" in table:
         raise InputError("these are gains of a controller, not settings of a training", file)
     before = usual.model_dump()

@@ -2,21 +2,18 @@
 
 import math
 from contextlib import suppress
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, set_up_controller
-from edmsim.envs import path_follower, servo
+from edmsim.envs import part_task, path_follower, servo, sub_envs
 from edmsim.envs.observation import DIALS, EXACT, window_of
-from edmsim.envs.part_task import Part
-from edmsim.envs.sub_envs import ObservationBuilder
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, path_corners
-from edmsim.learning import bandit
-from edmsim.learning.policy_file import Policy, load
+from edmsim.learning import bandit, policy_file
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
 from edmsim.snapshots import Snapshots
@@ -43,10 +40,10 @@ class PolicyController(Snapshots):
         "_memory",
     )  # fmt: skip
 
-    def __init__(self, policy: Policy) -> None:
+    def __init__(self, policy: policy_file.Policy) -> None:
         self.policy = policy
         self._family = policy.family()
-        self._builder = ObservationBuilder(self._family, 1, EXACT)  # the machine's sensors add their errors
+        self._builder = sub_envs.ObservationBuilder(self._family, 1, EXACT)  # the machine's sensors add their errors
         self._rows: NDArray[np.void] = np.zeros(1, path_follower.SUB_ENV)  # the state of a sub-environment
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
         self._memory: Floats = policy.fresh_memory()
@@ -54,7 +51,7 @@ class PolicyController(Snapshots):
         self._law = None if residual is None else residual.make()
         self._law_um_s = 0.0
         self._first_us: Floats = np.zeros(2)
-        self._machine: Machine | None = None
+        self._machine: Any = None
         self._corner_um: Floats = np.full((1, 1), np.inf)
         self._corner_deg: Floats = np.zeros((1, 1))
         self._feed_um_s = self._limit_um_s = self._start_um = self._path_um = 0.0
@@ -122,7 +119,7 @@ class PolicyController(Snapshots):
         row = self._rows[0]
         row["wires_lost"] += 1
         row["shorted_s"] = 0.0
-        if self._family.counts_threading and self._machine is not None:
+        if self._family.counts_threading:
             row["elapsed_ns"] += round(self._machine.base.table.threading_s.value * 1e9)
         self._builder.lose_wire(0, row, self._setting_us)
         self._setting_us = tuple(self._first_us.tolist())
@@ -164,18 +161,15 @@ class PolicyController(Snapshots):
     @property
     def _setting_us(self) -> tuple[float, float]:
         """On-time and period in force."""
-        assert self._machine is not None
         return self._machine.t_on_us, self._machine.t_period_us
 
     @_setting_us.setter
     def _setting_us(self, setting_us: tuple[float, float]) -> None:
-        assert self._machine is not None
         t_on_us, t_period_us = setting_us
         self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _look(self, window: WindowObservation) -> np.void:
         """Add a window to the step; return the row that a sub-environment would have."""
-        assert self._machine is not None
         row: np.void = self._rows[0]
         row["travel_um"], self._path_um = window.path_um - self._path_um, window.path_um
         row["path_um"] = window.path_um - self._start_um
@@ -190,7 +184,6 @@ class PolicyController(Snapshots):
 
     def _decide(self) -> None:
         """Evaluate the policy, and apply its action."""
-        assert self._machine is not None
         action, self._memory = self.policy.act(self.observation, self._memory)
         if self.policy.card.residual is not None:
             action[0] = self.policy.card.residual.action(self._family, self._law_um_s, float(np.float32(action[0])))
@@ -216,7 +209,6 @@ class PolicyController(Snapshots):
 
     def _turn(self, requested_us: tuple[float, float]) -> None:
         """Apply a setting as the environment would; skip settings that the generator cannot run."""
-        assert self._machine is not None
         rounded = self._family.to_detents(*requested_us)
         for setting_us in (rounded, self._family.least_setting_us(self._machine, rounded[0])):
             if setting_us == self._setting_us:
@@ -229,13 +221,13 @@ class PolicyController(Snapshots):
 def from_name(name: str) -> bandit.BanditController | PolicyController:
     """Make the controller of a policy from its file or its name under ``models/policies``."""
     file = bandit.find(name)
-    return PolicyController(load(name)) if file is None else bandit.BanditController(bandit.load(file))
+    return PolicyController(policy_file.load(name)) if file is None else bandit.BanditController(bandit.load(file))
 
 
 class PassPolicy:
     """Decides on the passes of a part as a policy trained in Part does; see `edmsim.envs.pass_laws.PassLaw`."""
 
-    def __init__(self, policy: Policy) -> None:
+    def __init__(self, policy: policy_file.Policy) -> None:
         self.policy = policy
         self._memory = policy.fresh_memory()
 
@@ -251,7 +243,7 @@ class PassPolicy:
 
 def passes_from_name(name: str) -> PassPolicy:
     """Make a `PassPolicy` from a policy's file or its name under ``models/policies``."""
-    policy = load(name)
-    if not isinstance(policy.arguments(), Part):
+    policy = policy_file.load(name)
+    if not isinstance(policy.arguments(), part_task.Part):
         raise InputError(f"the policy {name} was trained in {policy.card.env_id}: it decides on windows, not passes")
     return PassPolicy(policy)

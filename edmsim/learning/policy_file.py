@@ -17,15 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
-from edmsim import models
+from edmsim import files, models, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
-from edmsim.envs.part_task import ACTIONS
-from edmsim.envs.registry import arguments_with, make_family
+from edmsim.envs import part_task, registry
 from edmsim.envs.task import KNOBS, EnvArguments, Family
 from edmsim.errors import InputError, invalid_entry, located, one_of, refuses_wrong_types
-from edmsim.files import read_arrays, replacing
 from edmsim.learning import bandit
-from edmsim.user_code import named, policy_of
 
 FORMAT = "edmsim-policy-1"
 ACTION_MEANINGS = {
@@ -33,7 +30,7 @@ ACTION_MEANINGS = {
     "offset": "offset from the path, left positive",
 }
 """Meanings of the entries of an action, by name (`Family.action_names`)."""
-_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # for Part, whose actions set a pass
+_OF_PASSES = {name: meaning for name, (meaning, _) in part_task.ACTIONS.items()}  # for Part, whose actions set a pass
 Floats = NDArray[np.float64]
 
 
@@ -62,7 +59,7 @@ class Residual(BaseModel, extra="forbid", frozen=True):
         InputError
             If the name is unknown, or the law observes what no machine measures.
         """
-        known = self.law.partition(":")[0] in names() and named(self.law) is None
+        known = self.law.partition(":")[0] in names() and user_code.named(self.law) is None
         law = from_text(self.law) if known else None
         if law is None or isinstance(law, SeesTruth):
             laws = one_of(self.law, (name for name in names() if not isinstance(from_text(name), SeesTruth)))
@@ -184,17 +181,17 @@ class Policy:
 
     def arguments(self) -> EnvArguments:
         """Return the environment's arguments, also for Part."""
-        return arguments_with(self.card.env_id, **self.card.environment)
+        return registry.arguments_with(self.card.env_id, **self.card.environment)
 
     def family(self) -> Family:
         """Return the family of an environment of windows; it defines the policy's observations and actions."""
-        return make_family(self.card.env_id, **self.card.environment)
+        return registry.make_family(self.card.env_id, **self.card.environment)
 
 
 def meanings(family: EnvArguments) -> list[str]:
     """Return the meanings of the entries of an environment's actions."""
-    named = ACTION_MEANINGS if isinstance(family, Family) else _OF_PASSES
-    return [named[name] for name in family.action_names]
+    of_actions = ACTION_MEANINGS if isinstance(family, Family) else _OF_PASSES
+    return [of_actions[name] for name in family.action_names]
 
 
 def pack(weights: list[Floats], biases: list[Floats], lstm: Lstm | None = None) -> bytes:
@@ -214,7 +211,7 @@ def digest(packed: bytes) -> str:
 
 def write(card: Card, packed: bytes, file: Path) -> None:
     """Write both files; `file` is the ``.json``."""
-    with replacing(file) as described, replacing(file.with_suffix(".npz")) as arrays:
+    with files.replacing(file) as described, files.replacing(file.with_suffix(".npz")) as arrays:
         arrays.write_bytes(packed)
         described.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
@@ -264,7 +261,7 @@ def card_of(
     variance: Sequence[float] | Floats, **more: Any,
 ) -> Card:
     """Return the card of packed arrays, mean and variance of the environment's entries, and `more` of `Card`."""
-    family = arguments_with(env_id, **environment)
+    family = registry.arguments_with(env_id, **environment)
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": float(m), "variance": float(v)}
         for entry, m, v in zip(family.entries(), mean, variance, strict=True)
@@ -280,7 +277,7 @@ _NO_FILE = "no such file: a policy is a .json and the .npz next to it"
 
 def locate(name: str) -> Path:
     """Return the ``.json`` file of a policy from its path or its name under ``models/policies``."""
-    name = policy_of(name)
+    name = user_code.policy_of(name)
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
         if name not in models.policies():
@@ -331,7 +328,7 @@ def load(name: str, env_id: str | None = None) -> Policy:
 def _check_environment(card: Card, file: Path) -> None:
     """Raise `InputError` if the policy's inputs and outputs are not those of its environment."""
     try:
-        family = arguments_with(card.env_id, **card.environment)
+        family = registry.arguments_with(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
     expected = [entry.name for entry in family.entries()]
@@ -366,7 +363,7 @@ def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, .
         packed = file.read_bytes()
         if digest(packed) != card.arrays_sha256:
             raise ValueError("its sha256 is not that of the .json")
-        stored = read_arrays(packed)
+        stored = files.read_arrays(packed)
         found = {name: _plain(stored[name]) for name in shapes}
     except FileNotFoundError:
         raise InputError(_NO_FILE, file) from None

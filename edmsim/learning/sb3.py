@@ -19,7 +19,7 @@ from __future__ import annotations
 import platform
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from functools import partial
 from importlib.metadata import version
@@ -32,20 +32,13 @@ import torch
 from numpy.typing import NDArray
 from sb3_contrib import TQC, RecurrentPPO
 from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
+from stable_baselines3.common import base_class, callbacks, monitor, policies, torch_layers
 from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecMonitor, VecNormalize, VecVideoRecorder
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvWrapper
 
 from edmsim.controllers import FeedController, from_text
 from edmsim.controllers.user_controllers import rehearsed
-from edmsim.envs.arguments import plain
-from edmsim.envs.environment import EdmEnv, RecordRerun
-from edmsim.envs.episode import check_acts
-from edmsim.envs.registry import arguments_with, stand_in
+from edmsim.envs import arguments, environment, episode, registry
 from edmsim.envs.sb3 import EdmVecEnv, make_sb3_vec_env
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, located, refuses_wrong_types
@@ -230,7 +223,7 @@ class CostVecEnv(VecEnvWrapper):
         return observations, (rewards - self.multiplier * cost).astype(np.float32), done, infos
 
 
-class Multiplier(BaseCallback):
+class Multiplier(callbacks.BaseCallback):
     """Raises the multiplier by `rate` times the mean cost of a rollout's episodes above the limit, or lowers it."""
 
     def __init__(self, vec_env: CostVecEnv, limit: float, rate: float) -> None:
@@ -259,8 +252,7 @@ class PrivilegedVecEnv(VecEnvWrapper):
     def __init__(self, venv: VecEnv) -> None:
         vec_env: Any = venv.unwrapped
         self._names = tuple(vec_env.env.family.drawn_constants)
-        shown = venv.observation_space
-        assert isinstance(shown, gym.spaces.Box)
+        shown: Any = venv.observation_space
         more = np.full(len(TRUTHS) + len(self._names), np.inf, np.float32)
         space = gym.spaces.Box(np.append(shown.low, -more), np.append(shown.high, more), dtype=np.float32)
         super().__init__(venv, observation_space=space)
@@ -284,7 +276,7 @@ class PrivilegedVecEnv(VecEnvWrapper):
         self._draw(ended)
         return self._with(observations, truths), rewards, done, infos
 
-    def _draw(self, indices: Sequence[int] | NDArray[np.int64] | range) -> None:
+    def _draw(self, indices: Iterable[int]) -> None:
         infos = self.unwrapped.reset_infos
         for index in indices:
             self._constants[index] = [infos[index]["drawn"][name] for name in self._names]
@@ -293,7 +285,7 @@ class PrivilegedVecEnv(VecEnvWrapper):
         return np.concatenate([observations, truths, self._constants], axis=1)
 
 
-class VisibleEntries(BaseFeaturesExtractor):
+class VisibleEntries(torch_layers.BaseFeaturesExtractor):
     """Features: the first entries of an observation unchanged, 0 for the others."""
 
     def __init__(self, observation_space: gym.spaces.Box[Any], entries: int) -> None:
@@ -307,14 +299,13 @@ class VisibleEntries(BaseFeaturesExtractor):
         return observations * self.shown
 
 
-class AsymmetricPolicy(ActorCriticPolicy):
+class AsymmetricPolicy(policies.ActorCriticPolicy):
     """An actor-critic whose actor observes only the first `shown_entries` of an observation."""
 
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
         self._shown_entries = shown_entries
         super().__init__(*args, **{**kwargs, "share_features_extractor": False})
-        space = self.observation_space
-        assert isinstance(space, gym.spaces.Box)
+        space: Any = self.observation_space
         self.pi_features_extractor = VisibleEntries(space, shown_entries)
         self.features_extractor = self.pi_features_extractor
 
@@ -365,12 +356,12 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
         raise InputError(f"{env_id} is decided on pass by pass: it has no teacher, residual or privileged critic")
     if parameters.teacher is not None and parameters.residual is not None:
         raise InputError("imitation learns the teacher's own actions: leave the residual law out")
-    family = arguments_with(env_id, **parameters.environment)
+    family = registry.arguments_with(env_id, **parameters.environment)
     if not isinstance(family, Family):
         return
     if parameters.teacher is not None:
         with located(name="teacher"):
-            check_acts(family, parameters.teacher)
+            episode.check_acts(family, parameters.teacher)
     residual = residual_of(parameters)
     if residual is not None:
         commands = rehearsed(residual.make, family.greatest_feed_um_s)
@@ -427,7 +418,7 @@ def kind_of(algo: str, parameters: Hyperparameters) -> Any:
     return RecurrentImitation if algo == "imitation" and parameters.network.lstm else KINDS[algo]
 
 
-def callbacks_of(vec_env: TrainingEnvs, parameters: Hyperparameters) -> list[BaseCallback]:
+def callbacks_of(vec_env: TrainingEnvs, parameters: Hyperparameters) -> list[callbacks.BaseCallback]:
     """Return the callbacks of the algorithm."""
     if vec_env.costs is None or parameters.lagrangian is None:
         return []
@@ -435,7 +426,7 @@ def callbacks_of(vec_env: TrainingEnvs, parameters: Hyperparameters) -> list[Bas
 
 
 @refuses_wrong_types
-def export_sb3(model: BaseAlgorithm, vec_env: VecEnv, file: str | Path) -> Policy:
+def export_sb3(model: base_class.BaseAlgorithm, vec_env: VecEnv, file: str | Path) -> Policy:
     """Write your learner's policy and its observation normalisation as files for ``--controller policy:FILE``.
 
     Parameters
@@ -476,8 +467,8 @@ def export_sb3(model: BaseAlgorithm, vec_env: VecEnv, file: str | Path) -> Polic
 def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int | None) -> tuple[Card, bytes]:
     """Return a learner's policy for `policy_file.write`; `command` is the command or function that made it."""
     network, wrapped = network_of(model), around(vec_env)
-    env_id, environment = wrapped.environment()
-    entry_count = len(arguments_with(env_id, **environment).entries())
+    env_id, options = wrapped.environment()
+    entry_count = len(registry.arguments_with(env_id, **options).entries())
     if vec_env.observation_space != model.observation_space or vec_env.action_space != model.action_space:
         raise InputError("the learner has other observations or actions than this environment: give its own")
     trained_in = model.get_vec_normalize_env()
@@ -491,11 +482,10 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
             raise InputError(
                 "this VecNormalize has other means and variances than the learner's: give its own, or load its file"
             )
-    weights, biases, lstm = _arrays(network, entry_count)
-    packed = pack(weights, biases, lstm)
+    packed = pack(*_arrays(network, entry_count))
     mean, variance, epsilon, clip = _normalisation(wrapped.normalise, entry_count)
     return card_of(
-        env_id, environment, packed, mean, variance, epsilon=epsilon, clip=clip, **network.shape,
+        env_id, options, packed, mean, variance, epsilon=epsilon, clip=clip, **network.shape,
         residual=wrapped.residual, algorithm=algorithm, command=command, seed=seed, steps=int(model.num_timesteps),
         versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
     ), packed
@@ -541,7 +531,7 @@ SCALES = (
 
 
 @refuses_wrong_types
-def start_sb3(model: BaseAlgorithm, vec_env: VecEnv, policy: str | Policy) -> None:
+def start_sb3(model: base_class.BaseAlgorithm, vec_env: VecEnv, policy: str | Policy) -> None:
     """Set a learner's policy to one from a file; its critics and noise do not change.
 
     Parameters
@@ -625,8 +615,9 @@ _AROUND = (
     ResidualVecEnv,
 )  # fmt: skip
 _AROUND_ONE = (
-    Monitor, RecordRerun, gym.RewardWrapper, gym.wrappers.OrderEnforcing, gym.wrappers.PassiveEnvChecker,
-    gym.wrappers.TimeLimit, gym.wrappers.RecordEpisodeStatistics, gym.wrappers.RecordVideo,
+    monitor.Monitor, environment.RecordRerun, gym.RewardWrapper, gym.wrappers.OrderEnforcing,
+    gym.wrappers.PassiveEnvChecker, gym.wrappers.TimeLimit, gym.wrappers.RecordEpisodeStatistics,
+    gym.wrappers.RecordVideo,
 )
 """Wrappers that do not change observations and actions, or whose change a policy's card describes."""
 
@@ -659,7 +650,7 @@ def network_of(model: Any) -> PolicyNetwork:
     if not isinstance(model.action_space, gym.spaces.Box):
         raise InputError(f"{what} chooses among {model.action_space}: a policy file holds continuous actions")
     actor = getattr(policy, "actor", None)
-    if isinstance(policy, ActorCriticPolicy):
+    if isinstance(policy, policies.ActorCriticPolicy):
         features = policy.pi_features_extractor
         layers = [*policy.mlp_extractor.policy_net, policy.action_net]
         output = "tanh" if policy.squash_output else "clip"
@@ -670,7 +661,7 @@ def network_of(model: Any) -> PolicyNetwork:
             layers.pop()  # TD3's and DDPG's tanh
     else:
         raise InputError(f"{what} has no actor with a mean: use PPO, SAC, TQC, recurrent PPO, A2C or TD3")
-    if type(features) not in (FlattenExtractor, VisibleEntries):
+    if type(features) not in (torch_layers.FlattenExtractor, VisibleEntries):
         raise InputError(f"{what} uses the observations that {type(features).__name__} returns: use MlpPolicy")
     shown = int(features.shown.sum()) if isinstance(features, VisibleEntries) else None
     return PolicyNetwork(layers[::2], _activation(layers, what), _lstm(policy, what), output, shown)
@@ -710,10 +701,10 @@ class Around(NamedTuple):
 
     def environment(self) -> tuple[str, dict[str, Any]]:
         """Return id and arguments of the environment of edmsim that a card names."""
-        own = {f.name: plain(getattr(self.family, f.name)) for f in fields(self.family)}  # type: ignore[arg-type]
-        env_id, arguments = stand_in(type(self.family), own)
-        usual = arguments_with(env_id)
-        return env_id, {name: value for name, value in arguments.items() if plain(getattr(usual, name)) != value}
+        own = {f.name: arguments.plain(getattr(self.family, f.name)) for f in fields(self.family)}  # type: ignore[arg-type]
+        env_id, found = registry.stand_in(type(self.family), own)
+        usual = {name: arguments.plain(getattr(registry.arguments_with(env_id), name)) for name in found}
+        return env_id, {name: value for name, value in found.items() if usual[name] != value}
 
 
 def around(vec_env: Any) -> Around:
@@ -736,7 +727,7 @@ def around(vec_env: Any) -> Around:
         if not isinstance(env, _AROUND_ONE):
             raise _unknown(env)
         env = env.env
-    if not isinstance(env, EdmEnv):
+    if not isinstance(env, environment.EdmEnv):
         raise InputError(
             f"{type(env).__name__} is not an environment of edmsim, or in other processes: give one of "
             "make_sb3_vec_env with the same arguments"

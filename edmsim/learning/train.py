@@ -10,14 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from edmsim import files, numeric, signals
 from edmsim.envs.registry import env_id_of, find, stand_in
 from edmsim.errors import EdmsimError, InputError, invalid_entry, refuses_wrong_types
-from edmsim.files import folder_of, locked
 from edmsim.learning import hyperparameters
-from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Card, Policy
-from edmsim.numeric import whole_from, whole_within
-from edmsim.signals import NotedSignals, noted
 
 try:
     import tensorboard  # noqa: F401 - stable-baselines3 writes its logs with it
@@ -58,7 +55,7 @@ class _Saved(TrainingRun, frozen=True):
 
     done: int
     multiplier: float | None
-    hyperparameters: Hyperparameters
+    hyperparameters: hyperparameters.Hyperparameters
     curve: list[tuple[int, float]] = []  # see `Trained`
 
 
@@ -66,7 +63,7 @@ class Trained(NamedTuple):
     """Result of a training."""
 
     run: TrainingRun
-    hyperparameters: Hyperparameters
+    hyperparameters: hyperparameters.Hyperparameters
     model: Any
     normalise: Any  # environments with the statistics of the policy's observations
     vec_env: sb3.TrainingEnvs
@@ -80,9 +77,9 @@ class Trained(NamedTuple):
 @refuses_wrong_types
 def train(
     env_id: str, algo: str, out: str | Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
-    watch: Callable[[TrainingProgress], None] | None = None, parameters: Hyperparameters | None = None,
-    callbacks: Sequence[BaseCallback] = (), begin_from: str | Path | Policy | None = None,
-    options: Mapping[str, Any] | None = None,
+    watch: Callable[[TrainingProgress], None] | None = None,
+    parameters: hyperparameters.Hyperparameters | None = None, callbacks: Sequence[BaseCallback] = (),
+    begin_from: str | Path | Policy | None = None, options: Mapping[str, Any] | None = None,
 ) -> Trained:
     """Train a policy.
 
@@ -126,8 +123,8 @@ def train(
     """
     parameters = parameters or hyperparameters.load(env_id, algo)
     stand_in(*find(env_id))  # raises `InputError` if no policy file can describe it
-    out, total = folder_of(out), parameters.steps if steps is None else whole_from("steps", steps, 1)
-    whole_within("seed", seed, 0, 2**32 - 1)
+    out, total = files.folder_of(out), parameters.steps if steps is None else numeric.whole_from("steps", steps, 1)
+    numeric.whole_within("seed", seed, 0, 2**32 - 1)
     run = TrainingRun(env_id=env_id_of(env_id), algo=algo, steps=total, seed=seed, options=dict(options or {}))
     last = begin_from if begin_from is None or isinstance(begin_from, Policy) else Path(begin_from)
     before = None
@@ -139,17 +136,17 @@ def train(
         hyperparameters.refuse_training(out)
         before = _saved(last) if isinstance(last, Path) else None
     sb3.check(run.env_id, algo, parameters)
-    with locked(out, "edmsim train"), noted() as signals:
-        signals.at_once()
+    with files.locked(out, "edmsim train"), signals.noted() as interrupts:
+        interrupts.at_once()
         torch.set_num_threads(1)  # more threads would wait for each other, and change the initial weights
         trained = _begin(run, parameters, last, before)
-        _learn(trained, out, watch, callbacks, signals, reset=before is None)
+        _learn(trained, out, watch, callbacks, interrupts, reset=before is None)
     return trained
 
 
 def _learn(
     trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None, callbacks: Sequence[Any],
-    signals: NotedSignals, *, reset: bool,
+    interrupts: signals.NotedSignals, *, reset: bool,
 ) -> None:
     """Learn up to the run's steps; save checkpoints meanwhile and at the end, also after an error or a signal."""
     keeper = _Keeper(trained, out, watch)
@@ -161,7 +158,7 @@ def _learn(
                 more = [*sb3.callbacks_of(trained.vec_env, trained.hyperparameters), *callbacks]
                 trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=reset)
     finally:
-        signals.only_note()
+        interrupts.only_note()
         trained.normalise.close()
         with _room(out):
             keeper.save()
@@ -181,7 +178,7 @@ def _room(out: Path) -> Iterator[None]:
 
 
 def _begin(
-    run: TrainingRun, parameters: Hyperparameters, last: Path | Policy | None, before: _Saved | None
+    run: TrainingRun, parameters: hyperparameters.Hyperparameters, last: Path | Policy | None, before: _Saved | None
 ) -> Trained:
     """Make environment and learner: new, from a policy, or from a checkpoint."""
     # `done` is in the seed, so a resumed training has other episodes
@@ -199,7 +196,7 @@ def _begin(
 
 
 def _saved_learner(
-    algo: str, vec_env: sb3.TrainingEnvs, parameters: Hyperparameters, seed: int, checkpoint: Path
+    algo: str, vec_env: sb3.TrainingEnvs, parameters: hyperparameters.Hyperparameters, seed: int, checkpoint: Path
 ) -> tuple[Any, VecNormalize]:
     """Return a checkpoint's learner, which resumes with `parameters`, and its normalised environments."""
     try:

@@ -21,20 +21,15 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from edmsim import files, numeric, runs
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
-from edmsim.learning.hyperparameters import Hyperparameters
-from edmsim.numeric import whole_from
-from edmsim.runs import ATTEMPTS, Cluster, RunTable, digests_of
 from edmsim.sweep.specification import Bound
 from edmsim.sweep.tune import anywhere, judge_policy, training_seeds, training_space, within, write_found
 
 try:
     from ray import tune
-    from ray.tune.schedulers import PopulationBasedTraining
-    from ray.tune.search.basic_variant import BasicVariantGenerator
 except ImportError as error:
     raise InputError(f"a population needs {error.name}: pip install 'edmsim[cluster]'") from None
 
@@ -89,17 +84,17 @@ def train_population(
             "install edmsim in a folder without one"
         )
     plan = _plan(name, algo, population, generations, steps, seed, seeds)
-    Cluster(address)
-    folder = make_writable(out).absolute()
-    journal = RunTable(folder / JOURNAL, asdict(plan))
+    runs.Cluster(address)
+    folder = files.make_writable(out).absolute()
+    journal = runs.RunTable(folder / JOURNAL, asdict(plan))
     best = _run(folder, plan, journal, watch)
     _write(folder, plan, best, journal)
     return _result_of(best.metrics)
 
 
 def _plan(name: str, algo: str, population: int, generations: int, steps: int | None, seed: int, seeds: int) -> Plan:
-    whole_from("population", population, LEAST_POPULATION)
-    whole_from("generations", generations, 1)
+    numeric.whole_from("population", population, LEAST_POPULATION)
+    numeric.whole_from("generations", generations, 1)
     judged_by = tuple(training_seeds(seed, seeds))
     env_id = resolve(name)
     training_space(algo)  # raises `InputError` if no settings of the algorithm are searched
@@ -108,14 +103,14 @@ def _plan(name: str, algo: str, population: int, generations: int, steps: int | 
     if total < generations:
         raise InputError(f"{total} windows are fewer than {generations} generations: give more steps")
     windows = math.ceil(total / generations)
-    files = tuple(sorted(digests_of([name]).values()))
+    digests = tuple(sorted(runs.digests_of([name]).values()))
     return Plan(
-        anywhere(name), files, algo, population, generations, windows, seed, judged_by,
+        anywhere(name), digests, algo, population, generations, windows, seed, judged_by,
         parameters.model_dump(mode="json"),
     )  # fmt: skip
 
 
-def _run(folder: Path, plan: Plan, journal: RunTable, watch: Callable[[PopulationResult], None] | None) -> Any:
+def _run(folder: Path, plan: Plan, journal: runs.RunTable, watch: Callable[[PopulationResult], None] | None) -> Any:
     """Train or resume the population with Ray Tune, and return its best result."""
     os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")
     os.environ.setdefault("TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S", "0")
@@ -144,7 +139,7 @@ def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
         key: (tune.loguniform if bound.scale == "log" else tune.uniform)(bound.low, bound.high)
         for key, bound in space.items()
     }
-    scheduler = PopulationBasedTraining(
+    scheduler = tune.schedulers.PopulationBasedTraining(
         time_attr="training_iteration", metric="score", mode="max", perturbation_interval=1, synch=True,
         hyperparam_mutations=drawn, custom_explore_fn=partial(_clamped, space), log_config=False,
     )  # fmt: skip
@@ -153,11 +148,11 @@ def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
         trainable, param_space={"plan": asdict(plan), **drawn},
         tune_config=tune.TuneConfig(
             num_samples=plan.population, scheduler=scheduler, reuse_actors=True,
-            search_alg=BasicVariantGenerator(points_to_evaluate=[first], random_state=plan.seed),
+            search_alg=tune.search.BasicVariantGenerator(points_to_evaluate=[first], random_state=plan.seed),
         ),
         run_config=tune.RunConfig(
             name=RUN, storage_path=str(folder), stop={"training_iteration": plan.generations}, verbose=0,
-            failure_config=tune.FailureConfig(max_failures=ATTEMPTS - 1),
+            failure_config=tune.FailureConfig(max_failures=runs.ATTEMPTS - 1),
             checkpoint_config=tune.CheckpointConfig(num_to_keep=_CHECKPOINTS), callbacks=[Watching()],
         ),
     )  # fmt: skip
@@ -173,23 +168,23 @@ def _result_of(metrics: Mapping[str, Any]) -> PopulationResult:
     return PopulationResult(values, float(metrics["score"]), int(metrics["training_iteration"]))
 
 
-def _write(folder: Path, plan: Plan, best: Any, journal: RunTable) -> None:
+def _write(folder: Path, plan: Plan, best: Any, journal: runs.RunTable) -> None:
     """Write the best learner's policy and last settings, and the table of all learners."""
     found = _result_of(best.metrics)
     with best.checkpoint.as_directory() as name:
-        files = {file.name: file.read_bytes() for file in sorted(Path(name).glob("policy.*"))}
+        policy = {file.name: file.read_bytes() for file in sorted(Path(name).glob("policy.*"))}
     text = (
         f"population: {plan.algo} on {plan.env_id}, {plan.population} learners, {plan.generations} generations of "
         f"{plan.windows} windows; the best one's last settings"
     )
-    write_found(folder, text, found.value, plan.seeds, "algorithm", found.values, files)
+    write_found(folder, text, found.value, plan.seeds, "algorithm", found.values, policy)
     rows = sorted(journal.rows.values(), key=lambda row: (row["generation"], row["learner"]))
-    with replacing(folder / TABLE) as partial:
+    with files.replacing(folder / TABLE) as partial:
         pq.write_table(pa.Table.from_pylist(rows).drop_columns("id"), partial)
 
 
 def _noting(
-    journal: RunTable, watch: Callable[[PopulationResult], None] | None
+    journal: runs.RunTable, watch: Callable[[PopulationResult], None] | None
 ) -> Callable[[Mapping[str, Any]], None]:
     """Return a function that saves a learner's generation in the journal; if it is repeated, its row is replaced."""
 
@@ -230,7 +225,7 @@ class Learner(tune.Trainable):  # type: ignore[misc]
         from edmsim.learning.train import train  # raises `InputError` if the extra is missing
 
         plan = self.config["plan"]
-        usual = Hyperparameters.model_validate(plan["parameters"])
+        usual = hyperparameters.Hyperparameters.model_validate(plan["parameters"])
         values = {key: value for key, value in self.config.items() if key != "plan"}
         parameters = usual.model_copy(update={"algorithm": {**usual.algorithm, **values}})
         out = Path(tempfile.mkdtemp(dir=self._folder.name))

@@ -5,29 +5,22 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationError, model_validator
 
-from edmsim import __version__
+from edmsim import __version__, files, numeric, runs, user_code
 from edmsim.controllers import from_text
-from edmsim.envs.registry import make_family, resolve
+from edmsim.envs import registry
 from edmsim.errors import InputError, located, one_of, refused_entry, refuses_wrong_types
-from edmsim.files import read_toml
+from edmsim.evaluation.episode import HELD_BACK
+from edmsim.job import plan
 from edmsim.job.options import CutSettings
-from edmsim.job.plan import read_program, technology_of
+from edmsim.machine import options, overrides, ranges
 from edmsim.machine.machine import Machine
-from edmsim.machine.options import TextOrPath, as_text, bare_name, kind_of
-from edmsim.machine.overrides import check_names
-from edmsim.machine.ranges import value_at
-from edmsim.machine.technology import Technology
-from edmsim.numeric import WholeNumber, plain, real, whole
 from edmsim.program.passes import grouped
-from edmsim.runs import digests_of, identity
-from edmsim.user_code import listed, named
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER}):({_NUMBER})")
@@ -39,9 +32,9 @@ def values_of(text: Any, name: str) -> list[Any]:
     """Return the values of a setting from a list, or from a text with commas and ranges ``FIRST:LAST:STEP``."""
     found: list[Any]
     if isinstance(text, list | tuple | np.ndarray):
-        found = [plain(value) for value in (text.ravel() if isinstance(text, np.ndarray) else text)]
+        found = [numeric.plain(value) for value in (text.ravel() if isinstance(text, np.ndarray) else text)]
     elif isinstance(text, str):
-        found = [value for piece in listed(text) for value in _values_of_piece(piece, name)]
+        found = [value for piece in user_code.listed(text) for value in _values_of_piece(piece, name)]
     else:
         found = [text]
     if not found:
@@ -96,7 +89,7 @@ class Bound(NamedTuple):
         """Return the bound ``(low, high)`` or ``(low, high, scale)``; None for anything else."""
         if not isinstance(value, tuple | list) or len(value) not in (2, 3):
             return None
-        low, high, scale = real(value[0]), real(value[1]), (*value, "linear")[2]
+        low, high, scale = numeric.real(value[0]), numeric.real(value[1]), (*value, "linear")[2]
         if low is None or high is None or not -1e300 < low < high < 1e300:
             return None
         return cls(float(low), float(high), scale) if scale == "linear" or (scale == "log" and low > 0) else None
@@ -119,8 +112,8 @@ class SobolSample(BaseModel, extra="forbid", frozen=True):
     """Scrambled Sobol sequence, which fills a space evenly (`scipy.stats.qmc.Sobol`)."""
 
     # number of points, a power of 2; other numbers do not cover the space evenly
-    samples: Annotated[WholeNumber, Field(ge=1, le=MOST_POINTS)]
-    seed: Annotated[WholeNumber, Field(ge=0)] = 0  # seed of the scrambling
+    samples: Annotated[numeric.WholeNumber, Field(ge=1, le=MOST_POINTS)]
+    seed: Annotated[numeric.WholeNumber, Field(ge=0)] = 0  # seed of the scrambling
     # for each setting or constant ``[low, high]``, ``[low, high, "log"]`` to sample its logarithm evenly, or
     # ``"range"`` for the published range of a constant
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
@@ -149,7 +142,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
     """
 
     # program, environment: either part programs or ids of environments (``FILE.py:ID`` for your own)
-    program: list[TextOrPath] = []
+    program: list[options.TextOrPath] = []
     environment: list[str] = []
     # a single number is a count: seeds from 0 on for programs, held-back ones for environments, because training may
     # have used others
@@ -188,11 +181,14 @@ class Specification(BaseModel, extra="forbid", frozen=True):
             return value
         full = dict(value)
         for name in ("program", "environment", "recordings"):
-            if isinstance(one := as_text(full.get(name)), str):
+            if isinstance(one := options.as_text(full.get(name)), str):
                 full[name] = [one]
-        seeds = whole(full.get("seeds"))
-        if seeds is not None:
-            full["seeds"] = _first_seeds(seeds, bool(full.get("environment")))
+        if (count := numeric.whole(full.get("seeds"))) is not None:
+            if count > MOST_SEEDS:
+                reason = f"{count} seeds are too many: at most {MOST_SEEDS}; several sweeps can fill one folder"
+                raise InputError(reason)
+            first = HELD_BACK if full.get("environment") else 0
+            full["seeds"] = list(range(first, first + count))
         for name in ("settings", "grid"):
             if isinstance(full.get(name), Mapping):
                 full[name] = flattened(full[name])
@@ -200,8 +196,8 @@ class Specification(BaseModel, extra="forbid", frozen=True):
             full["grid"] = {name: values_of(values, name) for name, values in full["grid"].items()}
         sobol = full.get("sobol")
         if isinstance(sobol, Mapping) and isinstance(sobol.get("ranges"), Mapping):
-            ranges = flattened(sobol["ranges"]).items()
-            of_points = {name: ends if isinstance(ends, str) else values_of(ends, name) for name, ends in ranges}
+            ends_of = flattened(sobol["ranges"]).items()
+            of_points = {name: ends if isinstance(ends, str) else values_of(ends, name) for name, ends in ends_of}
             full["sobol"] = {**sobol, "ranges": of_points}
         return full
 
@@ -220,8 +216,8 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         for file in self.program:
             if not os.path.isfile(file):  # False also if the name is too long or has a null byte
                 raise InputError("there is no such program", file)
-        ranges = () if self.sobol is None else self.sobol.ranges
-        names = [_option(name, self) for name in (*self.settings, *self.grid, *ranges)]
+        sampled = () if self.sobol is None else self.sobol.ranges
+        names = [_option(name, self) for name in (*self.settings, *self.grid, *sampled)]
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"{name} is given twice: in one of settings, grid and sobol")
@@ -260,7 +256,7 @@ def read_specification(file: str | Path) -> Specification:
     InputError
         If the file cannot be read, is not TOML, or does not describe a sweep.
     """
-    data = read_toml(file)
+    data = files.read_toml(file)
     try:
         with located(file):
             return Specification.model_validate(data)
@@ -271,14 +267,14 @@ def read_specification(file: str | Path) -> Specification:
 _FLAGS = {"seeds": "--seeds", "machine_samples": "--machine-samples", "recordings": "--record"}
 
 
-def specification_of(what: str, words: Sequence[str], **options: Any) -> Specification:
+def specification_of(what: str, words: Sequence[str], **entries: Any) -> Specification:
     """Return the specification from a file, or from a program or an environment and the words after it."""
-    chosen = {name: value for name, value in options.items() if value not in (None, [])}
+    chosen = {name: value for name, value in entries.items() if value not in (None, [])}
     if what.endswith(".toml"):
         if superfluous := [*(_FLAGS[name] for name in chosen), *words]:
             raise InputError(f"a specification has all settings: leave out {' '.join(superfluous)}")
         return read_specification(what)
-    is_program = named(what) is None and (os.path.isfile(what) or Path(what).suffix)
+    is_program = user_code.named(what) is None and (os.path.isfile(what) or Path(what).suffix)
     kind = "program" if is_program else "environment"
     return Specification.model_validate({kind: what, "grid": _grid_of(words), **chosen})
 
@@ -311,17 +307,7 @@ def _repeated(values: list[Any]) -> Any:
     return None
 
 
-def _first_seeds(count: int, held_back: bool) -> list[int]:
-    from edmsim.evaluation.episode import HELD_BACK
-
-    if count > MOST_SEEDS:
-        raise InputError(f"{count} seeds are too many: at most {MOST_SEEDS}; several sweeps can fill one folder")
-    first = HELD_BACK if held_back else 0
-    return list(range(first, first + count))
-
-
-@dataclass(frozen=True)
-class SweepRun:
+class SweepRun(NamedTuple):
     """One run of a sweep, as plain data that can be sent to any computer."""
 
     id: str  # digest of all fields below except recordings and paths; files count by their content
@@ -370,7 +356,7 @@ def sobol_points(spec: Specification, task: str, chosen: Mapping[str, Any]) -> l
     for (name, ends), share in zip(sobol.ranges.items(), shares.T, strict=True):
         if (bound := Bound.of(ends)) is None:
             published = _published(name, task, chosen)
-            columns[name] = [value_at(published, float(s)) for s in share]
+            columns[name] = [ranges.value_at(published, float(s)) for s in share]
         else:
             columns[_option(name, spec)] = [bound.at(s) for s in share]
     return [dict(zip(columns, point, strict=True)) for point in zip(*columns.values(), strict=True)]
@@ -388,8 +374,8 @@ def _published(name: str, task: str, chosen: Mapping[str, Any]) -> tuple[float, 
     settings = CutSettings.model_validate({option: chosen[option] for option in _DECIDING if option in chosen})
     in_passes = settings.passes is not None
     if not in_passes and settings.conditions is None and os.path.isfile(task):
-        in_passes = any(len(edge) > 1 for edge in grouped(read_program(task, settings).outlines))
-    parts: CutSettings | Technology = technology_of(settings) if in_passes else settings
+        in_passes = any(len(edge) > 1 for edge in grouped(plan.read_program(task, settings).outlines))
+    parts: Any = plan.technology_of(settings) if in_passes else settings
     known = Machine.load(parts.machine, material=settings.material, wire=parts.wire).uncertain()
     bounds = known[name].range if name in known else None
     if bounds is None:
@@ -399,14 +385,16 @@ def _published(name: str, task: str, chosen: Mapping[str, Any]) -> tuple[float, 
 
 def _option(name: str, spec: Specification) -> str:
     """Return an option's full name; ``section.key`` is a constant."""
-    plain = name.replace("-", "_")
-    if "." in name or spec.environment:
-        return name if "." in name else plain
-    found = [option for option in CutSettings.model_fields if plain in (option, bare_name(option))]
-    if not found or found[0] == "constants":
-        spelt = [bare_name(option).replace("_", "-") for option in CutSettings.model_fields if option != "constants"]
+    if "." in name:
+        return name
+    spelt = name.replace("-", "_")
+    if spec.environment:
+        return spelt
+    bare = {option: options.bare_name(option) for option in CutSettings.model_fields if option != "constants"}
+    found = [option for option, short in bare.items() if spelt in (option, short)]
+    if not found:
         listed_by = ["those of edmsim cut --help", "and constants, as gap.critical_um"]
-        known = one_of(name.replace("_", "-"), spelt, listed_by)
+        known = one_of(name.replace("_", "-"), [short.replace("_", "-") for short in bare.values()], listed_by)
         raise InputError(f"a cut has no option '{name}'; there are {known}")
     return found[0]
 
@@ -415,16 +403,16 @@ def _takes_several(option: str, spec: Specification) -> bool:
     """Return whether a setting can be a list, such as the heights of a cut or the ranges of an environment."""
     if spec.environment:
         return option != "controller"
-    return option in CutSettings.model_fields and "[" in kind_of(CutSettings.model_fields[option].annotation)
+    return option in CutSettings.model_fields and "[" in options.kind_of(CutSettings.model_fields[option].annotation)
 
 
 def checked(task: str, combination: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:
     """Return all settings of a run, with defaults for those left out."""
     if is_cut:
-        options = {name: value for name, value in combination.items() if "." not in name}
         constants = {name: value for name, value in combination.items() if "." in name}
-        check_names(constants)
-        settings = CutSettings.model_validate({**options, "constants": constants})
+        overrides.check_names(constants)
+        others = {name: value for name, value in combination.items() if "." not in name}
+        settings = CutSettings.model_validate({**others, "constants": constants})
         from_text(str(settings.controller))
         return settings.model_dump(mode="json", exclude={"seed"})
     return _arguments(task, combination)
@@ -448,25 +436,25 @@ def arguments_of(settings: Mapping[str, Any]) -> dict[str, Any]:
     return {**found, **mappings}
 
 
-def _arguments(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
+def _arguments(env_id: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return an environment's settings, including controller and resolution; raise `InputError` if invalid."""
-    name, arguments = resolve(env_id), arguments_of(options)
+    name, arguments = registry.resolve(env_id), arguments_of(settings)
     arguments.pop("controller", None)
     try:
-        family = make_family(name, **arguments)
+        family = registry.make_family(name, **arguments)
     except TypeError as error:
         raise InputError(f"{env_id} cannot take these arguments: {error}") from None
-    full = {"controller": "counts", "resolution": str(family.resolution), **options}
+    full = {"controller": "counts", "resolution": str(family.resolution), **settings}
     from_text(str(full["controller"]))
     return full
 
 
 def _run(task: str, settings: dict[str, Any], seed: int, sample: int | None, spec: Specification) -> SweepRun:
-    files = digests_of((task, *settings.values()))
+    digests = runs.digests_of((task, *settings.values()))
     only = None if spec.sample_only is None or sample is None else tuple(sorted(spec.sample_only))
     content = {
-        "edmsim": __version__, "task": Path(task).name if spec.program else task, "files": sorted(files.values()),
+        "edmsim": __version__, "task": Path(task).name if spec.program else task, "files": sorted(digests.values()),
         "settings": settings, "seed": seed, "machine_sample": sample, "sample_only": only,
     }  # fmt: skip
-    name = identity(content)
-    return SweepRun(name, task, bool(spec.program), settings, seed, sample, only, tuple(spec.recordings), files)
+    name = runs.identity(content)
+    return SweepRun(name, task, bool(spec.program), settings, seed, sample, only, tuple(spec.recordings), digests)

@@ -17,32 +17,21 @@ import secrets
 import socket
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
-from edmsim import __version__
+from edmsim import __version__, files, numeric, runs, user_code
 from edmsim.controllers import FeedController, make
 from edmsim.controllers.user_controllers import from_file
-from edmsim.envs.episode import Task
-from edmsim.envs.registry import resolve
+from edmsim.envs import episode, registry
 from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.evaluation.episode import HELD_BACK, Episode, cut
-from edmsim.files import folder_of, make_writable, remove_unfinished_line, replacing
-from edmsim.learning import policy_file
-from edmsim.learning.hyperparameters import load, steps_of
-from edmsim.numeric import real, whole_from
-from edmsim.runs import Engine, LostJob, Processes, RunTable, check_same, digests_of, identity
+from edmsim.learning import hyperparameters, policy_file
 from edmsim.sweep.run import said
 from edmsim.sweep.specification import Bound
-from edmsim.user_code import named, run
-
-if TYPE_CHECKING:
-    from edmsim.learning.train import Trained
-
 
 TRAINING: dict[str, dict[str, Bound]] = {
     "ppo": {
@@ -89,7 +78,7 @@ otherwise a closing gap is not detected. Settings found for `counts` hunt at lon
 
 def training_seeds(seed: int, seeds: int) -> range:
     """Return the training seeds from `seed` on; raises `InputError` if they reach the held-back ones."""
-    if not 0 <= whole_from("seed", seed) <= HELD_BACK - whole_from("seeds", seeds, 1):
+    if not 0 <= numeric.whole_from("seed", seed) <= HELD_BACK - numeric.whole_from("seeds", seeds, 1):
         raise InputError(f"training seeds lie from 0 to {HELD_BACK - 1}: {seed} to {seed + seeds - 1} do not")
     return range(seed, seed + seeds)
 
@@ -115,7 +104,7 @@ class TrialResult:
 
     value: float
     error: str | None = None
-    files: Mapping[str, bytes] = field(default_factory=dict)
+    policy: Mapping[str, bytes] = field(default_factory=dict)
     returns: tuple[float, ...] = ()
 
 
@@ -132,13 +121,13 @@ def _controller(trial: Trial) -> TrialResult:
     returns = []
     for seed in trial.seeds:
         law = law_of(trial.name, trial.values)
-        returns.append(Episode(Task(CUTS_IN, **trial.options), law, seed, law.name).run().total_return)
+        returns.append(Episode(episode.Task(CUTS_IN, **trial.options), law, seed, law.name).run().total_return)
     return TrialResult(worst_share_mean(returns), None, {}, tuple(returns))
 
 
 def law_of(name: str, values: Mapping[str, float]) -> FeedController:
     """Return a controller, ours or the user's, with these values of its settings."""
-    own = named(name)
+    own = user_code.named(name)
     return make(name, **values) if own is None else from_file(own, dict(values))
 
 
@@ -151,7 +140,7 @@ be a bad one)."""
 
 def anywhere(text: str) -> str:
     """Return the name of a controller or environment for other processes: a user's file with its absolute path."""
-    own = named(text)
+    own = user_code.named(text)
     return text if own is None else f"{Path(own.file).absolute()}:{own.name}"
 
 
@@ -164,8 +153,8 @@ def worst_share_mean(returns: Sequence[float]) -> float:
 def _training(trial: Trial) -> TrialResult:
     from edmsim.learning.train import train
 
-    env_id = resolve(trial.name)
-    usual = load(env_id, trial.algo)
+    env_id = registry.resolve(trial.name)
+    usual = hyperparameters.load(env_id, trial.algo)
     changed = usual.model_copy(update={"algorithm": {**usual.algorithm, **trial.values}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -174,12 +163,12 @@ def _training(trial: Trial) -> TrialResult:
         )
         command = f"edmsim tune training {env_id} --algo {trial.algo}, trial {trial.number}"
         value = judge_policy(trained, command, folder, trial.seeds)
-        files = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}
-    return TrialResult(value, None, files)
+        policy = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}
+    return TrialResult(value, None, policy)
 
 
-def judge_policy(trained: "Trained", command: str, folder: Path, seeds: Sequence[int]) -> float:
-    """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
+def judge_policy(trained: Any, command: str, folder: Path, seeds: Sequence[int]) -> float:
+    """Write the ``policy.json`` and ``policy.npz`` of a `Trained`; return its mean return on training seeds."""
     card, packed = trained.export(command)
     policy_file.write(card, packed, folder / "policy.json")
     results = [cut(trained.run.env_id, seed, f"policy:{folder / 'policy.json'}", "fast") for seed in seeds]
@@ -204,7 +193,7 @@ class Tuned(NamedTuple):
 @refuses_wrong_types
 def tune_training(
     env_id: str, out: str | Path, *, algo: str = "ppo", steps: int | None = None, trials: int = 40, seed: int = 0,
-    seeds: int = 5, engine: Engine | None = None, watch: Callable[[int, float], None] | None = None,
+    seeds: int = 5, engine: runs.Engine | None = None, watch: Callable[[int, float], None] | None = None,
 ) -> Tuned:
     """Search the hyperparameters of a training, by default with the windows of ``models/training`` per trial.
 
@@ -212,11 +201,11 @@ def tune_training(
     progress elsewhere, so they may make a few more. The first trial has the values in use, so the result is never
     worse on these seeds. With one process the search is reproducible. For `watch` see `tune_controller`.
     """
-    space, judged_by, name = training_space(algo), tuple(training_seeds(seed, seeds)), resolve(env_id)
-    usual = load(name, algo)
-    windows = steps_of(usual, algo, steps)
-    folder = folder_of(out)
-    of = {"seed": seed, "seeds": seeds, "steps": windows, "files": sorted(digests_of([env_id]).values())}
+    space, judged_by, name = training_space(algo), tuple(training_seeds(seed, seeds)), registry.resolve(env_id)
+    usual = hyperparameters.load(name, algo)
+    windows = hyperparameters.steps_of(usual, algo, steps)
+    folder = files.folder_of(out)
+    of = {"seed": seed, "seeds": seeds, "steps": windows, "files": sorted(runs.digests_of([env_id]).values())}
     study = open_study(folder, f"{env_id} {algo}", of, trials, within(space, usual.algorithm))
 
     def made(number: int, values: dict[str, float]) -> Trial:
@@ -224,9 +213,9 @@ def tune_training(
 
     def best(trial: Trial, result: TrialResult) -> None:
         what = f"training: {algo} on {name}, {windows} windows; trial {trial.number}"
-        write_found(folder, what, result.value, judged_by, "algorithm", trial.values, result.files)
+        write_found(folder, what, result.value, judged_by, "algorithm", trial.values, result.policy)
 
-    run_study(study, space, trials, engine or Processes(), made, watch, best)
+    run_study(study, space, trials, engine or runs.Processes(), made, watch, best)
     in_use, values = study.trials[0].params, _rounded(study.best_trial)
     first = next((float(t.value) for t in study.trials if t.params == in_use and t.value is not None), math.nan)
     return Tuned(values, float(study.best_value), first, made_in(study), made_in(study, "FAIL"))
@@ -250,7 +239,7 @@ _MARK = secrets.token_hex(4)  # of this process, because a later one may have th
 
 
 def run_study(
-    study: Any, space: Mapping[str, Bound], trials: int, engine: Engine,
+    study: Any, space: Mapping[str, Bound], trials: int, engine: runs.Engine,
     make_trial: Callable[[int, dict[str, float]], Trial], watch: Callable[[int, float], None] | None = None,
     best: Callable[[Trial, TrialResult], None] | None = None,
 ) -> None:
@@ -290,30 +279,29 @@ def _suggested(trial: Any, key: str, bound: Bound) -> float:
 
 def open_study(folder: Path, name: str, of: Mapping[str, Any], trials: int, first: Mapping[str, float]) -> Any:
     """Return the study in a folder, or a new one that begins with `first`; raise `InputError` if it is another's."""
-    whole_from("trials", trials, 1)
-    make_writable(folder)
+    numeric.whole_from("trials", trials, 1)
+    files.make_writable(folder)
     try:
         import optuna
-        from optuna.storages import JournalStorage
-        from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
+        from optuna.storages import JournalStorage, journal
     except ImportError as error:
         raise InputError(f"a search needs {error.name}: pip install 'edmsim[tune]'") from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     file = str(folder / JOURNAL)
-    lock = JournalFileOpenLock(file)
+    lock = journal.JournalFileOpenLock(file)
     lock.acquire()
     try:
         if Path(file).exists():  # a journal with lines after an unfinished one cannot be read
-            remove_unfinished_line(Path(file))
+            files.remove_unfinished_line(Path(file))
     finally:
         lock.release()
-    storage = JournalStorage(JournalFileBackend(file, lock_obj=lock))
+    storage = JournalStorage(journal.JournalFileBackend(file, lock_obj=lock))
     for other in optuna.get_all_study_names(storage):
         if other != name:
             raise InputError(f"the study in this folder is of {other}, not of {name}", folder)
     study = optuna.create_study(storage=storage, study_name=name, direction="maximize", load_if_exists=True)
     judged_by = json.loads(json.dumps(of))
-    check_same(study.user_attrs.get("of", judged_by), judged_by, Path(file))
+    runs.check_same(study.user_attrs.get("of", judged_by), judged_by, Path(file))
     study.set_user_attr("of", judged_by)
     _repeat_killed(study)
     # a process that joins has another seed, so its suggestions differ; `constant_liar`: running trials count as bad
@@ -338,16 +326,17 @@ def _has_ended(process: int, mark: str) -> bool:
     if process == os.getpid():
         return mark != _MARK
     try:
-        with suppress(PermissionError):
-            if os.name == "posix":
-                os.kill(process, 0)
+        if os.name == "posix":
+            os.kill(process, 0)
+    except PermissionError:
+        return False
     except ProcessLookupError:
         return True
     return False
 
 
 def _result_of(answer: Any) -> TrialResult:
-    return TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+    return TrialResult(math.nan, answer.why) if isinstance(answer, runs.LostJob) else answer
 
 
 def made_in(study: Any, *states: str) -> int:
@@ -376,16 +365,16 @@ def _rounded(trial: Any) -> dict[str, float]:
 
 def write_found(
     folder: Path, what: str, value: float, seeds: Sequence[int], table: str, values: Mapping[str, float],
-    files: Mapping[str, bytes],
+    policy: Mapping[str, bytes],
 ) -> None:
-    """Write ``best.toml`` with the result and its search, and the files that belong to it."""
+    """Write ``best.toml`` with the result and its search, and the files of its policy."""
     lines = [
         f"# Found by edmsim tune {what}, worth {value:.4g} on training seeds",
         f"# {', '.join(map(str, seeds))}.", "", f"[{table}]",
         *(f"{key} = {value!r}" for key, value in values.items()), "",
     ]  # fmt: skip
-    for name, content in {BEST: "\n".join(lines).encode(), **files}.items():
-        with replacing(folder / name) as partial:
+    for name, content in {BEST: "\n".join(lines).encode(), **policy}.items():
+        with files.replacing(folder / name) as partial:
             partial.write_bytes(content)
 
 
@@ -431,7 +420,7 @@ class TunedController(NamedTuple):
 @refuses_wrong_types
 def tune_controller(
     controller: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 8,
-    engine: Engine | None = None, watch: Callable[[int, float], None] | None = None, **options: Any,
+    engine: runs.Engine | None = None, watch: Callable[[int, float], None] | None = None, **options: Any,
 ) -> TunedController:
     """Search the settings of a controller on drawn machines.
 
@@ -460,7 +449,7 @@ def tune_controller(
     InputError
         If there is no such controller, its class has no `BOUNDS`, or an argument is invalid.
     """
-    own = named(controller)
+    own = user_code.named(controller)
     if own is not None and not own.name:
         raise InputError(f"'{controller}' names no controller of your own: give FILE.py:CLASS")
     title = controller if own is None else own.name
@@ -470,13 +459,14 @@ def tune_controller(
     first_of_trials = seed + FRESH * seeds
     training_seeds(first_of_trials, (trials + 1) * seeds)
     options = {"resolution": "fast", **options}
-    Task(CUTS_IN, **options)  # raises `InputError` here, before the first trial
-    folder = folder_of(out)
+    episode.Task(CUTS_IN, **options)  # raises `InputError` here, before the first trial
+    folder = files.folder_of(out)
     in_use = {key: _value_in_use(law, key) for key in space}
     first = {key: min(max(in_use[key], bound.low), bound.high) for key, bound in space.items()}
-    of = {"seed": seed, "seeds": seeds, "options": options, "files": sorted(digests_of([name, options]).values())}
+    digests = sorted(runs.digests_of([name, options]).values())
+    of = {"seed": seed, "seeds": seeds, "options": options, "files": digests}
     study = open_study(folder, title, of, trials, first)
-    machines = engine or Processes()
+    machines = engine or runs.Processes()
 
     def made(number: int, values: dict[str, float]) -> Trial:
         # every trial has other machines, because the search would otherwise fit the settings to a few
@@ -484,7 +474,10 @@ def tune_controller(
         return Trial(number, "controller", name, values, tuple(judged_by), options=options)
 
     run_study(study, space, trials, machines, made, watch)
-    spreads = _judged_again([made(-1, in_use), *_finalists(study, made)], fresh, machines, RunTable(folder / FINAL))
+    whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
+    best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
+    finalists = [made(-1, in_use), *(made(trial.number, _rounded(trial)) for trial in best)]
+    spreads = _judged_again(finalists, fresh, machines, runs.RunTable(folder / FINAL))
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]
     before, ended, failed = spreads[-1][1], made_in(study), made_in(study, "FAIL")
@@ -495,12 +488,12 @@ def tune_controller(
 
 def bounds_of(controller: str) -> dict[str, Bound]:
     """Return the bounds of a controller's settings, ours or the user's; raise `InputError` if they are invalid."""
-    own_class = named(controller)
+    own_class = user_code.named(controller)
     if own_class is None:
         if controller not in BOUNDS:
             raise InputError(f"no gains of '{controller}' are searched; choose {one_of(controller, BOUNDS)}")
         return {name: Bound(*ends) for name, ends in BOUNDS[controller].items()}
-    kind = vars(run(own_class.file))[own_class.name]
+    kind = vars(user_code.run(own_class.file))[own_class.name]
     declared = getattr(kind, "BOUNDS", None)
     if not isinstance(declared, Mapping) or not declared:
         raise InputError(f"{own_class.name} does not say what is searched: give it {_RULE}", own_class.file)
@@ -518,26 +511,20 @@ def bounds_of(controller: str) -> dict[str, Bound]:
 
 
 def _value_in_use(law: object, name: str) -> float:
-    value = real(getattr(law, name, None))
+    value = numeric.real(getattr(law, name, None))
     if value is None:
         raise InputError(f"{name} of your controller has no value to begin with: give the parameter a default")
     return value
 
 
-def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> list[Trial]:
-    whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
-    best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
-    return [made(trial.number, _rounded(trial)) for trial in best]
-
-
 def _judged_again(
-    trials: list[Trial], fresh: tuple[int, ...], engine: Engine, table: RunTable
+    trials: list[Trial], fresh: tuple[int, ...], engine: runs.Engine, table: runs.RunTable
 ) -> dict[int, tuple[dict[str, float], Spread]]:
     """Return values and spread of trials by number, on machines on which they were not chosen."""
     again = {}
     for trial in (replace(trial, seeds=fresh) for trial in trials):
-        files = sorted(digests_of([trial.name, trial.options]).values())
-        again[identity({"edmsim": __version__, "files": files, **asdict(trial)})] = trial
+        digests = sorted(runs.digests_of([trial.name, trial.options]).values())
+        again[runs.identity({"edmsim": __version__, "files": digests, **asdict(trial)})] = trial
     ids = {trial.number: name for name, trial in again.items()}
     missing = [trial for name, trial in again.items() if name not in table.rows]
     for trial, answer in engine.done(judge_trial, missing):

@@ -29,8 +29,8 @@ from edmsim.plant.mechanics.model import _read_mjcf
 from edmsim.program.heights import parse_height
 from edmsim.program.path import plan_path
 from edmsim.recording.report import read_cut
+from edmsim.sweep.run import read
 from edmsim.sweep.specification import read_specification, values_of
-from edmsim.sweep.table import read
 
 from . import devices
 

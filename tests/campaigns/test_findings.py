@@ -22,8 +22,8 @@ from edmsim.plant.mechanics.model import read_mjcf
 from edmsim.program.path import load_program, plan_path
 from edmsim.recording.report import read_cut
 from edmsim.recording.windows import read_windows
+from edmsim.sweep.run import Store, read, read_part
 from edmsim.sweep.specification import read_specification, values_of
-from edmsim.sweep.table import Store, read, read_part
 
 CONFIGURATION = read_configuration("GLOBAL\nspeed L\n")
 

@@ -269,12 +269,12 @@ def test_parts_are_compared_by_what_a_law_earns(small, usual):
 def test_what_belongs_to_windows_is_refused_of_parts(tmp_path):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("minari")
-    from edmsim.learning.command import TrainOptions, run
     from edmsim.learning.dataset import record
+    from edmsim.learning.score import TrainOptions, train_and_score
 
     for options in (TrainOptions(residual="counts"), TrainOptions(privileged_critic=True)):
         with pytest.raises(InputError, match="pass by pass"):
-            run(ID, "ppo", tmp_path, 8, 0, False, 0, options)
+            train_and_score(ID, "ppo", tmp_path, 8, 0, False, 0, options)
     with pytest.raises(InputError, match="pass by pass"):
         record(ID, ["counts"], 10, tmp_path)
 

@@ -105,7 +105,7 @@ def test_a_damaged_cut_of_a_leaderboard_is_refused_before_the_first_cut(tmp_path
     file = tmp_path / "board.jsonl"
     row = json.loads((DOCS / "leaderboard.jsonl").read_text(encoding="utf-8").partition("\n")[0])
     file.write_text(json.dumps({**row, "total_return": "5"}) + "\n")
-    monkeypatch.setattr("edmsim.evaluation.compare.identity", lambda _: row["id"])
+    monkeypatch.setattr("edmsim.runs.identity", lambda _: row["id"])
     monkeypatch.setattr("edmsim.evaluation.compare.cut", lambda *_: pytest.fail("a cut was made"))
     with pytest.raises(InputError, match=r"total_return of the cut .* is '5'") as refused:
         evaluate(GAP_FEED, ["fixed"], 2, table=RunTable(file))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.learning.command import in_words
+from edmsim.learning.score import in_words
 
 
 def test_a_curve_says_when_it_rises():

@@ -18,7 +18,7 @@ from edmsim.errors import InputError
 from edmsim.job.cut import cut
 from edmsim.learning import export_sb3, policy_file, start_sb3
 from edmsim.learning import train as training
-from edmsim.learning.command import TrainOptions
+from edmsim.learning.score import TrainOptions
 from edmsim.learning.train import train
 
 pytestmark = [
@@ -207,7 +207,7 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
     ],
 )
 def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, policy, options, match, tmp_path):
-    parameters = TrainOptions(**options).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
+    parameters = TrainOptions(**options).parameters(env_id, algo).model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=match):
         train(env_id, algo, tmp_path, parameters=parameters, steps=64, begin_from=policy_file.load(policy))
 
@@ -217,13 +217,13 @@ def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp
     layers = {"net_arch": [24, 24], "activation_fn": torch.nn.ReLU}
     export_sb3(learner("ppo", vec_env, 0, **layers), vec_env, tmp_path / "policy.json")
     options = TrainOptions(start=f"policy:{tmp_path / 'policy.json'}")
-    parameters = options.hyperparameters("Corner", "ppo")
+    parameters = options.parameters("Corner", "ppo")
     assert (parameters.network.widths, parameters.network.activation) == ([24, 24], "relu")
-    assert TrainOptions().hyperparameters("Corner", "ppo").network.widths == [64, 64]
+    assert TrainOptions().parameters("Corner", "ppo").network.widths == [64, 64]
     settings = tmp_path / "settings.toml"
     settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")
     other = options._replace(settings=settings)
-    parameters = other.hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
+    parameters = other.parameters("Corner", "ppo").model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=r"layers \[24, 24\] with relu.*the learner has hidden layers \[32, 32\]"):
         train("Corner", "ppo", tmp_path, parameters=parameters, steps=64, begin_from=options.policy())
 

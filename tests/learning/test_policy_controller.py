@@ -27,30 +27,26 @@ ROOT = Path(__file__).parents[2]
 def make_policy(tmp_path):
     """Write a policy of an environment with a random network; return its .json."""
 
-    def make(name, output="clip", **environment):
-        environment = {"resolution": "fast", **environment}
-        family = make_family(name, **environment)
-        observed = family.entries()
-        rng = np.random.default_rng(4)
-        sizes = [len(observed), 8, len(family.action_names)]
-        weights = [rng.normal(0, 0.4, shape) for shape in pairwise(sizes)]
-        biases = [rng.normal(0, 0.1, size) for size in sizes[1:]]
-        packed = policy_file.pack(weights, biases)
-        card = policy_file.Card.model_validate({
-            "format": policy_file.FORMAT, "env_id": env_id_of(name), "environment": environment,
-            "observation": [
-                {"name": e.name, "meaning": e.meaning, "mean": rng.uniform(0, 0.2), "variance": rng.uniform(0.1, 1)}
-                for e in observed
-            ],
-            "epsilon": 1e-8, "clip": 10.0, "action": policy_file.meanings(family), "widths": [8],
-            "activation": "tanh", "output": output, "arrays_sha256": policy_file.digest(packed), "algorithm": "ppo",
-            "command": "none: random", "seed": 0, "steps": 0, "versions": {},
-        })  # fmt: skip
-        file = tmp_path / f"{name}.json"
-        policy_file.write(card, packed, file)
+    def make(name, **options):
+        environment = {"resolution": "fast", **options}
+        family, file, rng = make_family(name, **environment), tmp_path / f"{name}.json", np.random.default_rng(4)
+        sizes = [len(family.entries()), 8, len(family.action_names)]
+        policy_file.write_policy(
+            file, env_id=env_id_of(name), environment=environment, lstm=None, algorithm="ppo", command="none: random",
+            weights=[rng.normal(0, 0.4, shape) for shape in pairwise(sizes)], seed=0, steps=0,
+            biases=[rng.normal(0, 0.1, size) for size in sizes[1:]], mean=rng.uniform(0, 0.2, sizes[0]),
+            variance=rng.uniform(0.1, 1, sizes[0]),
+        )  # fmt: skip
         return file
 
     return make
+
+
+def started(controller, task, seed=5):
+    """Begin an episode with a controller; return its first command."""
+    task.reset(seed)
+    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
+    return controller.reset(task.max_feed_um_s)
 
 
 @pytest.mark.slow
@@ -66,10 +62,7 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
     env = gym.make(env_id_of(name), resolution="fast", **options)
     task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
     observed, _ = env.reset(seed=5)
-    task.reset(5)
-    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
-    command = controller.reset(task.max_feed_um_s)
-    settings = set()
+    command, settings = started(controller, task), set()
     for _ in range(120):
         observed, reward, terminated, _, info = env.step(policy.action(observed).astype(np.float32))
         result = task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
@@ -92,10 +85,8 @@ def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_envir
     policy = policy_file.load(str(make_policy("GapFeed", **options)))
     env, task = gym.make("edmsim/GapFeed-v2", **options), Task("GapFeed")
     observed, _ = env.reset(seed=5)
-    task.reset(5)
     controller = PolicyController(policy)
-    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
-    command = controller.reset(task.max_feed_um_s)
+    command = started(controller, task)
     for _ in range(30):
         observed, *_, info = env.step(policy.action(observed).astype(np.float32))
         assert info["dt_s"] == pytest.approx(4 * 0.0255)
@@ -138,17 +129,12 @@ def test_the_law_that_a_policy_adds_to_goes_on_with_the_next_wire_as_in_training
 
 
 def test_a_snapshot_goes_on_bit_for_bit(make_policy):
-    def started():
-        task, controller = Task("Corner", resolution="fast"), make_controller(f"policy:{file}")
-        task.reset(1)
-        set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
-        return task, controller, controller.reset(task.max_feed_um_s)
-
-    file = make_policy("Corner")
-    task, first, command = started()
+    first, second = (make_controller(f"policy:{make_policy('Corner')}") for _ in range(2))
+    task = Task("Corner", resolution="fast")
+    started(second, task, 1)
+    command = started(first, task, 1)
     for _ in range(15):
         command = first.update(task.advance(command.feed_um_s, command.t_on_us, command.t_period_us).observation)
-    second = started()[1]
     second.restore(json.loads(json.dumps(first.snapshot())))
     window = task.advance(command.feed_um_s).observation
     assert first.update(window) == second.update(window)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.evaluation.episode import HELD_BACK
-from edmsim.learning import command, policy_file, score
+from edmsim.evaluation import episode
+from edmsim.learning import policy_file, score
 
 RNG = np.random.default_rng(1)
 MACHINES = RNG.uniform(500, 3000, 12)  # what a start earns: machines differ far more than policies
@@ -24,7 +24,7 @@ def test_a_policy_is_accepted_by_its_differences_machine_by_machine(change, acce
 
 
 def test_the_machines_are_none_of_a_comparison():
-    assert score.FIRST_SEED + 1000 < HELD_BACK
+    assert score.FIRST_SEED + 1000 < episode.HELD_BACK
 
 
 @pytest.mark.parametrize(("worse", "left"), [(True, "start"), (False, "trained")])
@@ -42,7 +42,10 @@ def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, wors
             assert not policy_json.exists()  # an interruption leaves no policy that was not accepted
             self.total_return = MACHINES[seed - score.FIRST_SEED] - (500.0 if worse and "trained" in name else 0.0)
 
-    monkeypatch.setattr(score, "cut_job", lambda env_id, job: Cut(job[1], job[0].replace(str(trained), "trained")))
+    def cut_job(env_id, job):
+        return Cut(job[1], job[0].replace(str(trained), "trained"))
+
+    monkeypatch.setattr(episode, "cut_job", cut_job)
     found = score.accept("edmsim/GapFeed-v2", trained, "policy:GapFeed-ppo", 6)
     assert found.machines == 6
     assert (policy_file.load(str(policy_json)).card.command == "trained") is (left == "trained")
@@ -65,5 +68,5 @@ def test_a_training_does_not_replace_the_policy_of_a_folder(tmp_path, algo):
     file = tmp_path / "policy.json"
     file.write_text("a start")
     with pytest.raises(InputError, match="has a policy, which the training would replace"):
-        command.run("edmsim/GapFeed-v2", algo, tmp_path, 64, 0, False, 0)
+        score.train_and_score("edmsim/GapFeed-v2", algo, tmp_path, 64, 0, False, 0)
     assert file.read_text() == "a start"

@@ -8,16 +8,16 @@ import pytest
 import torch
 from stable_baselines3.common.logger import Logger
 
-from edmsim.controllers.protocols import set_up_controller
 from edmsim.envs.episode import Task
 from edmsim.envs.families import GapFeed
 from edmsim.envs.sb3 import make_sb3_vec_env
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
-from edmsim.learning.command import TrainOptions
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.sb3 import CostVecEnv, Multiplier, TaughtVecEnv, vec_env_of
+from edmsim.learning.score import TrainOptions
 from edmsim.learning.train import train
+from tests.learning.test_policy_controller import started
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
@@ -27,7 +27,7 @@ pytestmark = [
 
 def exported(tmp_path, env_id, algo, steps=64, algorithm=(), **options):
     """Train for some windows; return what was trained, and the policy as it is read from its files."""
-    usual = TrainOptions(**options).hyperparameters(env_id, algo)
+    usual = TrainOptions(**options).parameters(env_id, algo)
     parameters = usual.model_copy(update={"algorithm": usual.algorithm | dict(algorithm)})
     trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=parameters)
     policy_file.write(*trained.export("a test"), tmp_path / "policy.json")
@@ -61,14 +61,11 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
     _, policy = exported(tmp_path, "edmsim/GapFeed-v2", "recurrent-ppo")
     first, second = PolicyController(policy), PolicyController(policy)
     task = Task("GapFeed")
-    task.reset(5)
-    for controller in (first, second):
-        set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
-    command = start = first.reset(task.max_feed_um_s)
+    started(second, task)
+    command = start = started(first, task)
     for _ in range(12):
         observed = task.advance(command.feed_um_s).observation
         command = first.update(observed)
-    second.reset(task.max_feed_um_s)
     second.restore(json.loads(json.dumps(first.snapshot())))
     assert second.update(observed) == first.update(observed)
     assert first.reset(task.max_feed_um_s) == start
@@ -88,10 +85,7 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
     vec_env = vec_env_of("edmsim/GapFeed-v2", trained.hyperparameters, 5).learned_on
     observed = vec_env.reset()
     task, controller = Task("GapFeed"), PolicyController(policy)
-    task.reset(5)
-    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
-    command = controller.reset(task.max_feed_um_s)
-    feeds = set()
+    command, feeds = started(controller, task), set()
     for _ in range(60):
         observed, _, done, infos = vec_env.step(np.array([policy.action(row) for row in observed], np.float32))
         result = task.advance(command.feed_um_s)
@@ -109,10 +103,7 @@ def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     soon = {"batch_size": 64, "learning_rate": 0.01}
     _, policy = exported(tmp_path, "edmsim/Corner-v3", "imitation", steps=768, algorithm=soon, teacher=teacher)
     task, controller = Task("Corner"), PolicyController(policy)
-    task.reset(5)
-    set_up_controller(controller, task.machine, task.scenario.legs_um[0], 0.0)
-    first = task.machine
-    command = controller.reset(task.max_feed_um_s)
+    command, first = started(controller, task), task.machine
     for _ in range(60):
         command = controller.update(task.advance(command.feed_um_s, command.t_on_us, command.t_period_us).observation)
     assert command.t_on_us == pytest.approx(0.5 * first.t_on_us, abs=1.0)
@@ -182,7 +173,7 @@ def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, optio
 def test_a_residual_replaces_no_settings_in_silence(tmp_path, entry):
     (tmp_path / "own.toml").write_text(f"[environment]\n{entry}\n", encoding="utf-8")
     with pytest.raises(InputError, match=f"own.toml: .*leave environment.{entry.split()[0]} out"):
-        TrainOptions(tmp_path / "own.toml", residual="counts").hyperparameters("edmsim/GapFeed-v2", "ppo")
+        TrainOptions(tmp_path / "own.toml", residual="counts").parameters("edmsim/GapFeed-v2", "ppo")
 
 
 @pytest.mark.parametrize(("env_id", "teacher"), [

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from edmsim.runs import read_rows
-from edmsim.sweep.table import JOURNAL, RESULTS, read
+from edmsim.sweep.run import JOURNAL, RESULTS, read
 
 LINE = "G21 G90\nG0 X0 Y0\nG1 X0.3\nM2\n"
 SPECIFICATION = """\

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from edmsim.sweep.sensitivity import sensitivity
+from edmsim.sweep.summary import sensitivity
 
 NAMES = "abcdefgh"
 

@@ -17,10 +17,9 @@ from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.machine import Machine
 from edmsim.runs import LostJob, Processes, RunTable
 from edmsim.runs import perform as perform_jobs
-from edmsim.sweep import table as stores
-from edmsim.sweep.run import Outcome, SweepProgress, blank, perform, sweep
+from edmsim.sweep import run as stores
+from edmsim.sweep.run import JOURNAL, Outcome, Store, SweepProgress, blank, perform, read, sweep
 from edmsim.sweep.specification import Specification, runs_of
-from edmsim.sweep.table import JOURNAL, Store, read
 
 CLOCKS = ["wall_time_s", "host"]
 

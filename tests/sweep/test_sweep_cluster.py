@@ -16,9 +16,8 @@ from edmsim.controllers import from_text
 from edmsim.errors import EdmsimError, InputError
 from edmsim.runs import Cluster, LostJob
 from edmsim.sweep.population import TABLE, train_population
-from edmsim.sweep.run import SweepProgress, sweep
+from edmsim.sweep.run import SweepProgress, read, sweep
 from edmsim.sweep.specification import Specification
-from edmsim.sweep.table import read
 from edmsim.sweep.tune import TRAINING
 from tests.soak.lost_node import two_nodes
 

@@ -9,8 +9,14 @@ from rich.console import Console
 
 from edmsim import runs
 from edmsim.errors import InputError
+from edmsim.sweep.run import as_table, read
 from edmsim.sweep.summary import KEYS, TIME, front_of, groups, pareto_front, render, sensitivities
-from edmsim.sweep.table import as_table, read
+
+
+def row(name, **found):
+    """Return a run's row, with what was measured in it."""
+    known = {"task": "a.ngc", "seed": 0, "machine_sample": None, "error": None, "outcome": "finished"}
+    return {"id": str(name), **known, **dict.fromkeys(KEYS), **found}
 
 
 @pytest.fixture
@@ -18,10 +24,9 @@ def table():
     """A table whose rate is twice the height and one for the controller, and in which one run failed."""
     noise = np.random.default_rng(0).normal(0.0, 0.01, (2, 3, 20))
     rows = [
-        {"id": f"{k}-{height}-{seed}", "task": "a.ngc", "seed": seed, "machine_sample": None, "height_mm": height,
-         "controller": controller, "error": None, "outcome": "finished", "ra_um": 1.0 + k,
-         "cutting_rate_mm2_min": 2.0 * height + k + noise[k, height, seed], "error_rms_um": None,
-         "short_share": 0.1, "total_return": None, TIME: 10.0 * height + 1}
+        row(f"{k}-{height}-{seed}", seed=seed, height_mm=height, controller=controller, ra_um=1.0 + k,
+            cutting_rate_mm2_min=2.0 * height + k + noise[k, height, seed], short_share=0.1,
+            **{TIME: 10.0 * height + 1})
         for k, controller in enumerate(["counts", "voltage"]) for height in range(3) for seed in range(20)
     ]  # fmt: skip
     rows[4] |= {"outcome": "wire-break", TIME: 0.1}  # a time of no cut
@@ -67,10 +72,8 @@ def test_runs_at_the_greatest_feed_are_counted(table, capsys):
 def test_offsets_are_numbers_although_auto_is_a_text():
     offsets_mm = 0.05 * 1.1 ** np.arange(16)
     rows = [
-        {"id": str(k), "task": "a.ngc", "seed": 0, "machine_sample": None, "offset": float(mm), "tension": n % 16,
-         "error": None, "outcome": "finished", **dict.fromkeys(KEYS), "error_rms_um": 100.0 * mm}
-        for k, (mm, n) in enumerate(zip(offsets_mm, range(0, 80, 5), strict=True))
-    ]  # fmt: skip
+        row(k, offset=float(mm), tension=5 * k % 16, error_rms_um=100.0 * mm) for k, mm in enumerate(offsets_mm)
+    ]
     effects = sensitivities(as_table(rows))["error_rms_um"].effects
     assert effects["offset"].rank_correlation == pytest.approx(1.0)
     assert effects["offset"].first_order > 0.95
@@ -83,13 +86,11 @@ def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines, s
     drawn = np.random.default_rng(2).random(machines)
     extra = ["gap.a"] if machines > 10 else ["gap.a", "gap.b", "wire.c"]
     rows = [
-        {"id": f"{m}-{height}", "task": "a.ngc", "seed": 0, "machine_sample": m, "height_mm": height,
-         **{name: drawn[m] + 0.01 * k for k, name in enumerate(extra)}, "error": None, "outcome": "finished",
-         "cutting_rate_mm2_min": height + 6.0 * drawn[m]}
+        row(f"{m}-{height}", machine_sample=m, height_mm=height, cutting_rate_mm2_min=height + 6.0 * drawn[m],
+            **{name: drawn[m] + 0.01 * k for k, name in enumerate(extra)})
         for m in range(machines) for height in (1.0, 2.0)
     ]  # fmt: skip
-    table = as_table([{**row, **{name: row.get(name) for name in KEYS}} for row in rows])
-    found = sensitivities(table)["cutting_rate_mm2_min"]
+    found = sensitivities(as_table(rows))["cutting_rate_mm2_min"]
     assert sorted(found.effects) == shown
     assert sum(effect.first_order for effect in found.effects.values()) == pytest.approx(1.0, abs=0.01)
     by_machine = (6.0 * drawn).var() / ((6.0 * drawn).var() + 0.25)
@@ -98,29 +99,23 @@ def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines, s
 
 
 def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn():
-    rows = [
-        {"id": f"{m}-{chosen}", "task": "a.ngc", "seed": 0, "machine_sample": m, "gap.chosen": chosen,
-         "gap.drawn": 0.1 * m, "error": None, "outcome": "finished", "ra_um": chosen + m}
+    table = as_table([
+        row(f"{m}-{chosen}", machine_sample=m, ra_um=chosen + m, **{"gap.chosen": chosen, "gap.drawn": 0.1 * m})
         for m in range(3) for chosen in (1.0, 2.0)
-    ]  # fmt: skip
-    table = as_table([{**row, **{name: row.get(name) for name in KEYS}} for row in rows])
+    ])  # fmt: skip
     assert [group.settings for group in groups(table)] == [{"gap.chosen": 1.0}, {"gap.chosen": 2.0}]
     assert sorted(sensitivities(table)["ra_um"].effects) == ["gap.chosen", "gap.drawn"]
 
 
 def test_a_constant_that_the_first_runs_left_at_its_default_is_a_setting():
-    first = {"id": "0", "task": "a.ngc", "seed": 0, "machine_sample": None, **dict.fromkeys(KEYS), "error": None,
-             "outcome": None, "ra_um": 1.0}  # fmt: skip
-    table = as_table([first, {**first, "id": "1", "gap.chosen": 5.0}])
+    table = as_table([row(0, ra_um=1.0), row(1, ra_um=1.0, **{"gap.chosen": 5.0})])
     assert [group.settings for group in groups(table)] == [{"gap.chosen": None}, {"gap.chosen": 5.0}]
 
 
 def test_the_interval_of_a_mean_is_that_over_drawn_machines():
     rows = [
-        {"id": f"{m}-{seed}", "task": "a.ngc", "seed": seed, "machine_sample": m, **dict.fromkeys(KEYS),
-         "error": None, "outcome": None, "ra_um": float(m)}
-        for m in range(4) for seed in range(20)
-    ]  # fmt: skip
+        row(f"{m}-{seed}", seed=seed, machine_sample=m, ra_um=float(m)) for m in range(4) for seed in range(20)
+    ]
     (group,), one = groups(as_table(rows)), groups(as_table(rows[::20]))[0]
     assert group.figures["ra_um"] == one.figures["ra_um"]
     assert (group.runs, one.runs) == (80, 4)

@@ -7,44 +7,20 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.runs import LostJob
-from edmsim.sweep.tune import (
-    FINALISTS,
-    FRESH,
-    Bound,
-    Trial,
-    TrialResult,
-    bounds_of,
-    judge_trial,
-    tune_controller,
-    worst_share_mean,
-)
+from edmsim.sweep import tune
+from edmsim.sweep.tune import Trial, judge_trial, tune_controller
 
 FIRMWARE = """\
-from dataclasses import dataclass
-from typing import ClassVar
-
-from edmsim.controllers import FeedCommand
+from edmsim.controllers.feed.laws import FixedController
 
 
-@dataclass
-class Firmware:
-    name: ClassVar[str] = "firmware"
-    BOUNDS: ClassVar = {BOUNDS}
+class Firmware(FixedController):
+    name = "firmware"
+    BOUNDS = {BOUNDS}
 
-    feed_um_s: float = 5.0
-    window_s: float = 0.1
-
-    def reset(self, max_feed_um_s):
-        return FeedCommand(self.feed_um_s)
-
-    def update(self, window):
-        return FeedCommand(self.feed_um_s)
-
-    def snapshot(self):
-        return {}
-
-    def restore(self, state):
-        pass
+    def __init__(self, feed_um_s=5.0, window_s=0.1):
+        super().__init__(feed_um_s=feed_um_s)
+        self.window_s = window_s
 """
 USUAL = '{"feed_um_s": (1.0, 30.0), "window_s": (0.01, 1.0, "log")}'
 
@@ -69,7 +45,7 @@ class Machines:
             feed = job.values["feed_um_s"]
             returns = tuple(-100.0 if feed > 6.5 and seed % 4 == 0 else feed for seed in job.seeds)
             lost = job.number == self.lost
-            result = TrialResult(worst_share_mean(returns), None, {}, returns)
+            result = tune.TrialResult(tune.worst_share_mean(returns), None, {}, returns)
             yield job, LostJob("the computer was lost") if lost else result
 
 
@@ -82,9 +58,9 @@ def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
     assert 5.5 < found.values["feed_um_s"] <= 6.5
     assert found.spread.worst == found.spread.low == found.values["feed_um_s"]
     assert found.first_spread.worst == 5.0
-    assert (found.trials, found.failed, found.machines) == (25, 0, 4 * FRESH)
+    assert (found.trials, found.failed, found.machines) == (25, 0, 4 * tune.FRESH)
     again = [trial for trial in engine.observed if trial.seeds == tuple(range(8))]
-    assert len(again) == 1 + FINALISTS
+    assert len(again) == 1 + tune.FINALISTS
     tried = [seed for trial in engine.observed[:25] for seed in trial.seeds]
     assert tried == list(range(8, 8 + 25 * 4))  # every trial has machines of its own, and none of these
     assert engine.observed[0].values == {"feed_um_s": 5.0, "window_s": 0.1}  # what is in use comes first
@@ -125,7 +101,8 @@ def test_ours_are_searched_alike(tmp_path):
 
 
 def test_bounds_are_read_as_declared(tmp_path):
-    assert bounds_of(written(tmp_path)) == {"feed_um_s": Bound(1.0, 30.0), "window_s": Bound(0.01, 1.0, "log")}
+    feeds, windows = tune.Bound(1.0, 30.0), tune.Bound(0.01, 1.0, "log")
+    assert tune.bounds_of(written(tmp_path)) == {"feed_um_s": feeds, "window_s": windows}
 
 
 @pytest.mark.parametrize(("bounds", "said"), [
