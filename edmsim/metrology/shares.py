@@ -105,16 +105,16 @@ class TableError:
 
 
 def table_error(
-    machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0,
+    machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, starts_um: Floats,
     last_pass: int | None = None,
 ) -> TableError:
     """Return the contribution of the table's errors to a profile error, from its positions when the wire passes."""
-    # errors are those of the table at rest, without backlash. `start_um` is the length of path before the contour.
+    # errors are those of the table at rest, without backlash. `starts_um` has the length of path before each pass.
     # The wall is that of `last_pass`, the last pass that was begun (default: the last)
     line = Polyline(contour.at_mid_height().nominal_mm, contour.closed)
     towards_left = left_of(line.tangent(profile.s_mm, _TANGENT_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
-    places_um, path_um = _when_passed(contour, profile.points_mm * 1e3, start_um, last_pass)
+    places_um, path_um = _when_passed(contour, profile.points_mm * 1e3, starts_um, last_pass)
     return TableError(
         (_displaced_um(machine, places_um, path_um, None) * away).sum(axis=1),
         (_displaced_um(machine, places_um, path_um, elcam) * away).sum(axis=1),
@@ -122,14 +122,14 @@ def table_error(
 
 
 def _when_passed(
-    contour: WireContour, points_um: Floats, start_um: float, last_pass: int | None
+    contour: WireContour, points_um: Floats, starts_um: Floats, last_pass: int | None
 ) -> tuple[Floats, Floats]:
     """Return positions (n, 2) of the lower guide when the wire is nearest to points, and path lengths (n,) there."""
     numbers = [one.number for one in contour.passes] or [1]
     last_pass = numbers[-1] if last_pass is None else last_pass
     nearest_um, path_um = np.full(len(points_um), np.inf), np.zeros(len(points_um))
     places_um, points = np.zeros((len(points_um), 2)), shapely.points(points_um)
-    for way, number in zip(contour.ways, numbers, strict=True):
+    for way, number, start_um in zip(contour.ways, numbers, starts_um, strict=True):
         along_um, middle_um = way.along_um, way.at_mid_height()
         line, known = shapely.LineString(middle_um), arc_lengths(middle_um)
         away_um, passed = shapely.distance(line, points), shapely.line_locate_point(line, points)
@@ -137,7 +137,6 @@ def _when_passed(
         nearest_um[here] = away_um[here]
         places_um[here] = interpolated(passed, known, way.points_um)[here]
         path_um[here] = start_um + np.interp(passed, known, along_um)[here]
-        start_um += along_um[-1]
     return places_um, path_um
 
 

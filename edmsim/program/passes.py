@@ -112,6 +112,15 @@ class CutPass:
         return float(along_um[-1] - along_um[self.approach_moves]) * 1e-3
 
 
+@dataclass(frozen=True)
+class Lead:
+    """The lead-in to a path's start, without the start itself, and the program line of every move."""
+
+    points: Floats
+    lines: tuple[int, ...]
+    parted: bool = False  # to a later pass: whether another contour is cut before it
+
+
 class Tilt(NamedTuple):
     """Inclination of the wire in a stretch: slope at each of its points, wall, and guides."""
 
@@ -135,6 +144,7 @@ class Stretch:
     frees: bool = False
     falls: bool = False
     threads: bool = False
+    parted: bool = False  # whether another contour is cut between the previous stretch and this one
     tilt: Tilt | None = None
     dwells: tuple[tuple[int, float], ...] = ()
     leads: int = 0
@@ -320,25 +330,16 @@ class _Line:
 
 
 def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
-    """Group successive outlines along the same edge: the passes of a program."""
-    groups: list[list[Outline]] = []
-    for outline in outlines:
-        if groups and same_edge(groups[-1][0], outline):
-            groups[-1].append(outline)
-        else:
-            groups.append([outline])
-    return groups
-
-
-def parted_passes(groups: Sequence[Sequence[Outline]]) -> list[str]:
-    """Return notices of edges that are cut again after others: a cut that does not follow directly is not a pass."""
-    lines = [shapely.LineString(group[0].points_mm) for group in groups]
-    pairs = zip(*shapely.STRtree(lines).query(lines).tolist(), strict=True)
-    return [
-        f"{groups[later][0].name} has been cut before other contours, and is cut again as one of its own, not as a "
-        "pass: cut all passes of a contour before the next one"
-        for later, first in sorted(pairs) if first < later and same_edge(groups[first][0], groups[later][0])
-    ]  # fmt: skip
+    """Group outlines along the same edge, the passes of a program, which may cut other edges between them."""
+    lines = [shapely.LineString(outline.points_mm) for outline in outlines]
+    near: list[list[int]] = [[] for _ in outlines]
+    for later, first in shapely.STRtree(lines).query(lines, "dwithin", JOIN_TOLERANCE_MM).T.tolist():
+        near[later].append(first)
+    groups: dict[int, list[Outline]] = {}
+    for k, outline in enumerate(outlines):
+        known = (first for first in sorted(near[k]) if first in groups and same_edge(outlines[first], outline))
+        groups.setdefault(next(known, k), []).append(outline)
+    return list(groups.values())
 
 
 def same_edge(one: Outline, other: Outline) -> bool:
@@ -362,13 +363,12 @@ def runs_back(one: Outline, other: Outline) -> bool:
     return bool(np.hypot(*(start - one.points_mm[0])) > np.hypot(*(start - one.points_mm[-1])))
 
 
-def begins_elsewhere(before: Outline, outline: Outline) -> bool:
-    """Return whether a pass does not begin where the previous one ended, so that it needs its own lead-in."""
-    apart_mm = float(np.hypot(*(outline.points_mm[0] - before.points_mm[-1])))
-    return before is not outline and apart_mm > JOIN_TOLERANCE_MM * 10
+def begins_at(outline: Outline, place_mm: Floats) -> bool:
+    """Return whether a pass begins at a place, so that it needs no lead-in from there."""
+    return bool(np.hypot(*(outline.points_mm[0] - place_mm)) <= JOIN_TOLERANCE_MM * 10)
 
 
-def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Floats | None]) -> list[Stretch]:
+def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Lead | None]) -> list[Stretch]:
     """Return the stretches of a program's own passes along one edge, each after its lead-in, if any."""
     check_offsets([leg.offset_mm for leg in legs], legs[-1].outline.line)
     first, ways = legs[0].outline, []
@@ -379,8 +379,8 @@ def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Floats | None])
             frees=first.closed and number == 1,
         )
         if lead is not None:
-            way = way.behind(Stretch(number, "profile", lead, leg.offset_mm, False))
-            way = replace(way, threads=not leg.outline.continues)
+            way = way.behind(Stretch(number, "profile", lead.points, leg.offset_mm, False))
+            way = replace(way, threads=not leg.outline.continues, parted=lead.parted)
         ways.append(way)
     return ways
 
@@ -393,10 +393,11 @@ def on_grid(
     passes: list[CutPass] = []
     before = lead
     for way in ways:
-        before = before[:0] if way.threads else before
+        anew = way.threads or way.parted
+        before = before[:0] if anew else before
         known = np.concatenate([before, way.points])
         dwells = (*waits, *((len(before) + i, seconds) for i, seconds in way.dwells))
-        joined = _guided(known, way, len(before), passes[-1] if passes and not way.threads else None, grid_um)
+        joined = _guided(known, way, len(before), passes[-1] if passes and not anew else None, grid_um)
         joined, moves, dwells = joined.moving(dwells)
         passes.append(
             CutPass(

@@ -288,7 +288,7 @@ def test_a_part_that_came_loose_is_not_the_slug_of_the_next_contour(tmp_path):
     (tmp_path / "parts.ngc").write_text(CLIP_AND_BLOCK)
     cut = CutSettings(height_mm=25.4, passes=2, tab_mm=0.2, after_tab="cut")
     ready = prepared(tmp_path / "parts.ngc", cut)
-    legs = [leg for contour in ready.path.contours for leg in legs_of(contour)]
+    legs = legs_of(ready.path)
     ways = [shapely.LineString(leg.points_um) for leg in legs if leg.cut_pass.number == 1]
     places = [way.interpolate(um) for way in ways for um in np.arange(0.0, way.length, 60.0)]
     field = KerfField(3, Stock((20e3, 20e3, 45e3, 45e3), tuple((p.x, p.y, 160.0) for p in places)), 8.0, 8000.0)

@@ -136,7 +136,8 @@ def test_no_way_from_one_pass_to_the_next_cuts_a_corner(tmp_path, tab_mm, begin)
 @pytest.mark.parametrize("tab_mm", [0.0, 1.5])
 def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path, tab_mm):
     text = SQUARE.format("Y3\nG4 P2.5\nY4\nX4\nY0\nX0\nY2\n")
-    contour = plan(tmp_path, text, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm)).contours[0]
+    path = plan(tmp_path, text, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm))
+    (contour,) = path.contours
     profile = [one for one in contour.passes if one.piece == "profile"]
     corner = contour.nominal_mm[0] + (0.0, 1.0)
     for one in profile:
@@ -145,7 +146,7 @@ def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path, tab_mm):
         np.testing.assert_allclose(one.points_um[i], 1e3 * (corner - (one.offset_um * 1e-3, 0.0)), atol=1.0)
     assert all(not one.dwells for one in contour.passes if one.piece == "tab")
     assert contour.waiting_s == 2.5 * len(profile)
-    legs = legs_of(contour)
+    legs = legs_of(path)
     assert [leg.dwell_s for leg in legs if leg.dwell_s] == [2.5] * len(profile)
     for before, leg in pairwise(legs):
         np.testing.assert_array_equal(before.points_um[-1], leg.points_um[0])
@@ -178,15 +179,16 @@ GUIDES = GuideHeights(-10.0, 20.0, 10.0, 30.0)
 @pytest.mark.parametrize("angle_deg", [3.0, -3.0])
 def test_passes_of_a_leaning_wire_keep_their_offsets_at_every_height(tmp_path, angle_deg, corners):
     """In a horizontal plane, the wire's centre is offset / cos a from a wall that leans by a."""
-    contour = plan(
+    path = plan(
         tmp_path, passes=PassPlan(OFFSETS_MM, tab_mm=1.2), taper_deg=angle_deg, corners=corners, guides=[GUIDES]
-    ).contours[0]
+    )
+    (contour,) = path.contours
     assert [(p.number, p.piece, p.reversed) for p in contour.passes] == [
         (1, "profile", False), (2, "profile", True), (3, "profile", False),
         (1, "tab", False), (2, "tab", True), (3, "tab", False),
     ]  # fmt: skip
     cosine = np.cos(np.radians(angle_deg))
-    for one, leg in zip(contour.passes, legs_of(contour)[1:], strict=True):
+    for one, leg in zip(contour.passes, legs_of(path)[1:], strict=True):
         for z in (0.0, 5.0, 10.0):
             wall = shapely.LineString(contour.at_height(z).nominal_mm)
             way = one.at_height(z).points_um[one.approach_moves :] * 1e-3
@@ -262,7 +264,7 @@ def test_a_trim_that_begins_elsewhere_goes_there_as_the_program_says(tmp_path, w
     edge = shapely.LineString(contour.nominal_mm)
     assert edge.distance(shapely.LineString(trim.points_um * 1e-3)) == pytest.approx(0.2, abs=2e-3)
     assert (trim.reversed, trim.threads, contour.threads) == (True, threads, (True, threads))
-    assert [leg.threads for leg in legs_of(contour)] == [True, False, threads]
+    assert [leg.threads for leg in legs_of(path)] == [True, False, threads]
     assert len(path.start_holes_um) == 1 + threads
     # the edge has the direction of the contour, also if the last pass has not
     np.testing.assert_allclose(contour.nominal_mm[:3] - path.origin_mm, [(0, 2), (0, 4), (4, 4)])
