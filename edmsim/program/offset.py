@@ -118,6 +118,14 @@ def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Flo
     return np.concatenate([*found, path[-1:]])
 
 
+def distances(points: Floats, chords: NDArray[np.object_]) -> Floats:
+    """Return the distance of every point (n, 2) from the nearest chord; NaN if there is none."""
+    if not len(chords):
+        return np.full(len(points), np.nan)
+    _, found = shapely.STRtree(chords).query_nearest(shapely.points(points), return_distance=True, all_matches=False)
+    return np.asarray(found, np.float64)
+
+
 def nearest_chords(edge: Floats, points: Floats) -> NDArray[np.intp]:
     """Return for each point (k, 2) the index of the nearest chord of `edge` (n, 2), the last if several are."""
     of_point, chord = shapely.STRtree(chords_of(edge)).query_nearest(shapely.points(points))
@@ -211,7 +219,7 @@ def unreachable(
     """Return the places of an edge where metal is left, the worst first; parameters as in `check_reach`."""
     if distance_mm == 0:
         return []
-    left = shapely.distance(shapely.LineString(path), shapely.points(edge)) - distance_mm
+    left = distances(edge, chords_of(path)) - distance_mm
     sharp = _sharp(edge, elements)
     found, in_run = [], np.zeros(len(edge), np.bool_)
     for chords in _runs(~_touched(edge, path, distance_mm), edge):
