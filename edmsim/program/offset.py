@@ -81,7 +81,8 @@ def _join(past_mm: float | None) -> dict[str, Any]:
 
 def _keeps(path: shapely.LineString, edge: shapely.LineString, distance_mm: float) -> bool:
     """Return whether a path keeps its distance from an edge and does not cross itself."""
-    return bool(path.is_simple and path.distance(edge) >= distance_mm - SIMPLIFY_MM)
+    shapely.prepare(edge)
+    return bool(path.is_simple and not shapely.dwithin(edge, path, distance_mm - SIMPLIFY_MM))
 
 
 def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Floats | None:
@@ -93,7 +94,7 @@ def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Flo
         k = int(sides.argmax())
         middle = (path[k] + path[k + 1]) / 2
         path = np.concatenate([[middle], path[k + 1 : -1], path[: k + 1], [middle]])
-    away_mm = shapely.distance(line, shapely.points(path))
+    away_mm = distances(path, chords_of(edge))
     found = [path[:1]]
     for i in range(1, len(path) - 1):
         tip = path[i]

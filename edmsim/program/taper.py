@@ -520,17 +520,16 @@ def _offset_line(
         d1, d2 = left[k - 1], left[k % count]
         vertex, n1, n2 = other.points[0], one.ends[1], other.ends[0]
         joint = _Joint(0.0, 0) if open_end else joints[k % count]
-        fan = np.empty((0, 2))
-        first, last = (one.points[-1] if open_end else vertex) + d1 * n1, vertex + d2 * n2
-        if joint.chords:
-            fan = vertex + d1 * _turned(n1, joint.turn, joint.chords)[1:-1]
-        elif not open_end and abs(joint.turn) >= math.radians(SHARP_DEG):
-            first = last = _meeting(one, other, (d1, d2))
-        elif not open_end and abs(d1 - d2) < _NOTHING_MM:
-            first = last = vertex + mitre(n1, n2, d1, d2)
+        meets = abs(joint.turn) >= math.radians(SHARP_DEG)
+        if open_end or joint.chords or not (meets or abs(d1 - d2) < _NOTHING_MM):
+            first, last = (one.points[-1] if open_end else vertex) + d1 * n1, vertex + d2 * n2
+        else:
+            first = last = _meeting(one, other, (d1, d2)) if meets else vertex + mitre(n1, n2, d1, d2)
         begins.append(last)
         ends.append(first)
-        rounded.append(fan)
+        rounded.append(
+            vertex + d1 * _turned(n1, joint.turn, joint.chords)[1:-1] if joint.chords else np.empty((0, 2))
+        )
     line = []
     for k, piece in enumerate(pieces):
         line += [_inside(piece, left[k], begins[k], ends[k + 1], chords[k]), rounded[k + 1]]
@@ -566,8 +565,10 @@ def _joints(pieces: list[_Piece], left: Floats, conical: bool) -> list[_Joint]:
     found = []
     for k, piece in enumerate(pieces):
         turn, d = _turn(pieces[k - 1].ends[1], piece.ends[0]), left[:, k]
-        rounds = conical and abs(turn) >= math.radians(SHARP_DEG)
-        rounds &= bool((d == left[:, k - 1]).all() and d.any() and (turn * d <= 0).all())
+        rounds = (
+            conical and abs(turn) >= math.radians(SHARP_DEG)
+            and (d == left[:, k - 1]).all() and d.any() and (turn * d <= 0).all()
+        )  # fmt: skip
         found.append(_Joint(turn, _chords_of_arc(turn, float(np.abs(d).max())) if rounds else 0))
     return found
 
