@@ -241,12 +241,58 @@ def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path):
     assert path.contours[0].offset_um == 200.0
 
 
-def test_an_edge_that_is_cut_again_after_another_one_is_named(tmp_path):
-    other = "G0 X8 Y2\nG41 D1 G1 X10\nY4\nX14\nY0\nX10\nY2\nG40\n"
-    for between, named in (("", 0), (other, 1)):
-        path = plan(tmp_path, twice(0.25, 0.2).replace("G40\n", f"G40\n{between}", 1))
-        assert sum("cut again as one of its own" in notice for notice in path.notices) == named
-        assert len(path.contours) == 1 + 2 * named
+THREADED, ON_CONTOUR = "G0 X{hole} Y2\n{code} {d} G1 X{x}\n", "{code} {d} G0 X{x} Y2\nG1\n"
+STAYS = {0: "G1 X7\nY6\nX-1\nY2\n{code} {d} X{x}\n", 8: "G1 X-1\nY6\nX7\nY2\n{code} {d} X{x}\n"}
+
+
+def two_squares(order, way=THREADED, later=None):
+    """Return a program that cuts two squares rough and back, in an order of (left edge, pass)."""
+    text = "G21 G90\nD1=0.25\nD2=0.2\n"
+    for k, (x, number) in enumerate(order):
+        to = (later or {}).get(x, way) if k else way
+        text += to.format(hole=x - 1.5, x=x, d=f"D{number}", code="G41" if number == 1 else "G42")
+        y, back = (4, 0) if number == 1 else (0, 4)
+        text += f"Y{y}\nX{x + 4}\nY{back}\nX{x}\nY2\nG40\n"
+    return text + "M2\n"
+
+
+SHOP, BY_CONTOUR = ((0, 1), (8, 1), (0, 2), (8, 2)), ((0, 1), (0, 2), (8, 1), (8, 2))
+
+
+@pytest.mark.parametrize("way", [THREADED, ON_CONTOUR])
+def test_all_rough_passes_may_come_before_the_trims(tmp_path, way):
+    """The passes are those of a program that trims each contour at once; a trim is threaded where it says."""
+    path, known = (plan(tmp_path, two_squares(order, way)) for order in (SHOP, BY_CONTOUR))
+    assert [notice.split(": ")[1] for notice in path.notices] == [n.split(": ")[1] for n in known.notices]
+    for contour, other in zip(path.contours, known.contours, strict=True):
+        np.testing.assert_array_equal(contour.points_um, other.points_um)
+        for one, same in zip(contour.passes, other.passes, strict=True):
+            what = one.number, one.piece, one.offset_um, one.reversed, one.frees
+            assert what == (same.number, same.piece, same.offset_um, same.reversed, same.frees)
+            np.testing.assert_array_equal(one.points_um[one.approach_moves :], same.points_um[same.approach_moves :])
+            start = contour.points_um[0] if one.threads else same.points_um[0]
+            np.testing.assert_array_equal(one.points_um[0], start)
+        assert (contour.threads, other.threads) == ((True, True), (True, False))
+    threaded = [leg.cut_pass for leg in legs_of(path) if leg.threads]
+    assert threaded == [path.contours[k].passes[number] for k, number in ((0, 0), (1, 0), (0, 1), (1, 1))]
+
+
+def test_trims_after_other_contours_may_be_reached_with_a_threaded_wire(tmp_path):
+    path = plan(tmp_path, two_squares(SHOP, later=STAYS))
+    assert [contour.threads for contour in path.contours] == [(True, False), (False, False)]
+    begins = [contour.ways_um[number][0] * 1e-3 - path.origin_mm for contour, number in path.cuts]
+    np.testing.assert_allclose(begins, [(-1.5, 2), (-1, 2), (7, 2), (-1, 2)], atol=1e-9)
+    legs = legs_of(path)
+    assert [leg.cut_pass.number for leg in legs if not leg.leads_in] == [1, 1, 2, 2]
+    assert [leg.threads for leg in legs] == [True, *[False] * 5]
+
+
+def test_passes_of_a_contour_are_found_in_any_order(tmp_path):
+    order = (8, 1), (0, 1), (0, 2), (8, 2)
+    path = plan(tmp_path, two_squares(order))
+    assert [[one.number for one in contour.passes] for contour in path.contours] == [[1, 2], [1, 2]]
+    cuts = [(float(contour.nominal_mm[0, 0]) - path.origin_mm[0], number + 1) for contour, number in path.cuts]
+    assert cuts == [(pytest.approx(x), number) for x, number in order]
 
 
 ELSEWHERE = AGAIN.format("G41", "D1", ROUND) + "X-1\n{}G42 D2 G1 Y4\nX0\nY0\nX4\nY4\nX2\nG40\nM2\n"
