@@ -15,7 +15,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.ops import substring
 
 from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.geometry import Floats, arc_lengths, interpolated
@@ -84,7 +83,6 @@ class CutPass:
     approach_moves: int  # number of moves to the beginning of the pass
     offset_um: float  # distance from the drawing
     reversed: bool  # whether it runs against the contour's direction
-    stops_before: bool = False  # whether the machine stops first, to glue the piece
     frees: bool = False  # whether a piece of metal may come loose at its end
     falls: bool = False  # whether such a piece falls; otherwise it is held
     threads: bool = False  # whether the wire is threaded for it, at a start hole of its own
@@ -140,7 +138,6 @@ class Stretch:
     points: Floats
     offset_mm: float
     reversed: bool
-    stops_before: bool = False
     frees: bool = False
     falls: bool = False
     threads: bool = False
@@ -191,14 +188,13 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
         _Leg(line, line.stretch(k + 1, "profile", short[k], last - short[k]), (short[k], last - short[k]), k % 2 == 1)
         for k, line in enumerate(lines)
     ]
-    stops = plan.after_tab == "stop"
     for k, line in enumerate(lines):
         ends = last - plan.overlap_mm - short[k], length + plan.overlap_mm + short[k]
         way = line.stretch(k + 1, "tab", *ends)
         if len(way.points) < 2:
             raise InputError(f"the tab of {plan.tab_mm:g} mm lies in an inner corner, all of it beside one point of "
                              "the wire's path: give a longer tab, or begin the contour further from the corner")
-        first = replace(way, stops_before=stops, frees=True, falls=not stops) if k == 0 else way
+        first = replace(way, frees=True, falls=plan.after_tab == "cut") if k == 0 else way
         ways.append(_Leg(line, first, ends, (len(legs) + k) % 2 == 0))
     return _linked(ways)
 
@@ -210,8 +206,7 @@ def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Stretch
         short = 0.0 if closed else _short_mm(lines[0].leg.offset_mm, line.leg.offset_mm)
         over = plan.overlap_mm if closed and len(lines) > 1 else 0.0
         back = k % 2 == 1
-        round_ = (-over, line.length) if back else (short, line.length - short + over)
-        ends = round_ if closed else (short, line.length - short)
+        ends = (short - over, line.length - short) if back else (short, line.length - short + over)
         way = line.stretch(k + 1, "profile", *ends)
         way = replace(way, frees=closed and k == 0, falls=closed and plan.after_tab == "cut")
         ways.append(_Leg(line, way, ends, back))
@@ -265,6 +260,7 @@ class _Line:
         self.leg = leg
         middle = leg.at_mid_height()
         self.edge, self._path = middle.edge, shapely.LineString(middle.path)
+        self._rows = middle.path if leg.surfaces is None else np.hstack([middle.path, leg.surfaces[1].slope])
         self.length = float(self.edge.length)
         self._closed = leg.outline.closed
 
@@ -275,10 +271,7 @@ class _Line:
 
     def whole(self, number: int, back: bool) -> Stretch:
         """Return the whole path as a pass; `back`: its direction is opposite to that of the first pass."""
-        rows = np.asarray(shapely.get_coordinates(self._path))
-        if self.leg.surfaces is not None:
-            rows = np.concatenate([rows, self.leg.surfaces[1].slope], axis=1)
-        way = self._between(number, "profile", 0.0, rows)
+        way = self._between(number, "profile", 0.0, self._rows)
         own = len(self.leg.outline.approach_mm)  # a dwell on the way from the previous pass is put before this pass
         waits = tuple((0, seconds) for i, seconds in self.leg.outline.dwells if i < own and number > 1)
         return replace(way, reversed=back, dwells=(*waits, *way.dwells))
@@ -311,13 +304,10 @@ class _Line:
         return np.asarray(rows[fresh])
 
     def _part(self, start: float, stop: float) -> Floats:
-        if self.leg.surfaces is None:
-            return np.asarray(shapely.get_coordinates(substring(self._path, start, stop)), np.float64)
-        points = shapely.get_coordinates(self._path)
-        passed, rows = arc_lengths(points), np.concatenate([points, self.leg.surfaces[1].slope], axis=1)
-        ends = interpolated(np.array([start, stop]), passed, rows)
+        passed = arc_lengths(self._rows[:, :2])
+        ends = interpolated(np.array([start, stop]), passed, self._rows)
         inner = (passed > start) & (passed < stop)
-        return np.concatenate([ends[:1], rows[inner], ends[1:]])
+        return np.concatenate([ends[:1], self._rows[inner], ends[1:]])
 
     def _along(self, place_mm: float) -> float:
         turns, rest = divmod(place_mm, self.length) if self._closed else (0.0, place_mm)
@@ -373,11 +363,8 @@ def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Lead | None]) -
     check_offsets([leg.offset_mm for leg in legs], legs[-1].outline.line)
     first, ways = legs[0].outline, []
     for number, (leg, lead) in enumerate(zip(legs, leads, strict=True), 1):
-        way = replace(
-            _Line(leg).whole(number, runs_back(first, leg.outline)),
-            stops_before=number > 1 and legs[number - 2].outline.stops_after,
-            frees=first.closed and number == 1,
-        )
+        way = _Line(leg).whole(number, runs_back(first, leg.outline))
+        way = replace(way, frees=first.closed and number == 1)
         if lead is not None:
             way = way.behind(Stretch(number, "profile", lead.points, leg.offset_mm, False))
             way = replace(way, threads=not leg.outline.continues, parted=lead.parted)
@@ -402,8 +389,7 @@ def on_grid(
         passes.append(
             CutPass(
                 way.number, way.piece, joined.points_um, int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, way.threads,
-                joined.lean, dwells,
+                way.offset_mm * 1000, way.reversed, way.frees, way.falls, way.threads, joined.lean, dwells,
             )
         )
         before, waits = way.points[-1:], ()

@@ -240,9 +240,7 @@ class WireContour:
     @property
     def length_um(self) -> float:
         """Total length of the paths."""
-        if self.lean is not None:
-            return sum(float(way.along_um[-1]) for way in self.ways)
-        return sum(float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in self.ways_um)
+        return sum(float(way.along_um[-1]) for way in self.ways)
 
     @property
     def waiting_s(self) -> float:
