@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError, located
 from edmsim.geometry import Floats, arc_lengths
 from edmsim.program.outline import Outline, Side, chords_of, signed_area
-from edmsim.program.taper import GuideHeights, Ruled, turned_walls, wall_and_wire
+from edmsim.program.taper import GuideHeights, Ruled, left_normals, turned_walls, wall_and_wire
 
 QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
 SIMPLIFY_MM = 0.00025  # points are dropped if this moves the path by less (ours: below the later rounding to um)
@@ -137,8 +137,7 @@ def nearest_chords(edge: Floats, points: Floats) -> NDArray[np.intp]:
 
 def normal(chord: Floats, side: Side) -> Floats:
     """Return the unit vector (2,) to one side of a chord (2, 2)."""
-    dx, dy = chord[1] - chord[0]
-    left: Floats = np.array([-dy, dx]) / np.hypot(dx, dy)
+    left: Floats = left_normals(chord)[0]
     return left if side == "left" else -left
 
 

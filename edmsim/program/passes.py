@@ -166,51 +166,44 @@ class Stretch:
 
 def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     """Return the stretches of all passes along one outline, at the plan's offsets."""
-    outline = legs[0].outline
-    if outline.wire_side is None:
+    if legs[0].outline.wire_side is None:
         raise InputError("the wire follows it as drawn: passes run beside an edge, under G41 or G42")
-    lines = [_Line(leg) for leg in legs]
-    length = lines[0].length
-    if outline.closed and plan.overlap_mm >= length:
+    lines, found = [_Line(leg) for leg in legs], []
+    spans = _spans(lines, plan)
+    for number, (piece, *ends) in enumerate(spans):
+        k = number % len(lines)
+        way = lines[k].stretch(k + 1, piece, *ends)
+        if piece == "tab" and len(way.points) < 2:
+            raise InputError(f"the tab of {plan.tab_mm:g} mm lies in an inner corner, all of it beside one point of "
+                             "the wire's path: give a longer tab, or begin the contour further from the corner")
+        frees = legs[0].outline.closed and k == 0 and piece == spans[-1][0]
+        way = replace(way, frees=frees, falls=frees and plan.after_tab == "cut")
+        back = (number % 2 == 1) != (piece == "tab")  # a tab is cut on from where the profile's last pass ended
+        found.append(_Leg(lines[k], way, (ends[0], ends[1]), back))
+    return _linked(found)
+
+
+def _spans(lines: Sequence[_Line], plan: PassPlan) -> list[tuple[Piece, float, float]]:
+    """Return piece and lengths of the edge of every pass: the profile's in order, then the tab's if there is one."""
+    length, closed, count = lines[0].length, lines[0].leg.outline.closed, len(lines)
+    if closed and plan.overlap_mm >= length:
         reason = f"the overlap of {plan.overlap_mm:g} mm is longer than the contour, {length:.3f} mm: make it shorter"
         raise InputError(reason)
-    if not outline.closed or plan.tab_mm == 0:
-        return _whole(lines, plan, outline.closed)
+    short = [_short_mm(lines[0].leg.offset_mm, line.leg.offset_mm) for line in lines]
+    if not closed:
+        return [("profile", mm, length - mm) for mm in short]
+    if plan.tab_mm == 0:
+        over = plan.overlap_mm if count > 1 else 0.0
+        return [("profile", -over, length) if k % 2 else ("profile", 0.0, length + over) for k in range(count)]
     if plan.tab_mm >= length:
         raise InputError(
             f"the tab of {plan.tab_mm:g} mm is longer than the contour, {length:.3f} mm: make it shorter"
         )
     last = length - plan.tab_mm
-    short = [_short_mm(legs[0].offset_mm, leg.offset_mm) for leg in legs]
     if last - 2 * short[-1] <= 0:
         raise InputError(f"a tab of {plan.tab_mm:g} mm leaves {last:.3f} mm of the contour to cut: make it shorter")
-    ways = [
-        _Leg(line, line.stretch(k + 1, "profile", short[k], last - short[k]), (short[k], last - short[k]), k % 2 == 1)
-        for k, line in enumerate(lines)
-    ]
-    for k, line in enumerate(lines):
-        ends = last - plan.overlap_mm - short[k], length + plan.overlap_mm + short[k]
-        way = line.stretch(k + 1, "tab", *ends)
-        if len(way.points) < 2:
-            raise InputError(f"the tab of {plan.tab_mm:g} mm lies in an inner corner, all of it beside one point of "
-                             "the wire's path: give a longer tab, or begin the contour further from the corner")
-        first = replace(way, frees=True, falls=plan.after_tab == "cut") if k == 0 else way
-        ways.append(_Leg(line, first, ends, (len(legs) + k) % 2 == 0))
-    return _linked(ways)
-
-
-def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Stretch]:
-    """Return the stretches of passes without a tab, along an open edge or round a closed one."""
-    ways = []
-    for k, line in enumerate(lines):
-        short = 0.0 if closed else _short_mm(lines[0].leg.offset_mm, line.leg.offset_mm)
-        over = plan.overlap_mm if closed and len(lines) > 1 else 0.0
-        back = k % 2 == 1
-        ends = (short - over, line.length - short) if back else (short, line.length - short + over)
-        way = line.stretch(k + 1, "profile", *ends)
-        way = replace(way, frees=closed and k == 0, falls=closed and plan.after_tab == "cut")
-        ways.append(_Leg(line, way, ends, back))
-    return _linked(ways)
+    begin, end = last - plan.overlap_mm, length + plan.overlap_mm
+    return [*(("profile", mm, last - mm) for mm in short), *(("tab", begin - mm, end + mm) for mm in short)]
 
 
 class _Leg(NamedTuple):
