@@ -165,7 +165,7 @@ def test_feed_stays_within_the_speed_word():
 
 def test_legs_end_at_dwells():
     dwells = ((2, 1.5), (1, 0.5), (2, 1.0), (3, 4.0), (0, 0.25))
-    legs = legs_of(contour([(0, 0), (10, 0), (20, 0), (30, 0)], dwells))
+    legs = legs_of(path_of(contour([(0, 0), (10, 0), (20, 0), (30, 0)], dwells)))
     assert [(leg.points_um[:, 0] - START[0]).tolist() for leg in legs] == [[0, 10], [10, 20], [20, 30]]
     assert [leg.threads for leg in legs] == [True, False, False]
     assert [leg.rest_s for leg in legs] == [0.25, 0, 0]

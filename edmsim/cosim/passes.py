@@ -1,7 +1,7 @@
 """Passes of a cut: their settings and results, and pieces that come loose."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -69,27 +69,26 @@ def _part_side(contour: WireContour, one: CutPass | None) -> Literal["left", "ri
     return "left" if contour.part_side == "right" else "right"
 
 
-def legs_of(contour: WireContour) -> list[Leg]:
-    """Divide a contour's path at its dwells into legs; passes follow one after the other, the lead-in first."""
-    legs: list[Leg] = []
-    parts: Sequence[CutPass | WireContour] = contour.passes or (contour,)
-    for number, (part, threads) in enumerate(zip(parts, contour.threads, strict=True)):
-        one = part if isinstance(part, CutPass) else None
-        lead = one.approach_moves if one is not None and number == 0 else 0
-        along, waits = part.way.along_um, dict.fromkeys((i for i, _ in part.dwells), 0.0)
-        for i, seconds in part.dwells:
-            waits[i] += seconds
-        ends = sorted({lead, len(part.points_um) - 1, *waits} - {0})
-        for a, b in zip([0, *ends[:-1]], ends, strict=True):
-            legs.append(
-                Leg(
-                    part.points_um[a : b + 1], a == 0 and threads, waits.get(0, 0.0) if a == 0 else 0.0,
-                    waits.get(b, 0.0), along[a : b + 1],
-                    None if part.lean is None else part.lean.upper_um[a : b + 1], one,
-                    leads_in=one is not None and b <= lead, part_side=_part_side(contour, one),
-                )
-            )
-    return legs
+def legs_of(path: CutPath) -> list[Leg]:
+    """Divide the paths of all contours at their dwells into legs, in cutting order."""
+    return [leg for contour, number in path.cuts for leg in _legs_of_way(contour, number)]
+
+
+def _legs_of_way(contour: WireContour, number: int) -> Iterator[Leg]:
+    """Yield the legs of a contour's pass, counted from 0, or of its only path; the lead-in first."""
+    one = contour.passes[number] if contour.passes else None
+    part = one or contour
+    lead = one.approach_moves if one is not None and number == 0 else 0
+    along, waits = part.way.along_um, dict.fromkeys((i for i, _ in part.dwells), 0.0)
+    for i, seconds in part.dwells:
+        waits[i] += seconds
+    ends = sorted({lead, len(part.points_um) - 1, *waits} - {0})
+    for a, b in zip([0, *ends[:-1]], ends, strict=True):
+        yield Leg(
+            part.points_um[a : b + 1], a == 0 and contour.threads[number], waits.get(0, 0.0) if a == 0 else 0.0,
+            waits.get(b, 0.0), along[a : b + 1], None if part.lean is None else part.lean.upper_um[a : b + 1], one,
+            leads_in=one is not None and b <= lead, part_side=_part_side(contour, one),
+        )
 
 
 def programmed_um(legs: Sequence[Leg], path_um: Floats) -> Floats:

@@ -156,7 +156,7 @@ class Simulation:
         self.unit = registry.position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
         self.max_feed_um_s = MAX_FEED_UM_S if table.max_feed_um_s is None else table.max_feed_um_s.value
         self._max_time_ns = math.inf if max_time_s is None else round(max_time_s * 1e9)
-        self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
+        self.legs = legs_of(path)
         if isinstance(controller, protocols.LimitsLegs):
             controller.check_legs(len(self.legs))
         self.total_um = sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in self.legs)
@@ -476,7 +476,7 @@ class Simulation:
         """Begin the next pass; it and later passes may have other offsets and settings."""
         if not self.waiting:
             raise InputError("a pass is under way: the next one begins when it is over")
-        legs = [leg for contour in path.contours for leg in legs_of(contour)]
+        legs = legs_of(path)
         if len(legs) != len(self.legs):
             raise InputError(f"the path has {len(legs)} legs, not {len(self.legs)}: it is no plan of the same cut")
         self.waiting = False

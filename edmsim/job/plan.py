@@ -349,7 +349,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
 
 def _between_um(path: CutPath) -> list[tuple[float, bool]]:
     """Return the distance from each way's end to the next one's beginning, and whether the wire is threaded there."""
-    ways = [pair for k in path.contours for pair in zip(k.ways_um, k.threads, strict=True)]
+    ways = [(contour.ways_um[number], contour.threads[number]) for contour, number in path.cuts]
     return [(float(np.hypot(*(way[0] - before[-1]))), threads) for (before, _), (way, threads) in pairwise(ways)]
 
 

@@ -69,7 +69,7 @@ def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
     length, relief = max(to_um - from_um, 0.0), simulation.plant.field.relief
     if length <= 0 or (relief is None and not simulation.path.leans):
         return length * simulation.machine.height_mm * 1e-3
-    ways = [way for contour in simulation.path.contours for way in contour.ways]
+    ways = simulation.path.ways
     # moves between contours cut nothing, so their length is 0
     moves = np.concatenate([np.append(np.diff(way.along_um), 0.0) for way in ways])
     slant = np.concatenate([np.append(way.slant, 1.0) for way in ways])
@@ -140,7 +140,7 @@ def _lead(path: CutPath) -> Floats | None:
     if not path.leans:
         return None
     rows, passed_um = [], 0.0
-    for way in (way for contour in path.contours for way in contour.ways):
+    for way in path.ways:
         along = passed_um + way.along_um
         passed_um = along[-1]
         still = np.column_stack([np.zeros((len(along), 3)), np.ones(len(along))])
@@ -281,9 +281,10 @@ def _table(simulation: Simulation, profiles: list[profile.ProfileError]) -> repo
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
     if not compensated and not machine.base.geometry.has_errors:
         return None
-    starts = np.cumsum([0.0, *(k.length_um for k in contours[:-1])]).tolist()
-    places = zip(contours, profiles, starts, _last_passes(simulation), strict=True)
-    found = [shares.table_error(machine, k, p, elcam, start_um, last) for k, p, start_um, last in places]
+    starts_um = np.cumsum([0.0, *(way.along_um[-1] for way in simulation.path.ways[:-1])])
+    of_contours = [starts_um[np.array(simulation.path.contour_of) == k] for k in range(len(contours))]
+    places = zip(contours, profiles, of_contours, _last_passes(simulation), strict=True)
+    found = [shares.table_error(machine, k, p, elcam, starts, last) for k, p, starts, last in places]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
     return reports.TableShare(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from edmsim.controllers.axis.elcam.file import PATH, PLACES, StepCompensation
 from edmsim.controllers.axis.elcam.module import Elcam
@@ -20,7 +21,8 @@ from edmsim.geometry import Floats, Polyline, arc_lengths, interpolated, left_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CORNER_REACH_MM, ProfileError, edge_corners
 from edmsim.plant.axes.ways import StillTable
-from edmsim.program.offset import REACH_TOLERANCE_MM
+from edmsim.program.offset import REACH_TOLERANCE_MM, distances
+from edmsim.program.outline import chords_of
 from edmsim.program.path import WireContour
 
 _PASSED_UM = 20.0  # a pass was at a place if it came within its programmed distance plus this (ours)
@@ -36,8 +38,8 @@ def error_shares(
     # where the error is NaN, and everywhere if the contour was not begun. If there are several passes, shares are
     # those of `last_pass`, the last pass that was begun (default: the last), and NaN where this pass has not been
     points = profile.points_mm * 1000
-    planned = np.concatenate([_chords(way) for way in _programmed_um(contour, last_pass)])
-    away = np.stack([_distance(points, planned), *(_distance(points, _joined(way)) for way in ways_um)])
+    planned = np.concatenate([chords_of(way) for way in _programmed_um(contour, last_pass)])
+    away = np.stack([distances(points, chords) for chords in (planned, *map(_joined, ways_um))])
     last = profile.mean_um + contour.offset_um - away[-1]
     shares = np.concatenate([np.diff(away, axis=0, prepend=contour.offset_um), [last]])
     passed = np.isfinite(shares[-1])
@@ -55,23 +57,9 @@ def _programmed_um(contour: WireContour, number: int | None = None) -> list[Floa
     return [one.points_um[one.approach_moves :].astype(np.float64) for one in passes]
 
 
-def _joined(way: Floats) -> Floats:
-    """Return the chords (m, 2, 2) of a measured path, without the jumps between its passes."""
-    chords = _chords(way)
-    return np.asarray(chords[np.hypot(*(chords[:, 1] - chords[:, 0]).T) < _JUMP_UM])
-
-
-def _chords(way: Floats) -> Floats:
-    return np.stack([way[:-1], way[1:]], axis=1)
-
-
-def _distance(points: Floats, chords: Floats) -> Floats:
-    """Return the distance of every point (n, 2) from the nearest of chords (m, 2, 2); NaN if there are none."""
-    if not len(chords):
-        return np.full(len(points), np.nan)
-    tree = shapely.STRtree(shapely.linestrings(chords))
-    _, distance = tree.query_nearest(shapely.points(points), return_distance=True, all_matches=False)
-    return np.asarray(distance, np.float64)
+def _joined(way: Floats) -> NDArray[np.object_]:
+    """Return the chords of a measured path, without the jumps between its passes."""
+    return np.asarray(chords_of(way)[np.hypot(*np.diff(way, axis=0).T) < _JUMP_UM])
 
 
 def share_stats(shares_um: Floats, error_um: Floats) -> dict[str, dict[str, float]]:
@@ -105,16 +93,16 @@ class TableError:
 
 
 def table_error(
-    machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0,
+    machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, starts_um: Floats,
     last_pass: int | None = None,
 ) -> TableError:
     """Return the contribution of the table's errors to a profile error, from its positions when the wire passes."""
-    # errors are those of the table at rest, without backlash. `start_um` is the length of path before the contour.
+    # errors are those of the table at rest, without backlash. `starts_um` has the length of path before each pass.
     # The wall is that of `last_pass`, the last pass that was begun (default: the last)
     line = Polyline(contour.at_mid_height().nominal_mm, contour.closed)
     towards_left = left_of(line.tangent(profile.s_mm, _TANGENT_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
-    places_um, path_um = _when_passed(contour, profile.points_mm * 1e3, start_um, last_pass)
+    places_um, path_um = _when_passed(contour, profile.points_mm * 1e3, starts_um, last_pass)
     return TableError(
         (_displaced_um(machine, places_um, path_um, None) * away).sum(axis=1),
         (_displaced_um(machine, places_um, path_um, elcam) * away).sum(axis=1),
@@ -122,14 +110,14 @@ def table_error(
 
 
 def _when_passed(
-    contour: WireContour, points_um: Floats, start_um: float, last_pass: int | None
+    contour: WireContour, points_um: Floats, starts_um: Floats, last_pass: int | None
 ) -> tuple[Floats, Floats]:
     """Return positions (n, 2) of the lower guide when the wire is nearest to points, and path lengths (n,) there."""
     numbers = [one.number for one in contour.passes] or [1]
     last_pass = numbers[-1] if last_pass is None else last_pass
     nearest_um, path_um = np.full(len(points_um), np.inf), np.zeros(len(points_um))
     places_um, points = np.zeros((len(points_um), 2)), shapely.points(points_um)
-    for way, number in zip(contour.ways, numbers, strict=True):
+    for way, number, start_um in zip(contour.ways, numbers, starts_um, strict=True):
         along_um, middle_um = way.along_um, way.at_mid_height()
         line, known = shapely.LineString(middle_um), arc_lengths(middle_um)
         away_um, passed = shapely.distance(line, points), shapely.line_locate_point(line, points)
@@ -137,7 +125,6 @@ def _when_passed(
         nearest_um[here] = away_um[here]
         places_um[here] = interpolated(passed, known, way.points_um)[here]
         path_um[here] = start_um + np.interp(passed, known, along_um)[here]
-        start_um += along_um[-1]
     return places_um, path_um
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError, located
 from edmsim.geometry import Floats, arc_lengths
 from edmsim.program.outline import Outline, Side, chords_of, signed_area
-from edmsim.program.taper import GuideHeights, Ruled, turned_walls, wall_and_wire
+from edmsim.program.taper import GuideHeights, Ruled, left_normals, turned_walls, wall_and_wire
 
 QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
 SIMPLIFY_MM = 0.00025  # points are dropped if this moves the path by less (ours: below the later rounding to um)
@@ -81,7 +81,8 @@ def _join(past_mm: float | None) -> dict[str, Any]:
 
 def _keeps(path: shapely.LineString, edge: shapely.LineString, distance_mm: float) -> bool:
     """Return whether a path keeps its distance from an edge and does not cross itself."""
-    return bool(path.is_simple and path.distance(edge) >= distance_mm - SIMPLIFY_MM)
+    shapely.prepare(edge)
+    return bool(path.is_simple and not shapely.dwithin(edge, path, distance_mm - SIMPLIFY_MM))
 
 
 def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Floats | None:
@@ -93,7 +94,7 @@ def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Flo
         k = int(sides.argmax())
         middle = (path[k] + path[k + 1]) / 2
         path = np.concatenate([[middle], path[k + 1 : -1], path[: k + 1], [middle]])
-    away_mm = shapely.distance(line, shapely.points(path))
+    away_mm = distances(path, chords_of(edge))
     found = [path[:1]]
     for i in range(1, len(path) - 1):
         tip = path[i]
@@ -118,6 +119,14 @@ def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Flo
     return np.concatenate([*found, path[-1:]])
 
 
+def distances(points: Floats, chords: NDArray[np.object_]) -> Floats:
+    """Return the distance of every point (n, 2) from the nearest chord; NaN if there is none."""
+    if not len(chords):
+        return np.full(len(points), np.nan)
+    _, found = shapely.STRtree(chords).query_nearest(shapely.points(points), return_distance=True, all_matches=False)
+    return np.asarray(found, np.float64)
+
+
 def nearest_chords(edge: Floats, points: Floats) -> NDArray[np.intp]:
     """Return for each point (k, 2) the index of the nearest chord of `edge` (n, 2), the last if several are."""
     of_point, chord = shapely.STRtree(chords_of(edge)).query_nearest(shapely.points(points))
@@ -128,8 +137,7 @@ def nearest_chords(edge: Floats, points: Floats) -> NDArray[np.intp]:
 
 def normal(chord: Floats, side: Side) -> Floats:
     """Return the unit vector (2,) to one side of a chord (2, 2)."""
-    dx, dy = chord[1] - chord[0]
-    left: Floats = np.array([-dy, dx]) / np.hypot(dx, dy)
+    left: Floats = left_normals(chord)[0]
     return left if side == "left" else -left
 
 
@@ -211,7 +219,7 @@ def unreachable(
     """Return the places of an edge where metal is left, the worst first; parameters as in `check_reach`."""
     if distance_mm == 0:
         return []
-    left = shapely.distance(shapely.LineString(path), shapely.points(edge)) - distance_mm
+    left = distances(edge, chords_of(path)) - distance_mm
     sharp = _sharp(edge, elements)
     found, in_run = [], np.zeros(len(edge), np.bool_)
     for chords in _runs(~_touched(edge, path, distance_mm), edge):

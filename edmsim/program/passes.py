@@ -15,7 +15,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.ops import substring
 
 from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.geometry import Floats, arc_lengths, interpolated
@@ -84,7 +83,6 @@ class CutPass:
     approach_moves: int  # number of moves to the beginning of the pass
     offset_um: float  # distance from the drawing
     reversed: bool  # whether it runs against the contour's direction
-    stops_before: bool = False  # whether the machine stops first, to glue the piece
     frees: bool = False  # whether a piece of metal may come loose at its end
     falls: bool = False  # whether such a piece falls; otherwise it is held
     threads: bool = False  # whether the wire is threaded for it, at a start hole of its own
@@ -112,6 +110,15 @@ class CutPass:
         return float(along_um[-1] - along_um[self.approach_moves]) * 1e-3
 
 
+@dataclass(frozen=True)
+class Lead:
+    """The lead-in to a path's start, without the start itself, and the program line of every move."""
+
+    points: Floats
+    lines: tuple[int, ...]
+    parted: bool = False  # to a later pass: whether another contour is cut before it
+
+
 class Tilt(NamedTuple):
     """Inclination of the wire in a stretch: slope at each of its points, wall, and guides."""
 
@@ -131,10 +138,10 @@ class Stretch:
     points: Floats
     offset_mm: float
     reversed: bool
-    stops_before: bool = False
     frees: bool = False
     falls: bool = False
     threads: bool = False
+    parted: bool = False  # whether another contour is cut between the previous stretch and this one
     tilt: Tilt | None = None
     dwells: tuple[tuple[int, float], ...] = ()
     leads: int = 0
@@ -159,53 +166,44 @@ class Stretch:
 
 def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     """Return the stretches of all passes along one outline, at the plan's offsets."""
-    outline = legs[0].outline
-    if outline.wire_side is None:
+    if legs[0].outline.wire_side is None:
         raise InputError("the wire follows it as drawn: passes run beside an edge, under G41 or G42")
-    lines = [_Line(leg) for leg in legs]
-    length = lines[0].length
-    if outline.closed and plan.overlap_mm >= length:
+    lines, found = [_Line(leg) for leg in legs], []
+    spans = _spans(lines, plan)
+    for number, (piece, *ends) in enumerate(spans):
+        k = number % len(lines)
+        way = lines[k].stretch(k + 1, piece, *ends)
+        if piece == "tab" and len(way.points) < 2:
+            raise InputError(f"the tab of {plan.tab_mm:g} mm lies in an inner corner, all of it beside one point of "
+                             "the wire's path: give a longer tab, or begin the contour further from the corner")
+        frees = legs[0].outline.closed and k == 0 and piece == spans[-1][0]
+        way = replace(way, frees=frees, falls=frees and plan.after_tab == "cut")
+        back = (number % 2 == 1) != (piece == "tab")  # a tab is cut on from where the profile's last pass ended
+        found.append(_Leg(lines[k], way, (ends[0], ends[1]), back))
+    return _linked(found)
+
+
+def _spans(lines: Sequence[_Line], plan: PassPlan) -> list[tuple[Piece, float, float]]:
+    """Return piece and lengths of the edge of every pass: the profile's in order, then the tab's if there is one."""
+    length, closed, count = lines[0].length, lines[0].leg.outline.closed, len(lines)
+    if closed and plan.overlap_mm >= length:
         reason = f"the overlap of {plan.overlap_mm:g} mm is longer than the contour, {length:.3f} mm: make it shorter"
         raise InputError(reason)
-    if not outline.closed or plan.tab_mm == 0:
-        return _whole(lines, plan, outline.closed)
+    short = [_short_mm(lines[0].leg.offset_mm, line.leg.offset_mm) for line in lines]
+    if not closed:
+        return [("profile", mm, length - mm) for mm in short]
+    if plan.tab_mm == 0:
+        over = plan.overlap_mm if count > 1 else 0.0
+        return [("profile", -over, length) if k % 2 else ("profile", 0.0, length + over) for k in range(count)]
     if plan.tab_mm >= length:
         raise InputError(
             f"the tab of {plan.tab_mm:g} mm is longer than the contour, {length:.3f} mm: make it shorter"
         )
     last = length - plan.tab_mm
-    short = [_short_mm(legs[0].offset_mm, leg.offset_mm) for leg in legs]
     if last - 2 * short[-1] <= 0:
         raise InputError(f"a tab of {plan.tab_mm:g} mm leaves {last:.3f} mm of the contour to cut: make it shorter")
-    ways = [
-        _Leg(line, line.stretch(k + 1, "profile", short[k], last - short[k]), (short[k], last - short[k]), k % 2 == 1)
-        for k, line in enumerate(lines)
-    ]
-    stops = plan.after_tab == "stop"
-    for k, line in enumerate(lines):
-        ends = last - plan.overlap_mm - short[k], length + plan.overlap_mm + short[k]
-        way = line.stretch(k + 1, "tab", *ends)
-        if len(way.points) < 2:
-            raise InputError(f"the tab of {plan.tab_mm:g} mm lies in an inner corner, all of it beside one point of "
-                             "the wire's path: give a longer tab, or begin the contour further from the corner")
-        first = replace(way, stops_before=stops, frees=True, falls=not stops) if k == 0 else way
-        ways.append(_Leg(line, first, ends, (len(legs) + k) % 2 == 0))
-    return _linked(ways)
-
-
-def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Stretch]:
-    """Return the stretches of passes without a tab, along an open edge or round a closed one."""
-    ways = []
-    for k, line in enumerate(lines):
-        short = 0.0 if closed else _short_mm(lines[0].leg.offset_mm, line.leg.offset_mm)
-        over = plan.overlap_mm if closed and len(lines) > 1 else 0.0
-        back = k % 2 == 1
-        round_ = (-over, line.length) if back else (short, line.length - short + over)
-        ends = round_ if closed else (short, line.length - short)
-        way = line.stretch(k + 1, "profile", *ends)
-        way = replace(way, frees=closed and k == 0, falls=closed and plan.after_tab == "cut")
-        ways.append(_Leg(line, way, ends, back))
-    return _linked(ways)
+    begin, end = last - plan.overlap_mm, length + plan.overlap_mm
+    return [*(("profile", mm, last - mm) for mm in short), *(("tab", begin - mm, end + mm) for mm in short)]
 
 
 class _Leg(NamedTuple):
@@ -255,6 +253,7 @@ class _Line:
         self.leg = leg
         middle = leg.at_mid_height()
         self.edge, self._path = middle.edge, shapely.LineString(middle.path)
+        self._rows = middle.path if leg.surfaces is None else np.hstack([middle.path, leg.surfaces[1].slope])
         self.length = float(self.edge.length)
         self._closed = leg.outline.closed
 
@@ -265,10 +264,7 @@ class _Line:
 
     def whole(self, number: int, back: bool) -> Stretch:
         """Return the whole path as a pass; `back`: its direction is opposite to that of the first pass."""
-        rows = np.asarray(shapely.get_coordinates(self._path))
-        if self.leg.surfaces is not None:
-            rows = np.concatenate([rows, self.leg.surfaces[1].slope], axis=1)
-        way = self._between(number, "profile", 0.0, rows)
+        way = self._between(number, "profile", 0.0, self._rows)
         own = len(self.leg.outline.approach_mm)  # a dwell on the way from the previous pass is put before this pass
         waits = tuple((0, seconds) for i, seconds in self.leg.outline.dwells if i < own and number > 1)
         return replace(way, reversed=back, dwells=(*waits, *way.dwells))
@@ -301,13 +297,10 @@ class _Line:
         return np.asarray(rows[fresh])
 
     def _part(self, start: float, stop: float) -> Floats:
-        if self.leg.surfaces is None:
-            return np.asarray(shapely.get_coordinates(substring(self._path, start, stop)), np.float64)
-        points = shapely.get_coordinates(self._path)
-        passed, rows = arc_lengths(points), np.concatenate([points, self.leg.surfaces[1].slope], axis=1)
-        ends = interpolated(np.array([start, stop]), passed, rows)
+        passed = arc_lengths(self._rows[:, :2])
+        ends = interpolated(np.array([start, stop]), passed, self._rows)
         inner = (passed > start) & (passed < stop)
-        return np.concatenate([ends[:1], rows[inner], ends[1:]])
+        return np.concatenate([ends[:1], self._rows[inner], ends[1:]])
 
     def _along(self, place_mm: float) -> float:
         turns, rest = divmod(place_mm, self.length) if self._closed else (0.0, place_mm)
@@ -320,25 +313,16 @@ class _Line:
 
 
 def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
-    """Group successive outlines along the same edge: the passes of a program."""
-    groups: list[list[Outline]] = []
-    for outline in outlines:
-        if groups and same_edge(groups[-1][0], outline):
-            groups[-1].append(outline)
-        else:
-            groups.append([outline])
-    return groups
-
-
-def parted_passes(groups: Sequence[Sequence[Outline]]) -> list[str]:
-    """Return notices of edges that are cut again after others: a cut that does not follow directly is not a pass."""
-    lines = [shapely.LineString(group[0].points_mm) for group in groups]
-    pairs = zip(*shapely.STRtree(lines).query(lines).tolist(), strict=True)
-    return [
-        f"{groups[later][0].name} has been cut before other contours, and is cut again as one of its own, not as a "
-        "pass: cut all passes of a contour before the next one"
-        for later, first in sorted(pairs) if first < later and same_edge(groups[first][0], groups[later][0])
-    ]  # fmt: skip
+    """Group outlines along the same edge, the passes of a program, which may cut other edges between them."""
+    lines = [shapely.LineString(outline.points_mm) for outline in outlines]
+    near: list[list[int]] = [[] for _ in outlines]
+    for later, first in shapely.STRtree(lines).query(lines, "dwithin", JOIN_TOLERANCE_MM).T.tolist():
+        near[later].append(first)
+    groups: dict[int, list[Outline]] = {}
+    for k, outline in enumerate(outlines):
+        known = (first for first in sorted(near[k]) if first in groups and same_edge(outlines[first], outline))
+        groups.setdefault(next(known, k), []).append(outline)
+    return list(groups.values())
 
 
 def same_edge(one: Outline, other: Outline) -> bool:
@@ -362,25 +346,21 @@ def runs_back(one: Outline, other: Outline) -> bool:
     return bool(np.hypot(*(start - one.points_mm[0])) > np.hypot(*(start - one.points_mm[-1])))
 
 
-def begins_elsewhere(before: Outline, outline: Outline) -> bool:
-    """Return whether a pass does not begin where the previous one ended, so that it needs its own lead-in."""
-    apart_mm = float(np.hypot(*(outline.points_mm[0] - before.points_mm[-1])))
-    return before is not outline and apart_mm > JOIN_TOLERANCE_MM * 10
+def begins_at(outline: Outline, place_mm: Floats) -> bool:
+    """Return whether a pass begins at a place, so that it needs no lead-in from there."""
+    return bool(np.hypot(*(outline.points_mm[0] - place_mm)) <= JOIN_TOLERANCE_MM * 10)
 
 
-def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Floats | None]) -> list[Stretch]:
+def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Lead | None]) -> list[Stretch]:
     """Return the stretches of a program's own passes along one edge, each after its lead-in, if any."""
     check_offsets([leg.offset_mm for leg in legs], legs[-1].outline.line)
     first, ways = legs[0].outline, []
     for number, (leg, lead) in enumerate(zip(legs, leads, strict=True), 1):
-        way = replace(
-            _Line(leg).whole(number, runs_back(first, leg.outline)),
-            stops_before=number > 1 and legs[number - 2].outline.stops_after,
-            frees=first.closed and number == 1,
-        )
+        way = _Line(leg).whole(number, runs_back(first, leg.outline))
+        way = replace(way, frees=first.closed and number == 1)
         if lead is not None:
-            way = way.behind(Stretch(number, "profile", lead, leg.offset_mm, False))
-            way = replace(way, threads=not leg.outline.continues)
+            way = way.behind(Stretch(number, "profile", lead.points, leg.offset_mm, False))
+            way = replace(way, threads=not leg.outline.continues, parted=lead.parted)
         ways.append(way)
     return ways
 
@@ -393,16 +373,16 @@ def on_grid(
     passes: list[CutPass] = []
     before = lead
     for way in ways:
-        before = before[:0] if way.threads else before
+        anew = way.threads or way.parted
+        before = before[:0] if anew else before
         known = np.concatenate([before, way.points])
         dwells = (*waits, *((len(before) + i, seconds) for i, seconds in way.dwells))
-        joined = _guided(known, way, len(before), passes[-1] if passes and not way.threads else None, grid_um)
+        joined = _guided(known, way, len(before), passes[-1] if passes and not anew else None, grid_um)
         joined, moves, dwells = joined.moving(dwells)
         passes.append(
             CutPass(
                 way.number, way.piece, joined.points_um, int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, way.threads,
-                joined.lean, dwells,
+                way.offset_mm * 1000, way.reversed, way.frees, way.falls, way.threads, joined.lean, dwells,
             )
         )
         before, waits = way.points[-1:], ()

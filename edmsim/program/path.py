@@ -33,13 +33,13 @@ from edmsim.program.offset import (
 from edmsim.program.outline import Corners, Outline, Program, Taper, signed_area
 from edmsim.program.passes import (
     CutPass,
+    Lead,
     PassPlan,
     Stretch,
-    begins_elsewhere,
+    begins_at,
     grouped,
     holds,
     on_grid,
-    parted_passes,
     ways_of,
     ways_of_group,
 )
@@ -240,9 +240,7 @@ class WireContour:
     @property
     def length_um(self) -> float:
         """Total length of the paths."""
-        if self.lean is not None:
-            return sum(float(way.along_um[-1]) for way in self.ways)
-        return sum(float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in self.ways_um)
+        return sum(float(way.along_um[-1]) for way in self.ways)
 
     @property
     def waiting_s(self) -> float:
@@ -279,6 +277,24 @@ class CutPath:
     notices: tuple[str, ...]  # decisions of the reader that you should know
     source: str  # the program's file
     conditions: Conditions = field(default_factory=Conditions)  # the program's settings for each pass
+    # index of the contour of every way in cutting order; empty if all passes of a contour follow one another
+    order: tuple[int, ...] = ()
+
+    @property
+    def contour_of(self) -> tuple[int, ...]:
+        """Index of the contour of every way, in cutting order."""
+        return self.order or tuple(k for k, contour in enumerate(self.contours) for _ in contour.ways)
+
+    @property
+    def cuts(self) -> list[tuple[WireContour, int]]:
+        """Contour and number of every way, from 0, in cutting order."""
+        order = self.contour_of
+        return [(self.contours[k], order[:place].count(k)) for place, k in enumerate(order)]
+
+    @property
+    def ways(self) -> list[Way]:
+        """The wire's paths in cutting order."""
+        return [contour.ways[number] for contour, number in self.cuts]
 
     @property
     def passes(self) -> int:
@@ -307,14 +323,6 @@ class CutPath:
         offsets = ", ".join(f"{offset:g}" for offset in sorted({contour.offset_um for contour in self.contours}))
         head = f"<CutPath of {self.source}: offset {offsets} um, program's zero at X {x:.3f} Y {y:.3f} mm"
         return "\n  ".join([f"{head} on the table", *map(repr, self.contours)]) + ">"
-
-
-@dataclass(frozen=True)
-class _Lead:
-    """The lead-in to the path's start, without the start itself, and the program line of every move."""
-
-    points: Floats
-    lines: tuple[int, ...]
 
 
 @refuses_wrong_types
@@ -401,7 +409,6 @@ def plan_path(
             taken = ", ".join(f"{mm:g}" for mm in passes.offsets_mm)
             notices.append(f"the passes have the offsets {taken} mm, not the {written} mm of the register")
         groups = grouped(program.outlines)
-        notices += parted_passes(groups)
         legs = [_legs(group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
         heights = (0.0, *{of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None})
         faces = {z: [of_group[0].at_height(z) for of_group in legs] for z in heights}
@@ -411,10 +418,11 @@ def plan_path(
         around = edges, lead_in_mm, start_hole_radius_mm, notices
         leads = [_lead(of_group[0], *around) for of_group in legs]
         notices += _crossed(faces[0.0], leads)
-        later = [[
-            _lead(leg, *around).points if begins_elsewhere(before.outline, leg.outline) else None
-            for before, leg in pairwise(of_group)
-        ] for of_group in legs]  # fmt: skip
+        preceding = {outline: before for before, outline in pairwise(program.outlines)}
+        later = [
+            [_later_lead(of_group, k, lead, preceding, around) for k in range(1, len(of_group))]
+            for of_group, lead in zip(legs, leads, strict=True)
+        ]
         in_passes = any(len(of_group) > 1 for of_group in legs)
         contours = [
             _contour_of(of_group, lead, [None, *ways], passes, in_passes, grid_um)
@@ -428,9 +436,11 @@ def plan_path(
         shift = _shift_um(contours, table_um, grid_um, program.source)
         placed = tuple(_placed(contour, shift) for contour in contours)
         origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
+        number_of = {outline: number for number, group in enumerate(groups) for outline in group}
+        order = tuple(number_of[outline] for outline in program.outlines) if len(groups) < len(number_of) else ()
         return CutPath(
             placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source,
-            _conditions(program, groups),
+            _conditions(program, groups), order,
         )
 
 
@@ -491,7 +501,7 @@ def _legs(
 
 
 def _contour_of(
-    legs: list[OffsetOutline], lead: _Lead, leads: list[Floats | None], passes: PassPlan | None, in_passes: bool,
+    legs: list[OffsetOutline], lead: Lead, leads: list[Lead | None], passes: PassPlan | None, in_passes: bool,
     grid_um: int,
 ) -> WireContour:
     """Return the contour of one edge, with its passes if the path has several; `leads` are those of later passes."""
@@ -538,17 +548,20 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
     return value
 
 
+_Around = tuple[Mapping[float, BaseGeometry], float, float, list[str]]
+
+
 def _lead(
     leg: OffsetOutline, edges: Mapping[float, BaseGeometry], length_mm: float, hole_radius_mm: float,
     notices: list[str],
-) -> _Lead:
+) -> Lead:
     """Return the lead-in of a pass, which keeps clear of `edges`, by height, on every face of the workpiece."""
     outline, at_faces = leg.outline, [leg.at_height(z) for z in edges]
     with of_outline(outline):
         if len(outline.approach_mm):
             lead = _programmed_lead(leg, hole_radius_mm)
         elif not outline.needs_lead_in:
-            return _Lead(np.empty((0, 2)), ())
+            return Lead(np.empty((0, 2)), ())
         else:
             starts = [leg.path[0], *(at_face.path[0] for at_face in at_faces[1:])]
             faces = [*edges.values()]
@@ -556,10 +569,24 @@ def _lead(
             if outline.line:
                 notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
             notices += added
-            lead = _Lead(thread[None, :], (0,))
+            lead = Lead(thread[None, :], (0,))
         for at_face in at_faces if len(at_faces) > 1 else []:
             _check_lead(at_face, lead)
     return lead
+
+
+def _later_lead(
+    legs: Sequence[OffsetOutline], k: int, first: Lead, preceding: Mapping[Outline, Outline], around: _Around
+) -> Lead | None:
+    """Return the lead-in of a later pass; None if it begins where the previous pass of the same edge ended."""
+    outline, before = legs[k].outline, legs[k - 1].outline
+    parted = outline is not before and preceding[outline] is not before
+    if not parted and (outline is before or begins_at(outline, before.points_mm[-1])):
+        return None
+    rough = legs[0].outline
+    if parted and not len(outline.approach_mm) and not rough.continues and begins_at(outline, rough.points_mm[0]):
+        return replace(first, parted=True)  # from the same start hole
+    return replace(_lead(legs[k], *around), parted=parted)
 
 
 def _own_lead_in(
@@ -614,7 +641,7 @@ def _clears(path: Floats, edges: BaseGeometry, offset_mm: float, within_mm: floa
     return bool(shapely.LineString(path).distance(edges) >= offset_mm - within_mm)
 
 
-def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
+def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> Lead:
     """Offset the compensated part of the program's approach, and refuse it if it cuts into the part."""
     outline, split = leg.outline, leg.outline.compensated_from
     points, lines = outline.approach_mm, outline.approach_lines
@@ -635,10 +662,10 @@ def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
     if outline.closed or outline.wire_side is not None:
         hole_mm = 0.0 if outline.continues else hole_radius_mm
         _check_approach(np.concatenate([points, leg.path[:1]]), leg.edge, leg.offset_mm, hole_mm)
-    return _Lead(points, lines)
+    return Lead(points, lines)
 
 
-def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
+def _contour(leg: OffsetOutline, lead: Lead, grid_um: int) -> WireContour:
     """Join lead-in and path on the grid, in the program's coordinates."""
     outline = leg.outline
     path, stops = _with_dwells(leg, lead)
@@ -648,7 +675,7 @@ def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
 
 
 def _on_grid(
-    leg: OffsetOutline, lead: _Lead, way: Way, stops: Sequence[tuple[int, float]], line_numbers: Sequence[int],
+    leg: OffsetOutline, lead: Lead, way: Way, stops: Sequence[tuple[int, float]], line_numbers: Sequence[int],
     elements: tuple[tuple[int, int], ...],
 ) -> WireContour:
     """Return the contour of a path on the grid, lead-in included, without points at which nothing moves."""
@@ -665,7 +692,7 @@ def _on_grid(
     )
 
 
-def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[_Lead]) -> list[str]:
+def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[Lead]) -> list[str]:
     """Return notices of lead-ins that cut into another contour; they are allowed, as its piece may be removed."""
     found = []
     shut = [leg for leg in legs if leg.outline.closed and leg.outline.wire_side]
@@ -684,7 +711,7 @@ def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[_Lead]) -> list[str]
     return found
 
 
-def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:
+def _check_lead(leg: OffsetOutline, lead: Lead) -> None:
     """Refuse a lead-in that cuts into the part on a face of the workpiece."""
     whole = leg.outline.closed or leg.outline.wire_side is not None
     way = np.concatenate([lead.points, leg.path[:1]])
@@ -693,14 +720,14 @@ def _check_lead(leg: OffsetOutline, lead: _Lead) -> None:
         raise InputError(f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away")
 
 
-def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
+def _leaning_contour(leg: OffsetOutline, lead: Lead, grid_um: int) -> WireContour:
     """Join lead-in and the paths of both guides on the grid; the wire begins to lean on the lead-in's last move."""
     outline, guides = leg.outline, leg.guides
     assert leg.surfaces is not None
     assert guides is not None
     wall, wire = leg.surfaces
     if not len(lead.points) and wire.slope[0].any():  # threaded vertically, the wire leans before it moves
-        lead = _Lead(wire.lower_mm[:1], (0,))
+        lead = Lead(wire.lower_mm[:1], (0,))
     count = len(lead.points)
     slope = np.concatenate([np.zeros((count, 2)), wire.slope])
     known = np.concatenate([lead.points, wire.lower_mm])
@@ -722,7 +749,7 @@ def _elements(leg: OffsetOutline) -> tuple[tuple[int, int], ...]:
     return tuple(drawn[i] for i in nearest_chords(outline.points_mm, (leg.nominal[1:] + leg.nominal[:-1]) / 2))
 
 
-def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[Floats, list[tuple[int, float]]]:
+def _with_dwells(leg: OffsetOutline, lead: Lead) -> tuple[Floats, list[tuple[int, float]]]:
     """Return the path with a point wherever the wire dwells, and the dwells by index into lead and path."""
     path, count = leg.path, len(leg.outline.approach_mm)
     passed, waits = arc_lengths(path), dwells_along(leg)
@@ -734,7 +761,7 @@ def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[Floats, list[tuple[in
     ]
 
 
-def _lead_place(lead: _Lead, outline: Outline, i: int) -> int:
+def _lead_place(lead: Lead, outline: Outline, i: int) -> int:
     """Return the index in the lead-in of point `i` of the program's approach."""
     return int(np.hypot(*(lead.points - outline.approach_mm[i]).T).argmin())
 

@@ -11,6 +11,7 @@ along which the wire lies. Between two of these lines both ends move linearly, a
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -355,7 +356,8 @@ def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
                          line=wire.line_numbers[min(int(k), len(wire.line_numbers) - 1)] or None)
 
 
-class _Piece(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Piece:
     """A line, an arc or a curve of an outline."""
 
     points: Floats
@@ -368,12 +370,16 @@ class _Piece(NamedTuple):
     radius_mm: float = 0.0
     swept: float = 0.0
 
-    @property
+    @cached_property
+    def normals(self) -> Floats:
+        """Left normals of the chords."""
+        return left_normals(self.points)
+
+    @cached_property
     def ends(self) -> tuple[Floats, Floats]:
         """Left normals at the first and the last point."""
         if self.centre is None:
-            normals = left_normals(self.points)
-            return normals[0], normals[-1]
+            return self.normals[0], self.normals[-1]
         inward = -math.copysign(1.0 / self.radius_mm, self.swept)
         return inward * (self.points[0] - self.centre), inward * (self.points[-1] - self.centre)
 
@@ -390,9 +396,9 @@ def _pieces(outline: Outline) -> list[_Piece]:
         piece = _Piece(outline.points_mm[a : b + 1], int(marks[a]), outline.line_numbers[a], a, float(tangents[a]))
         circle = _circle(piece.points) if b - a > 1 else None
         if circle is not None:
-            piece = piece._replace(centre=circle[0], radius_mm=circle[1], swept=circle[2])
+            piece = replace(piece, centre=circle[0], radius_mm=circle[1], swept=circle[2])
         elif b - a > 1 and is_straight(piece.points, _STRAIGHT_MM):
-            piece = piece._replace(points=piece.points[[0, -1]])
+            piece = replace(piece, points=piece.points[[0, -1]])
         found.append(piece)
     return found
 
@@ -514,17 +520,16 @@ def _offset_line(
         d1, d2 = left[k - 1], left[k % count]
         vertex, n1, n2 = other.points[0], one.ends[1], other.ends[0]
         joint = _Joint(0.0, 0) if open_end else joints[k % count]
-        fan = np.empty((0, 2))
-        first, last = (one.points[-1] if open_end else vertex) + d1 * n1, vertex + d2 * n2
-        if joint.chords:
-            fan = vertex + d1 * _turned(n1, joint.turn, joint.chords)[1:-1]
-        elif not open_end and abs(joint.turn) >= math.radians(SHARP_DEG):
-            first = last = _meeting(one, other, (d1, d2))
-        elif not open_end and abs(d1 - d2) < _NOTHING_MM:
-            first = last = vertex + mitre(n1, n2, d1, d2)
+        meets = abs(joint.turn) >= math.radians(SHARP_DEG)
+        if open_end or joint.chords or not (meets or abs(d1 - d2) < _NOTHING_MM):
+            first, last = (one.points[-1] if open_end else vertex) + d1 * n1, vertex + d2 * n2
+        else:
+            first = last = _meeting(one, other, (d1, d2)) if meets else vertex + mitre(n1, n2, d1, d2)
         begins.append(last)
         ends.append(first)
-        rounded.append(fan)
+        rounded.append(
+            vertex + d1 * _turned(n1, joint.turn, joint.chords)[1:-1] if joint.chords else np.empty((0, 2))
+        )
     line = []
     for k, piece in enumerate(pieces):
         line += [_inside(piece, left[k], begins[k], ends[k + 1], chords[k]), rounded[k + 1]]
@@ -536,9 +541,9 @@ def _offset_line(
 def _inside(piece: _Piece, left_mm: float, begin: Floats, end: Floats, chords: int) -> Floats:
     """Return the points of the line parallel to a piece, from `begin` to `end`."""
     if piece.centre is None:
-        normals = left_normals(piece.points)
         inner = [
-            piece.points[i] + mitre(normals[i - 1], normals[i], left_mm, left_mm) for i in range(1, len(normals))
+            vertex + mitre(n1, n2, left_mm, left_mm)
+            for vertex, (n1, n2) in zip(piece.points[1:-1], pairwise(piece.normals), strict=True)
         ]
         return np.array([begin, *inner, end])
     radius, off = piece.radius_at(left_mm), piece.points[[0, -1]] - piece.centre
@@ -560,8 +565,10 @@ def _joints(pieces: list[_Piece], left: Floats, conical: bool) -> list[_Joint]:
     found = []
     for k, piece in enumerate(pieces):
         turn, d = _turn(pieces[k - 1].ends[1], piece.ends[0]), left[:, k]
-        rounds = conical and abs(turn) >= math.radians(SHARP_DEG)
-        rounds &= bool((d == left[:, k - 1]).all() and d.any() and (turn * d <= 0).all())
+        rounds = (
+            conical and abs(turn) >= math.radians(SHARP_DEG)
+            and (d == left[:, k - 1]).all() and d.any() and (turn * d <= 0).all()
+        )  # fmt: skip
         found.append(_Joint(turn, _chords_of_arc(turn, float(np.abs(d).max())) if rounds else 0))
     return found
 

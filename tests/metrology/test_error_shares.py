@@ -84,7 +84,7 @@ def test_the_table_errs_by_its_errors_where_the_wire_passes_and_not_where_the_wa
     around = replace(measured(np.zeros(len(NORMALS))), s_mm=4.0 * (np.arange(4)[:, None] + ALONG).ravel())
     places, table = around.points_mm * 1e3 + OFFSET_UM * NORMALS, StillTable(machine)
     moved = [((np.array(table.move(place)) - place) @ normal) for place, normal in zip(places, NORMALS, strict=True)]
-    found = table_error(machine, CONTOUR, around, None)
+    found = table_error(machine, CONTOUR, around, None, np.zeros(1))
     np.testing.assert_allclose(found.without_um, moved, atol=0.01)
     np.testing.assert_array_equal(found.left_um, found.without_um)
 

@@ -1,7 +1,7 @@
 """Programs of FreeCAD's post-processor for wire EDM: one contour is read with all its switches."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -133,7 +133,7 @@ def test_whatever_its_switches_one_contour_is_read(read, how, whole, corner, wid
     if how.inches and not (how.units or how.comments):
         return  # nothing in the program shows inches, so it is read as mm, as the page says
     if whole and how.scale == 1000:
-        how = Switches(**{**vars(how), "places": 1 if how.inches else 0})
+        how = replace(how, places=1 if how.inches else 0)
     moves = rounded_rectangle(corner, width, height, radius)
     program = read(written(moves, how), how)
     (outline,) = program.outlines
@@ -160,10 +160,10 @@ BOX = rounded_rectangle((1000, 1000), 8000, 5000, 500)
 
 
 def test_whole_um_with_leading_zeros_signs_and_no_blanks(read):
-    how = Switches(**{
-        **vars(PLAIN), "space": "", "scale": 1000, "places": 0, "digits": 6, "signs": True, "two_digits": True,
-        "relative": True, "line_end": "*", "units": False,
-    })  # fmt: skip
+    how = replace(
+        PLAIN, space="", scale=1000, places=0, digits=6, signs=True, two_digits=True, relative=True, line_end="*",
+        units=False,
+    )  # fmt: skip
     text = written(BOX, how)
     assert "G01X-003500*\n" in text
     program = read(text, how)
@@ -173,13 +173,13 @@ def test_whole_um_with_leading_zeros_signs_and_no_blanks(read):
 
 
 def test_a_line_end_that_some_lines_lack_is_a_word_that_is_not_known(read):
-    text = written(BOX, Switches(**{**vars(PLAIN), "line_end": "*"}))
+    text = written(BOX, replace(PLAIN, line_end="*"))
     spoilt = text.replace("*\n", "\n", 4)
     with pytest.raises(InputError, match="unknown word"):
         read(spoilt, PLAIN)
 
 
 def test_feeds_are_not_scaled(read):
-    how = Switches(**{**vars(PLAIN), "scale": 1000, "places": 0})
+    how = replace(PLAIN, scale=1000, places=0)
     text = written(BOX, how).replace("Y1000\n", "Y1000 F2.5\n", 1)
     assert any("feed F2.5 mm/min is not used" in notice for notice in read(text, how).notices)

@@ -74,14 +74,16 @@ def test_incremental_and_absolute_give_the_same_path(tmp_path_factory, moves):
     assert np.allclose(outlines[0], outlines[1], atol=1e-9)
 
 
-@pytest.mark.parametrize(("text", "end_mm"), [
-    ("G20 G0 X0 Y0\nG1 X1. Y.5\n", [25.4, 12.7]),
-    ("G0 X0 Y0\nG1 X20\nG1 Y10\n", [20, 10]),  # whole numbers that fit the table
-    ("G0 X100 Y100\nG1 X110\nG1 Y120\n", [110, 120]),  # also if far from zero
-    ("G91\nG1 X400\nX400\nY-300\n", [0.8, -0.3]),  # whole um
+@pytest.mark.parametrize(("text", "end_mm", "said"), [
+    ("G20 G0 X0 Y0\nG1 X1. Y.5\n", [25.4, 12.7], ""),
+    ("G0 X0 Y0\nG1 X20\nG1 Y10\n", [20, 10], "read as mm"),  # whole numbers that fit the table
+    ("G0 X100 Y100\nG1 X110\nG1 Y120\n", [110, 120], "read as mm"),  # also if far from zero
+    ("G91\nG1 X400\nX400\nY-300\n", [0.8, -0.3], "read as whole um"),
 ])  # fmt: skip
-def test_the_unit_of_a_program(read, text, end_mm):
-    assert only(read(text)).points_mm[-1].tolist() == pytest.approx(end_mm)
+def test_the_unit_of_a_program(read, text, end_mm, said):
+    program = read(text)
+    assert only(program).points_mm[-1].tolist() == pytest.approx(end_mm)
+    assert any("read as" in notice and said in notice for notice in program.notices) is bool(said)
 
 
 def test_numbers_with_and_without_a_point_are_reported_where_those_without_may_be_um(read):
@@ -189,10 +191,6 @@ def test_a_program_in_whole_um(read):
     assert any("whole um" in notice for notice in program.notices)
 
 
-def test_whole_numbers_that_fit_the_table_are_said_to_be_mm(read):
-    assert any("read as mm" in notice for notice in read("G0 X0 Y0\nG1 X20\nG1 Y10\n").notices)
-
-
 BAD = [
     ("G0 X0 Y0\nG1 X5 Y\n", 2, "'Y'"), ("G0 X0 Y0\nG1 X5 $\n", 2, "$"),
     ("G0 X0 Y0\nG1 X5 (not closed\n", 2, "("), ("G0 X0 Y0\nG18\nG1 X5\n", 2, "G18"),
@@ -207,7 +205,8 @@ BAD = [
     (SQUARE.replace("X10\n", "G42 X10\n"), 5, "compensation"), (SQUARE.replace("M02", "X30\nY30\n"), 8, "3 moves"),
     ("G0 X0 Y0\nM50\nG1 X5.5\n", 3, "cut off since M50 on line 2"),
     ("G54 G0 X0 Y0\nG1 X5.5\nG55 G0 X9\n", 3, "G54 and G55"), ("G0 X0 Y0\nG1 X1O5\n", 2, "'O5'"),
-    ("G0 X0 Y-5.\nG41 G1 X0 Y0\nX10 Y10\nY0\nX0 Y10\nY0\n", 5, "crosses or retraces itself at X5.000 Y5.000"),
+    ("G0 X0 Y-5.\nG41 G1 X0 Y0\nX10 Y10\nY0\nX0 Y10\nY0\n", 5,
+     "crosses or retraces itself at X5.000 Y5.000 (lines 3 and 5)"),
     ("G0 X0 Y0\nG1 X5.5 Y5\nX10\nY10\nX5.5 Y5\nX0 Y10\nX-3\nY0\n", 6, "met itself at X5.500 Y5.000 (lines 3 and 5)"),
     ("G0 X0 Y0\nG1 X9.5\nX4\nY3\n", 3, "lines 2 and 3"),
     ("G42\nG0 X0 Y0\nG1 X9.5 Y9\nX9\nX0\nX3.5 Y0\nY20\nX0.5\n", None, "crosses"),

@@ -30,30 +30,21 @@ def of_square(folder, offsets_mm=OFFSETS_MM, **plan_options):
 
 
 def test_rough_forward_trims_to_and_fro_then_the_tab(tmp_path):
-    """Usual order: the profile without the tab, forwards and backwards, a stop, then the tab, rough pass first."""
+    """Usual order: the profile without the tab, forwards and backwards, then the tab, rough pass first."""
     contour = of_square(tmp_path, tab_mm=1.5)
-    rows = [(p.number, p.piece, p.reversed, p.stops_before, p.frees) for p in contour.passes]
-    assert rows == [
-        (1, "profile", False, False, False), (2, "profile", True, False, False), (3, "profile", False, False, False),
-        (1, "tab", False, True, True), (2, "tab", True, False, False), (3, "tab", False, False, False),
+    assert [(p.number, p.piece, p.reversed, p.frees) for p in contour.passes] == [
+        (1, "profile", False, False), (2, "profile", True, False), (3, "profile", False, False),
+        (1, "tab", False, True), (2, "tab", True, False), (3, "tab", False, False),
     ]  # fmt: skip
     assert contour.offset_um == 150.0  # the offset of the last pass
     for before, now in zip(contour.passes, contour.passes[1:], strict=False):
         np.testing.assert_array_equal(before.points_um[-1], now.points_um[0])  # the wire stays threaded
 
 
-def test_every_pass_keeps_its_offset(tmp_path):
-    contour = of_square(tmp_path)
-    edge = shapely.LineString(contour.nominal_mm)
-    for one in contour.passes:
-        places = shapely.points(one.points_um[one.approach_moves :] * 1e-3)
-        assert shapely.distance(edge, places).min() == pytest.approx(one.offset_um * 1e-3, abs=1.5e-3)
-
-
 def test_offsets_of_planned_passes_win_over_a_register_with_a_notice(tmp_path):
     text = AROUND.replace("G41", "G10 L12 P1 R0.19\nD1 G41")
     path = plan(tmp_path, text, PassPlan(OFFSETS_MM))
-    assert [one.offset_um for one in path.contours[0].passes[:3]] == [250.0, 200.0, 150.0]
+    assert [one.offset_um for one in path.contours[0].passes] == [250.0, 200.0, 150.0] * 2
     assert "the passes have the offsets 0.25, 0.2, 0.15 mm, not the 0.19 mm of the register" in path.notices
     assert not [notice for notice in plan(tmp_path, AROUND, PassPlan(OFFSETS_MM)).notices if "not the" in notice]
 
@@ -136,7 +127,8 @@ def test_no_way_from_one_pass_to_the_next_cuts_a_corner(tmp_path, tab_mm, begin)
 @pytest.mark.parametrize("tab_mm", [0.0, 1.5])
 def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path, tab_mm):
     text = SQUARE.format("Y3\nG4 P2.5\nY4\nX4\nY0\nX0\nY2\n")
-    contour = plan(tmp_path, text, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm)).contours[0]
+    path = plan(tmp_path, text, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm))
+    (contour,) = path.contours
     profile = [one for one in contour.passes if one.piece == "profile"]
     corner = contour.nominal_mm[0] + (0.0, 1.0)
     for one in profile:
@@ -145,7 +137,7 @@ def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path, tab_mm):
         np.testing.assert_allclose(one.points_um[i], 1e3 * (corner - (one.offset_um * 1e-3, 0.0)), atol=1.0)
     assert all(not one.dwells for one in contour.passes if one.piece == "tab")
     assert contour.waiting_s == 2.5 * len(profile)
-    legs = legs_of(contour)
+    legs = legs_of(path)
     assert [leg.dwell_s for leg in legs if leg.dwell_s] == [2.5] * len(profile)
     for before, leg in pairwise(legs):
         np.testing.assert_array_equal(before.points_um[-1], leg.points_um[0])
@@ -178,15 +170,16 @@ GUIDES = GuideHeights(-10.0, 20.0, 10.0, 30.0)
 @pytest.mark.parametrize("angle_deg", [3.0, -3.0])
 def test_passes_of_a_leaning_wire_keep_their_offsets_at_every_height(tmp_path, angle_deg, corners):
     """In a horizontal plane, the wire's centre is offset / cos a from a wall that leans by a."""
-    contour = plan(
+    path = plan(
         tmp_path, passes=PassPlan(OFFSETS_MM, tab_mm=1.2), taper_deg=angle_deg, corners=corners, guides=[GUIDES]
-    ).contours[0]
+    )
+    (contour,) = path.contours
     assert [(p.number, p.piece, p.reversed) for p in contour.passes] == [
         (1, "profile", False), (2, "profile", True), (3, "profile", False),
         (1, "tab", False), (2, "tab", True), (3, "tab", False),
     ]  # fmt: skip
     cosine = np.cos(np.radians(angle_deg))
-    for one, leg in zip(contour.passes, legs_of(contour)[1:], strict=True):
+    for one, leg in zip(contour.passes, legs_of(path)[1:], strict=True):
         for z in (0.0, 5.0, 10.0):
             wall = shapely.LineString(contour.at_height(z).nominal_mm)
             way = one.at_height(z).points_um[one.approach_moves :] * 1e-3
@@ -231,20 +224,60 @@ def twice(first_mm, second_mm, code="G41", way=ROUND):
     return head + AGAIN.format("G41", "D1", ROUND) + AGAIN.format(code, "D2", way) + "M2\n"
 
 
-def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path):
-    """Forward with G41 and D1, back along the same edge with G42 and D2."""
-    path = plan(tmp_path, twice(0.25, 0.2, "G42", "Y0\nX4\nY4\nX0\nY2\n"))
-    assert len(path.contours) == 1
-    assert [(p.offset_um, p.reversed) for p in path.contours[0].passes] == [(250.0, False), (200.0, True)]
-    assert path.contours[0].offset_um == 200.0
+THREADED, ON_CONTOUR = "G0 X{hole} Y2\n{code} {d} G1 X{x}\n", "{code} {d} G0 X{x} Y2\nG1\n"
+STAYS = {0: "G1 X7\nY6\nX-1\nY2\n{code} {d} X{x}\n", 8: "G1 X-1\nY6\nX7\nY2\n{code} {d} X{x}\n"}
 
 
-def test_an_edge_that_is_cut_again_after_another_one_is_named(tmp_path):
-    other = "G0 X8 Y2\nG41 D1 G1 X10\nY4\nX14\nY0\nX10\nY2\nG40\n"
-    for between, named in (("", 0), (other, 1)):
-        path = plan(tmp_path, twice(0.25, 0.2).replace("G40\n", f"G40\n{between}", 1))
-        assert sum("cut again as one of its own" in notice for notice in path.notices) == named
-        assert len(path.contours) == 1 + 2 * named
+def two_squares(order, way=THREADED, later=None):
+    """Return a program that cuts two squares rough and back, in an order of (left edge, pass)."""
+    text = "G21 G90\nD1=0.25\nD2=0.2\n"
+    for k, (x, number) in enumerate(order):
+        to = (later or {}).get(x, way) if k else way
+        text += to.format(hole=x - 1.5, x=x, d=f"D{number}", code="G41" if number == 1 else "G42")
+        y, back = (4, 0) if number == 1 else (0, 4)
+        text += f"Y{y}\nX{x + 4}\nY{back}\nX{x}\nY2\nG40\n"
+    return text + "M2\n"
+
+
+SHOP, BY_CONTOUR = ((0, 1), (8, 1), (0, 2), (8, 2)), ((0, 1), (0, 2), (8, 1), (8, 2))
+
+
+@pytest.mark.parametrize("way", [THREADED, ON_CONTOUR])
+def test_all_rough_passes_may_come_before_the_trims(tmp_path, way):
+    """The passes are those of a program that trims each contour at once; a trim is threaded where it says."""
+    path, known = (plan(tmp_path, two_squares(order, way)) for order in (SHOP, BY_CONTOUR))
+    assert [notice.split(": ")[1] for notice in path.notices] == [n.split(": ")[1] for n in known.notices]
+    for contour, other in zip(path.contours, known.contours, strict=True):
+        assert [(p.offset_um, p.reversed) for p in other.passes] == [(250.0, False), (200.0, True)]
+        assert other.offset_um == 200.0
+        np.testing.assert_array_equal(contour.points_um, other.points_um)
+        for one, same in zip(contour.passes, other.passes, strict=True):
+            what = one.number, one.piece, one.offset_um, one.reversed, one.frees
+            assert what == (same.number, same.piece, same.offset_um, same.reversed, same.frees)
+            np.testing.assert_array_equal(one.points_um[one.approach_moves :], same.points_um[same.approach_moves :])
+            start = contour.points_um[0] if one.threads else same.points_um[0]
+            np.testing.assert_array_equal(one.points_um[0], start)
+        assert (contour.threads, other.threads) == ((True, True), (True, False))
+    threaded = [leg.cut_pass for leg in legs_of(path) if leg.threads]
+    assert threaded == [path.contours[k].passes[number] for k, number in ((0, 0), (1, 0), (0, 1), (1, 1))]
+
+
+def test_trims_after_other_contours_may_be_reached_with_a_threaded_wire(tmp_path):
+    path = plan(tmp_path, two_squares(SHOP, later=STAYS))
+    assert [contour.threads for contour in path.contours] == [(True, False), (False, False)]
+    begins = [contour.ways_um[number][0] * 1e-3 - path.origin_mm for contour, number in path.cuts]
+    np.testing.assert_allclose(begins, [(-1.5, 2), (-1, 2), (7, 2), (-1, 2)], atol=1e-9)
+    legs = legs_of(path)
+    assert [leg.cut_pass.number for leg in legs if not leg.leads_in] == [1, 1, 2, 2]
+    assert [leg.threads for leg in legs] == [True, *[False] * 5]
+
+
+def test_passes_of_a_contour_are_found_in_any_order(tmp_path):
+    order = (8, 1), (0, 1), (0, 2), (8, 2)
+    path = plan(tmp_path, two_squares(order))
+    assert [[one.number for one in contour.passes] for contour in path.contours] == [[1, 2], [1, 2]]
+    cuts = [(float(contour.nominal_mm[0, 0]) - path.origin_mm[0], number + 1) for contour, number in path.cuts]
+    assert cuts == [(pytest.approx(x), number) for x, number in order]
 
 
 ELSEWHERE = AGAIN.format("G41", "D1", ROUND) + "X-1\n{}G42 D2 G1 Y4\nX0\nY0\nX4\nY4\nX2\nG40\nM2\n"
@@ -262,7 +295,7 @@ def test_a_trim_that_begins_elsewhere_goes_there_as_the_program_says(tmp_path, w
     edge = shapely.LineString(contour.nominal_mm)
     assert edge.distance(shapely.LineString(trim.points_um * 1e-3)) == pytest.approx(0.2, abs=2e-3)
     assert (trim.reversed, trim.threads, contour.threads) == (True, threads, (True, threads))
-    assert [leg.threads for leg in legs_of(contour)] == [True, False, threads]
+    assert [leg.threads for leg in legs_of(path)] == [True, False, threads]
     assert len(path.start_holes_um) == 1 + threads
     # the edge has the direction of the contour, also if the last pass has not
     np.testing.assert_allclose(contour.nominal_mm[:3] - path.origin_mm, [(0, 2), (0, 4), (4, 4)])

@@ -321,11 +321,6 @@ def test_other_suffixes_are_refused(plan):
         plan(PUNCH, name="part.step")
 
 
-def test_a_text_that_does_not_read_as_a_program_is_refused(plan):
-    with pytest.raises(InputError, match="unknown words"):
-        plan("Dear reader,\nthis is a letter.\n", name="part.txt")
-
-
 def test_a_contour_within_a_micrometre_is_refused(plan):
     with pytest.raises(InputError, match="moves the wire by less than a um") as caught:
         plan("G0 X-5. Y0\nG1 X-2.\nG0 X0 Y0\nG1 X.0004\nM2\n")

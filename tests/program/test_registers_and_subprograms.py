@@ -191,11 +191,3 @@ def test_the_program_ends_at_m02_where_other_blocks_follow_on_its_line(read):
     assert any("line 1: text after the end of the program" in notice for notice in program.notices)
     called = read("G92 X0 Y0; M98 P1; M02; O1; G1 X5.; M99;\n", dialect="skd2")
     assert called.outlines[0].points_mm[-1].tolist() == [5.0, 0.0]
-
-
-def test_a_contour_that_crosses_itself_says_so_and_where(read):
-    eight = "G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX0 Y8\nX-4 Y12\nX0 Y16\nX4 Y12\nX0 Y8\nX-4 Y4\nX0 Y0\nG40\nM2\n"
-    with pytest.raises(InputError, match=r"has met itself at X0\.000 Y8\.000 \(lines 5 and 8\)"):
-        read(eight)
-    with pytest.raises(InputError, match=r"crosses or retraces itself at X2\.000 Y2\.000 \(lines 3 and 5\)"):
-        read("G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX4 Y0\nX0 Y4\nX-3 Y4\nX0 Y0\nG40\nM2\n")

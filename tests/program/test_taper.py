@@ -299,7 +299,15 @@ def test_angles_beyond_the_guides_say_how_far_they_go():
     assert "give angles below 45" in refused(square(50.0))
 
 
+# two lobes joined by a neck, 2 mm wide below, which vanishes above
+NECK = [(side * x, side * y) for side in (1, -1) for x, y in ((1, -0.5), (1, -2), (4, -2), (4, 2), (1, 2), (1, 0.5))]
+GROOVE = [(-3, -2), (3, -2), (3, 2), (0.12, 2), (0.12, 0), (-0.12, 0), (-0.12, 2), (-3, 2)]
+
+
 @pytest.mark.parametrize(("outline", "said"), [
+    (polygon(NECK, taper=Taper((5.0,) * 12, corners="sharp")), "crosses itself at a height of"),
+    (polygon(GROOVE, taper=Taper((1.0,) * 8, corners="sharp")), "the line of the wire's way at X"),
+    (rounded_square(-3.0, "conical", radius=0.1, part="right"), "the arc of the wire's way"),
     (square(program_plane_mm=5.0, second_plane_mm=5.0), "two different heights"),
     (replace(square(), taper=Taper((3.0, 3.0))), "2 angles for 4 elements"),
     (replace(square(), taper=Taper(upper_mm=np.zeros((4, 2)))), "4 elements and the one above 3"),
@@ -309,20 +317,6 @@ def test_what_cannot_be_is_refused_in_one_line(outline, said):
     reason = refused(outline)
     assert said in reason
     assert "\n" not in reason
-
-
-def test_a_wire_that_would_cross_its_own_way_says_at_which_height():
-    # two lobes joined by a neck, 2 mm wide below, which vanishes above
-    right = [(1, -0.5), (1, -2), (4, -2), (4, 2), (1, 2), (1, 0.5)]
-    points = [*right, *((-x, -y) for x, y in right)]
-    reason = refused(polygon(points, taper=Taper((5.0,) * 12, corners="sharp")))
-    assert "crosses itself at a height of" in reason
-
-
-def test_a_groove_narrower_than_the_wire_is_refused():
-    points = [(-3, -2), (3, -2), (3, 2), (0.12, 2), (0.12, 0), (-0.12, 0), (-0.12, 2), (-3, 2)]
-    reason = refused(polygon(points, taper=Taper((1.0,) * 8, corners="sharp")))
-    assert "vanishes at a height of" in reason or "into the wall at a height of" in reason
 
 
 def test_a_corner_that_became_a_cone_is_an_element_of_its_own():
@@ -351,11 +345,6 @@ def test_a_wire_is_threaded_beyond_a_wall_that_leans_over_the_way_to_it():
     for face in (0.0, 10.0):
         assert shapely.LineString(contour.lean.wall.at(face)).distance(shapely.Point(thread_mm)) > 0.3
     assert any("as the wall leans over the way to it" in notice for notice in path.notices)
-
-
-def test_an_inner_radius_smaller_than_the_wire_is_refused():
-    hole = rounded_square(-3.0, "conical", radius=0.1, part="right")
-    assert "the arc of the wire's way" in refused(hole)
 
 
 @pytest.mark.parametrize(("angle", "corners"), [(math.nan, "sharp"), (45.0, "sharp"), (-90.0, "conical")])
