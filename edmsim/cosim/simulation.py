@@ -17,7 +17,7 @@ from edmsim.controllers.axis.elcam.file import StepCompensation, check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
+from edmsim.controllers.planner.four_axes import Following, check_lead, make_leaning_planner
 from edmsim.controllers.planner.registry import PathOffset, RunsPath, make_planner, position_unit
 from edmsim.cosim.cycle import Cycle, PlannerMotion
 from edmsim.cosim.observers import Observer
@@ -123,8 +123,8 @@ class Simulation:
     """One cut in progress."""
 
     STATE = (
-        "_at", "_motion", "controller", "_compensation", "_offset", "sums", "refused", "cause", "reason", "passes",
-        "_axes",
+        "_at", "_motion", "controller", "_compensation", "_offset", "sums", "refused", "overtaken", "slowed", "cause",
+        "reason", "passes", "_axes",
     )  # fmt: skip
 
     def __init__(
@@ -190,6 +190,8 @@ class Simulation:
         self.cause = StopCause.RUNNING
         self.reason: str | None = None
         self.refused: str | None = None
+        self.overtaken = 0  # feeds that the controller's next command replaced within their latency
+        self.slowed = 0  # windows in which the planner ran a tilted wire slower than its feed
         for observer in self.observers:
             observer.begin(self.plant)
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
@@ -363,6 +365,8 @@ class Simulation:
             self._say(self.plant.fault_reason)
             return Progress(self.path_um, self.total_um, self.plant.time_ns * 1e-9, 0.0, 0, 0)
         self.sums.add(turn)
+        planner = self._motion.planner
+        self.slowed += isinstance(planner, Following) and planner.slowed
         self.passes.follow(self.plant.time_ns * 1e-9, self.path_um, self.sums)
         opened = self._switches(turn.window)
         cause = self._judge(turn.window, opened)
@@ -402,6 +406,8 @@ class Simulation:
     def _decide(self, observation: WindowObservation) -> None:
         """Let the controller decide on the next window."""
         command = protocols.check_command(self.controller.name, self.controller.update(observation))
+        before = self._motion.command
+        self.overtaken += before.latency_s >= observation.duration_s and command.feed_um_s != before.feed_um_s
         self._motion.command = command
         self._set_generator(command.t_on_us, command.t_period_us)
 

@@ -448,6 +448,16 @@ def test_u_and_v_follow_planners_that_count(name):
         assert np.abs(away).max() <= 3.0 * STEP_UM
 
 
+@pytest.mark.parametrize(("along_um", "share"), [(ALONG, 0.7), (0.5 * ALONG, 1.3)])
+def test_a_speed_that_x_and_y_cannot_run_is_noted(along_um, share):
+    planner = make_leaning_planner("poscal", POINTS, LEADS, along_um, step_um=STEP_UM)
+    slowed = []
+    for units in (0, 70, 127, -127):
+        planner.advance(0, NS, units)
+        slowed.append(planner.slowed)
+    assert slowed == [False, False, share > 1.0, share > 1.0]
+
+
 @pytest.mark.parametrize("name", ["exact", "poscal"])
 def test_all_axes_run_back_over_where_they_began(name):
     ahead = make_leaning_planner(name, POINTS[1:], LEADS[1:], ALONG[1:] - ALONG[1], step_um=STEP_UM)
