@@ -28,6 +28,8 @@ from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
 
+from .test_mcu_computer import ready
+
 BYTES = st.integers(0, 255)
 
 
@@ -531,11 +533,7 @@ def test_drop_out_has_two_voltages():  # T-30, T-A5, T-37
 
 def moved(couplers):
     """Computer after INIT and a second of a move along +x, and the steps its motors made."""
-    computer = Computer(Board(couplers=couplers))
-    computer.init()
-    computer.set_position(30_000, 30_000)
-    computer.set_speed(127)
-    computer.start(generator=False)
+    computer = ready(generator=False, board=Board(couplers=couplers))
     computer.move_to(31_000, 30_000)
     return computer, computer.run_until(1_000_000_000)
 
