@@ -156,6 +156,7 @@ def test_a_late_controller_leaves_the_old_feed_in_force(latency_s, new_share):  
     if 0 < new_share < 1:  # alternately on and off: both changes are late, so the feed is on half of the time
         way = sim.plant.commanded_um[0] - START[0]
         assert way == pytest.approx(33.3375 * 0.0255 * 20, abs=2)
+    assert sim.overtaken == (0 if new_share else 39)  # every window but the first ends with another feed
 
 
 def test_feed_stays_within_the_speed_word():

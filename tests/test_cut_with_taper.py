@@ -319,6 +319,18 @@ def test_a_cut_reports_its_taper(tmp_path):
     assert at[1, 1] - at[0, 1] == pytest.approx(2.0 * math.tan(math.radians(5)), rel=0.01)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("feed_um_s", "slowed"), [(33, True), (5, False)])
+def test_a_cut_tells_that_its_planner_slowed_a_tilted_wire(feed_um_s, slowed, tmp_path):
+    file = tmp_path / "disc.ngc"
+    file.write_text("G21 G90\nG92 X1 Y-0.4\nG42 D1 G1 X1 Y0\nG3 X1 Y0 I0 J2\nG1 G40 Y-0.4\nM02\n")
+    result = edmsim.cut(
+        file, height_mm=2.0, taper_deg=-3.0, planner="poscal", resolution="fast", max_time_s=1.0,
+        controller=f"fixed:feed_um_s={feed_um_s}",
+    )  # fmt: skip
+    assert any("the wire was slower than its feed in" in text for text in result.report["notices"]) == slowed
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

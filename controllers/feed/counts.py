@@ -215,7 +215,8 @@ class McuController(CountsController):
     corner_um: float = 0.0
     corner_share: float = 0.6  # factor on t(i) there; the code is at least 1
 
-    _computer: Computer = field(default_factory=Computer, init=False, repr=False)
+    # its registers; every leg begins with a new one
+    computer: Computer = field(default_factory=Computer, init=False, repr=False)
     _move: int = field(default=-1, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -224,13 +225,8 @@ class McuController(CountsController):
         self._run: PathRun | None = None
 
     @property
-    def computer(self) -> Computer:
-        """The computer with its registers; every leg begins with a new one."""
-        return self._computer
-
-    @property
     def _counters(self) -> PulseAnalyser:
-        return self._computer.board.counters
+        return self.computer.board.counters
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the generator's setting and the path; called before every leg of the cut."""
@@ -254,28 +250,28 @@ class McuController(CountsController):
         if kind_of(planner).number != LITERAL:
             return None
         self._start(wrap=True)
-        self._run = PathRun(self._computer, self._setup.points)
+        self._run = PathRun(self.computer, self._setup.points)
         return self._run
 
     def _start(self, wrap: bool) -> None:
         """Run INIT, set position and settings, start."""
         setup = self._setup
-        self._computer = Computer(Board(setup.pulses), unit=setup.unit, wrap=wrap)
-        self._computer.init()
+        self.computer = Computer(Board(setup.pulses), unit=setup.unit, wrap=wrap)
+        self.computer.init()
         if setup.points:
-            self._computer.set_position(*setup.points[0])
-        self._computer.set_pulse_codes(*setup.codes)
-        memory = self._computer.board.bus
+            self.computer.set_position(*setup.points[0])
+        self.computer.set_pulse_codes(*setup.codes)
+        memory = self.computer.board.bus
         assert self._settings is not None
         memory_map.set_constants(memory, self._settings)
         memory_map.set_variables(memory, self._state)
-        self._computer.start()
+        self.computer.start()
         self._move, self._run = -1, None
 
     @property
     def emergency(self) -> str | None:
         """Message of the emergency routine with its place; None if it has not run since the leg began."""
-        computer = self._computer
+        computer = self.computer
         if computer.state != EMERGENCY:
             return None
         size_um = unit_um(self._setup.unit)
@@ -286,20 +282,20 @@ class McuController(CountsController):
 
     def open_switch(self, name: str) -> None:
         """Open a safety switch: its line interrupts, and the emergency routine runs."""
-        self._computer.board.switches.trip(name)
-        self._computer.serve()
+        self.computer.board.switches.trip(name)
+        self.computer.serve()
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed for the next window; the interrupt routines of the steps delay the program."""
-        self._computer.serve()
+        self.computer.serve()
         if self._run is not None:
-            late_ns = max(self._computer.steppers.free_ns - self._computer.board.now_ns, 0)
+            late_ns = max(self.computer.steppers.free_ns - self.computer.board.now_ns, 0)
             self._busy_until_ns = self._clock_ns + round(window.duration_s * 1e9) + late_ns
         return super().update(window)
 
     def drive(self, steps: list[Step]) -> list[Step]:
         """Let timers, interrupts and port make a planner's steps."""
-        return self._computer.drive(steps)
+        return self.computer.drive(steps)
 
     def _decide(self, tick: int, path_um: float) -> tuple[int, int]:
         setup = self._setup
@@ -307,27 +303,27 @@ class McuController(CountsController):
             here = self._move
             if here < 0 or not setup.starts_um[here] <= path_um <= setup.starts_um[here + 1]:
                 self._aim(path_um)
-        speed, t_states = self._computer.optimise(tick, math.floor(path_um) & WORD)
-        self._state = memory_map.variables(self._computer.board.bus)
+        speed, t_states = self.computer.optimise(tick, math.floor(path_um) & WORD)
+        self._state = memory_map.variables(self.computer.board.bus)
         return speed, t_states
 
     def _aim(self, path_um: float) -> None:
         """Pass the end of the present move to the program."""
         setup = self._setup
         self._move = min(max(bisect_right(setup.starts_um, path_um) - 1, 0), len(setup.points) - 2)
-        self._computer.steppers.aim_for_planner(*setup.points[self._move + 1])
+        self.computer.steppers.aim_for_planner(*setup.points[self._move + 1])
 
     def _command(self, path_um: float) -> FeedCommand:
         command = super()._command(path_um)
         setup = self._setup
         if command.alarm is not None:
-            self._computer.emergency()
-        if self._computer.state == EMERGENCY or not (self.corner_um and setup.points):
+            self.computer.emergency()
+        if self.computer.state == EMERGENCY or not (self.corner_um and setup.points):
             return command
         ahead = bisect_right(setup.corners_um, path_um)
         left = setup.corners_um[ahead] - path_um if ahead < len(setup.corners_um) else math.inf
         t_i, t_p = setup.codes
         code = before_corner(t_i, int(min(left, WORD)), round(self.corner_um), round(self.corner_share * 256))
-        if code != self._computer.pulse_codes[0]:
-            self._computer.set_pulse_codes(code, t_p)
+        if code != self.computer.pulse_codes[0]:
+            self.computer.set_pulse_codes(code, t_p)
         return command._replace(t_on_us=setup.t_on_us if code == t_i else setup.pulses.times_us(code, t_p)[0])

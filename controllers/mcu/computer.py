@@ -14,7 +14,7 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.mcu.firmware.optimise import optimise
 from edmsim.controllers.mcu.firmware.poscal import BYTE, STEP_UM, WORD, Displacement, Unit, subsgn, unit_um, velocm
-from edmsim.controllers.mcu.firmware.timers import CPU_HZ, MAX_SPEED, nanoseconds
+from edmsim.controllers.mcu.firmware.timers import CPU_HZ, MAX_SPEED, nanoseconds, tick_before, tick_time_ns
 from edmsim.controllers.protocols import Step, check_window
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
@@ -25,6 +25,9 @@ from edmsim.snapshots import Snapshots
 # There are two kinds of moves. For the program's own moves, POSCAL computes the direction once, as in 1982: the
 # timers count down from values for XVELOC and YVELOC, and each routine takes its T-states. A planner's steps use the
 # same timers, interrupts and lines, at the planner's times.
+
+
+_CLOCK = timers.timer_clock_hz(timers.SPEED_UNIT_NM_S).as_integer_ratio()  # hertz and per of both axes' timers
 
 
 class Steppers(Snapshots):
@@ -43,7 +46,6 @@ class Steppers(Snapshots):
         self._half_step = STEP_UM // poscal.unit_um(unit) // 2
         self._wrap = wrap
         self._aim = None
-        self._clock = timers.TickClock()
         self._tick = -1  # before the tick of time 0
         self._last_tick = [0, 0]
         lines = board.lines
@@ -111,7 +113,7 @@ class Steppers(Snapshots):
         for area in at.AREAS:
             self._bus.store(area + at.VELOCITY, 0)
         self.own = True
-        self._tick = max(self._tick, self._clock.before(self.board.now_ns))
+        self._tick = max(self._tick, tick_before(self.board.now_ns, *_CLOCK))
         return self.aim(x, y, heading)
 
     def busy(self, t_states: int) -> None:
@@ -120,17 +122,17 @@ class Steppers(Snapshots):
 
     def run_until(self, end_ns: int, to_the_end: bool = True) -> None:
         """Run timers and interrupts up to a time, or to the end of the move; a routine that has begun is finished."""
-        board, clock = self.board, self._clock
+        board = self.board
         x, y, _ = board.timers.counters
         was = not to_the_end and self.moving
-        last = clock.before(end_ns)
+        last = tick_before(end_ns, *_CLOCK)
         while True:
             self._serve()
             if board.now_ns >= end_ns or (was and not self.moving):
                 return
             due = self._tick + min(x.ticks_to_rise, y.ticks_to_rise)
             if due <= last:
-                self._pass(max(clock.time_ns(due), board.now_ns), due)
+                self._pass(max(tick_time_ns(due, *_CLOCK), board.now_ns), due)
             else:
                 self._pass(end_ns, last)
 
@@ -143,7 +145,7 @@ class Steppers(Snapshots):
             area = at.AREAS[axis]
             if self._bus.signed(area + at.VELOCITY) * direction <= 0:
                 self._bus.store(area + at.VELOCITY, direction)
-            tick = self._clock.before(time_ns + 1)
+            tick = tick_before(time_ns + 1, *_CLOCK)
             waited = max(tick - self._last_tick[axis], 1)
             self._last_tick[axis] = tick
             # wait whole rounds of the counter, then load the rest
@@ -185,7 +187,7 @@ class Steppers(Snapshots):
         before_ns, spent_ns = self.board.now_ns, timers.nanoseconds(t_states)
         if self.free_ns > before_ns:
             self.free_ns += spent_ns
-        self._pass(before_ns + spent_ns, self._clock.before(before_ns + spent_ns + 1))
+        self._pass(before_ns + spent_ns, tick_before(before_ns + spent_ns + 1, *_CLOCK))
 
     def _pass(self, time_ns: int, tick: int) -> None:
         """Advance the time, and the timers up to a tick."""

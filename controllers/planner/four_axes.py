@@ -158,6 +158,7 @@ class Following(Snapshots):
         self._step_um = step_um
         self._led: list[int] = np.rint(places_um[begin, 2:] / step_um).astype(int).tolist()
         self._most = kind_of(name).max_speed or 0
+        self.slowed = False  # whether the last speed was one that x and y cannot run
 
     @property
     def position_um(self) -> tuple[float, float]:
@@ -192,8 +193,9 @@ class Following(Snapshots):
         k = min(max(int(np.searchsorted(self._way_um, way_um, side="right")) - 1, 0), len(self._way_um) - 2)
         along = self._along_um[k + 1] - self._along_um[k]
         share = (self._way_um[k + 1] - self._way_um[k]) / along if along > 0 else 1.0
-        units = min(round(abs(speed_units) * share), self._most) if speed_units else 0
-        units = max(units, 1) if speed_units else 0
+        units = max(round(abs(speed_units) * share), 1) if speed_units else 0
+        self.slowed = units > self._most
+        units = min(units, self._most)
         return units if speed_units >= 0 else -units
 
     def _follow(self, way_um: float, since_ns: int, time_ns: int) -> list[Step]:

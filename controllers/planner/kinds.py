@@ -290,7 +290,7 @@ def run_literal(row: Row, points: Floats, tick: int, last: int, speed: int, out:
 
 @exactly_compiled
 def _aim(row: Row, points: Floats, heading: int) -> None:
-    """Return POSCAL's vector to the end of a move, turned to point forwards along the path."""
+    """Store POSCAL's vector to the end of a move, turned to point forwards along the path."""
     target, unit = row.move + (heading > 0), row.unit_um
     x, x_direction = subsgn(int(points[target, 0]) // unit, place_um(row, 0) // unit)
     y, y_direction = subsgn(int(points[target, 1]) // unit, place_um(row, 1) // unit)

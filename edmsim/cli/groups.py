@@ -358,22 +358,15 @@ def servo(
     record: Annotated[Path | None, typer.Option(help="File for these curves, .rrd.")] = None,
 ) -> None:
     """Operate a servo drive at its serial terminal."""
-    from edmsim.consoles.servo import Scope, bench_for, serve
-    from edmsim.controllers.axis import Uhu
+    from edmsim.consoles.scope import scope_for
+    from edmsim.consoles.servo import bench_for, curves_of, serve
 
     bench = bench_for(drive, axis, tuned)
-    streams = isinstance(bench.drive(), Uhu)
-    screen = Scope(scope, record, streams) if scope or record is not None else None
-    bench.trace = screen is not None
-    if screen is not None and screen.notice:
-        say(screen.notice)
-    try:
-        serve(bench, pty=pty, speed=speed, scope=screen, say=say)
-    except KeyboardInterrupt:
-        raise typer.Exit(INTERRUPTED) from None
-    finally:
-        if screen is not None:
-            screen.close()
+    with scope_for(scope, record, curves_of(bench), say) as screen:
+        try:
+            serve(bench, pty=pty, speed=speed, scope=screen, say=say)
+        except KeyboardInterrupt:
+            raise typer.Exit(INTERRUPTED) from None
 
 
 _SHOWN = 10  # problems of a text that are listed (ours); the manual's example has fewer
@@ -391,9 +384,13 @@ def positioner(
         ),
     ] = None,
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",
+    record: Annotated[
+        Path | None, typer.Option(help="File for output, current, position, speed of every axis, .rrd.")
+    ] = None,
 ) -> None:
     """Run a QCL program on EANPOS positioners and their axes."""
     from edmsim.consoles.positioner import Station, contactors_of, press_of, run_and_report
+    from edmsim.consoles.scope import scope_for
     from edmsim.controllers.qcl import QclError
 
     presses = [press_of(text) for text in press or []]
@@ -408,4 +405,5 @@ def positioner(
         if (more := len(error.problems) - _SHOWN) > 0:
             say(f"and {more} more")
         raise typer.Exit(BAD_INPUT) from None
-    run_and_report(station, seconds, presses, print_line)
+    with scope_for(False, record, station.curves, say) as screen:
+        run_and_report(station, seconds, presses, print_line, screen)

@@ -104,6 +104,7 @@ class Operator(ABC):
     height: ClassVar[str]  # parameter that sets the relay's height
     no_trip: ClassVar[int]  # an error limit that is never reached
     shown: ClassVar[int]  # largest error that the drive sends, in counts
+    step_line: ClassVar[bytes]  # line that steps the setpoint, for its number
     saving: ClassVar[tuple[str, ...]]  # lines that save the typed values
 
     def __init__(self, motor: NDArray[np.void]) -> None:
@@ -150,7 +151,7 @@ class Operator(ABC):
 
     def send_step(self, counts: int) -> float:
         """Send the line that steps the setpoint; return the time in s at which it has arrived."""
-        line = self._step_line(counts)
+        line = self.step_line % counts
         self.bench.send(line)
         return self.bench.time_s + _BITS * len(line) / self.baud
 
@@ -159,10 +160,6 @@ class Operator(ABC):
         accel_Hz_s = self.rate_Hz / _RAMP_S
         self.bench.steps("x", direction * round(4 * _RAMP_S * self.rate_Hz), self.rate_Hz, accel_Hz_s)
         return self.bench.time_s
-
-    @abstractmethod
-    def _step_line(self, counts: int) -> bytes:
-        """Return the line that steps the setpoint."""
 
     @abstractmethod
     def _watch(self, code: int) -> None:
@@ -181,10 +178,7 @@ class UhuOperator(Operator):
     fixed: ClassVar = {"X": 5000, "T": 255, "N": 1000, "C": 63}
     relay: ClassVar = {"P": 65535, "I": 0, "D": 0, "H": 0, "X": 65535, "N": 65535}
     height, no_trip, shown = "T", 30_000, 62
-    saving = "S0", "S2"
-
-    def _step_line(self, counts: int) -> bytes:
-        return b"G%d\r" % counts
+    step_line, saving = b"G%d\r", ("S0", "S2")
 
     def _watch(self, code: int) -> None:
         self.bench.send(b"A\r")
@@ -210,10 +204,7 @@ class ModuleOperator(Operator):
     fixed: ClassVar = {"C": 760, "L": 6}
     relay: ClassVar = {"P": 65535, "I": 0, "D": 0}
     height, no_trip, shown = "C", 40_000, 32_767
-    saving = ("S",)
-
-    def _step_line(self, counts: int) -> bytes:
-        return b"%+d\r" % counts
+    step_line, saving = b"%+d\r", ("S",)
 
     def _watch(self, code: int) -> None:
         self._every = 1 << (code & 7)

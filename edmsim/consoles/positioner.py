@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import NamedTuple, Self
 
 from edmsim.axis_bench import AxisBench
+from edmsim.consoles.scope import Scope
 from edmsim.controllers.axis.drive import axis_names, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.qcl import Control, read_configuration, read_program
@@ -203,12 +204,32 @@ class Station:
         return {**outputs, **states}
 
 
+    @property
+    def curves(self) -> dict[str, str]:
+        """Curves of all axes for a scope, with their titles."""
+        return {f"{device}/{name}": f"{device}: {title}" for device in self.axes for name, title in _CURVES.items()}
+
+    def draw(self, scope: Scope) -> None:
+        """Draw the samples of all axes since the last call; the bench's `trace` records them."""
+        for device, axis in self.axes.items():
+            samples = self.bench.samples(axis)
+            for name in _CURVES:
+                scope.draw(f"{device}/{name}", samples["time_ns"] * 1e-9, samples[name])
+
+
+_CURVES = {
+    "command": "output, share of 10 V", "current_A": "current, A", "place_um": "position, um",
+    "speed_rad_s": "speed of the motor, rad/s",
+}  # fmt: skip
 _REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")  # parameters printed at the end
 _FAST = ("st_acc", "st_dec", "st_vconst", "st_int")  # states that every move changes several times
 
 
-def run_and_report(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
-    """Run a station, press its inputs at their times, and pass every change to `say`."""
+def run_and_report(
+    station: Station, seconds: float, presses: list[Press], say: Callable[[str], None], scope: Scope | None = None
+) -> None:
+    """Run a station, press its inputs at their times, pass every change to `say`, and draw its axes."""
+    station.bench.trace = scope is not None
     times = [(station.input(one.name), one.from_s, one.to_s) for one in presses]
     for one in presses:
         if one.from_s >= seconds:
@@ -224,6 +245,8 @@ def run_and_report(station: Station, seconds: float, presses: list[Press], say: 
                 station.press(name, closed)
                 say(f"{station.bench.time_s:8.3f} s  {name} {'on' if closed else 'off'}")
         station.run(PASS_NS * 1e-9)
+        if scope is not None:
+            station.draw(scope)
         now = station.shown()
         for name, value in now.items():
             if value != before[name]:

@@ -1,99 +1,33 @@
-"""``edmsim console servo``: a drive on a bench, used by a person, a script or a program; its scope."""
+"""``edmsim console servo``: a drive on a bench, used by a person, a script or a program."""
 
+import math
 import re
 import sys
 import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
 from edmsim.compiled.axis_rows import FAULT
 from edmsim.consoles.devices import Interrupts, Keyboard, Pipe, PseudoTerminal, is_terminal, put
+from edmsim.consoles.scope import Scope
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_names, axis_row, data_of
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError, one_of
-from edmsim.files import make_room
 
-# The scope of the UHU's terminal program: the tracking error as a curve over a moving time line, drawn by rerun.
-
-_TIME = "simulated_time"
-_CURVES = "duty", "current_A", "place_um", "speed_rad_s"  # curves besides the stream: columns of the bench's samples
-_BATCH_S = 0.1
-"""Simulated time of one batch of points (ours). Every batch has a header: with 100 a second, files were four times
-as large."""
+_CURVES = "duty", "current_A", "place_um", "speed_rad_s"  # columns of the bench's samples
+_TRACKING = "tracking_error"  # of a UHU, as its analyser sends it
 
 
-class Scope:
-    """Curves of a drive in rerun, live or in a recording; `streams` is whether the drive sends its tracking error."""
-
-    def __init__(self, live: bool, file: Path | None, streams: bool = True) -> None:
-        import rerun as rr
-        import rerun.blueprint as rrb
-
-        from edmsim.recording.rerun.viewer import LiveViewer
-
-        if file is not None:
-            make_room(file, "a recording of the scope", ".rrd")
-            try:
-                file.write_bytes(b"")  # because rerun prints a traceback for a file that it cannot create
-            except OSError as error:
-                raise InputError(f"the recording cannot be written: {error.strerror}", file) from None
-        tracking = [rrb.TimeSeriesView(name="tracking error, counts", contents=["/tracking_error"])]
-        views = [
-            *(tracking if streams else []),
-            *(rrb.TimeSeriesView(name=name.replace("_", " "), contents=[f"/{name}"]) for name in _CURVES),
-        ]
-        self._zero = int(data_of("uhu")["law"]["stream_zero"])
-        self._recording = rr.RecordingStream("edmsim_servo")
-        self._heard: list[tuple[int, float]] = []
-        self._samples: list[NDArray[np.void]] = []
-        self._drawn_s = 0.0
-        self._viewer = LiveViewer("the scope", "--record FILE.rrd keeps the curves") if live else None
-        # message about the viewer; empty if none runs
-        self.notice = self._viewer.notice if self._viewer else ""
-        sinks: list[rr.GrpcSink | rr.FileSink] = [rr.GrpcSink(self._viewer.source)] if self._viewer else []
-        sinks += [rr.FileSink(str(file))] if file is not None else []
-        self._recording.set_sinks(*sinks, default_blueprint=rrb.Blueprint(rrb.Vertical(*views)))
-
-    def draw(self, heard: Sequence[tuple[int, float]], samples: NDArray[np.void]) -> None:
-        """Collect bytes (the analyser's have bit 7) with their times, and the bench's samples; draw full batches."""
-        self._heard += [(byte, at_s) for byte, at_s in heard if byte >= STREAM]
-        self._samples.append(samples)
-        if len(samples) and samples["time_ns"][-1] * 1e-9 >= self._drawn_s + _BATCH_S:
-            self._draw_batch()
-
-    def _draw_batch(self) -> None:
-        heard, self._heard = self._heard, []
-        blocks, self._samples = self._samples, []
-        if heard:
-            errors = np.array([byte - STREAM - self._zero for byte, _ in heard])
-            self._send("tracking_error", np.array([at_s for _, at_s in heard]), errors)
-        if blocks and len(samples := np.concatenate(blocks)):
-            self._drawn_s = samples["time_ns"][-1] * 1e-9
-            for name in _CURVES:
-                self._send(name, samples["time_ns"] * 1e-9, samples[name])
-
-    def _send(self, name: str, times_s: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-        import rerun as rr
-
-        when = [rr.TimeColumn(_TIME, duration=times_s)]
-        curve = rr.Scalars.columns(scalars=values.astype(np.float64))
-        self._recording.send_columns(name, indexes=when, columns=curve)
-
-    def close(self) -> None:
-        """Draw the last batch, write the recording and close the viewer."""
-        self._draw_batch()
-        self._recording.flush()
-        self._recording.disconnect()
-        if self._viewer is not None:
-            self._viewer.close()
+def curves_of(bench: AxisBench) -> dict[str, str]:
+    """Return the curves of a bench's drive for a scope, with their titles."""
+    streamed = {_TRACKING: "tracking error, counts"} if isinstance(bench.drive(), Uhu) else {}
+    return streamed | {name: name.replace("_", " ") for name in _CURVES}
 
 
 _MACHINE_AXES = ("x", "y")
@@ -156,6 +90,7 @@ def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, 
 
 FRAME_S = 0.01  # simulated time between two reads of the terminal (ours): a person does not notice it
 _START_S, _LAST_S = 0.1, 0.1  # time for the start-up text, and for the answer to a script's last line (ours)
+_REST_S, _LONGEST_WAIT_S = 0.1, 60.0  # time without motion after which an axis rests, and longest WAIT (ours)
 _STDIN = 0
 STREAM = 0x80  # bytes from here on are the analyser's (row U-35)
 
@@ -197,6 +132,8 @@ class _Passing:
 
     def __init__(self, bench: AxisBench, scope: Scope | None, say: Callable[[str], None]) -> None:
         self.bench, self._scope, self._say = bench, scope, say
+        bench.trace = scope is not None
+        self._zero = STREAM + int(data_of("uhu")["law"]["stream_zero"])
         self._tripped = True  # a UHU as delivered waits for R, and prints this itself
 
     def frame(self) -> bytes:
@@ -208,8 +145,11 @@ class _Passing:
             self._say(f"the drive has shut off its motor: {why}; R switches it on")
         if self._scope is None:
             return self.bench.received()
-        heard = self.bench.received_at()
-        self._scope.draw(heard, self.bench.samples())
+        heard, samples = self.bench.received_at(), self.bench.samples()
+        streamed = np.array([(at_s, byte - self._zero) for byte, at_s in heard if byte >= STREAM]).reshape(-1, 2)
+        self._scope.draw(_TRACKING, *streamed.T)
+        for name in _CURVES:
+            self._scope.draw(name, samples["time_ns"] * 1e-9, samples[name])
         return bytes(value for value, _ in heard)
 
     def pause(self, seconds: float) -> None:
@@ -217,6 +157,19 @@ class _Passing:
         until_s = self.bench.time_s + seconds
         while self.bench.time_s < until_s:
             put(self.frame())
+
+    def wait(self, seconds: float) -> None:
+        """Run the bench for some time or, for infinity, until the axis rests."""
+        if seconds < math.inf:
+            self.pause(seconds)
+            return
+        until_s, count, rested = self.bench.time_s + _LONGEST_WAIT_S, None, 0
+        while rested * FRAME_S < _REST_S:
+            if self.bench.time_s >= until_s:
+                raise InputError(f"the axis does not come to rest in {_LONGEST_WAIT_S:g} s; WAIT s waits s seconds")
+            put(self.frame())
+            before, count = count, int(self.bench.axis()["count"])
+            rested = rested + 1 if count == before else 0
 
     def end(self) -> None:
         """Run until the drive has read all bytes on the line and answered."""
@@ -240,9 +193,13 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None, say: Callab
 
     The answer to a servo module's Z is its recording; one with a trigger waits for a line that moves the axis.
     """
+    lines = [(line, waiting_s(line)) for line in script.splitlines()]
     drive, passing = bench.drive(), _Passing(bench, scope, say)
     passing.pause(_START_S)
-    for line in script.splitlines():
+    for line, seconds in lines:
+        if seconds is not None:
+            passing.wait(seconds)
+            continue
         bench.send(line + b"\r")
         quiet = 0
         while quiet < 3:
@@ -251,6 +208,26 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None, say: Callab
             busy = bench.sending() or (isinstance(drive, ServoModule) and drive.recording)
             quiet = 0 if busy or any(byte < STREAM for byte in heard) else quiet + 1
     passing.pause(_LAST_S)
+
+
+def waiting_s(line: bytes) -> float | None:
+    """Return for how long a script's line WAIT waits, for ever until the axis rests; None for another line.
+
+    >>> waiting_s(b"WAIT 0.5"), waiting_s(b"wait"), waiting_s(b"P600")
+    (0.5, inf, None)
+    """
+    word, _, text = line.strip().upper().decode("latin-1").partition(" ")
+    if word != "WAIT":
+        return None
+    try:
+        seconds = float(text) if text else math.inf
+    except ValueError:
+        seconds = math.nan
+    if not (seconds >= 0.0 and (seconds <= _LONGEST_WAIT_S or not text)):
+        raise InputError(
+            f"WAIT s waits s seconds, 0 to {_LONGEST_WAIT_S:g}, and WAIT until the axis rests; {text} is neither"
+        )
+    return seconds
 
 
 class _DrivePipe(Pipe):

@@ -118,8 +118,8 @@ class Simulation:
     """One cut in progress."""
 
     STATE = (
-        "_at", "_motion", "controller", "_compensation", "_offset", "sums", "refused", "cause", "reason", "passes",
-        "_axes",
+        "_at", "_motion", "controller", "_compensation", "_offset", "sums", "refused", "overtaken", "slowed", "cause",
+        "reason", "passes", "_axes",
     )  # fmt: skip
 
     def __init__(
@@ -185,6 +185,8 @@ class Simulation:
         self.cause = StopCause.RUNNING
         self.reason: str | None = None
         self.refused: str | None = None
+        self.overtaken = 0  # feeds that the controller's next command replaced within their latency
+        self.slowed = 0  # windows in which the planner ran a tilted wire slower than its feed
         for observer in self.observers:
             observer.begin(self.plant)
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
@@ -353,6 +355,8 @@ class Simulation:
             self._say(self.plant.fault_reason)
             return Progress(self.path_um, self.total_um, self.plant.time_ns * 1e-9, 0.0, 0, 0)
         self.sums.add(turn)
+        planner = self._motion.planner
+        self.slowed += isinstance(planner, four_axes.Following) and planner.slowed
         self.passes.follow(self.plant.time_ns * 1e-9, self.path_um, self.sums)
         opened = self._switches(turn.window)
         cause = self._judge(turn.window, opened)
@@ -392,6 +396,8 @@ class Simulation:
     def _decide(self, observation: WindowObservation) -> None:
         """Let the controller decide on the next window."""
         command = protocols.check_command(self.controller.name, self.controller.update(observation))
+        before = self._motion.command
+        self.overtaken += before.latency_s >= observation.duration_s and command.feed_um_s != before.feed_um_s
         self._motion.command = command
         self._set_generator(command.t_on_us, command.t_period_us)
 

@@ -167,6 +167,17 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
             f"the counts of {simulation.missed_windows} windows were missed: the controller's routine takes longer "
             "than a window; a longer period leaves it time"
         )
+    if simulation.overtaken:
+        notices.append(
+            f"{simulation.overtaken} feeds of the controller had no effect: the next one came before their latency "
+            "was over; a longer period or a smaller latency_s leaves them time"
+        )
+    if simulation.slowed:
+        notices.append(
+            f"the wire was slower than its feed in {simulation.slowed} windows: the lower guide has the longer way, "
+            f"and the planner {settings.planner} runs it at {simulation.max_feed_um_s:.3g} um/s at most; choose the "
+            "planner exact, or a lower feed"
+        )
     notices += [
         f"the contour threaded at X {x:.3f} Y {y:.3f} mm on the table lies within {BLANK_EDGE_MM:g} mm of its start "
         "hole, whose rim could be taken for it: its wall is not measured, nor what passes took and their roughness"

@@ -93,7 +93,8 @@ def test_numbers_of_a_configuration_are_digits(line):
 def test_a_table_of_denormal_width_holds_its_ends():
     """The number of its repetitions overflowed."""
     table = CamTable()
-    table.put(np.array([[0.0, 1.0], [5e-324, 3.0]]))
+    table.points = np.array([[0.0, 1.0], [5e-324, 3.0]])
+    table.size_master = table.size_follow = 2
     assert 1.0 <= table.follow(1e9, 0.0) <= 3.0
 
 

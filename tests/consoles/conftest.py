@@ -31,3 +31,15 @@ def piped(monkeypatch, capfdbinary):
         return SimpleNamespace(returncode=left.value.code or 0, stdout=out, stderr=err, text=text)
 
     return run
+
+
+def recorded_curve(file, name):
+    """Return a curve of a scope's recording as rerun reads it back."""
+    from rerun.chunk import RrdReader
+
+    drawn = []
+    for chunk in RrdReader(str(file)).stream().to_chunks():
+        if chunk.entity_path == f"/{name}":
+            batch = chunk.to_record_batch()
+            drawn += [value for row in batch.column("Scalars:scalars").to_pylist() for value in row]
+    return drawn

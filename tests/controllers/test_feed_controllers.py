@@ -54,9 +54,16 @@ def cut(controller, gap, seconds, command):
     return windows, commands[1:]
 
 
-def started(name="counts", **parameters):
-    controller = controllers.make(name, **parameters)
+def started():
+    controller = controllers.make("counts")
     return controller, controller.reset(MAX_FEED)
+
+
+def under_way(seconds):
+    """A controller that has cut for some time: it, its gap, and its last command."""
+    controller, command = started()
+    gap = Gap()
+    return controller, gap, cut(controller, gap, seconds, command)[1][-1]
 
 
 @pytest.mark.slow
@@ -79,11 +86,9 @@ def test_counts_settles_without_hunting(removal, window_s):  # T-15
 
 
 def test_counts_survives_a_halved_removal():  # T-15
-    controller, command = started()
-    gap = Gap()
-    _, commands = cut(controller, gap, 20, command)
+    controller, gap, command = under_way(20)
     gap.removal_um_s = 20.0
-    windows, commands = cut(controller, gap, 20, commands[-1])
+    windows, commands = cut(controller, gap, 20, command)
     assert all(c.alarm is None for c in commands)
     assert sum(w.short > 127 for w in windows) < 20
     assert 0.7 * gap.removal_um_s < np.mean([c.feed_um_s for c in commands[-100:]]) < gap.removal_um_s
@@ -98,12 +103,10 @@ def test_counts_runs_through_air_at_full_feed_and_brakes_at_the_metal():  # T-15
 
 
 def test_counts_retracts_from_a_short_and_returns_slowly():
-    controller, command = started()
-    gap = Gap()
-    _, commands = cut(controller, gap, 20, command)
+    controller, gap, command = under_way(20)
     place = gap.path_um
     gap.stuck_below_um = 30.0
-    windows, commands = cut(controller, gap, 20, commands[-1])
+    windows, commands = cut(controller, gap, 20, command)
     back = [i for i, c in enumerate(commands) if c.feed_um_s < 0]
     assert back
     assert min(w.path_um for w in windows) < place - 10
@@ -114,12 +117,10 @@ def test_counts_retracts_from_a_short_and_returns_slowly():
 
 
 def test_counts_gives_up_where_a_short_never_clears():
-    controller, command = started()
-    gap = Gap()
-    _, commands = cut(controller, gap, 10, command)
+    controller, gap, command = under_way(10)
     place = gap.path_um
     gap.stuck_below_um = math.inf
-    windows, commands = cut(controller, gap, 30, commands[-1])
+    windows, commands = cut(controller, gap, 30, command)
     alarms = [i for i, c in enumerate(commands) if c.alarm]
     assert windows[alarms[0]].time_s < 10 + 15
     assert commands[-1] == FeedCommand(0.0, "persistent short")
@@ -128,11 +129,8 @@ def test_counts_gives_up_where_a_short_never_clears():
 
 
 def test_counts_gives_up_where_the_same_place_shorts_again_and_again():
-    controller, command = started()
-    gap = Gap()
-    _, commands = cut(controller, gap, 10, command)
+    controller, gap, command = under_way(10)
     place, shorts = gap.path_um, 0
-    command = commands[-1]
     for _ in range(10_000):
         if command.alarm:
             break

@@ -28,6 +28,8 @@ from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
 
+from .test_mcu_computer import ready
+
 BYTES = st.integers(0, 255)
 
 
@@ -169,19 +171,6 @@ def test_counting_a_whole_cycle_is_clocking_its_pulses():  # T-39, T-40
     assert clocked.snapshot() == counted.snapshot()
     assert counted.buffer_full
     assert (counted.read(), counted.buffer_full) == ((40, 77), False)
-
-
-def test_unread_result_stays_and_the_new_one_is_missed():  # T-44
-    analyser = PulseAnalyser()
-    analyser.count_window(1, 2)
-    analyser.count_window(3, 4)
-    analyser.count_window(5, 6)
-    assert analyser.missed == 2
-    assert analyser.read() == (1, 2)
-    analyser.count_window(7, 8)
-    assert analyser.missed == 2
-    assert analyser.read() == (7, 8)
-    assert analyser.read() == (7, 8)
 
 
 def test_an_analyser_continues_from_its_snapshot():
@@ -544,11 +533,7 @@ def test_drop_out_has_two_voltages():  # T-30, T-A5, T-37
 
 def moved(couplers):
     """Computer after INIT and a second of a move along +x, and the steps its motors made."""
-    computer = Computer(Board(couplers=couplers))
-    computer.init()
-    computer.set_position(30_000, 30_000)
-    computer.set_speed(127)
-    computer.start(generator=False)
+    computer = ready(generator=False, board=Board(couplers=couplers))
     computer.move_to(31_000, 30_000)
     return computer, computer.run_until(1_000_000_000)
 
@@ -568,14 +553,11 @@ def test_a_lit_led_is_a_logic_0_at_the_machine():  # T-84, T-A17
 
 def test_what_is_shorter_than_the_couplers_response_does_not_pass():  # T-84
     """Impulses of sparks stay out, the steps get through; slower couplers stop the motors, the counter counts on."""
-    computer, steps = moved(Optocouplers())
-    computer.board.spark()
-    computer.serve()
-    assert (computer.state, len(steps)) == ("running", 16)
-    computer, steps = moved(Optocouplers(response_ns=500))
-    computer.board.spark()
-    computer.serve()
-    assert (computer.state, len(steps)) == ("emergency", 16)
+    for response_ns, state in ((15_000, "running"), (500, "emergency")):
+        computer, steps = moved(Optocouplers(response_ns=response_ns))
+        computer.board.spark()
+        computer.serve()
+        assert (computer.state, len(steps)) == (state, 16)
     computer, steps = moved(Optocouplers(response_ns=100_000))
     assert (computer.position, steps) == ((30_032, 30_000), [])
 

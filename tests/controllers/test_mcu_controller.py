@@ -19,6 +19,8 @@ from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.windows import WindowTable
 
+from .test_mcu_optimise import window
+
 START = (30_000, 30_000)
 ZIGZAG = [(0, 0), (101, 53), (40, 160)]
 
@@ -105,17 +107,13 @@ def test_the_steps_are_the_programs_own(monkeypatch):
     assert sim.plant.commanded_um == START
 
 
-def window(short, open_, path_um=0.0, duration_s=0.0255):
-    return WindowObservation(0.0, duration_s, short, open_, 40.0, 2.0, 9.0, 10.0, path_um)
-
-
 def test_counts_come_through_latches_and_the_law_is_the_same_where_windows_are_missed():  # T-44
     law, whole = make("counts"), make("mcu")
     assert law.reset(MAX_FEED_UM_S) == whole.reset(MAX_FEED_UM_S)
     rng = np.random.default_rng(2)
     for k in range(3000):
         short = int(rng.integers(0, 256)) if rng.random() < 0.2 else 0
-        observation = window(short, int(rng.integers(0, 256 - short)), k * 0.01, 0.00051 if k % 200 < 100 else 0.0255)
+        observation = window(short, int(rng.integers(0, 256 - short)), 0.00051 if k % 200 < 100 else 0.0255, k * 0.01)
         assert law.update(observation) == whole.update(observation)
     assert law.missed_windows == whole.missed_windows > 100
 
@@ -142,7 +140,7 @@ def test_axis_speeds_follow_path_and_counts():  # T-69
             computer.bus.store(at.XPOS, 30_300)
             computer.bus.store(at.YPOS, 30_400)
         for _ in range(60):
-            whole.update(window(0, 255, path_um))
+            whole.update(window(0, 255, path_um=path_um))
         assert computer.bus.signed(at.CUTVEL) == 127
         speeds = np.array([computer.bus.signed(at.XVELOC), computer.bus.signed(at.YVELOC)])
         assert speeds == pytest.approx(127 * np.array(direction) / np.hypot(*direction), abs=2)
@@ -190,7 +188,7 @@ def test_it_knows_the_corners_of_a_later_leg():
         whole.set_up(Machine.load(), points, start_um)
         whole.reset(MAX_FEED_UM_S)
         places = (np.arange(0.0, 480.0, 10.0) + start_um).tolist()
-        commands.append([whole.update(window(10, 30, place)).t_on_us for place in places])
+        commands.append([whole.update(window(10, 30, path_um=place)).t_on_us for place in places])
     assert commands[0] == commands[1]
     assert min(commands[0]) < commands[0][0]
 
@@ -208,6 +206,6 @@ def test_nothing_survives_a_reset():
     whole.set_up(Machine.load(), np.array([START, (30_300, 30_400)]), 0.0)
     at_start = whole.reset(MAX_FEED_UM_S), whole.snapshot()
     for k in range(200):
-        whole.update(window(255, 0, k))
+        whole.update(window(255, 0, path_um=k))
     whole.computer.emergency()
     assert (whole.reset(MAX_FEED_UM_S), whole.snapshot()) == at_start

@@ -14,16 +14,14 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.optimise import Settings, State
 from edmsim.errors import InputError
 
+from .test_mcu_computer import ready
+
 WORDS, BYTES = st.integers(0, 0xFFFF), st.integers(0, 0xFF)
 
 
 def started():
-    computer = Computer()
-    computer.init()
-    computer.set_position(30_000, 20_000)
-    computer.set_speed(100)
-    computer.start(generator=False)
-    computer.move_to(30_500, 20_300)
+    computer = ready(speed=100, generator=False)
+    computer.move_to(30_500, 30_300)
     computer.run_until(1_000_000_000)
     return computer
 

@@ -39,9 +39,10 @@ def machine(*points, unit="um"):
     return PathRun(computer, points), computer
 
 
-def follow(follower, speeds, window=WINDOW):
+def follow(follower, speeds, window=WINDOW, first=0):
+    """Steps of windows one after the other, from a number of windows on."""
     steps = []
-    for k, speed in enumerate(speeds):
+    for k, speed in enumerate(speeds, first):
         steps += follower.advance(k * window, (k + 1) * window, speed)
     return steps
 
@@ -151,11 +152,11 @@ def test_it_runs_back_the_way_it_came_and_stops_at_the_start():
     real, _ = machine(START, (30_060, 30_020), (30_060, 30_060))
     forth = follow(real, [127] * 150)
     assert real.done
-    back = [s for k in range(150, 400) for s in real.advance(k * WINDOW, (k + 1) * WINDOW, -127)]
+    back = follow(real, [-127] * 250, first=150)
     assert not real.done
     assert (real.position_um, real.path_um) == (START, 0.0)
     assert len(back) == len(forth)
-    again = [s for k in range(400, 800) for s in real.advance(k * WINDOW, (k + 1) * WINDOW, 127)]
+    again = follow(real, [127] * 400, first=400)
     assert real.done
     assert len(again) == len(forth)
 
@@ -173,11 +174,10 @@ def test_speed_zero_stops_the_timers_and_the_move_goes_on():  # T-76
     real, computer = machine(START, (30_100, 30_040))
     follow(real, [127] * 20)
     place = computer.position
-    assert not [s for k in range(20, 40) for s in real.advance(k * WINDOW, (k + 1) * WINDOW, 0)]
+    assert follow(real, [0] * 20, first=20) == []
     assert computer.position == place
     assert [c.left for c in computer.board.timers.counters[:2]] == [0, 0]
-    for k in range(40, 300):
-        real.advance(k * WINDOW, (k + 1) * WINDOW, 127)
+    follow(real, [127] * 260, first=40)
     assert real.done
     assert computer.position == (30_100, 30_040)
 

@@ -306,6 +306,20 @@ def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(law, small_punch,
     assert_same(resumed, whole)
 
 
+@pytest.mark.slow
+def test_a_cut_tells_of_feeds_that_came_too_late(small_punch):
+    def update(self, window):
+        self.most = -self.most
+        return FeedCommand(self.most, latency_s=0.1)
+
+    options = {"height_mm": 5, "resolution": "fast", "max_time_s": 0.2}
+    late = edmsim.cut(small_punch, controller=wrong(update=update)(), **options)
+    (notice,) = [text for text in late.report["notices"] if "latency" in text]
+    assert notice.startswith("7 feeds of the controller had no effect: the next one came before")
+    prompt = edmsim.cut(small_punch, controller=Law(), **options)
+    assert not any("latency" in text for text in prompt.report["notices"])
+
+
 def test_something_else_in_place_of_a_controller_is_refused():
     with pytest.raises(InputError, match=r"Law is a class: give an object of it, Law\(\)"):
         make_controller(Law)  # type: ignore[arg-type]

@@ -25,6 +25,13 @@ def machine():
     return Machine.load(height_mm=40.0, tension=8.0)
 
 
+def at_work(machine, name, points_um=LEFT, **parameters):
+    """A controller that knows the set-up and its leg, and the first command that it gave."""
+    controller = make(name, **parameters)
+    set_up_controller(controller, machine, points_um, START_UM)
+    return controller, controller.reset(33.0)
+
+
 def window(path_um):
     return WindowObservation(1.0, 0.0255, 10, 40, 40.0, 2.0, 9.0, 10.0, path_um)
 
@@ -46,16 +53,13 @@ def test_the_wire_is_bent_as_a_string_with_an_even_load(height_mm):
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_corner_is_rounded_on_the_inside_by_what_the_wire_is_ahead(machine, side):
-    controller = make("set-point", pull_N_m=0.1, offset_um=-3.0)
-    set_up_controller(controller, machine, LEFT * (1, side), START_UM)
-    assert controller.reset(33.0).offset_um == -3.0
+    controller, first = at_work(machine, "set-point", LEFT * (1, side), pull_N_m=0.1, offset_um=-3.0)
+    assert first.offset_um == -3.0
     ahead = lead_um(machine, 0.1)
     offsets = [controller.update(window(START_UM + path_um)).offset_um for path_um in (299.0, 300.0, 400.0, 600.0)]
     expected = [0.0, *(side * ahead * math.exp(-behind / 100.0) for behind in (0.0, 100.0, 300.0))]
     assert offsets == pytest.approx([-3.0 + lateral_um for lateral_um in expected])
-    sudden = make("set-point", pull_N_m=0.1, offset_um=-3.0, fade_um=0.0)
-    set_up_controller(sudden, machine, LEFT * (1, side), START_UM)
-    sudden.reset(33.0)
+    sudden, _ = at_work(machine, "set-point", LEFT * (1, side), pull_N_m=0.1, offset_um=-3.0, fade_um=0.0)
     assert [sudden.update(window(START_UM + path_um)).offset_um for path_um in (300.0, 400.0)] == [-3.0, -3.0]
 
 
@@ -72,16 +76,13 @@ def test_a_trim_lengthens_its_period_before_outer_corners_only(machine, side, ou
 
 @pytest.mark.parametrize(("generator", "on_us"), [("iso-pulse", 30.0), ("production", 1.4), ("fine", 0.2)])
 def test_pulses_shorter_than_a_microsecond_keep_their_on_time(generator, on_us):
-    controller = make("set-point", on_factor=0.5)
-    set_up_controller(controller, Machine.load("production", generator=generator), LEFT, START_UM)
-    assert controller.reset(33.0).t_on_us == pytest.approx(0.5 * on_us)
+    _, first = at_work(Machine.load("production", generator=generator), "set-point", on_factor=0.5)
+    assert first.t_on_us == pytest.approx(0.5 * on_us)
 
 
 def test_pauses_are_longer_near_corners_only(machine):
     near = {"before_um": 60.0, "behind_um": 60.0, "corner_factor": 4.0}
-    controller = make("set-point", **near, period_factor=0.7, on_factor=0.5)
-    set_up_controller(controller, machine, LEFT, START_UM)
-    controller.reset(33.0)
+    controller, _ = at_work(machine, "set-point", **near, period_factor=0.7, on_factor=0.5)
     places = (0.0, 239.0, 241.0, 300.0, 359.0, 361.0)
     found = [controller.update(window(START_UM + path_um)) for path_um in places]
     far, first = found[0].t_period_us, machine.t_period_us
@@ -105,17 +106,14 @@ def test_a_fixed_feed_has_an_offset():
 
 def test_the_oracle_of_leads_brings_the_bent_wire_on_the_path(machine):
     """Across the path, to the other side, on either leg; what the wire is bent along the path stays."""
-    controller = make("lead-oracle", average_s=0.5, offset_um=1.0)
-    set_up_controller(controller, machine, LEFT, START_UM)
-    assert controller.reset(33.0).offset_um == 1.0
+    controller, first = at_work(machine, "lead-oracle", average_s=0.5, offset_um=1.0)
+    assert first.offset_um == 1.0
     controller.see(SimpleNamespace(deflection_um=(6.0, -4.0)))
     along, across = (controller.update(window(START_UM + path_um)).offset_um for path_um in (299.0, 300.0))
     # left of +x is +y, left of +y is -x; a leg or wire may begin at any time, here 1 s
     assert along == pytest.approx(1.0 + 4.0 * (1.0 - math.exp(-0.0255 / 0.5)))
     assert across == pytest.approx(1.0 + 6.0 * (1.0 - math.exp(-2 * 0.0255 / 0.5)))
-    other = make("lead-oracle", average_s=0.5, offset_um=1.0)
-    set_up_controller(other, machine, LEFT, START_UM)
-    other.reset(33.0)
+    other, _ = at_work(machine, "lead-oracle", average_s=0.5, offset_um=1.0)
     other.restore(controller.snapshot())
     other.see(SimpleNamespace(deflection_um=(6.0, -4.0)))
     assert other.update(window(START_UM + 350.0)) == controller.update(window(START_UM + 350.0))
@@ -124,9 +122,7 @@ def test_the_oracle_of_leads_brings_the_bent_wire_on_the_path(machine):
 def test_pauses_at_corners_grow_with_the_root_of_what_the_wire_bends(machine):
     slack, first = lead_um(machine, 1.0), machine.t_period_us
     for slack_um, factor in ((0.0, 4.0), (slack, 4.0), (slack / 4, 8.0), (100.0 * slack, 1.0)):
-        controller = make("set-point", before_um=60.0, corner_factor=4.0, slack_um=slack_um)
-        set_up_controller(controller, machine, LEFT, START_UM)
-        controller.reset(33.0)
+        controller, _ = at_work(machine, "set-point", before_um=60.0, corner_factor=4.0, slack_um=slack_um)
         assert controller.update(window(START_UM + 260.0)).t_period_us == round(factor * first), slack_um
 
 
@@ -244,9 +240,7 @@ def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name
 
 @pytest.mark.parametrize(("name", "factor"), [("adaptive-off-time", 1.0), ("sato", 2.5)])
 def test_the_operators_period_is_the_set_ups_and_not_that_of_a_first_window_with_late_ignitions(name, factor):
-    controller = make(name)
-    set_up_controller(controller, Machine.load(t_on_us=20.0, t_period_us=80.0), LEFT, 0.0)
-    controller.reset(400.0)
+    controller, _ = at_work(Machine.load(t_on_us=20.0, t_period_us=80.0), name)
     assert controller.update(observed(1.2 * 255 * 80e-6)).t_period_us == factor * 80.0
 
 
@@ -265,9 +259,7 @@ def test_sato_begins_every_wire_above_the_operators_period():
 
 
 def test_climb_shortens_the_period_until_a_wire_breaks(machine):
-    law = make("climb", period_factor=4.0, climb_s=0.1, step_share=0.2, back_factor=1.5)
-    set_up_controller(law, machine, LEFT, 0.0)
-    first = law.reset(33.0)
+    law, first = at_work(machine, "climb", period_factor=4.0, climb_s=0.1, step_share=0.2, back_factor=1.5)
     assert (first.t_on_us, first.t_period_us) == (30, 400)
     periods = [law.update(window(0.0)).t_period_us for _ in range(9)]
     assert periods == [400] * 3 + [320] * 4 + [256] * 2
@@ -278,9 +270,8 @@ def test_climb_shortens_the_period_until_a_wire_breaks(machine):
 
 
 def test_no_law_asks_for_more_than_the_supply_gives(machine):
-    law = make("set-point", period_factor=0.2)
-    set_up_controller(law, machine, LEFT, 0.0)
-    assert law.reset(33.0).t_period_us == law.update(window(0.0)).t_period_us == 100
+    law, first = at_work(machine, "set-point", period_factor=0.2)
+    assert first.t_period_us == law.update(window(0.0)).t_period_us == 100
 
 
 # what laws find out of the heat that a wire bears

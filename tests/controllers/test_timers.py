@@ -1,4 +1,4 @@
-"""The timers' arithmetic: clock, reload counts, phases."""
+"""The timers' arithmetic: clock and reload counts."""
 
 from fractions import Fraction
 
@@ -35,30 +35,11 @@ def test_reload_counts():  # T-76
 
 @given(st.integers(0, 10**15), st.sampled_from([262.5, 252.6]))
 def test_ticks_are_counted_exactly(time_ns, unit):  # T-74
-    clock = timers.TickClock(unit)
-    tick = clock.before(time_ns)
-    assert clock.time_ns(tick) < time_ns <= clock.time_ns(tick + 1)
-    exact = Fraction(tick) / clock.hertz * 1_000_000_000
-    assert 0 <= clock.time_ns(tick) - exact < 1
-
-
-@pytest.mark.slow
-@given(st.lists(st.tuples(st.integers(-(127 << 7), 127 << 7), st.integers(0, 3_000)), max_size=30))
-def test_phase_accumulator_is_a_tick_by_tick_sum(runs):  # T-74
-    """The closed form against a loop over every tick of the commanded position."""
-    phase = position = commanded = counted = 0
-    for rate, ticks in runs:
-        for _ in range(ticks):
-            commanded += rate
-            if abs(commanded - counted * timers.STEP_PHASE) > timers.OVERFLOW:
-                counted += 1 if rate > 0 else -1
-        while ticks:
-            due = min(timers.ticks_to_overflow(phase, rate), ticks)
-            phase, step = timers.run_phase(phase, rate, due)
-            position += step
-            ticks -= due
-        assert position == counted
-        assert position * timers.STEP_PHASE + phase == commanded
+    hertz, per = timers.timer_clock_hz(unit).as_integer_ratio()
+    tick = timers.tick_before(time_ns, hertz, per)
+    assert timers.tick_time_ns(tick, hertz, per) < time_ns <= timers.tick_time_ns(tick + 1, hertz, per)
+    exact = Fraction(tick * per, hertz) * 1_000_000_000
+    assert 0 <= timers.tick_time_ns(tick, hertz, per) - exact < 1
 
 
 @pytest.mark.parametrize(("step_um", "hertz"), [(2, Fraction(43_008, 5)), (5, Fraction(86_016, 25)), (2.5, 6881.28)])

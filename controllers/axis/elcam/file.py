@@ -375,7 +375,7 @@ class StepCompensation:
         self._extra = list(state["extra"])
         for k, direction in state["directions"].items():
             table = self._elcam.tables[int(k)]
-            table.go_on(direction, self._elcam.axes[table.master].setpoint)
+            table.direction, table.last_master = direction, self._elcam.axes[table.master].setpoint
             table.held = int(k) in state["held"]
 
 

@@ -432,7 +432,8 @@ class Elcam:
                     return CallStatus.REFUSED
                 table.size_master = table.size_follow = value
             case Function.COMPENSATION:
-                table.mark(bool(value))
+                table.marked = bool(value)
+                table.set_bit(Mode.COMPENSATION, table.marked)
             case Function.INTERPOLATE_ROWS:
                 table.set_bit(Mode.INTERPOLATE_ROWS, bool(value))
             case _:

@@ -1,7 +1,8 @@
 """A cam table: points of master and follower, in rows if a third axis selects among them, and its lookup.
 
 >>> table = CamTable()
->>> table.put(np.array([(0.0, 0.0), (10.0, 5.0), (20.0, 0.0)]))
+>>> table.points = np.array([(0.0, 0.0), (10.0, 5.0), (20.0, 0.0)])
+>>> table.size_master = table.size_follow = 3
 >>> table.curve(5.0), table.curve(25.0), table.curve(-5.0)
 (2.5, 2.5, 2.5)
 """
@@ -117,7 +118,7 @@ class CamTable:
 
     def __init__(self) -> None:
         self.error, self.mode = Error(0), Mode(0)
-        self.marked = False
+        self.marked = False  # whether it is a table of errors, by function 30; that also sets the bit of MODE
         self.axis = self.master = self.row_axis = UNSET
         self.gain, self.phase, self.shift, self.base = 1.0, 0.0, 0.0, 0.0
         self.row_start = self.row_end = 0.0
@@ -126,7 +127,7 @@ class CamTable:
         self.cubic, self.reversal = False, 0.0
         # whether the master of a compensation table was beyond its ends since the last start
         self.held = False
-        self.direction, self._last_master = 0, math.nan
+        self.direction, self.last_master = 0, math.nan  # the master's, and its position at the last compensation
         self.clear()
 
     def clear(self) -> None:
@@ -165,16 +166,6 @@ class CamTable:
     def set_bit(self, bit: Mode, on: bool) -> None:
         """Set or clear a bit of MODE."""
         self.mode = self.mode | bit if on else self.mode & ~bit
-
-    def mark(self, on: bool) -> None:
-        """Mark it as a table of errors or not (function 30), with its bit of MODE."""
-        self.marked = on
-        self.set_bit(Mode.COMPENSATION, on)
-
-    def put(self, points: NDArray[Any]) -> None:
-        """Set all points at once, without checks."""
-        self.points = points
-        self.size_master = self.size_follow = len(points)
 
     def add_master(self, value: float) -> bool:
         """Enter the next point of the master; a value that does not rise begins the next row, if any."""
@@ -237,14 +228,10 @@ class CamTable:
 
     def compensation(self, master: float, row_place: float) -> float:
         """Return the error to compensate, with the reversal for the master's direction; see `follow`."""
-        if master != self._last_master:
-            self.direction = (master > self._last_master) - (master < self._last_master)
-            self._last_master = master
+        if master != self.last_master:
+            self.direction = (master > self.last_master) - (master < self.last_master)
+            self.last_master = master
         return self.follow(master, row_place) + 0.5 * self.direction * self.reversal
-
-    def go_on(self, direction: int, master: float) -> None:
-        """Restore the master's position, and the direction in which it was reached."""
-        self.direction, self._last_master = direction, master
 
     def change_gain(self, gain: float, master: float, row_place: float) -> None:
         """Change the gain; if the follower advances with each pass, without a jump at the present position."""

@@ -7,7 +7,7 @@ not depend on windows. It is counted down in two ways.
 from fractions import Fraction
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD, reduc, reduc2
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD, resolve
 from edmsim.errors import InputError
 
 # Estimated T-states of the routines on the 8085, because the document has no listings. Each number is our count for
@@ -74,10 +74,7 @@ def sqrt_t_states(n: int) -> int:
 
 def poscal_t_states(dx: int, dy: int, speed: int) -> int:
     """Return the cost of a POSCAL for magnitudes in um (words) and a path speed of 0..255 units."""
-    x, y, halvings = reduc(dx, dy)
-    if x * x + y * y > WORD:
-        x, y = reduc2(x, y)
-        halvings += 1
+    x, y, *_, halvings = resolve(dx, dy, 1, 1)
     total = x * x + y * y
     length = round(total**0.5)
     return (
@@ -139,21 +136,6 @@ def tick_time_ns(tick: int, hertz: int, per: int) -> int:
     seconds = tick * per // hertz
     left = tick * per - seconds * hertz
     return seconds * _SECOND_NS - (-left * _SECOND_NS // hertz)
-
-
-class TickClock:
-    """The common clock, for callers in Python (see `tick_before`, `tick_time_ns`)."""
-
-    def __init__(self, speed_unit_nm_s: float = SPEED_UNIT_NM_S) -> None:
-        self.hertz = timer_clock_hz(speed_unit_nm_s)
-
-    def before(self, time_ns: int) -> int:
-        """Return the index of the last tick before a time."""
-        return tick_before(time_ns, self.hertz.numerator, self.hertz.denominator)
-
-    def time_ns(self, tick: int) -> int:
-        """Return the time of a tick in ns."""
-        return tick_time_ns(tick, self.hertz.numerator, self.hertz.denominator)
 
 
 @exactly_compiled

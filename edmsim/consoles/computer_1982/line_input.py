@@ -146,7 +146,7 @@ class Line:
 
 def normal(text: bytes) -> bytes:
     """Return the text with small letters as capitals (NORMAL, row T-54)."""
-    return bytes(c - 0x20 if 0x61 <= c <= 0x7A else c for c in text)
+    return text.upper()
 
 
 def gnumci(buffer: InputBuffer) -> int:

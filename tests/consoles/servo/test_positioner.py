@@ -8,6 +8,8 @@ import pytest
 from edmsim.consoles.positioner import Press, Station, press_of, run_and_report
 from edmsim.errors import InputError
 
+from ..conftest import recorded_curve
+
 EXAMPLE = Path(__file__).parents[3] / "examples" / "positioner"
 FILES = EXAMPLE / "table.cnf", EXAMPLE / "table.mod"
 
@@ -142,6 +144,20 @@ def test_the_command_presses_inputs(piped):
     assert done.returncode == 0
     assert "axis:st_still 0" in done.text[0]
     assert "0.300 s  ifstart off" in done.text[0]
+
+
+def test_the_command_records_the_axes(piped, tmp_path):
+    file = tmp_path / "run.rrd"
+    done = piped(
+        b"", "console", "positioner", *TWO, "--contactor", "ofMotorX=AxisX", "--contactor", "ofMotorY=AxisY",
+        "--seconds", 1.0, "--record", file,
+    )  # fmt: skip
+    assert done.returncode == 0
+    place_um, output = recorded_curve(file, "axisx/place_um"), recorded_curve(file, "axisx/command")
+    assert len(place_um) == len(output) == pytest.approx(250, abs=2)  # samples of 4 ms
+    assert max(place_um) > 100.0
+    assert max(output) > 0.1
+    assert not any(recorded_curve(file, "axisy/current_A")[:100])
 
 
 def test_a_run_has_an_end(edmsim):

@@ -12,9 +12,12 @@ from contextlib import contextmanager
 import pytest
 
 import edmsim
-from edmsim.consoles.servo import Scope, bench_for, run_script, sent_for, serve
+from edmsim.consoles.scope import Scope
+from edmsim.consoles.servo import bench_for, curves_of, run_script, sent_for, serve
 from edmsim.errors import InputError
 from edmsim.recording.rerun import viewer
+
+from ..conftest import recorded_curve
 
 COMMAND = [sys.executable, "-m", "edmsim", "console", "servo"]
 
@@ -65,6 +68,29 @@ def test_a_script_waits_for_all_records_of_the_module(script, piped):  # M-30, M
 def test_records_that_wait_for_their_trigger_end_no_script_late(piped):  # M-30
     lines = piped(b"Z0\n", "console", "servo", "servo-module").stdout.split(b"\r\n")
     assert lines[-2:] == [b"Recorder ON", b""]
+
+
+@pytest.mark.parametrize(("wait", "counts"), [("WAIT", 400), (" wait 1.5 ", 400), ("WAIT 0", None)])
+def test_a_script_waits_until_the_axis_rests_or_for_a_time(wait, counts, piped):
+    done = piped(f"X10\nG400\n{wait}\nCOUNTER\n".encode(), "console", "servo", "uhu", "--axis", "y", "--tuned")
+    assert "WAIT" not in done.text[0].upper()
+    counted = int(done.text[0].split("(C)ounter")[1].split()[0])
+    assert counted == pytest.approx(counts, abs=2) if counts else counted < 100
+
+
+def test_a_wait_lasts_its_time_and_not_longer_than_a_minute():
+    bench = bench_for("uhu", "table", False)
+    run_script(bench, b"WAIT 2.5\n", None, print)
+    assert bench.time_s == pytest.approx(2.7, abs=0.01)  # with the start-up and the end
+    with pytest.raises(InputError, match=r"^the axis does not come to rest in 60 s; WAIT s waits s seconds$"):
+        run_script(bench, b"R\nG10\nWAIT\n", None, print)  # as delivered it oscillates there
+
+
+@pytest.mark.parametrize("text", ["x", "-1", "61", "nan", "inf", "1 2"])
+def test_a_wait_of_another_kind_is_refused_before_the_script_begins(text, piped):
+    done = piped(f"R\nWAIT {text}\n".encode(), "console", "servo", "uhu")
+    assert (done.returncode, done.text[0]) == (2, "")
+    assert done.text[1].startswith("edmsim: WAIT s waits s seconds, 0 to 60, and WAIT until the axis rests; ")
 
 
 @pytest.mark.parametrize(
@@ -221,53 +247,37 @@ LISTENS = (
 )
 
 
-def curve(file, name):
-    """A curve as rerun reads it back."""
-    from rerun.chunk import RrdReader
-
-    drawn = []
-    for chunk in RrdReader(str(file)).stream().to_chunks():
-        if chunk.entity_path == f"/{name}":
-            batch = chunk.to_record_batch()
-            drawn += [value for row in batch.column("Scalars:scalars").to_pylist() for value in row]
-    return drawn
-
-
 def test_the_scope_writes_the_tracking_error_stream(tmp_path, capfdbinary):  # U-34
     file = tmp_path / "scope.rrd"
-    scope = Scope(False, file)
     bench = bench_for("uhu", "bench", True)
-    bench.trace = True
+    scope = Scope(False, file, curves_of(bench))
     run_script(bench, b"A\nG60\n", scope, print)
     scope.close()
     streamed = [byte - 128 - 63 for byte in capfdbinary.readouterr().out if byte >= 128]
     assert max(streamed) > 40
-    assert curve(file, "tracking_error") == streamed
+    assert recorded_curve(file, "tracking_error") == streamed
     samples = bench.time_s / 533.3e-6
-    assert len(curve(file, "duty")) == pytest.approx(samples, abs=3)
+    assert len(recorded_curve(file, "duty")) == pytest.approx(samples, abs=3)
 
 
 def test_a_recording_takes_little_room(tmp_path):
-    scope = Scope(False, tmp_path / "scope.rrd", streams=False)
     bench = bench_for("servo-module", "table", True)
-    bench.trace = True
-    for _ in range(300):
-        bench.run(0.01)
-        scope.draw([], bench.samples())
+    scope = Scope(False, tmp_path / "scope.rrd", curves_of(bench))
+    run_script(bench, b"WAIT 3", scope, print)
     scope.close()
-    assert len(curve(tmp_path / "scope.rrd", "place_um")) > 4_000
+    assert len(recorded_curve(tmp_path / "scope.rrd", "place_um")) > 4_000
     assert (tmp_path / "scope.rrd").stat().st_size < 600_000
 
 
 def test_a_scope_s_file_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError):
-        Scope(False, tmp_path / "file" / "scope.rrd")
+        Scope(False, tmp_path / "file" / "scope.rrd", {})
     with pytest.raises(InputError, match=r"a recording of the scope is written as \.rrd"):
-        Scope(False, tmp_path)
+        Scope(False, tmp_path, {})
     (tmp_path / "folder.rrd").mkdir()
     with pytest.raises(InputError, match="is a folder; a recording of the scope is a file"):
-        Scope(False, tmp_path / "folder.rrd")
+        Scope(False, tmp_path / "folder.rrd", {})
 
 
 @pytest.mark.slow
@@ -297,4 +307,4 @@ def test_a_window_is_left_to_its_user_and_a_page_ends_with_the_drive(screen, mon
 def test_a_viewer_that_does_not_start_is_reported_in_a_line(monkeypatch):
     monkeypatch.setattr(viewer, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
     with pytest.raises(InputError, match="viewer did not start, so there is no scope; --record"):
-        Scope(True, None)
+        Scope(True, None, {})

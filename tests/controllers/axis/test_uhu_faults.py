@@ -38,21 +38,14 @@ def test_start_up_is_in_order_and_without_a_jerk():  # U-38, U-51
     assert not samples["command"].any()
 
 
-def test_a_hard_reset_of_a_moved_axis_does_not_jerk():  # U-32, U-39, U-A25
+@pytest.mark.parametrize("typed", [b"+\r", b"+\rP600\r"])  # a parameter before the first interval of the restart
+def test_a_hard_reset_of_a_moved_axis_does_not_jerk(typed):  # U-32, U-39, U-A25
     bench = tuned()
     stepped(bench, 500, 2000.0, 20_000.0, run_s=0.5)
-    bench.talk(b"+\r")
+    bench.drive("x").line(typed)
     samples = traced(bench, 0.2)
     assert np.ptp(samples["count"]) <= 1
     assert abs(count(bench)) <= 1  # it counts from 0 again
-
-
-def test_a_parameter_right_behind_a_hard_reset_moves_nothing():  # U-32, U-39
-    bench = tuned()
-    stepped(bench, 500, 2000.0, 20_000.0, run_s=0.5)
-    bench.drive("x").line(b"+\rP600\r")  # before the first interval of the restart
-    samples = traced(bench, 0.2)
-    assert np.ptp(samples["count"]) <= 1
 
 
 def test_a_hard_reset_after_long_travel_switches_on():  # U-32, U-39
