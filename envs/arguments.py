@@ -173,8 +173,10 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
         raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
     if array.shape != shape:
         raise InvalidAction(f"an action has the shape {shape}, not {array.shape}")
-    with np.errstate(over="ignore"):  # float64 above float32's range becomes infinite
-        taken = array.astype(np.float32, copy=False)
+    taken = array
+    if taken.dtype != np.float32:
+        with np.errstate(over="ignore"):  # float64 above float32's range becomes infinite
+            taken = array.astype(np.float32)
     if not np.isfinite(taken).all():
         raise InvalidAction(f"an action is finite numbers from -1 to 1, not {array.tolist()}")
     return taken

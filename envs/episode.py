@@ -510,9 +510,9 @@ class Task:
         window = plant.window()
         row = sub_envs.rows[0]
         self._account.begin()
-        self._account.add(_ONLY, sub_envs.rows, sub_envs.near, sub_envs.fleet.windows)
+        self._account.add(_ONLY, sub_envs.rows, sub_envs.fleet.windows)
         return StepResult(
             sub_envs.observation(0), window, float(row["progress_um"]), float(row["area_mm2"]),
-            float(row["error_um"]), bool(sub_envs.near[0]), StopCause(row["cause"]), sub_envs.refused[0] or None,
+            float(row["error_um"]), bool(row["near"]), StopCause(row["cause"]), sub_envs.refused[0] or None,
             float(self._account.total[0]), float(self._account.cost[0]), bool(sub_envs.out_of_time[0]),
         )

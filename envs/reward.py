@@ -101,23 +101,21 @@ class StepRewards:
         """Begin a step of all sub-environments in new records, because callers may hold those of the last step."""
         self.rows = np.zeros(len(self.rows), _ACCOUNT)
 
-    def add(
-        self, indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void]
-    ) -> None:
-        """Add a window of some sub-environments (m,); `near` (n,) says whose path errors count."""
-        _add(indices, rows, near, windows, self._weights, self.rows)
+    def add(self, indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
+        """Add a window of some sub-environments (m,); `rows` are all `path_follower.SUB_ENV`."""
+        _add(indices, rows, windows, self._weights, self.rows)
 
 
 @exactly_compiled
 def _add(
-    indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void],
-    weights: NDArray[np.void], accounts: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], weights: NDArray[np.void],
+    accounts: NDArray[np.void],
 ) -> None:
     """Add a window's terms, their sum, its cost and its area."""
     for j in range(indices.shape[0]):
         i = indices[j]
         row, window, account, weight = rows[i], windows[i], accounts[i], weights[i]
-        error = row.error_um if near[i] else 0.0
+        error = row.error_um if row.near else 0.0
         counts, cause, energy_mJ, spent_ns = window.counts, row.cause, row.energy_mJ, window.duration_ns
         shorts, opens = counts[SHORT], counts[OPEN]
         pulses = opens + counts[SPARK] + counts[ARC] + shorts

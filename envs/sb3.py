@@ -93,7 +93,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
                 "t": round(time.perf_counter() - self._start_s, 6),
             }
             each[index] = last
-        self._returns[done], self._lengths[done] = 0.0, 0
+            self._returns[index], self._lengths[index] = 0.0, 0
         return observations, rewards.astype(np.float32), done, each
 
     def close(self) -> None:

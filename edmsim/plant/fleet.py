@@ -51,7 +51,7 @@ class Fleet:
 
     def advance(self, indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
         """Fire 255 pulses in plants (m,), with the first `counts` (n,) of `steps`; return the plants that failed."""
-        calls = self._calls[indices]
+        calls = self._calls.take(indices, axis=0)  # several times faster than with an index
         calls[:, 2] = counts[indices]
         self._fire(calls)
         status = calls[:, 4]
