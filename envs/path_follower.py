@@ -46,8 +46,8 @@ SUB_ENV = np.dtype(
         ("beside", "i8", 2),  # steps by which the motors are off the path because of `offset_um`
         ("cause", "i8"),  # why the episode ended
         ("broke", "i8"),  # whether the wire broke in the window
-        # whether the window's path error counts (`Family.near_corner_um`); if a wall is finished, whether its finished
-        # part is long enough to measure
+        # whether the window's path error counts (`Family.near_corner_um`); if a wall is finished, whether its
+        # finished part is long enough to measure
         ("near", "i8"),
         ("wires_lost", "i8"),
         ("step_um", "f8"),  # travel of a motor step

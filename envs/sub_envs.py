@@ -194,8 +194,8 @@ class SubEnvs:
             path_follower.lead_sideways(indices, rows, self.planners, *path[:2], fleet.states, fleet.steps)
         failed = fleet.advance(indices, rows["steps"])
         due = path_follower.follow(
-            indices, rows, *code, self.planners, *path, self._height_from, self._heights, self.corner_um, fleet.states,
-            fleet.windows, _NO_STEPS,
+            indices, rows, *code, self.planners, *path, self._height_from, self._heights, self.corner_um,
+            fleet.states, fleet.windows, _NO_STEPS,
         )
         if self.family.finishes_wall:
             for index in indices.tolist():
