@@ -190,6 +190,14 @@ def checked_mask(mask: Any, count: int) -> NDArray[np.bool_]:
     return array
 
 
+def one_each(what: str, values: Any, count: int) -> list[Any]:
+    """Return a list of values for `count` environments: those of a list or tuple, or the same one for all."""
+    each = list(values) if isinstance(values, list | tuple) else [values] * count
+    if len(each) != count:
+        raise InputError(f"{len(each)} {what} were given for {count} environments: give one each")
+    return each
+
+
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
     """Return the options of a reset; raises `InputError` for an unknown one."""
     if not isinstance(options, Mapping | None):

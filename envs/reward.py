@@ -73,7 +73,7 @@ class StepRewards:
 
     def __init__(self, count: int) -> None:
         self._weights: NDArray[np.void] = np.zeros(count, _WEIGHTS)
-        self.rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)  # (n,) of the last step
+        self.rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)  # (n,) `_ACCOUNT` of the last step
 
     def weigh(
         self, index: int, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None
@@ -86,16 +86,6 @@ class StepRewards:
     def terms(self) -> dict[str, NDArray[np.float64]]:
         """Terms (n,) of the step's rewards by name."""
         return {name: self.rows[name] for name in TERMS}
-
-    @property
-    def total(self) -> NDArray[np.float64]:
-        """Rewards (n,) of the step."""
-        return np.asarray(self.rows["total"])
-
-    @property
-    def cost(self) -> NDArray[np.float64]:
-        """Costs (n,): see `_ACCOUNT`."""
-        return np.asarray(self.rows["cost"])
 
     def begin(self) -> None:
         """Begin a step of all sub-environments in new records, because callers may hold those of the last step."""

@@ -148,11 +148,6 @@ class SubEnvs:
 
     # --- one window ---
 
-    @property
-    def path_um(self) -> Floats:
-        """Path length (n,) that each sub-environment has travelled by its planner, over all its legs."""
-        return np.asarray(self.rows["before_um"] + self.rows["path_um"])
-
     def observation(self, index: int) -> WindowObservation:
         """Return the observation of a sub-environment's last window for feed controllers."""
         window, row = self.fleet.plants[index].window(), self.rows[index]
@@ -515,7 +510,8 @@ class Batch:
                 left = self._waiting(family, left)
         self.builder.end_step(active)
         account, objectives = self.account, self.family.objectives
-        return np.stack([account.terms[name] for name in objectives], axis=1) if objectives else account.total.copy()
+        rewards = [account.rows[name] for name in objectives or ("total",)]
+        return np.stack(rewards, axis=1) if objectives else rewards[0].copy()
 
     def _by_family(self, active: Ints) -> Iterator[tuple[Family, Ints]]:
         """Yield the families of the running episodes with their sub-environments; a `change` may make several."""
