@@ -173,8 +173,10 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
         raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
     if array.shape != shape:
         raise InvalidAction(f"an action has the shape {shape}, not {array.shape}")
-    with np.errstate(over="ignore"):  # float64 above float32's range becomes infinite
-        taken = array.astype(np.float32, copy=False)
+    taken = array
+    if taken.dtype != np.float32:
+        with np.errstate(over="ignore"):  # float64 above float32's range becomes infinite
+            taken = array.astype(np.float32)
     if not np.isfinite(taken).all():
         raise InvalidAction(f"an action is finite numbers from -1 to 1, not {array.tolist()}")
     return taken
@@ -186,6 +188,14 @@ def checked_mask(mask: Any, count: int) -> NDArray[np.bool_]:
     if array.shape != (count,) or array.dtype != np.bool_ or not array.any():
         raise InputError(f"reset_mask must be {count} truth values, at least one of them true")
     return array
+
+
+def one_each(what: str, values: Any, count: int) -> list[Any]:
+    """Return a list of values for `count` environments: those of a list or tuple, or the same one for all."""
+    each = list(values) if isinstance(values, list | tuple) else [values] * count
+    if len(each) != count:
+        raise InputError(f"{len(each)} {what} were given for {count} environments: give one each")
+    return each
 
 
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:

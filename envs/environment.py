@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
-from edmsim.envs.arguments import checked_actions, checked_mask, checked_options, plain
+from edmsim.envs.arguments import checked_actions, checked_mask, checked_options, one_each, plain
 from edmsim.envs.episode import EVERY, AttachedController, EpisodeRecorder, RecordedEpisodes
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.sub_envs import Batch, SubEnvs
@@ -452,9 +452,8 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray) or getattr(seed, "ndim", 1) == 0:
             first = whole_from("seed", seed, 0)
             return [first + index for index in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise InputError(f"{len(seed)} seeds were given for {self.num_envs} environments: give one each")
-        return [None if one is None else whole_from("seed", one, 0) for one in seed]
+        each = one_each("seeds", list(seed), self.num_envs)
+        return [None if one is None else whole_from("seed", one, 0) for one in each]
 
     def _begin(self, mask: Flags, machine: Any = None, redraw: Flags | None = None) -> dict[str, Any]:
         infos: dict[str, Any] = {}
@@ -545,10 +544,7 @@ class EdmVectorEnv(_Common, gym.vector.VectorEnv[NDArray[np.float32], NDArray[np
         InputError
             If the attribute is shared, or the number of values is wrong.
         """
-        each = values if isinstance(values, list | tuple) else [values] * self.num_envs
-        if len(each) != self.num_envs:
-            raise InputError(f"{len(each)} values were given for {self.num_envs} environments: give one each")
-        for view, value in zip(self.views, each, strict=True):
+        for view, value in zip(self.views, one_each("values", values, self.num_envs), strict=True):
             view.take(name, value)
 
     def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:

@@ -447,7 +447,8 @@ class Task:
     @property
     def path_um(self) -> float:
         """Path length the wire has travelled."""
-        return float(self._sub_envs.path_um[0])
+        row = self._sub_envs.rows[0]
+        return float(row["before_um"] + row["path_um"])
 
     @property
     def leg(self) -> tuple[int, float]:
@@ -507,12 +508,12 @@ class Task:
 
     def _result(self) -> StepResult:
         sub_envs, plant = self._sub_envs, self._sub_envs.fleet.plants[0]
-        window = plant.window()
-        row = sub_envs.rows[0]
+        window, row = plant.window(), sub_envs.rows[0]
         self._account.begin()
-        self._account.add(_ONLY, sub_envs.rows, sub_envs.near, sub_envs.fleet.windows)
+        self._account.add(_ONLY, sub_envs.rows, sub_envs.fleet.windows)
+        account = self._account.rows[0]
         return StepResult(
             sub_envs.observation(0), window, float(row["progress_um"]), float(row["area_mm2"]),
-            float(row["error_um"]), bool(sub_envs.near[0]), StopCause(row["cause"]), sub_envs.refused[0] or None,
-            float(self._account.total[0]), float(self._account.cost[0]), bool(sub_envs.out_of_time[0]),
+            float(row["error_um"]), bool(row["near"]), StopCause(row["cause"]), sub_envs.refused[0] or None,
+            float(account["total"]), float(account["cost"]), bool(sub_envs.out_of_time[0]),
         )

@@ -46,6 +46,9 @@ SUB_ENV = np.dtype(
         ("beside", "i8", 2),  # steps by which the motors are off the path because of `offset_um`
         ("cause", "i8"),  # why the episode ended
         ("broke", "i8"),  # whether the wire broke in the window
+        # whether the window's path error counts (`Family.near_corner_um`); if a wall is finished, whether its
+        # finished part is long enough to measure
+        ("near", "i8"),
         ("wires_lost", "i8"),
         ("step_um", "f8"),  # travel of a motor step
         ("table_um", "f8"),  # the table's travel
@@ -175,14 +178,15 @@ def _look(
 def follow(
     indices: NDArray[np.int64], rows: NDArray[np.void], advance: int, path_um: int, done: int,
     planners: NDArray[np.void], points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
-    height_from: NDArray[np.float64], heights: NDArray[np.float64], states: NDArray[np.void],
-    windows: NDArray[np.void], nowhere: NDArray[np.int64],
+    height_from: NDArray[np.float64], heights: NDArray[np.float64], corner_um: NDArray[np.float64],
+    states: NDArray[np.void], windows: NDArray[np.void], nowhere: NDArray[np.int64],
 ) -> bool:
     """Update every sub-environment after a window: its planner, the position of its wire, and why it ended.
 
     Returns whether any leg or episode has ended, or a drift is due. ``cause`` is `DONE` at the end of a leg, never
     `OUT_OF_RANGE`. `nowhere` (0, 3) has no room for steps: those of the window were already made. `heights`
-    begin at the path lengths `height_from`. For `advance`, `path_um` and `done` see `kinds.Addresses`.
+    begin at the path lengths `height_from`, corners are at `corner_um`. For `advance`, `path_um` and `done` see
+    `kinds.Addresses`.
     """
     due = False
     for j in range(indices.shape[0]):
@@ -200,6 +204,10 @@ def follow(
             row, planner.move, planner.last_move, path, on,
             state.axis_um[0] + window.deflection_um[0] / pulses, state.axis_um[1] + window.deflection_um[1] / pulses,
         )
+        row.near = 0
+        for k in range(corner_um.shape[1]):
+            if abs(corner_um[i, k] - row.reached_um) <= row.near_um:
+                row.near = 1
         ahead_um = row.reached_um - row.cut_um
         if row.settling_ns > 0 and ahead_um > 0.0:
             row.cut_um, ahead_um = row.reached_um, 0.0

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.stops import StopCause
 from edmsim.envs.part_task import PartCut, PartEpisode, Parts
 from edmsim.envs.sub_envs import Batch, SubEnvs
+from edmsim.geometry import Floats
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import corners, profile_error
 from edmsim.plant.constants import wire_setup
@@ -23,7 +24,6 @@ from edmsim.plant.plant import Plant
 from edmsim.recording.figures.palette import BLUE, INK, MUTED, SHARE_COLOURS, VERMILION
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, holes_mm, polylines, terraces
 
-Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]  # (height, width, 3)
 HEIGHT, WIDTH = 480, 640
 STRIP = 64  # height of the strip at the bottom, included in `HEIGHT`
@@ -246,7 +246,7 @@ def _step(batch: Batch, index: int) -> Picture:
     facts = [f"{float(info['time_s'][index]):.2f} s", f"feed {float(info['feed_um_s'][index]):.1f} µm/s"]
     if sum(counts.values()):
         facts += [f"{name} {count}" for name, count in counts.items()]
-        facts.append(f"reward {float(batch.account.total[index]):+.3f}")
+        facts.append(f"reward {float(batch.account.rows['total'][index]):+.3f}")
     else:
         facts.append("no pulse yet")
     return _strip(facts, counts)

@@ -73,7 +73,7 @@ class StepRewards:
 
     def __init__(self, count: int) -> None:
         self._weights: NDArray[np.void] = np.zeros(count, _WEIGHTS)
-        self.rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)  # (n,) of the last step
+        self.rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)  # (n,) `_ACCOUNT` of the last step
 
     def weigh(
         self, index: int, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None
@@ -87,37 +87,25 @@ class StepRewards:
         """Terms (n,) of the step's rewards by name."""
         return {name: self.rows[name] for name in TERMS}
 
-    @property
-    def total(self) -> NDArray[np.float64]:
-        """Rewards (n,) of the step."""
-        return np.asarray(self.rows["total"])
-
-    @property
-    def cost(self) -> NDArray[np.float64]:
-        """Costs (n,): see `_ACCOUNT`."""
-        return np.asarray(self.rows["cost"])
-
     def begin(self) -> None:
         """Begin a step of all sub-environments in new records, because callers may hold those of the last step."""
         self.rows = np.zeros(len(self.rows), _ACCOUNT)
 
-    def add(
-        self, indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void]
-    ) -> None:
-        """Add a window of some sub-environments (m,); `near` (n,) says whose path errors count."""
-        _add(indices, rows, near, windows, self._weights, self.rows)
+    def add(self, indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
+        """Add a window of some sub-environments (m,); `rows` are all `path_follower.SUB_ENV`."""
+        _add(indices, rows, windows, self._weights, self.rows)
 
 
 @exactly_compiled
 def _add(
-    indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void],
-    weights: NDArray[np.void], accounts: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], weights: NDArray[np.void],
+    accounts: NDArray[np.void],
 ) -> None:
     """Add a window's terms, their sum, its cost and its area."""
     for j in range(indices.shape[0]):
         i = indices[j]
         row, window, account, weight = rows[i], windows[i], accounts[i], weights[i]
-        error = row.error_um if near[i] else 0.0
+        error = row.error_um if row.near else 0.0
         counts, cause, energy_mJ, spent_ns = window.counts, row.cause, row.energy_mJ, window.duration_ns
         shorts, opens = counts[SHORT], counts[OPEN]
         pulses = opens + counts[SPARK] + counts[ARC] + shorts

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.envs.arguments import checked_options
+from edmsim.envs.arguments import checked_options, one_each
 from edmsim.envs.environment import EdmVectorEnv, SubEnvView
 from edmsim.envs.episode import EVERY, RecordedEpisodes
 from edmsim.envs.registry import env_id_of, find
@@ -52,9 +52,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
 
     def set_options(self, options: Any = None) -> None:
         """Set options of the next reset, those of `EdmEnv.reset`: for all sub-environments, or in a list one each."""
-        each = options if isinstance(options, list | tuple) else [options] * self.num_envs
-        if len(each) != self.num_envs:
-            raise InputError(f"{len(each)} options were given for {self.num_envs} environments: give one each")
+        each = one_each("options", options, self.num_envs)
         super().set_options([checked_options(one, ("machine",)) for one in each])
 
     def reset(self) -> Any:
@@ -93,7 +91,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
                 "t": round(time.perf_counter() - self._start_s, 6),
             }
             each[index] = last
-        self._returns[done], self._lengths[done] = 0.0, 0
+            self._returns[index], self._lengths[index] = 0.0, 0
         return observations, rewards.astype(np.float32), done, each
 
     def close(self) -> None:

@@ -68,9 +68,6 @@ class SubEnvs:
         # (n, most): length of the present leg up to each corner, padded with infinity
         self.corner_um: Floats = np.full((count, 1), np.inf)
         self.corner_deg: Floats = np.zeros((count, 1))
-        # (n,): whether path errors of the last window count (`Family.near_corner_um`); if a wall is finished, whether
-        # its finished part is long enough to measure
-        self.near = np.ones(count, np.bool_)
         # sub-environments that lost a wire in the last window, with its on-time and period
         self.lost: list[tuple[int, tuple[float, float]]] = []
         self.leg = [0] * count  # number of the present leg of each
@@ -93,7 +90,7 @@ class SubEnvs:
         plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position, machine=another)
         self.fleet.windows[index] = np.zeros((), self.fleet.windows.dtype)
         self.scenarios[index], self.families[index] = scenario, self.family
-        self.refused[index], self.near[index] = "", True
+        self.refused[index] = ""
         self.rows[index] = np.zeros((), path_follower.SUB_ENV)
         self._take_constants(index, machine)
         self.rows[index]["total_um"] = sum(float(np.hypot(*np.diff(leg, axis=0).T).sum()) for leg in scenario.legs_um)
@@ -151,11 +148,6 @@ class SubEnvs:
 
     # --- one window ---
 
-    @property
-    def path_um(self) -> Floats:
-        """Path length (n,) that each sub-environment has travelled by its planner, over all its legs."""
-        return np.asarray(self.rows["before_um"] + self.rows["path_um"])
-
     def observation(self, index: int) -> WindowObservation:
         """Return the observation of a sub-environment's last window for feed controllers."""
         window, row = self.fleet.plants[index].window(), self.rows[index]
@@ -197,10 +189,12 @@ class SubEnvs:
             path_follower.lead_sideways(indices, rows, self.planners, *path[:2], fleet.states, fleet.steps)
         failed = fleet.advance(indices, rows["steps"])
         due = path_follower.follow(
-            indices, rows, *code, self.planners, *path, self._height_from, self._heights, fleet.states, fleet.windows,
-            _NO_STEPS,
+            indices, rows, *code, self.planners, *path, self._height_from, self._heights, self.corner_um,
+            fleet.states, fleet.windows, _NO_STEPS,
         )
-        self._count_errors(indices)
+        if self.family.finishes_wall:
+            for index in indices.tolist():
+                self._measure_wall(index)
         if len(failed):
             rows["cause"][failed[fleet.windows["broken"][failed] == 0]] = path_follower.OUT_OF_RANGE
         if self.watchers:
@@ -229,22 +223,14 @@ class SubEnvs:
         self.fleet.plants[index].drift(scenario.drift.machine(scenario.machine, elapsed_ns * 1e-9))
         self.rows[index]["drifts_ns"] = elapsed_ns + round(scenario.drift.every_s * 1e9)
 
-    def _count_errors(self, indices: Ints) -> None:
-        if self.family.finishes_wall:
-            for index in indices:
-                self._measure_wall(int(index))
-        elif np.isfinite(near_um := self.rows["near_um"]).any():
-            way_um = np.abs(self.corner_um - self.rows["reached_um"][:, None])
-            self.near = (way_um <= near_um[:, None]).any(axis=1)
-
     def _measure_wall(self, index: int) -> None:
         """Set the sub-environment's error to that of the wall just finished; before that, no error counts."""
         row, wall = self.rows[index], self.scenario(index).wall
         assert wall is not None
         behind_um = wall.x_um + float(row["reached_um"]) - FINISHED_UM
-        self.near[index] = behind_um - STRETCH_UM >= wall.x_um
+        row["near"] = behind_um - STRETCH_UM >= wall.x_um
         row["error_um"] = 0.0
-        if self.near[index]:
+        if row["near"]:
             row["error_um"] = wall_error_um(
                 self.fleet.plants[index].field, wall.y_um, behind_um - STRETCH_UM, behind_um
             )
@@ -524,12 +510,14 @@ class Batch:
                 left = self._waiting(family, left)
         self.builder.end_step(active)
         account, objectives = self.account, self.family.objectives
-        return np.stack([account.terms[name] for name in objectives], axis=1) if objectives else account.total.copy()
+        rewards = [account.rows[name] for name in objectives or ("total",)]
+        return np.stack(rewards, axis=1) if objectives else rewards[0].copy()
 
     def _by_family(self, active: Ints) -> Iterator[tuple[Family, Ints]]:
         """Yield the families of the running episodes with their sub-environments; a `change` may make several."""
-        families = [self.sub_envs.families[k] for k in active]
-        present = {id(one): one for one in families}
+        every = self.sub_envs.families
+        families = every if len(active) == len(every) else [every[k] for k in active.tolist()]
+        present = dict(zip(map(id, families), families, strict=True))
         for family in present.values():
             yield family, active if len(present) == 1 else active[[one is family for one in families]]
 
@@ -537,17 +525,18 @@ class Batch:
         """Set the generators, the offsets, and the feeds or the servos' targets."""
         sub_envs = self.sub_envs
         if family.knobs:
-            for k in active:
+            for k in active.tolist():
                 first_us = sub_envs.rows[k]["first_setting_us"]
-                self._set_generator(int(k), *family.setting_us(first_us, clamped[k, 1 : 1 + len(family.knobs)]))
+                self._set_generator(k, *family.setting_us(first_us, clamped[k, 1 : 1 + len(family.knobs)]))
+        which = slice(None) if len(active) == sub_envs.count else active  # a view takes no time
         if family.offset_um is not None:
-            sub_envs.rows["offset_um"][active] = clamped[active, -1] * family.offset_um
+            sub_envs.rows["offset_um"][which] = clamped[which, -1] * family.offset_um
         if family.action == "servo":
-            self._servos["target"][active] = servo.target_of(clamped[active, 0], family.servo_target_share)
+            self._servos["target"][which] = servo.target_of(clamped[which, 0], family.servo_target_share)
             return
         limit = family.greatest_feed_um_s
-        requested_um_s = family.next_feed_um_s(self._feed_um_s[active], clamped[active, 0])
-        self._feed_um_s[active] = np.minimum(np.maximum(requested_um_s, -limit), limit)
+        requested_um_s = family.next_feed_um_s(self._feed_um_s[which], clamped[which, 0])
+        self._feed_um_s[which] = np.minimum(np.maximum(requested_um_s, -limit), limit)
 
     def _window(self, family: Family, left: Ints) -> None:
         """Run a window in some sub-environments."""
@@ -555,7 +544,7 @@ class Batch:
         sub_envs.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
         windows = sub_envs.fleet.windows
         self.builder.add(left, sub_envs.rows, windows)
-        self.account.add(left, sub_envs.rows, sub_envs.near, windows)
+        self.account.add(left, sub_envs.rows, windows)
         if by_servo:
             servo.respond(left, self._servos, windows, family.greatest_feed_um_s, *family.servo_gains)
         for index, setting_us in sub_envs.lost:

@@ -33,15 +33,10 @@ class Fleet:
         self._calls[:, 3] = WINDOW_PULSES
         self.make_room(8)  # motor steps of most windows
         for i, plant in enumerate(plants):
-            self.replace(i, plant)
+            plant.move_rows(self.states[i : i + 1], self.windows[i : i + 1])
+            self._calls[i, 0] = plant.address
         self._pool: ThreadPoolExecutor | None = None
         self._pool_process = 0  # process that has its threads
-
-    def replace(self, i: int, plant: Plant) -> None:
-        """Replace plant `i` by another plant."""
-        self.plants[i] = plant
-        plant.move_rows(self.states[i : i + 1], self.windows[i : i + 1])
-        self._calls[i, 0] = plant.address
 
     def make_room(self, most: int) -> None:
         """Allocate room for more motor steps per window; present ones are lost."""
@@ -51,7 +46,7 @@ class Fleet:
 
     def advance(self, indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
         """Fire 255 pulses in plants (m,), with the first `counts` (n,) of `steps`; return the plants that failed."""
-        calls = self._calls[indices]
+        calls = self._calls.take(indices, axis=0)  # several times faster than with an index
         calls[:, 2] = counts[indices]
         self._fire(calls)
         status = calls[:, 4]

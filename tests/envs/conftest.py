@@ -13,6 +13,22 @@ STANDARD = {"resolution": "fast", "randomise": None, "height_mm": None, "tension
 """Arguments with which nothing of the standard machine is drawn."""
 
 
+def played(env, actions, seed=1):
+    """Return the steps of an episode, as `env.step` returns them, until it ends or there is no other action."""
+    env.reset(seed=seed)
+    steps = []
+    for action in actions:
+        steps.append(env.step(np.array(action, np.float32)))
+        if steps[-1][2] or steps[-1][3]:
+            break
+    return steps
+
+
+def infos_of(env, actions):
+    """Return the infos of the steps of an episode."""
+    return [step[4] for step in played(env, actions)]
+
+
 @pytest.fixture(params=NAMES)
 def env_name(request):
     return request.param

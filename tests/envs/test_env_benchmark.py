@@ -2,6 +2,7 @@
 
 import gc
 from importlib.util import find_spec
+from itertools import repeat
 
 import gymnasium as gym
 import numpy as np
@@ -12,6 +13,8 @@ from edmsim.envs import Task
 from edmsim.envs.registry import env_id_of, family_of
 from edmsim.errors import InputError
 from edmsim.machine.ranges import with_values
+
+from .conftest import infos_of, played
 
 FROZEN = {
     "GapFeed": ((4.0, 40.0), 25.0, (0.0, 0.0)), "HeightStep": ((4.0, 40.0), 25.0, (0.0, 0.0)),
@@ -79,32 +82,21 @@ def test_a_settling_wire_earns_nothing(seed, make_env):
 
 
 def test_a_longer_period_buys_no_time(make_env):
-    windows = {}
-    for knob in (0.0, 1.0):
-        env = make_env("GapFeed", knobs=["period"], episode_s=2.0)
-        env.reset(seed=1)
-        over, windows[knob], seconds = False, 0, 0.0
-        while not over:
-            *_, over, info = env.step(np.array([0.0, knob], np.float32))
-            windows[knob], seconds = windows[knob] + 1, seconds + info["dt_s"]
-        assert 2.0 <= seconds < 2.0 + info["dt_s"]
-    assert windows == {0.0: 79, 1.0: 20}
+    for knob, windows in ((0.0, 79), (1.0, 20)):
+        infos = infos_of(make_env("GapFeed", knobs=["period"], episode_s=2.0), repeat([0.0, knob]))
+        assert 2.0 <= sum(info["dt_s"] for info in infos) < 2.0 + infos[-1]["dt_s"]
+        assert len(infos) == windows
 
 
 def test_the_next_wire_is_threaded_where_the_last_one_broke(make_env):
     strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=5.0)
     weak = with_values(strained, {"wire.half_strength_K": 300.0})
-    env = make_env("GapFeed", action="speed", machine=weak, wires=2)
-    env.reset(seed=1)
-    over, total, cost, places = False, 0.0, 0.0, []
-    while not over:
-        _, _, over, _, info = env.step(np.array([0.3], np.float32))
-        total, cost = total + info["reward_terms"]["wire_break"], cost + info["cost"]
-        places.append(info["path_um"])
-    assert (info["cause"], info["wires_lost"], cost) == ("wire-break", 2, 2.0)
-    assert total == pytest.approx(-2 * 60 / 0.0255)
-    assert info["time_s"] > 60
-    assert (np.diff(places) >= 0).all()
+    infos = infos_of(make_env("GapFeed", action="speed", machine=weak, wires=2), repeat([0.3]))
+    assert (infos[-1]["cause"], infos[-1]["wires_lost"]) == ("wire-break", 2)
+    assert sum(info["cost"] for info in infos) == 2.0
+    assert sum(info["reward_terms"]["wire_break"] for info in infos) == pytest.approx(-2 * 60 / 0.0255)
+    assert infos[-1]["time_s"] > 60
+    assert (np.diff([info["path_um"] for info in infos]) >= 0).all()
 
 
 @pytest.mark.slow
@@ -113,8 +105,7 @@ def test_a_servo_holds_what_is_requested_of_it(make_env):
     shares = {}
     for expected in (-1.0, 1.0):
         env = make_env("GapFeed", action="servo", decision_s=0.2, planner="exact")  # 33 um/s would be too slow
-        env.reset(seed=1)
-        infos = [env.step(np.array([expected], np.float32))[-1] for _ in range(60)]
+        infos = infos_of(env, [[expected]] * 60)
         assert infos[-1]["cause"] == ""
         shares[expected] = np.mean([(i["open"] - i["short"]) / 2040 for i in infos[30:]])
     assert shares[-1.0] == pytest.approx(0.0, abs=0.06)
@@ -123,8 +114,7 @@ def test_a_servo_holds_what_is_requested_of_it(make_env):
 
 def test_bounds_cost_by_the_second(make_env):
     env = make_env("Corner", machine="agiecut-dem15", action="speed", energy_bound_mJ=8.0)
-    env.reset(seed=1)
-    costs = [env.step(np.array([0.1, knob, 0.0, 0.0], np.float32))[4] for knob in (0.0, 0.5)]
+    costs = infos_of(env, [[0.1, knob, 0.0, 0.0] for knob in (0.0, 0.5)])
     assert [info["energy_mJ"] > 8.0 for info in costs] == [False, True]
     assert [info["cost"] for info in costs] == pytest.approx([0.0, costs[1]["dt_s"]])
 
@@ -132,18 +122,10 @@ def test_bounds_cost_by_the_second(make_env):
 @pytest.mark.slow
 def test_errors_of_a_corner_count_near_it(make_env):
     env = make_env("Corner", action="speed", decision_s=None, leg_mm=0.12, turn_deg=(90.0, 90.0), near_corner_um=60.0)
-    env.reset(seed=1)
-    places, costs, errors = [], [], []
-    for _ in range(500):
-        *_, over, _, info = env.step(np.array([0.12, 0.0, 0.0, 0.0], np.float32))
-        if info["area_mm2"] > 0:
-            places.append(info["path_um"])
-            costs.append(info["reward_terms"]["profile"])
-            errors.append(info["error_um"])
-        if over:
-            break
-    places, costs = np.array(places), np.array(costs)
-    assert min(errors) > 0
+    infos = [info for info in infos_of(env, [[0.12, 0.0, 0.0, 0.0]] * 500) if info["area_mm2"] > 0]
+    places = np.array([info["path_um"] for info in infos])
+    costs = np.array([info["reward_terms"]["profile"] for info in infos])
+    assert min(info["error_um"] for info in infos) > 0
     far = np.abs(places - 120.0) > 90.0  # wherever the wire is, within 30 um of its counters
     near = np.abs(places - 120.0) < 30.0
     assert far.sum() > 20
@@ -155,9 +137,7 @@ def test_errors_of_a_corner_count_near_it(make_env):
 def test_more_energy_than_the_bound_costs_what_it_cuts(make_env):
     costs = {}
     for knob in (0.0, 0.5):
-        env = make_env("Corner", action="speed")
-        env.reset(seed=1)
-        infos = [env.step(np.array([0.2, knob, 0.0, 0.0], np.float32))[4] for _ in range(40)]
+        infos = infos_of(make_env("Corner", action="speed"), [[0.2, knob, 0.0, 0.0]] * 40)
         costs[knob] = [info["reward_terms"]["roughness"] for info in infos]
         share = infos[-1]["energy_mJ"] / 13.5 - 1.0
         expected = [-4.0 * max(share, 0.0) * info["area_mm2"] / 0.01275 for info in infos]
@@ -183,8 +163,7 @@ def test_a_late_feed_moves_the_table_later(make_env):
     places = {}
     for latency_s in (0.0, 0.0125, 1.0):
         env = make_env("GapFeed", action="speed", latency_s=latency_s, planner="exact")
-        env.reset(seed=1)
-        places[latency_s] = [env.step(np.array([0.4], np.float32))[4]["path_um"] for _ in range(3)]
+        places[latency_s] = [info["path_um"] for info in infos_of(env, [[0.4]] * 3)]
     assert places[0.0] == pytest.approx([1.02, 2.04, 3.06])
     assert places[0.0125] == pytest.approx([0.52, 1.54, 2.56])
     assert places[1.0] == pytest.approx([0.0, 1.02, 2.04])  # a window late at most
@@ -193,10 +172,7 @@ def test_a_late_feed_moves_the_table_later(make_env):
 def test_sensors_have_noise_steps_and_delay(make_env):
     measured = None, {"noise_share": 0.05, "bits": 4}, {"noise_share": 0.0, "bits": 0, "delay_steps": 1}
     exact, noisy, late = (make_env("GapFeed", sensors=sensors) for sensors in measured)
-    observed = []
-    for env in (exact, noisy, late):
-        env.reset(seed=1)
-        observed.append(np.array([env.step(STILL)[0] for _ in range(20)]))
+    observed = [np.array([step[0] for step in played(env, [STILL] * 20)]) for env in (exact, noisy, late)]
     assert (observed[0][:, :3] == observed[1][:, :3]).all()
     assert 0.01 < np.std(observed[0][:, 3] - observed[1][:, 3]) < 0.1
     np.testing.assert_allclose(observed[1][:, 3] * 15, np.rint(observed[1][:, 3] * 15), atol=1e-5)
@@ -206,8 +182,7 @@ def test_sensors_have_noise_steps_and_delay(make_env):
 @pytest.mark.slow
 def test_mujoco_steps_the_table(make_env):
     env = make_env("GapFeed", mechanics="mujoco", action="speed")
-    env.reset(seed=1)
-    infos = [env.step(np.array([0.2], np.float32))[4] for _ in range(5)]
+    infos = infos_of(env, [[0.2]] * 5)
     assert env.unwrapped._batch.sub_envs.fleet.plants[0].mechanics == "mujoco"
     assert infos[-1]["path_um"] > 1
 

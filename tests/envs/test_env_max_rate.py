@@ -9,6 +9,8 @@ from edmsim.envs import Task
 from edmsim.envs.families import KNOWN, KNOWN_TO_SHARE, MaxRate
 from edmsim.errors import InputError
 
+from .conftest import played
+
 ID = "edmsim/MaxRate-v1"
 FIRST_FIFTH = 10
 
@@ -72,10 +74,7 @@ def test_discharges_are_observed_where_the_metal_is():
 
 
 def test_the_observation_has_the_shares_of_the_fifths():
-    env = gym.make(ID, decision_s=None)
-    env.reset(seed=3)
-    for _ in range(60):
-        observed, *_ = env.step(np.array([-1.0, 0.5], np.float32))
+    observed = played(gym.make(ID, decision_s=None), [[-1.0, 0.5]] * 60, seed=3)[-1][0]
     shares = observed[FIRST_FIFTH : FIRST_FIFTH + 5]
     assert shares.sum() == pytest.approx(1.0, abs=1e-6)
     before = observed[15 + FIRST_FIFTH : 15 + FIRST_FIFTH + 5]

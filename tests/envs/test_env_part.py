@@ -17,6 +17,8 @@ from edmsim.errors import InputError
 from edmsim.evaluation.compare import check, evaluate
 from edmsim.evaluation.episode import cut
 
+from .conftest import infos_of, played
+
 ID = "edmsim/Part-v0"
 PROGRAM = "G21 G90\nG92 X0.2 Y-0.26\nG41 D1 G1 X0.2 Y0\nG1 X0\nY0.1\nX0.9\nY0\nX0.2\nG40\nM2\n"
 """A punch of 0.9 x 0.1 mm, which is cut in a second of computing."""
@@ -43,22 +45,10 @@ def tiny(small, tmp_path_factory):
     return {**small, "program": str(program)}
 
 
-def played(env, actions, seed):
-    """Play an episode; return its observations, rewards and infos."""
-    env.reset(seed=seed)
-    steps = []
-    for action in actions:
-        observation, reward, terminated, truncated, info = env.step(action)
-        steps.append((observation, reward, info))
-        if terminated or truncated:
-            break
-    return steps
-
-
 @pytest.fixture(scope="module")
 def usual(small):
     """Return an episode as the technology has it."""
-    return played(gym.make(ID, **small), [USUAL] * 2, seed=1)
+    return played(gym.make(ID, **small), [USUAL] * 2)
 
 
 @pytest.mark.slow
@@ -68,13 +58,13 @@ def test_the_part_of_the_technologys_constants_is_the_cut_bit_for_bit(small, usu
         small["program"], passes=2, tab_mm=0.0, height_mm=18.0, resolution="fast", seed=seed,
         technology="tool-steel-brass-254",
     ).report
-    last = usual[-1][2]
+    last = usual[-1][4]
     assert last["cause"] == "done"
     assert last["time_s"] == made["machining_time_s"]
     assert last["error_um"] == made["profile_error_um"]["rms"]
     assert last["ra_um"] == made["passes"][-1]["ra_um"]
-    assert [step[2]["offset_um"] for step in usual] == [one["offset_um"] for one in made["passes"]]
-    assert [step[2]["dt_s"] for step in usual] == pytest.approx(
+    assert [step[4]["offset_um"] for step in usual] == [one["offset_um"] for one in made["passes"]]
+    assert [step[4]["dt_s"] for step in usual] == pytest.approx(
         [made["passes"][0]["end_s"], made["passes"][1]["end_s"] - made["passes"][0]["end_s"]]
     )
 
@@ -82,10 +72,10 @@ def test_the_part_of_the_technologys_constants_is_the_cut_bit_for_bit(small, usu
 @pytest.mark.slow
 def test_the_reward_is_time_and_at_the_end_error_and_roughness(usual):
     weights = Part().reward_weights
-    for _, reward, info in usual:
+    for _, reward, _, _, info in usual:
         assert reward == pytest.approx(sum(info["reward_terms"].values()))
         assert info["reward_terms"]["time"] == pytest.approx(-weights.time * info["dt_s"] / 60)
-    first, last = usual[0][2]["reward_terms"], usual[1][2]
+    first, last = usual[0][4]["reward_terms"], usual[1][4]
     assert (first["error"], first["roughness"]) == (0.0, 0.0)
     assert last["reward_terms"]["error"] == pytest.approx(-weights.error * last["error_um"])
     assert last["reward_terms"]["roughness"] == pytest.approx(-weights.roughness * last["ra_um"])
@@ -102,7 +92,7 @@ def test_sub_environments_are_the_single_environments_with_any_threads_and_copie
         assert observations[1].tolist() == usual[1][0].tolist()
         assert rewards[1] == usual[1][1]
         assert (terminated[1], truncated[1]) == (True, False)
-        assert infos["error_um"][1] == usual[1][2]["error_um"]
+        assert infos["error_um"][1] == usual[1][4]["error_um"]
         same.close()
 
 
@@ -124,9 +114,9 @@ def test_a_broken_wire_ends_the_step_and_the_rest_of_the_pass_is_decided_on(smal
 
 @pytest.mark.slow
 def test_the_last_wire_scraps_the_part_and_time_truncates(small):
-    steps = played(gym.make(ID, **small, wires=1, pause_octaves=2.0), [HOT], seed=1)
-    assert steps[0][2]["cause"] == "wire-break"
-    assert steps[0][2]["reward_terms"]["limit"] == -Part().reward_weights.limit
+    (info,) = infos_of(gym.make(ID, **small, wires=1, pause_octaves=2.0), [HOT])
+    assert info["cause"] == "wire-break"
+    assert info["reward_terms"]["limit"] == -Part().reward_weights.limit
     # machine time has that for the second wire, and the rate that for the next one as well, as of other tasks
     made = cut(ID, 1, "constant:pause=-1,on_time=1", **small, wires=2, pause_octaves=2.0)
     assert (made.outcome, made.wires_lost) == ("wire break", 2)
@@ -152,16 +142,15 @@ def test_a_pass_can_be_the_episode(small, usual):
     assert (observation[AT["pass"]], observation[AT["spent"]], info["wires_lost"]) == (1.0, 0.0, 0)
     _, _, terminated, _, info = env.step(USUAL)
     assert terminated
-    assert (info["pass"], info["dt_s"]) == (2, usual[1][2]["dt_s"])
-    assert info["error_um"] == usual[1][2]["error_um"]  # it is the last pass: the part's error
+    assert (info["pass"], info["dt_s"]) == (2, usual[1][4]["dt_s"])
+    assert info["error_um"] == usual[1][4]["error_um"]  # it is the last pass: the part's error
 
 
 @pytest.mark.slow
 def test_offsets_move_and_never_grow(tiny, usual):
-    near, far = np.array([[0.0, 0.0, 0.0, -0.2], [0.0, 0.0, 0.0, 1.0]], np.float32)
-    steps = played(gym.make(ID, **tiny, offset_um=50.0), [near, far], seed=1)
-    assert steps[0][2]["offset_um"] == usual[0][2]["offset_um"] - 10.0
-    assert steps[1][2]["offset_um"] == steps[0][2]["offset_um"]  # 11 um more would be asked for
+    near, far = infos_of(gym.make(ID, **tiny, offset_um=50.0), [[0.0, 0.0, 0.0, -0.2], [0.0, 0.0, 0.0, 1.0]])
+    assert near["offset_um"] == usual[0][4]["offset_um"] - 10.0
+    assert far["offset_um"] == near["offset_um"]  # 11 um more would be asked for
 
 
 @pytest.mark.slow
@@ -258,7 +247,7 @@ def test_laws_are_made_of_their_names():
 def test_parts_are_compared_by_what_a_law_earns(small, usual):
     made = cut(ID, 1, "technology", **small)
     assert made.total_return == pytest.approx(sum(step[1] for step in usual))
-    assert (made.edge_error_um, made.ra_um) == (usual[-1][2]["error_um"], usual[-1][2]["ra_um"])
+    assert (made.edge_error_um, made.ra_um) == (usual[-1][4]["error_um"], usual[-1][4]["ra_um"])
     assert made.outcome == "finished"
     with pytest.raises(InputError, match="no law"):
         evaluate(ID, ["counts"], 2)

@@ -14,18 +14,13 @@ from edmsim.evaluation.episode import cut
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import write_comparison
 
+from .conftest import played
 
-def played(env, steps, seed=5):
-    """Rewards, and the infos of the steps, up to the episode's end."""
-    env.reset(seed=seed)
-    made = []
-    for k in range(steps):
-        action = np.full(env.action_space.shape, 0.2 * (-1) ** k, np.float32)
-        _, reward, terminated, truncated, info = env.step(action)
-        made.append((reward, info))
-        if terminated or truncated:
-            break
-    return made
+
+def rewarded(env, steps):
+    """Rewards and infos of the steps, up to the episode's end."""
+    actions = (np.full(env.action_space.shape, 0.2 * (-1) ** k) for k in range(steps))
+    return [(reward, info) for _, reward, _, _, info in played(env, actions, seed=5)]
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +28,9 @@ def recorded(make_env, tmp_path_factory):
     """An episode of 1.5 s of decisions of 60 ms, recorded and not."""
     options = {"episode_s": 1.5, "decision_s": 0.06, "knobs": ["period"]}
     env = RecordRerun(make_env("HeightStep", **options), tmp_path_factory.mktemp("recorded"), every=1)
-    made = played(env, 100)
+    made = rewarded(env, 100)
     env.close()
-    return made, played(make_env("HeightStep", **options), 100), env.recordings
+    return made, rewarded(make_env("HeightStep", **options), 100), env.recordings
 
 
 def test_before_an_episode_there_is_nothing_to_record(make_env):
@@ -74,7 +69,7 @@ def test_a_recording_shows_actions_rewards_and_costs_next_to_the_cut(recorded) -
 def test_every_third_episode_is_recorded_also_one_left_before_its_end(make_env, tmp_path) -> None:
     env = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None), tmp_path / "new", every=3)
     for _ in range(4):
-        played(env, 2)
+        rewarded(env, 2)
     other = copy.deepcopy(env)
     assert env.recordings == [tmp_path / "new" / "episode-000000"]
     other.step(env.action_space.sample())
@@ -90,13 +85,13 @@ def test_every_third_episode_is_recorded_also_one_left_before_its_end(make_env, 
 def test_a_recording_says_which_environment_and_episode_it_is_of(make_env, tmp_path) -> None:
     env = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None), tmp_path / "registered", every=1)
     for _ in range(2):
-        played(env, 1)
+        rewarded(env, 1)
     env.close()
     titles = [Playback(folder / "cut.rrd").title for folder in env.recordings]
     assert titles == ["edmsim/Corner-v3, episode 0", "edmsim/Corner-v3, episode 1"]
     own = RecordRerun(make_env("Corner", episode_s=0.1, decision_s=None).unwrapped, tmp_path / "own", every=1)
     own.unwrapped.spec = None
-    played(own, 1)
+    rewarded(own, 1)
     own.close()
     assert Playback(own.recordings[0] / "cut.rrd").title == "own, episode 0"
 
@@ -139,7 +134,7 @@ def test_a_recording_is_shown_as_it_ends(make_env, tmp_path, monkeypatch) -> Non
     monkeypatch.setattr("edmsim.recording.rerun.viewer.LiveViewer", lambda *words: viewer)
     env = RecordRerun(make_env("GapFeed", episode_s=0.1), tmp_path, every=1, live=True)
     for _ in range(2):
-        played(env, 9)
+        rewarded(env, 9)
     assert shown == [True, True]
     env.close()
 

@@ -1,6 +1,7 @@
 """Shifts: by the clock, a test cut first, water that drifts."""
 
 import pickle
+from itertools import repeat
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from edmsim.machine.ranges import with_values
 from edmsim.machine.setting import flushing_Pa
 from edmsim.plant.constants import faces_Pa
 
+from .conftest import infos_of, played
+
 
 @pytest.fixture(scope="module")
 def weak():
@@ -27,15 +30,11 @@ def weak():
 
 def test_a_lost_wire_costs_its_time_and_nothing_else(make_env, weak):
     """Three wires of a minute's threading fit into 150 s by the clock, though each breaks in its first second."""
-    env = make_env("ThinWireShift", machine=weak, episode_s=150.0)
-    env.reset(seed=1)
-    late, costs, terms = False, 0.0, 0.0
-    while not late:
-        observed, _, over, late, info = env.step(np.array([-1.0, 0.0], np.float32))
-        assert not over, info
-        costs, terms = costs + info["cost"], terms + info["reward_terms"]["wire_break"]
-    assert info["wires_lost"] == costs == 3
-    assert terms == 0.0
+    steps = played(make_env("ThinWireShift", machine=weak, episode_s=150.0), repeat([-1.0, 0.0]))
+    observed, _, over, late, info = steps[-1]
+    assert (over, late) == (False, True)
+    assert info["wires_lost"] == sum(step[4]["cost"] for step in steps) == 3
+    assert not any(step[4]["reward_terms"]["wire_break"] for step in steps)
     assert 150.0 <= info["time_s"] < 182.0
     assert info["dt_s"] > 60.0
     assert observed[-2] == 1.0  # the share of the shift that is over
@@ -51,13 +50,8 @@ def test_the_threading_of_a_wire_that_breaks_last_is_in_the_rate(weak):
 
 
 def test_a_test_cut_earns_nothing(make_env):
-    env = make_env("MaxRateShift", test_s=1.0)
-    env.reset(seed=1)
-    found = []
-    for _ in range(16):
-        *_, info = env.step(np.array([-1.0, 0.0], np.float32))
-        found.append((info["time_s"], info["area_mm2"], info["path_um"]))
-    time_s, area, path_um = np.array(found).T
+    infos = infos_of(make_env("MaxRateShift", test_s=1.0), [[-1.0, 0.0]] * 16)
+    time_s, area, path_um = (np.array([info[name] for info in infos]) for name in ("time_s", "area_mm2", "path_um"))
     assert (area[time_s <= 1.0] == 0.0).all()
     assert area[time_s > 1.11].min() > 0.0
     assert path_um[time_s <= 1.0][-1] > 5.0
@@ -80,20 +74,20 @@ def test_a_drifting_plant_is_deterministic_copies_go_on_and_the_next_shift_is_fr
     other = make_env("ThinWireShift", episode_s=4.0, decision_s=0.1, flushing_left=1.0, conductivity_uS_cm=None)
     action = np.array([-1.0, -0.5], np.float32)
 
-    def played(env, steps):
+    def steps_of(env, steps):
         return [np.append(observed, reward) for observed, reward, *_ in (env.step(action) for _ in range(steps))]
 
     env.reset(seed=3)
-    first = played(env, 8)
+    first = steps_of(env, 8)
     copied = pickle.loads(pickle.dumps(env.unwrapped))
-    on = played(env, 8)
-    assert np.array_equal(on, played(copied, 8))
+    on = steps_of(env, 8)
+    assert np.array_equal(on, steps_of(copied, 8))
     plant = env.unwrapped._batch.sub_envs.fleet.plants[0]
     assert flushing_Pa(plant.machine)[0] < 0.95 * flushing_Pa(env.unwrapped.family.base)[0]
     env.reset(seed=3)
-    assert np.array_equal(first, played(env, 8))
+    assert np.array_equal(first, steps_of(env, 8))
     other.reset(seed=3)
-    assert not np.array_equal(on, played(other, 16)[8:])
+    assert not np.array_equal(on, steps_of(other, 16)[8:])
     env.reset()
     env.step(action)
     assert flushing_Pa(plant.machine)[0] > 0.99 * flushing_Pa(env.unwrapped.family.base)[0]

@@ -5,6 +5,7 @@ import pickle
 import re
 import subprocess
 import sys
+from itertools import repeat
 
 import gymnasium as gym
 import matplotlib.style
@@ -20,19 +21,12 @@ from edmsim.envs.registry import env_id_of
 from edmsim.errors import InputError
 from edmsim.recording.figures.palette import VERMILION, rgb
 
-from .conftest import NAMES
+from .conftest import NAMES, infos_of, played
 
 
-def run(env, actions, seed=None):
-    """Step through actions; returns observations, rewards, endings and machine times, bit for bit."""
-    first, _ = env.reset(seed=seed)
-    rows = [first.tobytes()]
-    for action in actions:
-        observation, reward, terminated, truncated, info = env.step(action)
-        rows.append((observation.tobytes(), reward, terminated, truncated, info["time_s"]))
-        if terminated or truncated:
-            break
-    return rows
+def bits(env, actions):
+    """Observations, rewards, endings and machine times of an episode, bit for bit."""
+    return [(seen.tobytes(), *more, info["time_s"]) for seen, *more, info in played(env, actions, seed=7)]
 
 
 @pytest.mark.slow
@@ -58,9 +52,8 @@ def test_name_with_its_module_needs_no_import():
 def test_same_seed_same_trajectory(make_env, env_name, actions_of):
     env, other = make_env(env_name), make_env(env_name)
     actions = actions_of(env.action_space, 60, 1)[:, 0]
-    first = run(env, actions, seed=7)
-    assert run(env, actions, seed=7) == first
-    assert run(other, actions, seed=7) == first
+    first = bits(env, actions)
+    assert bits(env, actions) == bits(other, actions) == first
     env.reset(seed=8)
     one, two = (e.unwrapped._batch.sub_envs.scenarios[0] for e in (env, other))
     assert one.plant_seed != two.plant_seed
@@ -140,22 +133,15 @@ def test_going_back_and_forth_gains_nothing(make_env):
 
 
 def test_progress_is_the_path_that_was_cut(make_env):
-    env = make_env("GapFeed", action="speed")
-    env.reset(seed=1)
-    infos = [env.step(np.array([0.25], np.float32))[4] for _ in range(400)]
+    infos = infos_of(make_env("GapFeed", action="speed"), [[0.25]] * 400)
     cut_um = sum(info["area_mm2"] for info in infos) / 20e-3
     assert cut_um == pytest.approx(infos[-1]["path_um"], abs=15)  # the wire leads or lags by some um
 
 
 def test_pushing_against_metal_gains_nothing_and_ends_the_episode(make_env):
-    env = make_env("GapFeed", action="speed", planner="exact")
-    env.reset(seed=1)
-    rewards, over = [], False
-    while not over:
-        _, reward, over, _, info = env.step(np.array([0.9], np.float32))
-        if info["short"] == 255:
-            rewards.append(reward)
-    assert info["cause"] in ("persistent-short", "out-of-range")
+    steps = played(make_env("GapFeed", action="speed", planner="exact"), repeat([0.9]))
+    rewards = [reward for _, reward, *_, info in steps if info["short"] == 255]
+    assert steps[-1][4]["cause"] in ("persistent-short", "out-of-range")
     assert len(rewards) > 10
     assert set(rewards[:-1]) == {-0.5}
     assert rewards[-1] == pytest.approx(-0.5 - 60 / 0.0255)  # another wire has to be threaded
@@ -202,8 +188,8 @@ def test_machine_may_be_passed(make_env):
 ])  # fmt: skip
 def test_feed_changes_by_the_action(make_env, planner, start_um_s, actions, feeds_um_s):
     env = make_env("GapFeed", start_feed_um_s=start_um_s, max_change_um_s=2.0, planner=planner)
-    env.reset(seed=1)
-    assert [env.step(np.array([a], np.float32))[4]["feed_um_s"] for a in actions] == pytest.approx(feeds_um_s)
+    infos = infos_of(env, np.transpose([actions]))
+    assert [info["feed_um_s"] for info in infos] == pytest.approx(feeds_um_s)
 
 
 def test_discrete_levels(make_env):

@@ -1,6 +1,7 @@
 """Episodes for a controller, bit for bit as the environment's; the table, terms of the reward, and planners."""
 
 from dataclasses import fields
+from itertools import repeat
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import edmsim
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.envs import Task, Weights
 from edmsim.errors import InputError
+
+from .conftest import played
 
 
 def test_a_task_is_its_environment(make_env, env_name, make_task):
@@ -71,6 +74,8 @@ def test_it_refuses_what_it_cannot_do(make_task):
     task.reset(seed=1)
     with pytest.raises(InputError, match="feed_um_s is nan"):
         task.advance(float("nan"))
+    with pytest.raises(InputError, match="offset_um is inf: give a finite number"):
+        task.advance(5.0, offset_um=float("inf"))
     while not (result := task.advance(50.0)).over:
         pass
     assert result.done
@@ -91,9 +96,7 @@ def small_table(own_file):
 
 def test_a_small_table_is_not_left(make_env, env_name, small_table):
     env = make_env(env_name, machine=edmsim.Machine.load(small_table), action="speed")
-    env.reset(seed=1)
-    for _ in range(5):
-        *_, over, _, info = env.step(np.full(env.action_space.shape, 0.1, np.float32))
+    *_, over, _, info = played(env, [np.full(env.action_space.shape, 0.1)] * 5)[-1]
     assert not over, info["cause"]
 
 
@@ -142,10 +145,7 @@ def test_single(make_env, env_name, feed, end):
 
 def test_at_the_path_s_end(make_env):
     env = make_env("GapFeed", action="speed", length_mm=0.005, weights=ALL)
-    env.reset(seed=1)
-    over = False
-    while not over:
-        _, reward, over, _, info = env.step(np.array([0.2], np.float32))
+    for _, reward, *_, info in played(env, repeat([0.2])):
         assert sum(info["reward_terms"].values()) == pytest.approx(reward, abs=ROUNDING)
     assert info["cause"] == "done"
     assert info["path_um"] == pytest.approx(5.0, abs=1e-6)

@@ -1,5 +1,7 @@
 """ThinWire: what is remembered of the wires, and laws that go on after a break."""
 
+from itertools import repeat
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,8 @@ from edmsim.controllers import make
 from edmsim.controllers.feed.laws import ClimbController
 from edmsim.evaluation.episode import Episode
 from edmsim.machine.ranges import with_values
+
+from .conftest import played
 
 
 @pytest.fixture(scope="module")
@@ -19,14 +23,9 @@ def weak():
 
 def test_the_operator_remembers_the_wires(make_env, weak):
     env = make_env("ThinWire", machine=weak, wires=3, episode_s=30.0)
-    observed, _ = env.reset(seed=1)
-    assert observed[-4:].tolist() == [0, 0, 0, 0]
-    rows, over = [], False
-    while not over:
-        observed, _, over, late, info = env.step(np.array([-1.0, 0.0], np.float32))
-        over = over or late
-        rows.append((info["wires_lost"], *observed[-4:].tolist()))
-    lost, share, age, spent, broke_at = np.array(rows).T
+    assert env.reset(seed=1)[0][-4:].tolist() == [0, 0, 0, 0]
+    steps = played(env, repeat([-1.0, 0.0]))
+    lost, share, age, spent, broke_at = np.array([(info["wires_lost"], *seen[-4:]) for seen, *_, info in steps]).T
     assert lost[-1] == 3
     np.testing.assert_allclose(share, lost / 3, atol=1e-6)
     assert (np.diff(spent) > 0).all()
@@ -39,8 +38,7 @@ def test_the_operator_remembers_the_wires(make_env, weak):
 def test_a_wire_is_remembered_at_the_setting_that_broke_it(make_env, weak):
     """The next wire begins at the first setting again, which is not the one to remember."""
     env = make_env("ThinWire", machine=weak, wires=3, episode_s=30.0)
-    env.reset(seed=1)
-    observed, _, _, _, info = env.step(np.array([-1.0, 0.1], np.float32))
+    ((observed, *_, info),) = played(env, [[-1.0, 0.1]])
     assert info["wires_lost"] > 1
     assert info["t_period_us"] / info["t_on_us"] == 5.0
     assert observed[-1] == pytest.approx(np.log2(5.5) / 10)

@@ -99,14 +99,6 @@ def test_sub_environments_lead_their_guides_as_cuts_do(make_task):
     assert task.plant.commanded_um == (x, y)
 
 
-@pytest.mark.parametrize("offset_um", [np.nan, np.inf])
-def test_an_offset_is_a_finite_number(make_task, offset_um):
-    task = make_task("GapFeed")
-    task.reset(seed=1)
-    with pytest.raises(InputError, match=r"offset_um is .*: give a finite number"):
-        task.advance(5.0, offset_um=offset_um)
-
-
 def test_what_is_drawn_is_within_its_ranges(make_env):
     env = make_env("Trim")
     family = env.unwrapped.family

@@ -7,6 +7,14 @@ from edmsim import models
 from edmsim.validation import setups
 
 
+def fill(plant, **values):
+    """Set arrays of a plant's state, those along the wire in all its slices."""
+    state = plant.snapshot()
+    for name, value in values.items():
+        state[name][: plant.resolution.slices] = value
+    plant.restore(state)
+
+
 @pytest.fixture(scope="session")
 def machine():
     return edmsim.Machine.load()

@@ -19,6 +19,8 @@ from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.kernel.state import ARC, SHORT, SPARK, STATE, Arrays, allocate, sizes_of
 from edmsim.plant.resolution import resolution
 
+from .conftest import fill
+
 FAST = resolution("fast")
 
 
@@ -177,9 +179,7 @@ def loaded(in_a_hole, machine, gap_um, debris, mean_um, **constants):
     crater_um3 = 1e-15 * 1e9 * 22.0 * discharge_current_A(stagnant) * 300e-6
     size = {"base.gap.particle_share": mean_um / crater_um3 ** (1 / 3)}
     plant = in_a_hole(stagnant, gap_um, **(SPARSE | size | constants))
-    state = plant.snapshot()
-    state["debris"][: plant.resolution.slices] = debris
-    plant.restore(state)
+    fill(plant, debris=debris)
     return plant
 
 
@@ -302,9 +302,7 @@ def test_a_short_leaves_the_clock_of_the_ions_alone(in_a_hole, machine):
     assert spark.spark == 1
     quiet = plant.snapshot()["state"]["since_discharge_us"][0]
     assert quiet == pytest.approx(100.0 - 30.0)
-    state = plant.snapshot()
-    state["debris"][: plant.resolution.slices] = 1.0  # certainly bridges the gap
-    plant.restore(state)
+    fill(plant, debris=1.0)  # certainly bridges the gap
     for n in (1, 2, 3):
         assert plant.advance_pulse().short == 1
         assert plant.snapshot()["state"]["since_discharge_us"][0] == pytest.approx(quiet + 100.0 * n)

@@ -24,6 +24,8 @@ from edmsim.plant.kernel.state import GRID, Arrays, allocate, sizes_of
 from edmsim.plant.mechanics.film import edge_loss_kg_m2, mean_resistance
 from edmsim.plant.resolution import resolution
 
+from .conftest import fill
+
 FAST = resolution("fast")
 
 
@@ -212,9 +214,7 @@ def test_the_kerf_of_a_plant_keeps_its_craters_where_no_jet_flushes_it(in_a_hole
 
 
 def loaded_kerf(plant, share=0.2):
-    state = plant.snapshot()
-    state["wake_debris"][: FAST.slices] = state["wake_gas"][: FAST.slices] = share
-    plant.restore(state)
+    fill(plant, wake_debris=share, wake_gas=share)
     while (state := plant.snapshot())["wake_gas"][0] == share:
         plant.advance_pulse()
     return state["wake_debris"][: FAST.slices], state["wake_gas"][: FAST.slices]
@@ -236,14 +236,9 @@ def test_jets_flush_the_kerf_slice_by_slice(in_a_hole, machine):
 @pytest.mark.parametrize(("gap", "held"), [(20.0, True), (None, False)])
 def test_along_a_wall_the_kerf_s_water_is_the_bath_s(gap, held, in_a_hole, machine):
     still = machine.with_(flushing_lower_Pa=0.0, flushing_upper_Pa=0.0)
-    if held:
-        state = in_a_hole(still, gap).snapshot()
-        plant = in_a_hole(still, gap)
-    else:
-        plant = edmsim.Plant(still, 1, resolution="fast")  # the wire is in front of a block
-        state = plant.snapshot()
-    state["wake_debris"][: FAST.slices] = state["wake_gas"][: FAST.slices] = 0.2
-    plant.restore(state)
+    # not held, the wire is in front of a block
+    plant = in_a_hole(still, gap) if held else edmsim.Plant(still, 1, resolution="fast")
+    fill(plant, wake_debris=0.2, wake_gas=0.2)
     plant.advance()
     state = plant.snapshot()
     if held:
@@ -288,10 +283,7 @@ def one_discharge(in_a_hole, machine, share, dryness=0.0):
         "base.discharge.crater_cv": 0.0, "base.dielectric.viscosity_Pa_s": 1e-9, "base.dielectric.edge_loss": 0.0,
     })  # fmt: skip
     plant.advance_pulse()
-    state = plant.snapshot()
-    state["covered"][:] = share
-    state["wire_q"][:] = state["wire_v"][:] = 0.0
-    plant.restore(state)
+    fill(plant, covered=share, wire_q=0.0, wire_v=0.0)
     window = plant.advance_pulse()
     assert window.spark == 1
     after = plant.snapshot()
@@ -323,10 +315,8 @@ def one_arc(in_a_hole, machine, arc_share=0.45):
         "base.gap.deionisation_us": 1e7,
     })  # fmt: skip
     spark = plant.advance_pulse()
-    state = plant.snapshot()
-    pushed = math.hypot(*np.linalg.norm(state["wire_v"], axis=1))
-    state["wire_q"][:] = state["wire_v"][:] = 0.0
-    plant.restore(state)
+    pushed = math.hypot(*np.linalg.norm(plant.snapshot()["wire_v"], axis=1))
+    fill(plant, wire_q=0.0, wire_v=0.0)
     arc = plant.advance_pulse()
     assert (spark.spark, arc.arc) == (1, 1)
     return spark, arc, pushed, math.hypot(*np.linalg.norm(plant.snapshot()["wire_v"], axis=1))

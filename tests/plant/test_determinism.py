@@ -12,6 +12,8 @@ import pytest
 
 import edmsim
 
+from .conftest import fill
+
 HASH = """
 import hashlib, edmsim
 plant = edmsim.Plant(edmsim.Machine.load(), seed=11, resolution="fast")
@@ -110,10 +112,8 @@ def test_a_new_wire_starts_at_rest_at_its_place_and_time(machine):
     plant = plant_of(machine)
     run(plant)
     water = "debris", "steam", "gas", "covered", "wake_debris", "wake_gas"
-    before, state = plant.time_ns, plant.snapshot()
-    for name in water:
-        state[name][:5] = 0.1
-    plant.restore(state)
+    before = plant.time_ns
+    fill(plant, **dict.fromkeys(water, 0.1))
     plant.rethread((30_000.0, 31_000.0), 60 * 10**9)
     assert plant.time_ns == before + 60 * 10**9
     assert plant.commanded_um == (30_000.0, 31_000.0)

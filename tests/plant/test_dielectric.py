@@ -23,6 +23,8 @@ from edmsim.plant.gap.water import (
 )
 from edmsim.plant.resolution import resolution
 
+from .conftest import fill
+
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=15)
 SPARC = {"base": 0.3, "per_um": 0.02, "ceiling": 0.95, "steepness": 500.0}
 
@@ -249,9 +251,7 @@ def test_a_loaded_slot_flows_more_slowly(in_a_hole, machine):
     changes = []
     for debris in (1e-6, 0.2):
         plant = in_a_hole(machine, 200.0)
-        state = plant.snapshot()
-        state["debris"][: plant.resolution.slices] = debris
-        plant.restore(state)
+        fill(plant, debris=debris)
         while (left := plant.snapshot()["debris"][0]) == debris:
             plant.advance_pulse()
         changes.append(debris / left - 1)
@@ -296,9 +296,7 @@ def test_bubbles_that_pump_leave_less_debris(machine, altered, drive):
 
 def test_a_gap_full_of_debris_shorts_until_it_is_flushed(in_a_hole, machine):
     plant = in_a_hole(machine, 30.0)
-    state = plant.snapshot()
-    state["debris"][: plant.resolution.slices] = 1.0
-    plant.restore(state)
+    fill(plant, debris=1.0)
     windows = [plant.advance() for _ in range(60)]
     assert windows[0].short > 20
     assert windows[0].debris < 1.0

@@ -4,6 +4,7 @@ import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import shapely
 
@@ -15,7 +16,7 @@ from edmsim.recording.report import Corner, Kerf, Origin, ProfileErrors, Report,
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.scene import ErrorMap, Scene, polylines
-from edmsim.recording.windows import Closeups, Frames, WindowTable
+from edmsim.recording.windows import ROW_NAMES, Closeups, Frames, WindowTable
 
 N_WINDOWS = 3000
 N_SLICES = 9
@@ -25,6 +26,41 @@ START_MM = np.array([19.0, 19.0])
 OFFSET_MM = 0.155
 GAS = np.linspace(0.0, 0.6, N_SLICES)
 """Share of the wire's front under gas, per slice."""
+NOTHING = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
+"""What a cut left that did nothing."""
+LEAD = np.array([[path_um, 4.0, 0.0, -10.0, 30.0] for path_um in (0.0, 1e6)])
+"""`Scene.lead` of a wire that leads its lower guide by 0.1 mm per mm of height over -10 mm, 2 mm at mid height."""
+
+
+def changed(windows, **columns):
+    """Return a table of windows with other values in some columns."""
+    for name, values in columns.items():
+        at = windows.column_names.index(name)
+        windows = windows.set_column(at, windows.schema.field(at), pa.array(values))
+    return windows
+
+
+def table_of(rows):
+    """Return a table of windows of which only some values matter; the others are 0."""
+    table = WindowTable()
+    for row in rows:
+        table.append([row.get(name, 0.0) for name in ROW_NAMES])
+    return table.to_arrow()
+
+
+def closeups_of(rows, **values):
+    """Return a store of some close-ups with other values in some of their fields."""
+    store = Closeups(N_SLICES, N_RAYS, N_SLICES // 2)
+    for row in rows:
+        for name in row.dtype.names:
+            store.row[name] = values.get(name, row[name])
+        store.keep()
+    return store
+
+
+def texts(figure):
+    """Return all texts of a figure, a line each."""
+    return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
 
 
 def wire_path():

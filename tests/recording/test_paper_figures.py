@@ -5,7 +5,6 @@ import sys
 
 import matplotlib
 import numpy as np
-import pyarrow as pa
 import pytest
 
 import edmsim
@@ -30,12 +29,9 @@ from edmsim.recording.figures.cut import (
 )
 from edmsim.recording.figures.style import WIDTH_IN, write_figure
 from edmsim.recording.report import HeightError, KerfSlice, PassFigures, Report, Wall
-from edmsim.recording.scene import Scene
-from edmsim.recording.windows import WindowTable
+from edmsim.recording.windows import WindowTable, column
 
-
-def texts(figure):
-    return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
+from .conftest import LEAD, NOTHING, changed, texts
 
 
 def line(figure, label):
@@ -95,21 +91,14 @@ def test_every_figure_is_one_column_wide_and_needs_no_pyplot(cut, sample, monkey
 
 
 def test_labels_of_nearly_constant_series_are_not_cut_off(cut):
-    flat = {"mean_voltage_V": 29.999, "coverage": 0.0}
-    windows = cut.windows.slice(0, 20)
-    for name, value in flat.items():
-        series = pa.array(np.linspace(value, value + 0.001, 20))
-        windows = windows.set_column(windows.column_names.index(name), windows.schema.field(name), series)
-    figure = pulses_figure(windows)
+    rising = np.linspace(0.0, 0.001, 20)
+    figure = pulses_figure(changed(cut.windows.slice(0, 20), mean_voltage_V=29.999 + rising, coverage=rising))
     figure.canvas.draw()
     assert figure.get_tightbbox().x0 > -0.01
 
 
 def test_a_series_without_values_has_no_scale(cut):
-    name = "mean_delay_us"
-    unknown = pa.array(np.full(cut.windows.num_rows, np.nan))
-    windows = cut.windows.set_column(cut.windows.column_names.index(name), name, unknown)
-    figure = pulses_figure(windows)
+    figure = pulses_figure(changed(cut.windows, mean_delay_us=np.full(cut.windows.num_rows, np.nan)))
     assert [len(axes.get_yticks()) for axes in figure.axes if "delay" in axes.get_ylabel()] == [0]
     assert "not measured" in texts(figure)
 
@@ -129,18 +118,14 @@ def test_the_corner_shows_the_wire_behind_its_guides(cut):
     error = line(figure, "profile error (+ metal left)")
     assert np.abs(error[:, 0]).min() == 0.0
     # a drive's guides are behind what is commanded, and the wire behind them
-    windows, place = cut.windows, cut.windows.column_names.index("following_x_um")
-    late = windows.set_column(place, windows.schema.field(place), pa.array(np.full(len(windows), 3.0)))
-    led = corner_figure(cut.scene, late, 1)
+    led = corner_figure(cut.scene, changed(cut.windows, following_x_um=np.full(len(cut.windows), 3.0)), 1)
     for name, before in (("guides", guides), ("wire", wire)):
         on_edge = (before[:, 0] < -200) & (before[:, 0] > -600)
         np.testing.assert_allclose((before - line(led, name))[on_edge], [[3.0, 0.0]] * on_edge.sum(), atol=1e-9)
     assert error[np.abs(error[:, 0]).argmin(), 1] == pytest.approx(cut.scene.maps[0].error_um[500], abs=1e-9)
     # a wire that leans is shown at mid height, here 2 mm beside its lower guide
-    scene = dataclasses.replace(cut.scene, lead=np.array([[at, 4.0, 0.0, -10.0, 30.0] for at in (0.0, 1e6)]))
-    place = windows.column_names.index("x_um")
-    shifted = pa.array(windows.column("x_um").to_numpy() - 2000.0)
-    leaning = corner_figure(scene, windows.set_column(place, windows.schema.field(place), shifted), 1)
+    scene = dataclasses.replace(cut.scene, lead=LEAD)
+    leaning = corner_figure(scene, changed(cut.windows, x_um=column(cut.windows, "x_um") - 2000.0), 1)
     np.testing.assert_allclose(line(leaning, "guides"), guides, atol=1e-9)
     np.testing.assert_allclose(line(leaning, "wire"), wire, atol=1e-9)
 
@@ -176,9 +161,8 @@ def test_the_plane_holds_every_window_and_the_path_between(cut):
 
 @pytest.mark.slow
 def test_the_unit_of_small_currents_is_on_the_figure(cut):
-    place = cut.windows.column_names.index("mean_current_A")
-    small = pa.array(0.2 * cut.windows.column("mean_current_A").to_numpy())  # its ticks have more digits
-    figure = pulses_figure(cut.windows.set_column(place, cut.windows.schema.field(place), small))
+    small = 0.2 * column(cut.windows, "mean_current_A")  # its ticks have more digits
+    figure = pulses_figure(changed(cut.windows, mean_current_A=small))
     figure.canvas.draw()
     assert max(axes.yaxis.label.get_window_extent().x1 for axes in figure.axes) < figure.bbox.x1
 
@@ -268,13 +252,12 @@ def test_what_cannot_be_sampled_is_said(cut):
 
 
 def test_a_cut_that_left_nothing_says_so(cut):
-    scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
     nothing = WindowTable().to_arrow()
     empty = [{"height_mm": 10.0, "places": 0, "part": wall(np.nan), "rest": wall(np.nan)}]
     for figure, said in (
-        (error_figure(scene), "no profile error"),
-        (shares_figure(scene), "no shares"),
-        (corner_figure(scene, nothing), "no corner"),
+        (error_figure(NOTHING), "no profile error"),
+        (shares_figure(NOTHING), "no shares"),
+        (corner_figure(NOTHING, nothing), "no corner"),
         (kerf_figure(dataclasses.replace(cut.report, kerf_section=empty)), "no kerf"),
         (pulses_figure(nothing), "no pulses"),
         (plane_figure(nothing), "no pulses"),

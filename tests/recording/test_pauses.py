@@ -4,7 +4,6 @@ import dataclasses
 from itertools import combinations
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.text import Annotation
@@ -17,8 +16,6 @@ from edmsim.recording.film import Film
 from edmsim.recording.rerun.logs import growing_kerf
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.windows import (
-    ROW_NAMES,
-    WindowTable,
     broken,
     column,
     cut_alone,
@@ -28,18 +25,16 @@ from edmsim.recording.windows import (
     travel_direction,
 )
 
+from .conftest import changed, table_of
+
 PAUSE_S = 200.0
 
 
 def threaded(windows):
     """Let a wire be threaded half-way, in a place 5 mm away."""
-    half = len(windows) // 2
-    for name, by in (("t_s", PAUSE_S), ("x_um", 5000.0)):
-        values = column(windows, name).copy()
-        values[half:] += by
-        index = windows.column_names.index(name)
-        windows = windows.set_column(index, windows.schema.field(name), pa.array(values))
-    return windows
+    after = np.arange(len(windows)) >= len(windows) // 2
+    t_s, x_um = (column(windows, name) for name in ("t_s", "x_um"))
+    return changed(windows, t_s=t_s + PAUSE_S * after, x_um=x_um + 5000.0 * after)
 
 
 def test_breaks_are_found_and_lines_stop_there():
@@ -85,11 +80,10 @@ def test_travel_never_points_to_another_contour():
     path = np.arange(100) * 2.0
     x = np.where(path < 100, path, 5000.0)
     y = np.where(path < 100, 0.0, path - 100)
-    table = WindowTable()
-    for k, s in enumerate(path):
-        row = {"t_s": 0.1 * k + 60.0 * (s >= 100), "x_um": x[k], "y_um": y[k], "path_um": s}
-        table.append([row.get(name, 0.0) for name in ROW_NAMES])
-    ahead = travel_direction(table.to_arrow())
+    t_s = 0.1 * np.arange(100) + 60.0 * (path >= 100)
+    ahead = travel_direction(table_of(
+        {"t_s": at, "x_um": x, "y_um": y, "path_um": s} for at, x, y, s in zip(t_s, x, y, path, strict=True)
+    ))  # fmt: skip
     np.testing.assert_allclose(ahead[:50], np.tile([1.0, 0.0], (50, 1)))
     np.testing.assert_allclose(ahead[50:], np.tile([0.0, 1.0], (50, 1)))
 

@@ -3,16 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from edmsim.recording.rerun.write import MOST, events
-from edmsim.recording.windows import NAMES, WindowTable, column
+from edmsim.recording.windows import WindowTable, column
 
-
-def changed(cut, name, values):
-    at = NAMES.index(name)
-    return cut.windows.set_column(at, cut.windows.schema.field(at), pa.array(values))
+from .conftest import LEAD, changed
 
 
 def events_of(cut, windows, **report):
@@ -30,9 +26,8 @@ def test_begin_corners_and_end(cut):
 
 
 def test_a_wire_that_leans_passes_its_corners_at_mid_height(cut):
-    lead = np.array([[0.0, 4.0, 0.0, -10.0, 30.0], [1e6, 4.0, 0.0, -10.0, 30.0]])  # 2 mm at mid height
-    leaning = replace(cut.scene, lead=lead)
-    windows = changed(cut, "x_um", column(cut.windows, "x_um") - 2000.0)
+    leaning = replace(cut.scene, lead=LEAD)
+    windows = changed(cut.windows, x_um=column(cut.windows, "x_um") - 2000.0)
     upright = [event for event in events_of(cut, cut.windows) if "corner" in event[2]]
     assert [tuple(e) for e in events(windows, leaning, cut.report) if "corner" in e.text] == upright
 
@@ -41,8 +36,7 @@ def test_a_retract_says_how_far_and_why(cut):
     feed, path = (column(cut.windows, name).copy() for name in ("feed_um_s", "path_um"))
     feed[1000:1010] = -30.0
     path[1009] = path[999] - 25.0
-    windows = changed(cut, "feed_um_s", feed)
-    windows = windows.set_column(NAMES.index("path_um"), "path_um", pa.array(path))
+    windows = changed(cut.windows, feed_um_s=feed, path_um=path)
     (retract,) = [event for event in events_of(cut, windows) if "retract" in event[2]]
     short = 100 * column(cut.windows, "short")[999] / 255
     assert retract[:2] == (1000, "WARN")
@@ -52,10 +46,8 @@ def test_a_retract_says_how_far_and_why(cut):
 def test_settings_and_threading(cut):
     on, t_s = (column(cut.windows, name).copy() for name in ("t_on_us", "t_s"))
     on[1500:] = 12.0
-    windows = changed(cut, "t_on_us", on)
     t_s[2000:] += 60.0
-    windows = windows.set_column(0, "t_s", pa.array(t_s))
-    texts = {row: text for row, _, text in events_of(cut, windows)}
+    texts = {row: text for row, _, text in events_of(cut, changed(cut.windows, t_on_us=on, t_s=t_s))}
     assert texts[1500] == "generator set to 12 µs of 100 µs"
     assert texts[2000].startswith("wire threaded at X ")
     assert texts[2000].endswith("after 61 s")
@@ -71,6 +63,7 @@ def test_how_it_ended_has_its_weight(cut, outcome, level, text):
 
 def test_too_many_are_thinned_and_none_is_fine(cut):
     feed = np.where(np.arange(3000) % 2 == 0, 20.0, -20.0)
-    retracts = [event for event in events_of(cut, changed(cut, "feed_um_s", feed)) if "retract" in event[2]]
+    windows = changed(cut.windows, feed_um_s=feed)
+    retracts = [event for event in events_of(cut, windows) if "retract" in event[2]]
     assert len(retracts) == MOST
     assert events_of(cut, WindowTable().to_arrow()) == []

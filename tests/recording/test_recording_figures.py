@@ -15,10 +15,11 @@ from edmsim.recording.figures.style import NotebookFigure, write_figure
 from edmsim.recording.scene import Scene, Terrace
 from edmsim.recording.windows import WindowTable
 
+from .conftest import NOTHING, changed, texts
 
-def texts(cut, scene, **report):
-    figure = profile_figure(scene, cut.windows, dataclasses.replace(cut.report, **report), "punch.ngc")
-    return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
+
+def drawn(cut, scene, **report):
+    return texts(profile_figure(scene, cut.windows, dataclasses.replace(cut.report, **report), "punch.ngc"))
 
 
 @pytest.mark.slow
@@ -37,17 +38,9 @@ def test_pyplot_is_never_loaded(cut, monkeypatch):
 
 @pytest.mark.slow
 def test_heading_corners_and_exaggeration_are_written(cut):
-    shown = texts(cut, cut.scene)
+    shown = drawn(cut, cut.scene)
     assert cut.scene.error_factor() == 50.0
-    for piece in (
-        "punch.ngc",
-        "finished",
-        "profile error drawn × 50",
-        "1 mm",
-        "20 µm of error",
-        "−10.2",
-        "−7.9",
-    ):
+    for piece in ("punch.ngc", "finished", "profile error drawn × 50", "1 mm", "20 µm of error", "−10.2", "−7.9"):
         assert piece in shown
 
 
@@ -75,7 +68,7 @@ def test_the_kerf_round_a_small_part_is_in_the_map():
 
 def test_a_stopped_cut_says_why_and_where(cut):
     scene = dataclasses.replace(cut.scene, stop_mm=(30.155, 23.0))
-    shown = texts(cut, scene, outcome="wire break", reason="the wire broke at 612 K")
+    shown = drawn(cut, scene, outcome="wire break", reason="the wire broke at 612 K")
     assert "stopped: the wire broke at 612 K" in shown
     assert "stopped here" in shown
 
@@ -123,15 +116,14 @@ def test_every_start_hole_has_its_rim(cut):
 
 @pytest.mark.slow
 def test_a_cut_that_left_nothing_can_be_drawn(cut, tmp_path):
-    scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
     report = dataclasses.replace(cut.report, machining_time_s=None, path_length_mm=None)
-    write_figure(profile_figure(scene, WindowTable().to_arrow(), report, "nothing"), f"{tmp_path}/profile.png")
+    write_figure(profile_figure(NOTHING, WindowTable().to_arrow(), report, "nothing"), f"{tmp_path}/profile.png")
     assert (tmp_path / "profile.png").stat().st_size > 10_000
 
 
 def test_long_cuts_are_drawn_with_few_points(cut):
     longer = pa.concat_tables([cut.windows] * 40)
-    longer = longer.set_column(0, longer.schema.field("t_s"), pa.array(0.05 * np.arange(len(longer))))
+    longer = changed(longer, t_s=0.05 * np.arange(len(longer)))
     figure = profile_figure(cut.scene, longer, cut.report, "long")
     assert max(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) <= 800
 

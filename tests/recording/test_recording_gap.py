@@ -14,6 +14,8 @@ from edmsim.recording.rerun.logs import AGES, SCOPE_PULSES, discharges, faded
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.windows import traces
 
+from .conftest import LEAD
+
 
 def test_traces_show_delay_burning_and_short(cut):
     table = cut.closeups.table()
@@ -92,7 +94,7 @@ def test_a_leaning_wire_has_its_discharges_and_its_path_in_the_kerf(cut, record,
     table["wire_um"][:, 0] += 2000.0
     pulses["slice"] = np.where(pulses["kind"] == OPEN, -1, np.arange(pulses.shape[1]) % slices)
     pulses["x_um"] = table["wire_um"][:, :1] + 100.0 * (heights[pulses["slice"]] - 10.0)
-    scene = replace(cut.scene, lead=np.array([[0.0, 4.0, 0.0, -10.0, 30.0], [1e6, 4.0, 0.0, -10.0, 30.0]]))
+    scene = replace(cut.scene, lead=LEAD)
     upright, play = play, Playback(record(
         tmp_path / "cut.rrd", scene=scene, windows=cut.windows.slice(0, 30),
         closeups=SimpleNamespace(table=lambda: table, stride=1),

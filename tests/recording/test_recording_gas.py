@@ -11,7 +11,9 @@ from edmsim.recording.figures.cut import pulses_figure
 from edmsim.recording.film import Film
 from edmsim.recording.rerun.logs import SMALLEST, shapes_of, travel_at, wire_strips
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.windows import Closeups, column
+from edmsim.recording.windows import column
+
+from .conftest import closeups_of
 
 RADIUS_UM, GAP_UM = 125.0, 15.0
 """Of the made-up cut."""
@@ -78,15 +80,11 @@ def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut, play):
 
 @pytest.mark.slow
 def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut, record, tmp_path):
-    closeups = Closeups(9, 32, 4)
     covered = np.array([0.0, 0.02, 0.06, 0.3, 0.5, 0.6, 0.1, 0.2, 0.9], np.float32)
-    for old in cut.closeups.table()[:8]:
-        for name in old.dtype.names:
-            closeups.row[name] = old[name]
-        closeups.row["coverage"] = covered
-        closeups.row["pulses"]["ray"] = np.arange(96) % 16
-        closeups.row["pulses"]["slice"] = np.where(np.arange(96) % 4 == 1, -1, np.arange(96) // 4 % 8)  # 8 has none
-        closeups.keep()
+    rows = cut.closeups.table()[:8].copy()
+    rows["pulses"]["ray"] = np.arange(96) % 16
+    rows["pulses"]["slice"] = np.where(np.arange(96) % 4 == 1, -1, np.arange(96) // 4 % 8)  # slice 8 has none
+    closeups = closeups_of(rows, coverage=covered)
     play, row = Playback(record(tmp_path / "cut.rrd", closeups=closeups)), closeups.table()[5]
     strips = [line * (1.0, -1.0) for line in play.strips("/top/gas", "LineStrips2D:strips", float(row["t_s"]))]
     radii = play.points("/top/gas", "LineStrips2D:radii", float(row["t_s"]))
@@ -103,11 +101,7 @@ def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut, rec
 
 @pytest.mark.slow
 def test_a_film_shows_gas_where_there_is_some(cut, play, record, tmp_path):
-    dry = Closeups(9, 32, 4)
-    for row in cut.closeups.table():
-        for name in row.dtype.names:
-            dry.row[name] = 0.0 if name == "coverage" else row[name]
-        dry.keep()
+    dry = closeups_of(cut.closeups.table(), coverage=0.0)
     t_s, without = float(cut.closeups.table()["t_s"][50]), Playback(record(tmp_path / "dry.rrd", closeups=dry))
     wet, dried = (Film(shown, 60).picture(t_s).astype(int) for shown in (play, without))
     rows, columns = np.nonzero(np.abs(wet - dried).max(axis=2) > 20)

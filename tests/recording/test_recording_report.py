@@ -34,7 +34,9 @@ from edmsim.recording.report import (
     summary,
     write_json,
 )
-from edmsim.recording.windows import ROW_NAMES, WindowTable
+from edmsim.recording.windows import WindowTable
+
+from .conftest import table_of
 
 NAN = math.nan
 
@@ -60,10 +62,7 @@ def nothing_known():
 
 def of_windows(*rows, totals=None):
     """A report of windows of which only some figures matter."""
-    table = WindowTable()
-    for row in rows:
-        table.append([row.get(name, 0.0) for name in ROW_NAMES])
-    return made_of(totals or Totals(1.0, 1.0, Sums(spark=1), 1.0, 1.0, 1.0, 1.0), table.to_arrow())
+    return made_of(totals or Totals(1.0, 1.0, Sums(spark=1), 1.0, 1.0, 1.0, 1.0), table_of(rows))
 
 
 def made_of(totals, windows, offset=None, **changes):

@@ -16,8 +16,10 @@ import rerun as rr
 from edmsim.recording.rerun.logs import face_mesh, log_errors, shapes_of, wire_strips
 from edmsim.recording.rerun.viewer import RERUN
 from edmsim.recording.rerun.write import ELECTRICAL, PROCESS, group_starts, recording_id, releasing
-from edmsim.recording.scene import PassFace, Scene, read_scene, write_scene
+from edmsim.recording.scene import PassFace, read_scene, write_scene
 from edmsim.recording.windows import NAMES, Closeups, Frames, WindowTable, column, group_means, lag_along_um
+
+from .conftest import NOTHING, changed
 
 
 def compare(one, two):
@@ -95,9 +97,7 @@ def test_all_series_are_there_to_the_last_bit(cut, read):
 
 
 def test_a_series_without_values_is_not_in_the_recording(cut, record, tmp_path):
-    unknown = pa.array(np.full(len(cut.windows), np.nan))
-    column_number = cut.windows.column_names.index("error_um")
-    windows = cut.windows.set_column(column_number, cut.windows.schema.field("error_um"), unknown)
+    windows = changed(cut.windows, error_um=np.full(len(cut.windows), np.nan))
     entities = Read(record(tmp_path / "cut.rrd", windows=windows)).entities()
     assert "/gap/gap_um" in entities
     assert "/gap/error_um" not in entities  # beside it the viewer draws no curve at all
@@ -171,8 +171,7 @@ def test_equal_cuts_compare_equal_and_others_do_not(cut, recording, read, record
     same = record(tmp_path / "same.rrd")
     assert compare(recording, same) == 0
     assert read.content() == Read(same).content()  # to the last bit: rerun allows a tolerance
-    feed = cut.windows.schema.field("feed_um_s")
-    other = cut.windows.set_column(3, feed, pa.array(column(cut.windows, "feed_um_s") + 0.01))
+    other = changed(cut.windows, feed_um_s=column(cut.windows, "feed_um_s") + 0.01)
     assert read.content() != Read(record(tmp_path / "other.rrd", windows=other)).content()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["other.rrd", "same.rrd"]
 
@@ -244,11 +243,10 @@ def test_a_stopped_or_empty_cut_is_recorded(cut, record, tmp_path):
     report = dataclasses.replace(cut.report, outcome="wire-break", reason="612 K")
     read = Read(record(tmp_path / "stopped.rrd", scene=stopped, report=report))
     assert read.column("/world/table/stop", "Points3D:labels") == [["stopped here"]]
-    nothing = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
     assert read.column("/events", "TextLog:level")[-1] == ["CRITICAL"]
     assert read.column("/events", "TextLog:text")[-1] == ["wire-break: 612 K"]
     empty = record(
-        tmp_path / "empty.rrd", scene=nothing, windows=WindowTable().to_arrow(), frames=Frames(9),
+        tmp_path / "empty.rrd", scene=NOTHING, windows=WindowTable().to_arrow(), frames=Frames(9),
         closeups=Closeups(9, 32, 4),
     )  # fmt: skip
     assert "/world/table/workpiece" in Read(empty).entities()

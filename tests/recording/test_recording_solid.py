@@ -26,6 +26,8 @@ from edmsim.recording.rerun.logs import (
 from edmsim.recording.scene import Terrace
 from edmsim.recording.windows import column
 
+from .conftest import LEAD
+
 
 def volume(mesh):
     """Return the volume by the divergence theorem; the normals say which side of a triangle is outside."""
@@ -98,11 +100,10 @@ def test_the_machine_is_drawn_as_its_mjcf_has_it():
 
 def test_a_leaning_wire_leaves_a_kerf_that_leans(cut):
     count, height_mm = len(cut.scene.cut_edges_mm), 20.0
-    lead = np.array([[0.0, 4.0, 0.0, -10.0, 30.0], [1e6, 4.0, 0.0, -10.0, 30.0]])
     square = np.array([(20.0, 20.0), (20.4, 20.0), (20.4, 20.4), (20.0, 20.4), (20.0, 20.0)])
     heights = (np.arange(count) + 0.5) / count * height_mm
     edges = tuple((np.column_stack([square[:, 0] + (z + 10.0) / 10.0, square[:, 1]]),) for z in heights)
-    scene = replace(cut.scene, lead=lead, cut_edges_mm=edges, terraces=())
+    scene = replace(cut.scene, lead=LEAD, cut_edges_mm=edges, terraces=())
     np.testing.assert_allclose(scene.lead_mm(np.array([0.0]), heights)[0, :, 0], (heights + 10.0) / 10.0)
     places = np.array([[20_200.0, 20_000.0], [20_200.0, 20_400.0]])
     solids = growing_kerf(scene, places, np.array([0.0, 400.0])).solids

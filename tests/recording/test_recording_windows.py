@@ -19,6 +19,8 @@ from edmsim.recording.windows import (
     write_windows,
 )
 
+from .conftest import changed, table_of
+
 
 def filled(n):
     table = WindowTable()
@@ -30,12 +32,10 @@ def filled(n):
 def motion(x_um, y_um, lag):
     """A table in which only place and lag matter."""
     path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x_um), np.diff(y_um)))])
-    table = WindowTable()
-    for x, y, s in zip(x_um, y_um, path, strict=True):
-        values = dict.fromkeys(ROW_NAMES, 1.0) | {"x_um": x, "y_um": y, "path_um": s}
-        values |= {"lag_x_um": lag[0], "lag_y_um": lag[1]}
-        table.append(list(values.values()))
-    return table.to_arrow()
+    return table_of(
+        {"x_um": x, "y_um": y, "path_um": s, "lag_x_um": lag[0], "lag_y_um": lag[1]}
+        for x, y, s in zip(x_um, y_um, path, strict=True)
+    )
 
 
 def test_columns_have_unit_and_meaning(cut):
@@ -127,7 +127,5 @@ def test_direction_is_zero_where_nothing_moves():
 
 def test_retracting_does_not_turn_the_direction():
     x = np.concatenate([np.arange(0, 300.0), np.arange(300.0, 280.0, -1), np.arange(280.0, 600.0)])
-    table = motion(x, np.zeros(len(x)), (2.0, 0.0))
-    path = np.concatenate([np.arange(0, 300.0), np.arange(300.0, 280.0, -1), np.arange(280.0, 600.0)])
-    table = table.set_column(NAMES.index("path_um"), table.schema.field("path_um"), pa.array(path))
+    table = changed(motion(x, np.zeros(len(x)), (2.0, 0.0)), path_um=x)
     np.testing.assert_allclose(lag_along_um(table), 2.0)

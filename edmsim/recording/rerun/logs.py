@@ -512,6 +512,7 @@ AGES = 6  # close-ups for which a discharge stays visible, while it fades
 SCOPE_PULSES = 12  # pulses on the oscilloscope
 SCOPE_WIDTH, VOLTAGE_HEIGHT, CURRENT_HEIGHT, SCOPE_SPACE = 420.0, 50.0, 32.0, 10.0
 """The oscilloscope's screen, in units of its view: width, heights of both traces, space between them."""
+_THIN = on_screen(0.5)  # radius of the lines of scales
 WALL_UM = 6.0  # half the width in um of the line drawn for metal; its inner side is the metal's edge
 _WIRE = (124, 92, 30)
 _NARROW_UM = 10.0  # rays with smaller gaps have the colour of shorts; near a spark's critical gap
@@ -580,19 +581,9 @@ def log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
     angle = np.linspace(0.0, 2 * np.pi, 73)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     rings = [radius * circle for radius in (50.0, 100.0, 150.0, 200.0, 250.0)]
-    recording.log(
-        "top/scale",
-        rr.LineStrips2D([[(-8, 0), (8, 0)], [(0, -8), (0, 8)], *rings], colors=[(58, 68, 80)], radii=on_screen(0.5)),
-        static=True,
-    )
-    recording.log(
-        "top/scale/um",
-        rr.Points2D(
-            [(0.0, -radius) for radius in (100.0, 150.0, 200.0)], labels=["100 µm", "150", "200"], show_labels=True,
-            colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5),
-        ),
-        static=True,
-    )  # fmt: skip
+    cross = [[(-8, 0), (8, 0)], [(0, -8), (0, 8)]]
+    recording.log("top/scale", rr.LineStrips2D([*cross, *rings], colors=[(58, 68, 80)], radii=_THIN), static=True)
+    _log_labels(recording, "top/scale/um", [(0.0, -100.0, "100 µm"), (0.0, -150.0, "150"), (0.0, -200.0, "200")])
     nominal = [turned(edge.nominal_mm * 1000.0) for edge in scene.maps]
     if nominal:
         lines = rr.LineStrips2D(nominal, colors=[palette.rgb(palette.GREEN)], radii=on_screen(0.8))
@@ -666,12 +657,15 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, spans: Sequence[t
         x = value * SCOPE_WIDTH / max(span_us, 1e-9)
         marks.append((x, low + 6.0, f"{value:g} µs"))
         lines.append([(x, 0.0), (x, low)])
-    recording.log("scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=on_screen(0.5)), static=True)
-    places, labels = [(x, y) for x, y, _ in marks], [text for *_, text in marks]
-    numbers = rr.Points2D(
-        places, labels=labels, show_labels=True, colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5)
-    )
-    recording.log("scope/scale", numbers, static=True)
+    recording.log("scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=_THIN), static=True)
+    _log_labels(recording, "scope/scale", marks)
+
+
+def _log_labels(recording: rr.RecordingStream, entity: str, labels: Sequence[tuple[float, float, str]]) -> None:
+    """Log the static labels of a scale, each with its place."""
+    places, texts = [(x, y) for x, y, _ in labels], [text for *_, text in labels]
+    grey = [palette.rgb(palette.MUTED)]
+    recording.log(entity, rr.Points2D(places, labels=texts, show_labels=True, colors=grey, radii=_THIN), static=True)
 
 
 def _ticks(most: float, count: int, least: float = 0.0) -> list[float]:

@@ -74,14 +74,8 @@ def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, st
     ]  # fmt: skip
     plots = [write.plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in curves]
     events = (write.events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES)
-    event_views = rrb.Horizontal(*events)
-    speed = write.playback_speed(max(s.end_s for s in sizes))
-    return rrb.Blueprint(
-        rrb.Horizontal(*columns, rrb.Vertical(*plots, event_views), column_shares=[3, 3, 4]),
-        rrb.TimePanel(state="collapsed", timeline=PATH, playback_speed=speed),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-    )
+    views = rrb.Horizontal(*columns, rrb.Vertical(*plots, rrb.Horizontal(*events)), column_shares=[3, 3, 4])
+    return write.played(views, PATH, max(s.end_s for s in sizes))
 
 
 RERUN = (sys.executable, "-c", "import sys; from rerun_cli.__main__ import main; sys.exit(main())")

@@ -125,17 +125,16 @@ def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
         rrb.Tabs(events_view("", "events"), rrb.TextDocumentView(origin="about", name="about this recording")),
         row_shares=[4, 1],
     )
+    return played(rrb.Horizontal(left, right, column_shares=[3, 2]), TIME, sizes.end_s)
+
+
+def played(views: rrb.Horizontal, timeline: str, end_s: float) -> rrb.Blueprint:
+    """Return a layout without panels; at its speed, a round number, the whole cut plays in about `PLAYED_S`."""
+    speed = round_number(max(end_s / PLAYED_S, 1.0))
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[3, 2]),
-        rrb.TimePanel(state="collapsed", timeline=TIME, playback_speed=playback_speed(sizes.end_s)),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
+        views, rrb.TimePanel(state="collapsed", timeline=timeline, playback_speed=speed),
+        rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"),
     )
-
-
-def playback_speed(end_s: float) -> float:
-    """Return the speed, a round number, at which the whole cut plays in about `PLAYED_S`."""
-    return round_number(max(end_s / PLAYED_S, 1.0))
 
 
 def _plots(plots: tuple[Plot, ...], name: str) -> rrb.Vertical:
