@@ -46,6 +46,8 @@ NOT_RUN = {
         "tests/learning/test_lag_example.py runs its parts",
     "edmsim evaluate edmsim/Corner-v3 --controllers policy:out/lag/policy.json":
         "it takes what the command before it leaves",
+    "edmsim cut examples/punch.ngc --out out/punch --resume":
+        "tests/test_nothing_lost.py interrupts cuts: here none is interrupted",
     "edmsim report out/punch --screenshots shots": "tests/recording/test_playback.py, where there is Vulkan",
 }  # fmt: skip
 """Commands of blocks that are checked but not run, and why."""
