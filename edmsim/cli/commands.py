@@ -18,7 +18,7 @@ from edmsim.cli.console import ERR, OUT, RESUME, interrupted, interruptible, pri
 from edmsim.cli.options import SET_UP, Environment, Json, Program, Quiet, Unset, settings_of, takes
 from edmsim.envs.registry import resolve
 from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED, InputError
-from edmsim.files import check_suffix, make_room, make_writable
+from edmsim.files import check_suffix, locked_file, make_room, make_writable
 from edmsim.user_code import listed, policy_of
 
 
@@ -403,17 +403,18 @@ def calibrate(
     set_up = fitting.machine_of(settings)
     for notice in (*notices, *fitting.held(settings, set_up, chosen)):
         say(notice)
-    with interruptible() as bar:
+    with locked_file(out, "edmsim calibrate"):
+        with interruptible() as bar:
 
-        def watch(progress: comparison.CalibrationProgress) -> None:
-            misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
-            bar.show("calibrate", text=f"{progress.cuts} of some {progress.usual} cuts simulated{misfit}")
+            def watch(progress: comparison.CalibrationProgress) -> None:
+                misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
+                bar.show("calibrate", text=f"{progress.cuts} of some {progress.usual} cuts simulated{misfit}")
 
-        found = calibration.calibrate(
-            table, set_up, chosen, seed=seed, resolution=settings.resolution, table=RunTable(runs), watch=watch
-        )
-    files = output.write(found, table.name, out, [name for name, _ in settings.overrides])
-    runs.unlink(missing_ok=True)
+            found = calibration.calibrate(
+                table, set_up, chosen, seed=seed, resolution=settings.resolution, table=RunTable(runs), watch=watch
+            )
+        files = output.write(found, table.name, out, [name for name, _ in settings.overrides])
+        runs.unlink(missing_ok=True)
     if json:
         sys.stdout.write(output.as_json(found, files) + "\n")
         return

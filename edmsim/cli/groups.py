@@ -14,7 +14,7 @@ import typer
 from edmsim.cli.console import ERR, OUT, interruptible, print_line, progress, say
 from edmsim.cli.options import SET_UP, Among, DriveAxis, Environment, Json, Quiet, Unset, settings_of, takes
 from edmsim.errors import BAD_INPUT, INTERRUPTED, STOPPED, InputError
-from edmsim.files import check_suffix, make_room, make_writable, replacing
+from edmsim.files import check_suffix, locked_file, make_room, make_writable, replacing
 
 Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
 ProcessCount = Annotated[
@@ -204,15 +204,16 @@ def technology(
     file = Path(f"{Path(material).stem}-{Path(job.wire).stem}.toml") if out is None else out
     job.check()
     make_room(file, "a technology", ".toml")
-    known = read_technology(str(file)) if file.exists() else None
-    if known is not None:
-        job.check_like(known, file)
     journal = file.with_suffix(".runs.jsonl")
-    with interruptible():
-        found = Search(job, (lambda text: None) if quiet else print_line, journal, at_height(known, job)).run()
-    with replacing(file) as partial:
-        partial.write_text(technology_text(job.technology(merged(known, found), known)), encoding="utf-8")
-    journal.unlink(missing_ok=True)
+    with locked_file(file, "edmsim tune technology"):
+        known = read_technology(str(file)) if file.exists() else None
+        if known is not None:
+            job.check_like(known, file)
+        with interruptible():
+            found = Search(job, (lambda text: None) if quiet else print_line, journal, at_height(known, job)).run()
+        with replacing(file) as partial:
+            partial.write_text(technology_text(job.technology(merged(known, found), known)), encoding="utf-8")
+        journal.unlink(missing_ok=True)
     set_up = f"--material {shlex.quote(material)} --height {job.height_mm:g} --resolution {job.resolution}"
     of_passes = f"--passes {passes} --technology {shlex.quote(str(file))}"
     print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM {set_up} {of_passes}")
