@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +32,7 @@ from edmsim.plant.constants import gap_law
 from edmsim.plant.gap.breakdown import GapLaw, slice_sums
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.rays import Rays
+from edmsim.plant.mechanics.engine import mujoco
 from edmsim.plant.plant import Plant
 from edmsim.program.path import CutPath, WireContour
 from edmsim.signals import noted
