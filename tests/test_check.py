@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -363,6 +364,14 @@ def test_passes_are_estimated_by_their_technology():
     assert [f"pass {one.number}, {one.offset_mm:.3f} mm" for one in found.passes] == [
         str(line.get_label()) for line in drawn if str(line.get_label()).startswith("pass ")
     ]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names of files are UTF-8")
+def test_a_program_whose_name_is_not_utf_8_is_drawn(edmsim, tmp_path):
+    program = tmp_path / "pr\udcf6gram.ngc"
+    shutil.copy(EXAMPLES / "punch.ngc", program)
+    assert edmsim("check", program, "--out", tmp_path / "path.png").status == 0
+    assert (tmp_path / "path.png").stat().st_size > 1000
 
 
 def test_what_a_technology_leaves_open_holds_in_every_pass():

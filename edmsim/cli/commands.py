@@ -109,7 +109,8 @@ def check(
         print_line(f"{name:<12}{text}")
     for notice in found.path.notices:
         print_line(f"note: {notice}")
-    write_figure(path_figure(found.path, program.name, 2e3 * found.machine.auto_offset_mm), picture)
+    title = program.name.encode("utf-8", "replace").decode()
+    write_figure(path_figure(found.path, title, 2e3 * found.machine.auto_offset_mm), picture)
     print_line(f"Written: {picture}")
     if unknown:
         raise typer.Exit(BAD_INPUT)
