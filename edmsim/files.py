@@ -153,24 +153,39 @@ def locked(folder: Path | None, who: str = "edmsim") -> Iterator[None]:
         return
     made = not folder.exists()
     make_writable(folder)
-    file = folder / _LOCK
+    try:
+        with _held(folder / _LOCK, f"another {who} is at work in this folder", folder):
+            yield
+    finally:
+        if made:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+@contextmanager
+def locked_file(file: Path, who: str) -> Iterator[None]:
+    """Lock an output file, in a folder that can be written to, for this process; raises `InputError` if it is."""
+    with _held(file.with_name(f"{_LOCK}-{file.name}"), f"another {who} is at work on this file", file):
+        yield
+
+
+@contextmanager
+def _held(lock_file: Path, refusal: str, what: Path) -> Iterator[None]:
+    """Hold a lock until the end; raises `InputError` if another process holds it."""
     from filelock import FileLock, Timeout
 
-    lock = FileLock(file, timeout=0)
+    lock = FileLock(lock_file, timeout=0)
     with suppress(OSError):  # a file system without locks
         try:
             lock.acquire()
         except Timeout:
-            raise InputError(f"another {who} is at work in this folder: wait, or give another", folder) from None
+            raise InputError(f"{refusal}: wait, or give another", what) from None
     try:
         yield
     finally:
         with suppress(OSError):
-            file.unlink(missing_ok=True)
+            lock_file.unlink(missing_ok=True)
         lock.release()
-        if made:
-            with suppress(OSError):
-                folder.rmdir()
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -365,6 +366,14 @@ def test_passes_are_estimated_by_their_technology():
     ]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names of files are UTF-8")
+def test_a_program_whose_name_is_not_utf_8_is_drawn(edmsim, tmp_path):
+    program = tmp_path / "pr\udcf6gram.ngc"
+    shutil.copy(EXAMPLES / "punch.ngc", program)
+    assert edmsim("check", program, "--out", tmp_path / "path.png").status == 0
+    assert (tmp_path / "path.png").stat().st_size > 1000
+
+
 def test_what_a_technology_leaves_open_holds_in_every_pass():
     settings = CutSettings(passes=3, height_mm=25.4, standoff_lower_mm=2.0, constants=["gap.critical_um=4"])
     machines = [one.machine for one in with_passes(EXAMPLES / "punch.ngc", settings).setups]
@@ -379,6 +388,29 @@ def test_a_single_pass_is_estimated_like_the_rough_one_of_several():
     assert one.offset_mm == technology_for("tool-steel").table(25.4, 1).offsets_mm[0]
     assert one.length_mm == pytest.approx(rough.length_mm, rel=0.05)
     assert one.seconds == pytest.approx(rough.seconds, rel=0.2)
+
+
+@pytest.mark.parametrize("technology", [None, "tool-steel-brass-254"])
+def test_a_wire_of_nearly_the_same_size_takes_the_technology_with_its_own_radius(technology):
+    found = {
+        wire: with_passes(
+            EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4, wire=wire, technology=technology)
+        ) for wire in ("brass-254", "brass-250", "brass-255")
+    }  # fmt: skip
+    offsets_um = {wire: [one.offset_um for one in passes.path.contours[0].passes] for wire, passes in found.items()}
+    assert offsets_um["brass-250"] == [um - 2 for um in offsets_um["brass-254"]]
+    assert offsets_um["brass-255"] == offsets_um["brass-254"]
+    thin = found["brass-250"]
+    assert {one.machine.wire_diameter_um for one in thin.setups} == {250.0}
+    assert thin.settings.wire == "brass-250"
+    told = {wire: [text for text in passes.path.notices if "brass" in text] for wire, passes in found.items()}
+    settings = "the settings of the passes are those for the wire brass-254; with"
+    assert told["brass-254"] == []
+    assert told["brass-250"] == [f"{settings} brass-250 their offsets are 2 um smaller, as its radius is"]
+    assert told["brass-255"] == [f"{settings} brass-255 their offsets are the same"]
+    for other in ("brass-200", "zinc-coated-brass-254"):
+        with pytest.raises(InputError, match=f"{other}|sets wire to 'brass-254'"):
+            with_passes(EXAMPLES / "punch.ngc", CutSettings(passes=3, wire=other, technology=technology))
 
 
 def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run(tmp_path):

@@ -175,25 +175,39 @@ def test_resume_with_other_settings_is_refused(cut_small, stopped, changed, name
 TWO = "G92 X0. Y1.\nG41 D1\nG1 Y0.\nX2.\nG40\nG0 X5. Y1.\nG41 D2\nG1 Y0.\nX7.\n"
 
 
+IN_PASSES = {"technology": "t.toml", "passes": 2, "height_mm": 25.4}
+CUT_WITH = "the interrupted cut was made with"
+
+
 @pytest.mark.parametrize(("file", "old", "new", "options", "message"), [
-    ("two.ngc", "X7.", "X7.1", {"offset": "0.2"}, "program two.ngc"),
-    ("a.toml", "D1 = 0.155\nD2 = 0.160\n", "D1 = 0.155\nD2 = 0.200\n", {"offsets": "a.toml"}, "wire path"),
-    ("a.json", '"clip": 10.0', '"clip": 1.0', {"controller": "policy:a.json"}, "controller policy:a.json"),
-    ("t.toml", "approach_share = 0.25", "approach_share = 0.5",
-     {"technology": "t.toml", "passes": 2, "height_mm": 25.4}, "passes"),
+    ("two.ngc", "X7.", "X7.1", {"offset": "0.2"}, "program two.ngc: not as in the interrupted cut; undo"),
+    ("a.toml", "D1 = 0.155\nD2 = 0.160\n", "D1 = 0.155\nD2 = 0.200\n", {"offsets": "a.toml"},
+     "wire path: not as in the interrupted cut; a.toml changed since then: undo"),
+    ("a.json", '"clip": 10.0', '"clip": 1.0', {"controller": "policy:a.json"},
+     "controller policy:a.json: not as in the interrupted cut; undo"),
+    ("t.toml", "approach_share = 0.25", "approach_share = 0.5", IN_PASSES,
+     "passes: not as in the interrupted cut; t.toml changed since then: undo"),
+    ("t.toml", "t_period_us = 33.2", "t_period_us = 34.0", IN_PASSES,
+     f"{CUT_WITH} t_period_us 33.2, not 34.0; t.toml changed since then: undo"),
+    ("t.toml", "step_um = 38.1", "step_um = 48.1", IN_PASSES,
+     "wire path: not as in the interrupted cut; t.toml changed since then: undo"),
+    ("m.toml", "value = 9.3e-3", "value = 9.2e-3", {"material": "m.toml"},
+     "constants: not as in the interrupted cut; m.toml changed since then: undo"),
 ])  # fmt: skip
 def test_resume_with_a_file_that_was_edited_is_refused(monkeypatch, tmp_path, file, old, new, options, message):
     monkeypatch.chdir(tmp_path)
     policy = models.path("policies/GapFeed-ppo.json")
     shutil.copy(policy.with_suffix(".npz"), "a.npz")
-    sources = {"a.toml": old, "a.json": policy.read_text(), "t.toml": models.path(STEEL).read_text(), "two.ngc": TWO}
+    sources = {"a.toml": old, "a.json": policy.read_text(), "t.toml": models.path(STEEL).read_text(), "two.ngc": TWO,
+               "m.toml": models.path("materials/tool-steel.toml").read_text()}  # fmt: skip
     Path("two.ngc").write_text(TWO)
     Path(file).write_text(sources[file])
     options = {"out": "out", "height_mm": 5.0, "resolution": "fast", **options}
     with pytest.raises(KeyboardInterrupt):
         edmsim.cut("two.ngc", watch=stop_after(2), **options)
-    Path(file).write_text(sources[file].replace(old, new))
-    with pytest.raises(InputError, match=f"{message}: not as in the interrupted cut"):
+    assert old in sources[file]
+    Path(file).write_text(sources[file].replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
         edmsim.cut("two.ngc", resume=True, **options)
 
 

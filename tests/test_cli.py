@@ -45,6 +45,17 @@ def test_version(edmsim):
     assert edmsim("--version") == (0, __version__ + "\n", "")
 
 
+def test_drawing_software_that_mujoco_cannot_load_is_refused_in_one_line(tmp_path):
+    program = Path(__file__).parents[1] / "examples/slot.iso"
+    command = [sys.executable, "-m", "edmsim", "cut", str(program), "--out", str(tmp_path / "out")]
+    env = {**os.environ, "MUJOCO_GL": "none"}
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("edmsim: MuJoCo cannot be loaded with MUJOCO_GL=none: unset this variable, or set")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.slow
 def test_finished_cut_reports_and_exits_0(tmp_path, edmsim):
     program, out = tmp_path / "line.ngc", tmp_path / "a" / "b"

@@ -1,6 +1,34 @@
-"""Output files are replaced completely; failures of writing are tested in `tests/test_nothing_lost.py`."""
+"""Output files are replaced completely, or not at all on a full disk; cuts are in `tests/test_nothing_lost.py`."""
+
+import sys
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
 
 from edmsim.files import replacing
+from edmsim.hil import Sensing
+from edmsim.hil.samples import SampleFile
+from edmsim.plant.kernel.state import OPEN
+from edmsim.recording.figures.style import write_figure
+
+from .hil.test_samples import made
+
+NO_LIMIT = pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size")
+
+
+@contextmanager
+def room_for(size):
+    """Let a file have at most this many bytes, as on a full disk."""
+    import resource
+
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_a_file_is_replaced_when_all_is_written(tmp_path):
@@ -11,3 +39,33 @@ def test_a_file_is_replaced_when_all_is_written(tmp_path):
         assert file.read_text() == "old"
         assert partial.parent == file.parent
     assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [("report.json", "new")]
+
+
+@NO_LIMIT
+@pytest.mark.parametrize("name", ["a.png", "a.pdf", "a.svg"])
+def test_a_figure_that_finds_no_room_leaves_the_former_one(tmp_path, name):
+    figure, file = Figure(), tmp_path / name
+    figure.add_subplot().plot(np.random.default_rng(0).random(1000))
+    file.write_bytes(b"former")
+    with room_for(1000), pytest.raises(OSError, match="File too large") as refused:
+        write_figure(figure, file)
+    assert refused.value.filename == str(file)
+    assert [(one.name, one.read_bytes()) for one in tmp_path.iterdir()] == [(name, b"former")]
+
+
+@NO_LIMIT
+@pytest.mark.parametrize("name", ["gap.wav", "gap.parquet"])
+@pytest.mark.parametrize("windows", [1, 600])  # written on closing, and before
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+def test_samples_that_find_no_room_leave_no_file_and_name_it(tmp_path, name, windows):
+    file = tmp_path / name
+
+    def written():
+        with SampleFile(file, Sensing(noise_V=1.0)) as samples:
+            for _ in range(windows):
+                samples.frame(made([OPEN] * 10))
+
+    with room_for(40), pytest.raises(OSError, match="File too large") as refused:
+        written()
+    assert refused.value.filename == str(file)
+    assert list(tmp_path.iterdir()) == []

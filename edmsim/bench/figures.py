@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 
 import edmsim
@@ -25,6 +24,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.hil.boards import BOARDS, Rig
 from edmsim.plant.constants import gap_law
 from edmsim.plant.gap import breakdown, generator, rays
+from edmsim.plant.mechanics.engine import mujoco
 from edmsim.program.path import CutPath, WireContour
 
 TIMED_WINDOWS = 200

@@ -96,7 +96,8 @@ def check(
         print_line(f"{name:<12}{text}")
     for notice in found.path.notices:
         print_line(f"note: {notice}")
-    style.write_figure(profile.path_figure(found.path, program.name, 2e3 * found.machine.auto_offset_mm), picture)
+    title = program.name.encode("utf-8", "replace").decode()
+    style.write_figure(profile.path_figure(found.path, title, 2e3 * found.machine.auto_offset_mm), picture)
     print_line(f"Written: {picture}")
     if unknown:
         raise typer.Exit(BAD_INPUT)
@@ -387,18 +388,19 @@ def calibrate(
     set_up = fitting.machine_of(settings)
     for notice in (*notices, *fitting.held(settings, set_up, chosen)):
         say(notice)
-    with interruptible() as bar:
+    with files.locked_file(out, "edmsim calibrate"):
+        with interruptible() as bar:
 
-        def watch(progress: comparison.CalibrationProgress) -> None:
-            misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
-            bar.show("calibrate", text=f"{progress.cuts} of some {progress.usual} cuts simulated{misfit}")
+            def watch(progress: comparison.CalibrationProgress) -> None:
+                misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
+                bar.show("calibrate", text=f"{progress.cuts} of some {progress.usual} cuts simulated{misfit}")
 
-        found = calibration.calibrate(
-            table, set_up, chosen, seed=seed, resolution=settings.resolution, table=runs.RunTable(journal),
-            watch=watch,
-        )
-    written = output.write(found, table.name, out, [name for name, _ in settings.overrides])
-    journal.unlink(missing_ok=True)
+            found = calibration.calibrate(
+                table, set_up, chosen, seed=seed, resolution=settings.resolution, table=runs.RunTable(journal),
+                watch=watch,
+            )
+        written = output.write(found, table.name, out, [name for name, _ in settings.overrides])
+        journal.unlink(missing_ok=True)
     if json:
         print_json(output.as_json(found, written))
         return

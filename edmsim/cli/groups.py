@@ -204,15 +204,16 @@ def technology(
     file = Path(f"{Path(material).stem}-{Path(job.wire).stem}.toml") if out is None else out
     job.check()
     files.make_room(file, "a technology", ".toml")
-    known = read_technology(str(file)) if file.exists() else None
-    if known is not None:
-        job.check_like(known, file)
     journal = file.with_suffix(".runs.jsonl")
-    with interruptible():
-        found = Search(job, (lambda text: None) if quiet else print_line, journal, at_height(known, job)).run()
-    with files.replacing(file) as partial:
-        partial.write_text(technology_text(job.technology(merged(known, found), known)), encoding="utf-8")
-    journal.unlink(missing_ok=True)
+    with files.locked_file(file, "edmsim tune technology"):
+        known = read_technology(str(file)) if file.exists() else None
+        if known is not None:
+            job.check_like(known, file)
+        with interruptible():
+            found = Search(job, (lambda text: None) if quiet else print_line, journal, at_height(known, job)).run()
+        with files.replacing(file) as partial:
+            partial.write_text(technology_text(job.technology(merged(known, found), known)), encoding="utf-8")
+        journal.unlink(missing_ok=True)
     set_up = f"--material {quoted(material)} --height {job.height_mm:g} --resolution {job.resolution}"
     of_passes = f"--passes {passes} --technology {quoted(file)}"
     print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM {set_up} {of_passes}")

@@ -154,6 +154,22 @@ class Cut(NamedTuple):
         return self.record.offset_um - self.record.wall.mean_um
 
 
+class Tried(NamedTuple):
+    """Figures of a cut by which the search decides; its wall's offset and bow are None if it did not finish."""
+
+    outcome: str
+    feed_mm_min: float
+    ra_um: float
+    last_offset_um: float | None
+    bow_um: float | None
+
+
+def _tried(cut: Cut) -> Tried:
+    wall = cut.record.wall
+    of_wall = (None, None) if wall is None else (cut.last_offset_um, wall.bow_um)
+    return Tried(cut.outcome, cut.record.feed_mm_min, cut.ra_um, *of_wall)
+
+
 class Search:
     """The search for the passes of one height; an interrupted search resumes from its table of runs.
 
@@ -166,43 +182,53 @@ class Search:
         job.check()
         self._job, self._tell = job, tell
         self._known = () if known is None else known.passes
-        self._made_with: dict[str, Any] = {}  # setting and offset of the last cut
+        self._ways: list[tuple[PassSetting, float]] = []  # setting and offset of the passes found, as they were cut
+        self._left: tuple[int, KerfField | None] = (0, None)  # the last pass whose metal is known, and that metal
+        self._last: tuple[PassSetting, float, KerfField | None] | None = None  # the last cut; metal if it was made
         self._runs = runs.RunTable(journal, {
             **{name: value for name, value in asdict(job).items() if name != "passes"},
             "files": sorted(runs.digests_of(asdict(job).values()).values()), "edmsim": __version__,
         })  # fmt: skip
 
     def run(self) -> AtHeight:
-        """Search, and return the passes. After Ctrl-C, the same search resumes after the runs in the journal."""
-        done = [row.get("passes", ()) for row in self._runs.rows.values()]
-        longest = max((passes for passes in done if len(passes) <= self._job.passes), key=len, default=())
-        found = [PassSetting.model_validate(one) for one in longest]
-        found = self._passes(list(self._known) if len(found) < len(self._known) else found)
+        """Search, and return the passes. After Ctrl-C, the same search makes only the cuts that are missing."""
+        found = self._passes()
         return self._with_offsets(AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)}))
 
-    def _passes(self, found: list[PassSetting]) -> list[PassSetting]:
-        """Return the job's passes; those already found are cut again if others follow, which need the metal left."""
-        metal: KerfField | None = None
-        offset_mm = FIRST_MM
+    def _passes(self) -> list[PassSetting]:
+        """Return the known passes, and those of the job that are missing."""
+        found, offset_mm = list(self._known), FIRST_MM
         if len(found) >= self._job.passes:
             return found
-        for number, target in enumerate(TARGETS[: self._job.passes], 1):
-            if number <= len(found):
-                one, row = found[number - 1], self._runs.rows.get(str(number))
-                made: dict[str, Any] = {"setting": one, "offset_mm": offset_mm} if row is None else row["cut"]
-                cut = self._cut(PassSetting.model_validate(made["setting"]), number, made["offset_mm"], metal)
-            else:
-                if metal is None:
-                    one, cut = self._rough(target)
-                    found = [one]
-                else:  # its stock determines the step from the pass before, and thus its offset
-                    one, cut, step_um = self._trim(target, number, offset_mm, metal, found[-1])
-                    offset_mm -= round(step_um, 1) * 1e-3
-                    found = [*found[:-1], found[-1].model_copy(update={"step_um": round(step_um, 1)}), one]
-                passes = [setting.model_dump() for setting in found]
-                self._runs.add({"id": str(number), "passes": passes, "cut": self._made_with})
-            metal, offset_mm = cut.metal, offset_mm - one.step_um * 1e-3
+        for one in found:
+            self._ways.append((one, offset_mm))
+            offset_mm -= one.step_um * 1e-3
+        for number in range(len(found) + 1, self._job.passes + 1):
+            target = TARGETS[number - 1]
+            if number == 1:
+                found = [self._rough(target)]
+            else:  # its stock determines the step from the pass before, and thus its offset
+                one, step_um = self._trim(target, number, offset_mm, found[-1])
+                offset_mm -= round(step_um, 1) * 1e-3
+                found = [*found[:-1], found[-1].model_copy(update={"step_um": round(step_um, 1)}), one]
+            self._settle(number)
         return found
+
+    def _settle(self, number: int) -> None:
+        """Let the next pass follow the last cut."""
+        assert self._last is not None
+        one, offset_mm, metal = self._last
+        self._ways.append((one, offset_mm))
+        if metal is not None:
+            self._left = number, metal
+
+    def _metal(self) -> KerfField | None:
+        """Return the metal that the passes found leave; those that an earlier search found are cut again for it."""
+        first, metal = self._left
+        for number, (one, offset_mm) in enumerate(self._ways[first:], first + 1):
+            metal = self._make(one, number, offset_mm, metal).metal
+            self._left = number, metal
+        return metal
 
     def _with_offsets(self, at: AtHeight) -> AtHeight:
         """Return passes with the offsets at which straight cuts through all of them would meet the drawing."""
@@ -236,15 +262,15 @@ class Search:
             }))  # fmt: skip
         return at.model_copy(update={"passes": tuple(passes), "resolution": self._job.resolution})
 
-    def _rough(self, target: PassTarget) -> tuple[PassSetting, Cut]:
+    def _rough(self, target: PassTarget) -> PassSetting:
         """Shorten the pause until the wire breaks or the cut is not faster, and lengthen it again a little."""
         one = self._setting(target, 1)
         machine = self._job.machine_of(one)
         least_us = self._least_period_us(machine)
         period_us, best, held = one.t_period_us, 0.0, 0.0
         while period_us > least_us:
-            cut = self._cut(one.model_copy(update={"t_period_us": round(period_us, 1)}), 1, FIRST_MM, None)
-            rate = cut.record.feed_mm_min * self._job.height_mm
+            cut = self._cut(one.model_copy(update={"t_period_us": round(period_us, 1)}), 1, FIRST_MM)
+            rate = cut.feed_mm_min * self._job.height_mm
             if cut.outcome != "finished" or rate < NO_GAIN * best:
                 held = period_us / SHORTENING if cut.outcome == "finished" else period_us * GENTLE
                 break
@@ -252,27 +278,27 @@ class Search:
         held = max(held, least_us)
         for _ in range(MOST_BREAKS):
             one = one.model_copy(update={"t_period_us": round(held, 1)})
-            cut = self._cut(one, 1, FIRST_MM, None)
+            cut = self._cut(one, 1, FIRST_MM)
             if cut.outcome == "finished":
-                return self._with_found(one, cut, 0.0), cut
+                return self._with_found(one, cut, 0.0)
             held *= GENTLE
         raise InputError(f"no rough pass was found that holds: {cut.outcome} at a period of {held:.1f} us")
 
     def _trim(
-        self, target: PassTarget, number: int, offset_mm: float, metal: KerfField, before: PassSetting
-    ) -> tuple[PassSetting, Cut, float]:
+        self, target: PassTarget, number: int, offset_mm: float, before: PassSetting
+    ) -> tuple[PassSetting, float]:
         """Find the step and power with which a trim removes its stock at its feed."""
         one = self._setting(target, number)
         same = one.generator == before.generator
         last_um = before.last_offset_um if same else self._radius_um + 0.3 * (before.last_offset_um - self._radius_um)
         for _ in range(MOST_TRIES):
             step_um = max(target.stock_um + before.last_offset_um - last_um, 0.0)
-            cut = self._cut(one, number, offset_mm - step_um * 1e-3, metal)
-            if cut.record.wall is None:  # the wire went into the metal, or the pulses were too few
+            cut = self._cut(one, number, offset_mm - step_um * 1e-3)
+            if cut.last_offset_um is None:  # the wire went into the metal, or the pulses were too few
                 last_um, one = last_um + SHALLOWER_UM, self._stronger(one)
                 continue
             took_um = step_um - before.last_offset_um + cut.last_offset_um
-            feed_share = cut.record.feed_mm_min / one.feed_mm_min
+            feed_share = cut.feed_mm_min / one.feed_mm_min
             off = abs(took_um - target.stock_um) > max(STOCK_SHARE * target.stock_um, STOCK_UM)
             rough = abs(cut.ra_um / target.ra_um - 1.0) > RA_SHARE
             if not (off or rough) and feed_share >= FEED_REACHED:
@@ -282,9 +308,9 @@ class Search:
                 one = self._with_ra(one, target.ra_um / cut.ra_um)
             if feed_share < FEED_REACHED:
                 one = self._stronger(one)
-        if cut.record.wall is None:
+        if cut.last_offset_um is None:
             raise InputError(f"pass {number} did not come to its end: {cut.outcome}")
-        return self._with_found(one, cut, took_um), cut, step_um
+        return self._with_found(one, cut, took_um), step_um
 
     def _with_ra(self, one: PassSetting, share: float) -> PassSetting:
         """Return a setting with coarser or finer craters, whose volume is proportional to the current."""
@@ -329,17 +355,28 @@ class Search:
             last_offset_um=self._radius_um, found=_found(0.0, 0.0, 0.0, 0.0),
         )  # fmt: skip
 
-    def _with_found(self, one: PassSetting, cut: Cut, took_um: float) -> PassSetting:
-        assert cut.record.wall is not None
-        feed = cut.record.feed_mm_min if one.feed == "adaptive" else one.feed_mm_min
+    def _with_found(self, one: PassSetting, cut: Tried, took_um: float) -> PassSetting:
+        assert cut.last_offset_um is not None
+        assert cut.bow_um is not None
+        feed = cut.feed_mm_min if one.feed == "adaptive" else one.feed_mm_min
         return one.model_copy(update={
             "last_offset_um": round(cut.last_offset_um, 1), "feed_mm_min": round(feed, 3),
-            "found": _found(cut.record.feed_mm_min, took_um, cut.ra_um, cut.record.wall.bow_um),
-        })
+            "found": _found(cut.feed_mm_min, took_um, cut.ra_um, cut.bow_um),
+        })  # fmt: skip
 
-    def _cut(self, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
+    def _cut(self, one: PassSetting, number: int, offset_mm: float) -> Tried:
+        """Return the figures of a cut on the metal that the passes found leave, from the table if it has them."""
+        cuts = [[setting.model_dump(), mm] for setting, mm in (*self._ways, (one, offset_mm))]
+        run, metal = runs.identity({"cuts": cuts}), None
+        if run not in self._runs.rows:
+            cut = self._make(one, number, offset_mm, self._metal())
+            metal = cut.metal
+            self._runs.add({"id": run, "tried": _tried(cut)._asdict()})
+        self._last = one, offset_mm, metal
+        return Tried(**self._runs.rows[run]["tried"])
+
+    def _make(self, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
         cut = cut_pass(self._job, one, number, offset_mm, metal)
-        self._made_with = {"setting": one.model_dump(), "offset_mm": offset_mm}
         wall = cut.record.wall
         said = (
             f"pass {number}: {one.t_on_us:g} us and {one.peak_current_A:g} A in {one.t_period_us:g} us: "

@@ -9,6 +9,7 @@ import math
 import wave
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Self
 
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from edmsim.errors import InputError, methods_refuse_wrong_types
-from edmsim.files import check_suffix
+from edmsim.files import check_suffix, naming
 from edmsim.hil.boards import NO_TIME_S, Rig, next_due_s
 from edmsim.hil.gap import Frame
 from edmsim.numeric import finite, whole_from
@@ -197,17 +198,24 @@ class FrameFile(ABC):
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Close the file; without a frame it is removed, and an existing file of that name is kept."""
-        self._close()
-        if self._has_frames:
-            self._partial.replace(self._file)
-        else:
-            self._partial.unlink()
+        """Close the file; if it has no frame or the disk is full, it is removed, and an existing file is kept."""
+        try:
+            with naming(self._file):
+                self._close()
+                if self._has_frames:
+                    self._partial.replace(self._file)
+        finally:
+            self._partial.unlink(missing_ok=True)
 
     def frame(self, frame: Frame) -> None:
         """Write a frame."""
         self._has_frames = True
-        self._take(frame)
+        try:
+            with naming(self._file):
+                self._take(frame)
+        except OSError:  # a full disk: what has been written cannot be read
+            self._has_frames = False
+            raise
 
     @abstractmethod
     def _open(self) -> None: ...
@@ -248,10 +256,11 @@ class SampleFile(FrameFile):
         self._writer = pyarrow.parquet.ParquetWriter(self._partial, pyarrow.schema(kinds), compression="zstd")
 
     def _close(self) -> None:
-        self._write()
-        self._writer.close()
-        if self._sound is not None:
-            self._sound.close()
+        with ExitStack() as last:  # closes all of them, also on a full disk
+            if self._sound is not None:
+                last.callback(self._sound.close)
+            last.callback(self._writer.close)
+            self._write()
 
     def _take(self, frame: Frame) -> None:
         self._rows.append(self._sampler.samples(frame))

@@ -29,6 +29,7 @@ from edmsim.recording.report import duration_text, outcome_text
 
 CHECKPOINT = "checkpoint.npz"  # file in the output folder, deleted after the results are written
 CHECKPOINT_EVERY_S = 60.0  # wall time between checkpoints of a long cut
+_FILES = "files"  # entry of a checkpoint's settings: digests of the files that they name, for the refusal of a change
 CHECKPOINT_FORMAT = 12  # increased when the contents of a checkpoint change; other formats are refused
 
 _Options = ParamSpec("_Options")
@@ -93,7 +94,9 @@ def cut(program: str | Path, **options: Any) -> CutResult:
         if not (folder / CHECKPOINT).exists():
             raise InputError("there is no interrupted cut to resume in this folder", folder)
     with files.locked(folder), signals.noted() as pending:
-        run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, pending)
+        named = runs.digests_of([str(program), *made_with.values()])
+        digests = {Path(file).name: digest for file, digest in named.items()}
+        run = _Run(simulation, folder, {**made_with, "seed": settings.seed, _FILES: digests}, pending)
         run.begin(running.resume, running.overwrite)
         tell("cutting")
         with located(user_code.file_of(made_with["controller"])):
@@ -327,17 +330,22 @@ def load_checkpoint(simulation: Simulation, file: Path, settings: Mapping[str, A
 
 def _compare(stored: Mapping[str, Any], expected: Mapping[str, Any], file: Path) -> None:
     # digests last, because the name and value of a setting are more informative
-    for name in sorted(stored.keys() | expected.keys(), key=lambda name: (name.endswith("sha256"), name)):
+    for name in sorted((stored.keys() | expected.keys()) - {_FILES}, key=lambda one: (one.endswith("sha256"), one)):
         if _unplaced(stored.get(name)) == _unplaced(expected.get(name)):
             continue
+        undo = "undo the change, or use --overwrite"
         if name.endswith("_sha256"):
             what = name.removesuffix("_sha256")
             named = f" {expected[what]}" if isinstance(expected.get(what), str) else ""
-            what = f"{what.replace('_', ' ')}{named}"
-            raise InputError(f"{what}: not as in the interrupted cut; undo the change, or use --overwrite", file)
-        raise InputError(
-            f"the interrupted cut was made with {name} {stored.get(name)!r}, not {expected.get(name)!r}", file
-        )
+            reason, remedy = f"{what.replace('_', ' ')}{named}: not as in the interrupted cut", f"; {undo}"
+        else:
+            reason = f"the interrupted cut was made with {name} {stored.get(name)!r}, not {expected.get(name)!r}"
+            remedy = ""
+        now, before = expected.get(_FILES, {}), stored.get(_FILES, {})
+        edited = [one for one, found in now.items() if one not in reason and before.get(one, found) != found]
+        if edited:
+            remedy = f"; {' and '.join(edited)} changed since then: {undo}"
+        raise InputError(reason + remedy, file)
 
 
 def _unplaced(value: Any) -> Any:

@@ -17,7 +17,15 @@ from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import guide_bends, mean_current_A
-from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
+from edmsim.machine.technology import (
+    OF_PASS,
+    PassSetting,
+    PassTable,
+    Technology,
+    read_technology,
+    technology_for,
+    thinner_um,
+)
 from edmsim.plant.constants import screws
 from edmsim.plant.gap.generator import timing
 from edmsim.program import arcs, taper
@@ -192,7 +200,7 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
     """Return settings with those of the technology and its rough pass; refuse options that contradict them."""
     rough = table.settings[0]
     decided: dict[str, Any] = {
-        "machine": technology.machine, "wire": technology.wire, "planner": technology.planner,
+        "machine": technology.machine, "wire": _wire_of(settings, technology), "planner": technology.planner,
         "controller": rough.controller(),
         **{name: getattr(rough, own) for name, own in OF_PASS.items()},
     }  # fmt: skip
@@ -215,10 +223,27 @@ def technology_of(settings: CutSettings) -> Technology:
     return technology_for(settings.material, _chosen(settings, "machine"), _chosen(settings, "wire"))
 
 
+def _wire_of(settings: CutSettings, technology: Technology) -> str:
+    """Return the wire of a cut in passes: that of the technology, or the one chosen if it is nearly the same."""
+    chosen = settings.wire
+    usual = chosen == CutSettings.model_fields["wire"].default
+    return technology.wire if usual or thinner_um(chosen, technology.wire) is None else chosen
+
+
 def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTable:
-    """Return the offsets and settings of a technology, with a notice if it is for another material."""
+    """Return the offsets and settings of a technology, with notices if it is for another material or wire."""
     height_mm, material = settings.workpiece.greatest_mm, settings.material
     table = technology.table(height_mm, passes)
+    wire = _wire_of(settings, technology)
+    if wire != technology.wire:
+        less_um = round((thinner_um(wire, technology.wire) or 0.0) / 2)
+        than = "smaller" if less_um > 0 else "larger"
+        how = f"{abs(less_um)} um {than}, as its radius is" if less_um else "the same"
+        table = table._replace(
+            offsets_mm=tuple(round(mm - less_um * 1e-3, 3) for mm in table.offsets_mm),
+            notices=(*table.notices, f"the settings of the passes are those for the wire {technology.wire}; with "
+                                     f"{wire} their offsets are {how}"),
+        )  # fmt: skip
     if table.resolution not in (None, settings.resolution):
         moved = (
             f"the offsets of the passes were measured at the resolution {table.resolution}; at {settings.resolution} "

@@ -181,12 +181,11 @@ class Machine(SetUp):
         except ValidationError as error:
             raise refusal(error, SetUpOptions, "a set-up") from None
         name = str(name)
-        wire_name, diameter = _split_wire(chosen.wire)
-        wire, generator = read(Wire, "wires", wire_name), read(Generator, "generators", chosen.generator)
+        wire_name, wire, diameter = read_wire(chosen.wire)
+        generator = read(Generator, "generators", chosen.generator)
         base, material = read(Base, "machines", name), read(Material, "materials", chosen.material)
         if name.endswith(".toml"):
             base = base.model_copy(update={"model": own_mjcf(base.model, name)})
-        diameter = wire.default_diameter_um.value if diameter is None else diameter
         usual_tension = wire.stress_MPa.value * (math.pi / 4 * (diameter * 1e-3) ** 2)
         machine = Machine(
             name=name, wire_name=wire_name, material_name=chosen.material, generator_name=chosen.generator,
@@ -275,6 +274,13 @@ def _checked(name: str, value: float | str | None) -> float | str | None:
     """Return an operator's choice as a set-up stores it; only those that override a constant may be None."""
     unset = value is None and name in Choices.model_fields
     return value if unset or name == "pulse_shape" else finite(name, value)
+
+
+def read_wire(chosen: str) -> tuple[str, Wire, float]:
+    """Return name, constants and diameter in um of a wire, named as ``brass-254`` or by your own file."""
+    name, diameter = _split_wire(chosen)
+    wire = read(Wire, "wires", name)
+    return name, wire, wire.default_diameter_um.value if diameter is None else diameter
 
 
 def _split_wire(wire: str) -> tuple[str, float | None]:

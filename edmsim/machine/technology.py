@@ -12,12 +12,15 @@ from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar
 from pydantic import Field, model_validator
 
 from edmsim.errors import InputError, refuses_wrong_types
-from edmsim.machine.machine import Machine, read
+from edmsim.machine.machine import Machine, read, read_wire
 from edmsim.machine.options import USUAL_MACHINE, SetUpOptions, available
 from edmsim.machine.parts import Part
 from edmsim.numeric import Number
 
 _BEYOND = 1.6  # greatest ratio of a height to the nearest height of a technology (ours)
+_NEAR_WIRE = 0.02
+"""Greatest difference of two diameters, as a share, at which a wire takes the technology of the other (ours: 0.25 and
+0.254 mm, ten thousandths of an inch, are one size)."""
 _Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 _Any = Annotated[Number, Field(allow_inf_nan=False)]
 _Part = TypeVar("_Part", bound=Part)
@@ -238,10 +241,21 @@ def read_technology(file: str | Path) -> Technology:
     return read(Technology, "technologies", str(file))
 
 
+def thinner_um(wire: str, than: str) -> float | None:
+    """Return by how much a wire is thinner than another of its kind; None if it is another, or of another size."""
+    (name, _, diameter_um), (other, _, other_um) = read_wire(wire), read_wire(than)
+    near = name == other and abs(diameter_um / other_um - 1.0) <= _NEAR_WIRE
+    return other_um - diameter_um if near else None
+
+
 def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
-    """Return the technology of a material, or of that with the nearest removal; optionally for machine and wire."""
+    """Return the technology of a material, or of that with the nearest removal; optionally for machine and wire.
+
+    It may be for a wire of nearly this diameter: see `thinner_um`.
+    """
     known = [read_technology(name) for name in available("technologies")]
-    fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
+    on_machine = [one for one in known if machine in (None, one.machine)]
+    fitting = [one for one in on_machine if wire is None or thinner_um(wire, one.wire) is not None]
     if not fitting:
         named = {what: name for what, name in (("machine", machine), ("wire", wire)) if name}
         usual_wire = SetUpOptions.model_fields["wire"].default

@@ -10,6 +10,7 @@ from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology_search
 from edmsim.evaluation.technology_search import TARGETS, Cut, Job, Search, technology_text
+from edmsim.files import locked_file
 from edmsim.machine.technology import read_technology
 from edmsim.metrology.kerf import WallError
 
@@ -170,6 +171,47 @@ def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path, monk
     journal.write_text("{\n")
     with pytest.raises(InputError, match="the journal is damaged"):
         Search(Job("tool-steel", passes=3), messages.append, journal).run()
+
+
+@pytest.mark.parametrize("before", range(1, 11))
+def test_an_interrupted_search_repeats_no_trial(tmp_path, monkeypatch, before):
+    cuts, ends_after = [], 99
+
+    def noted(job, one, number, offset_mm, metal):
+        if len(cuts) == ends_after:
+            raise KeyboardInterrupt
+        cuts.append((number, one, offset_mm))
+        assert metal == (None if number == 1 else number - 1)  # what the pass before left
+        return answer(job, one, number, offset_mm, number)
+
+    monkeypatch.setattr(technology_search, "cut_pass", noted)
+    journal = tmp_path / "steel.runs.jsonl"
+    whole, all_cuts = Search(Job("tool-steel", passes=3), lambda text: None).run(), list(cuts)
+    last = {cut[0]: cut for cut in all_cuts}
+    assert len(all_cuts) == 11
+    cuts.clear()
+    ends_after = before
+    with pytest.raises(KeyboardInterrupt):
+        Search(Job("tool-steel", passes=3), lambda text: None, journal).run()
+    cuts.clear()
+    ends_after = 99
+    resumed = Search(Job("tool-steel", passes=3), lambda text: None, journal).run()
+    assert resumed == whole
+    missing = all_cuts[before:]
+    assert cuts == [last[k] for k in range(1, missing[0][0])] + missing  # passes that were found, for their metal
+
+
+def test_two_searches_do_not_share_a_file(edmsim, tmp_path):
+    file = tmp_path / "steel.toml"
+    words = ("tune", "technology", "tool-steel", "--passes", 1, "--out", file)
+    with locked_file(file, "edmsim tune technology"):
+        refused = edmsim(*words)
+        assert refused.status == 2
+        assert f"{file}: another edmsim tune technology is at work on this file: wait, or give another" in refused.err
+        beside = edmsim(*words[:-1], tmp_path / "beside.toml")
+        assert beside.status == 0
+    assert edmsim(*words).status == 0
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["beside.toml", "steel.toml"]
 
 
 def test_the_command_writes_a_technology_and_adds_heights(edmsim, tmp_path):

@@ -100,7 +100,7 @@ class TableMechanics:
 
     def _make_ready(self, drive: DriveSetup) -> None:
         """Disable the linear motors, set the backlash of the nuts, and use plain Euler steps."""
-        import mujoco
+        from edmsim.plant.mechanics.engine import mujoco
 
         model = self.model
         for axis in "xy":
@@ -189,7 +189,7 @@ def dofs_of(model: mujoco.MjModel, joints: list[str]) -> NDArray[np.int64]:
 
 def _address_of_step() -> int:
     """Return the address of ``mj_step`` in the library that the Python bindings have loaded."""
-    import mujoco
+    from edmsim.plant.mechanics.engine import mujoco
 
     function = ctypes.CDLL(mujoco._functions.__file__).mj_step
     return cast("int", ctypes.cast(function, ctypes.c_void_p).value)

@@ -58,7 +58,7 @@ def read_mjcf(model_file: str) -> mujoco.MjSpec:
 
 @functools.lru_cache(maxsize=8)  # reading takes four times as long as adapting to a wire and compiling
 def _read_mjcf(model_file: str, _version: int) -> mujoco.MjSpec:
-    import mujoco
+    from edmsim.plant.mechanics.engine import mujoco
 
     try:
         spec = mujoco.MjSpec.from_file(str(models.path(model_file)))
@@ -145,7 +145,7 @@ class Modes:
 
 def linearise(model: mujoco.MjModel) -> Linear:
     """Return mass, damping, stiffness and input matrix of slide and hinge joints at rest, all at their reference."""
-    import mujoco
+    from edmsim.plant.mechanics.engine import mujoco
 
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -459,7 +459,7 @@ def _check_alike(linear: Linear, wire_x: list[int], wire_y: list[int]) -> None:
 
 def wire_heights(model: mujoco.MjModel) -> tuple[Array, float]:
     """Return the nodes' heights above the lower guide and the distance of the guides, in m."""
-    import mujoco
+    from edmsim.plant.mechanics.engine import mujoco
 
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

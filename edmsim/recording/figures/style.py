@@ -96,9 +96,12 @@ def write_figure(figure: Figure, file: str | pathlib.Path) -> None:
     make_writable(file.parent)
     with replacing(file) as partial:
         if kind == "png":
-            partial.write_bytes(figure_png(figure))
+            content = figure_png(figure)
         else:
-            figure.savefig(partial, format=kind)
+            memory = io.BytesIO()  # because savefig ends in other errors on a full disk
+            figure.savefig(memory, format=kind)
+            content = memory.getvalue()
+        partial.write_bytes(content)
 
 
 def quiet(axes: Axes) -> None:

@@ -9,7 +9,6 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 import pyarrow as pa
 import rerun as rr
@@ -20,6 +19,7 @@ from edmsim.geometry import Floats, arc_lengths, interpolated, left_of
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
+from edmsim.plant.mechanics.engine import mujoco
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.playback import PATH, TIME
 from edmsim.recording.scene import PassFace, Scene, grid_triangles
