@@ -17,15 +17,7 @@ from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import guide_bends, mean_current_A
-from edmsim.machine.technology import (
-    OF_PASS,
-    PassSetting,
-    PassTable,
-    Technology,
-    read_technology,
-    technology_for,
-    thinner_um,
-)
+from edmsim.machine.technology import OF_PASS, PassSetting, PassTable, Technology, read_technology, technology_for
 from edmsim.plant.constants import screws
 from edmsim.plant.gap.generator import timing
 from edmsim.program import arcs, taper
@@ -227,7 +219,7 @@ def _wire_of(settings: CutSettings, technology: Technology) -> str:
     """Return the wire of a cut in passes: that of the technology, or the one chosen if it is nearly the same."""
     chosen = settings.wire
     usual = chosen == CutSettings.model_fields["wire"].default
-    return technology.wire if usual or thinner_um(chosen, technology.wire) is None else chosen
+    return technology.wire if usual or technology.thinner_um(chosen) is None else chosen
 
 
 def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTable:
@@ -236,7 +228,7 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
     table = technology.table(height_mm, passes)
     wire = _wire_of(settings, technology)
     if wire != technology.wire:
-        less_um = round((thinner_um(wire, technology.wire) or 0.0) / 2)
+        less_um = round((technology.thinner_um(wire) or 0.0) / 2)
         than = "smaller" if less_um > 0 else "larger"
         how = f"{abs(less_um)} um {than}, as its radius is" if less_um else "the same"
         table = table._replace(

@@ -136,6 +136,12 @@ class Technology(Part):
             raise ValueError("heights must rise")
         return self
 
+    def thinner_um(self, wire: str) -> float | None:
+        """Return by how much a wire is thinner than the technology's; None if it is of another kind or size."""
+        (name, _, diameter_um), (own, _, own_um) = read_wire(wire), read_wire(self.wire)
+        near = name == own and abs(diameter_um / own_um - 1.0) <= _NEAR_WIRE
+        return own_um - diameter_um if near else None
+
     @refuses_wrong_types
     def table(self, height_mm: float, passes: int) -> PassTable:
         """Return offsets and settings for a height and a number of passes, interpolated between heights.
@@ -241,21 +247,14 @@ def read_technology(file: str | Path) -> Technology:
     return read(Technology, "technologies", str(file))
 
 
-def thinner_um(wire: str, than: str) -> float | None:
-    """Return by how much a wire is thinner than another of its kind; None if it is another, or of another size."""
-    (name, _, diameter_um), (other, _, other_um) = read_wire(wire), read_wire(than)
-    near = name == other and abs(diameter_um / other_um - 1.0) <= _NEAR_WIRE
-    return other_um - diameter_um if near else None
-
-
 def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
     """Return the technology of a material, or of that with the nearest removal; optionally for machine and wire.
 
-    It may be for a wire of nearly this diameter: see `thinner_um`.
+    It may be for a wire of nearly this diameter: see `Technology.thinner_um`.
     """
     known = [read_technology(name) for name in available("technologies")]
     on_machine = [one for one in known if machine in (None, one.machine)]
-    fitting = [one for one in on_machine if wire is None or thinner_um(wire, one.wire) is not None]
+    fitting = [one for one in on_machine if wire is None or one.thinner_um(wire) is not None]
     if not fitting:
         named = {what: name for what, name in (("machine", machine), ("wire", wire)) if name}
         usual_wire = SetUpOptions.model_fields["wire"].default
