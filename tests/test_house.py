@@ -3,7 +3,7 @@
 import ast
 import re
 import tomllib
-from collections import defaultdict
+from collections import Counter, defaultdict
 from functools import cache
 from pathlib import Path
 
@@ -17,6 +17,9 @@ FOLDERS = {
 LINKS = ("controllers", "envs", "models")
 MOST_LINES = 800
 FEWEST_FILES = 4
+MOST_IMPORTS = 0.05
+CALL_ALL = {"cli": 0.09, "bench": 0.07}
+"""Packages that call or measure every other one, each by an import of its own, and their shares of imports."""
 LAYERS: dict[str, set[str]] = {
     "compiled": {"compiled"}, "errors": set(), "numeric": {"errors"},
     "machine": {"machine", "errors", "numeric", "models", "files"},
@@ -159,6 +162,22 @@ def test_a_public_class_has_a_name_of_its_own_in_its_package():
 def test_files_are_not_too_long():
     files = modules().values()
     assert [place(file) for file in files if len(file.read_text(encoding="utf-8").splitlines()) > MOST_LINES] == []
+
+
+def test_imports_are_at_most_a_twentieth_of_the_lines_of_a_package():
+    lines, imported = Counter(), Counter()
+    for name, file in modules().items():
+        room = "" if file.parent == FOLDERS["edmsim"] else package(name)  # single files count together
+        lines[room] += len(file.read_text(encoding="utf-8").splitlines())
+        imported[room] += len({
+            line for node in ast.walk(tree(name)) if isinstance(node, ast.Import | ast.ImportFrom)
+            for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+        })  # fmt: skip
+    del lines["models"]  # a single file
+    assert [
+        f"{room}: {imported[room]} of {lines[room]}" for room in lines
+        if imported[room] > CALL_ALL.get(room, MOST_IMPORTS) * lines[room]
+    ] == []  # fmt: skip
 
 
 def test_a_folder_holds_several_files():

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, Polyline, arc_lengths, left_of
-from edmsim.metrology import profile
-from edmsim.metrology.edges import metal_at
+from edmsim.metrology import edges, profile
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
@@ -98,7 +97,7 @@ def _wall_um(field: KerfField, line: Polyline, s_mm: Floats, side: str, wire_dia
     for first in range(0, len(s_mm), 128):  # a bounded number of rays at a time keeps memory small
         rays = slice(first, first + 128)
         places = start_um[rays, None, :] + ray[:, None] * direction[rays, None, :]
-        metal = metal_at(field, places.reshape(-1, 2)).reshape(field.n_slices, -1, len(ray))
+        metal = edges.metal_at(field, places.reshape(-1, 2)).reshape(field.n_slices, -1, len(ray))
         out[:, rays] = _first_wall(metal, int(2 * profile.GRAIN_UM / field.cell_um)) * (field.cell_um / 2)
     return out
 
