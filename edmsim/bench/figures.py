@@ -450,8 +450,11 @@ def _query(place: str, line: bytes) -> np.ndarray:
 
 TRAINED_COUNTS = (64, 256)
 """Numbers of environments."""
-ROLLOUT, BATCH, EPOCHS = 64, 2048, 5
-"""Steps of each environment between two updates; batch size and epochs of an update."""
+ROLLOUT = 64
+"""Steps of each environment between two updates."""
+LEARNERS: dict[str, dict[str, int]] = {"": {"batch_size": 2048, "n_epochs": 5}, "default_": {}}
+"""Updates of PPO by the beginning of the figures' names: those of docs/training.md, which take little time, and the
+defaults of stable-baselines3, batches of 64 and 10 epochs."""
 SPELLS = 3
 """Timed rollouts with their updates; the fastest counts, because other programs use the machine, too."""
 
@@ -459,8 +462,8 @@ SPELLS = 3
 def training_figures(watch: Callable[[str], None], counts: Sequence[int] = TRAINED_COUNTS) -> dict[str, float]:
     """Return steps per second of trainings (wall-clock time), and the environments' share of that time.
 
-    The learner is PPO of stable-baselines3 with the settings in docs/training.md. It steps all environments of edmsim
-    in one compiled call, and those of HalfCheetah-v5 in turn in one process.
+    The learner is PPO of stable-baselines3, with each of `LEARNERS`. It steps all environments of edmsim in one
+    compiled call, and those of HalfCheetah-v5 in turn in one process.
     """
     try:
         from stable_baselines3.common.vec_env import DummyVecEnv
@@ -473,30 +476,34 @@ def training_figures(watch: Callable[[str], None], counts: Sequence[int] = TRAIN
         with half_cheetahs():
             cheetahs = DummyVecEnv([lambda: gym.make("HalfCheetah-v5")] * count)
         ours = edmsim.envs.make_sb3_vec_env("edmsim/GapFeed-v2", num_envs=count, seed=0, machine_episodes=4)
-        both = {"training": _Training(ours), "half_cheetah_training": _Training(cheetahs)}
+        trainings = {
+            f"{learner}{name}": _Training(vec_env, **update) for learner, update in LEARNERS.items()
+            for name, vec_env in (("training", ours), ("half_cheetah_training", cheetahs))
+        }  # fmt: skip
         for spell in range(SPELLS):
             watch(f"{count} environments, {spell + 1} of {SPELLS}")
-            for training in both.values():  # by turns, so that neither always runs on the warmer machine
+            for training in trainings.values():  # by turns, so that none always runs on the warmer machine
                 training.spell()
-        for name, training in both.items():
+        for name, training in trainings.items():
             found[f"{name}_steps_per_s_{count}"] = training.steps_per_s
             found[f"{name}_env_share_{count}"] = training.env_share
-            training.vec_env.close()
+        ours.close()
+        cheetahs.close()
     return found
 
 
 class _Training:
     """A learner after its first rollout: rate of its fastest spell, and the environments' share of its time."""
 
-    def __init__(self, vec_env: Any) -> None:
+    def __init__(self, vec_env: Any, **update: Any) -> None:
         import stable_baselines3 as sb3
         import torch
 
         torch.set_num_threads(1)  # as in a training
-        self.vec_env, self._env_s, self._step_wait = vec_env, 0.0, vec_env.step_wait
+        self._env_s, self._step_wait = 0.0, vec_env.step_wait
         vec_env.step_wait = self._timed_step
         around = sb3.common.vec_env.VecNormalize(vec_env)
-        self._model = sb3.PPO("MlpPolicy", around, n_steps=ROLLOUT, batch_size=BATCH, n_epochs=EPOCHS, device="cpu")
+        self._model = sb3.PPO("MlpPolicy", around, n_steps=ROLLOUT, device="cpu", **update)
         self._model.set_logger(sb3.common.logger.Logger(None, []))  # the default logger leaves a folder
         self._steps = ROLLOUT * vec_env.num_envs
         self._model.learn(self._steps)
