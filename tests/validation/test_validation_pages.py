@@ -18,7 +18,7 @@ THEORY = ROOT / "docs" / "theory"
 PAGES = sorted(THEORY.glob("*.md"))
 NO_PHYSICS = {
     "axes/drives", "axes/steps", "constants", "fleet", "kernel/memory",
-    "kernel/state", "plant", "resolution", "snapshot", "window",
+    "kernel/state", "mechanics/engine", "plant", "resolution", "snapshot", "window",
 }
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),
