@@ -403,11 +403,11 @@ def test_a_wire_of_nearly_the_same_size_takes_the_technology_with_its_own_radius
     thin = found["brass-250"]
     assert {one.machine.wire_diameter_um for one in thin.setups} == {250.0}
     assert thin.settings.wire == "brass-250"
-    told = {wire: [text for text in passes.path.notices if "brass" in text] for wire, passes in found.items()}
+    notices = {wire: [text for text in passes.path.notices if "brass" in text] for wire, passes in found.items()}
     settings = "the settings of the passes are those for the wire brass-254; with"
-    assert told["brass-254"] == []
-    assert told["brass-250"] == [f"{settings} brass-250 their offsets are 2 um smaller, as its radius is"]
-    assert told["brass-255"] == [f"{settings} brass-255 their offsets are the same"]
+    assert notices["brass-254"] == []
+    assert notices["brass-250"] == [f"{settings} brass-250 their offsets are 2 um smaller, as its radius is"]
+    assert notices["brass-255"] == [f"{settings} brass-255 their offsets are the same"]
     for other in ("brass-200", "zinc-coated-brass-254"):
         with pytest.raises(InputError, match=f"{other}|sets wire to 'brass-254'"):
             with_passes(EXAMPLES / "punch.ngc", CutSettings(passes=3, wire=other, technology=technology))

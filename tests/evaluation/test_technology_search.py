@@ -208,8 +208,8 @@ def test_two_searches_do_not_share_a_file(edmsim, tmp_path):
         refused = edmsim(*words)
         assert refused.status == 2
         assert f"{file}: another edmsim tune technology is at work on this file: wait, or give another" in refused.err
-        beside = edmsim(*words[:-1], tmp_path / "beside.toml")
-        assert beside.status == 0
+        second = edmsim(*words[:-1], tmp_path / "beside.toml")
+        assert second.status == 0
     assert edmsim(*words).status == 0
     assert sorted(found.name for found in tmp_path.iterdir()) == ["beside.toml", "steel.toml"]
 
