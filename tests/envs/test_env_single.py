@@ -26,7 +26,7 @@ from .conftest import NAMES, infos_of, played
 
 def bits(env, actions):
     """Observations, rewards, endings and machine times of an episode, bit for bit."""
-    return [(observation.tobytes(), *more, info["time_s"]) for observation, *more, info in played(env, actions, seed=7)]
+    return [(entries.tobytes(), *more, info["time_s"]) for entries, *more, info in played(env, actions, seed=7)]
 
 
 @pytest.mark.slow
