@@ -432,7 +432,7 @@ def groups(table: pa.Table, by: Iterable[str] | None = None) -> list[Group]:
 
 @refuses_wrong_types
 def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
-    """Return each figure's sensitivity to the settings that differ; see `edmsim.sweep.sensitivity.sensitivity`.
+    """Return each figure's sensitivity to the settings that differ; see `sensitivity`.
 
     Constants of drawn machines count as settings if the sweep drew more machines than there are constants.
     Otherwise their effects cannot be separated, and the machine counts as one setting.

@@ -25,7 +25,8 @@ def test_the_operator_remembers_the_wires(make_env, weak):
     env = make_env("ThinWire", machine=weak, wires=3, episode_s=30.0)
     assert env.reset(seed=1)[0][-4:].tolist() == [0, 0, 0, 0]
     steps = played(env, repeat([-1.0, 0.0]))
-    lost, share, age, spent, broke_at = np.array([(info["wires_lost"], *entries[-4:]) for entries, *_, info in steps]).T
+    rows = np.array([(info["wires_lost"], *entries[-4:]) for entries, *_, info in steps])
+    lost, share, age, spent, broke_at = rows.T
     assert lost[-1] == 3
     np.testing.assert_allclose(share, lost / 3, atol=1e-6)
     assert (np.diff(spent) > 0).all()
