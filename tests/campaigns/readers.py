@@ -18,7 +18,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from edmsim import Machine, controllers, models
-from edmsim.calibration.log import COLUMNS, read_log, stretches
+from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, read_log, stretches
 from edmsim.consoles.positioner import press_of
 from edmsim.controllers import axis, make
 from edmsim.controllers.axis.elcam.file import load_tables, read_tables
@@ -116,7 +116,7 @@ def _mjcf(data: bytes, folder: Path) -> object:
 
 
 def _log(name: str) -> Read:
-    return _file(name, lambda file: stretches(read_log(file), 100.0))
+    return _file(name, lambda file: stretches(read_log(file), 0.0))
 
 
 def _good_log() -> list[bytes]:
@@ -137,7 +137,7 @@ def _good_parquet() -> list[bytes]:
 def _log_table() -> Any:
     row = {"feed_um_s": 20.0, "short": 10.0, "open": 100.0, "mean_voltage_V": 60.0, "mean_current_A": 3.0,
            "mean_delay_us": 14.0, "t_on_us": 30.0, "t_period_us": 100.0}  # fmt: skip
-    return pa.table({name: np.full(12, row[name]) for name in COLUMNS})
+    return pa.table({name: np.full(STRETCH_WINDOWS, row[name]) for name in COLUMNS})
 
 
 def _policy(data: bytes, folder: Path) -> object:

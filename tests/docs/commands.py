@@ -100,7 +100,7 @@ def run(words: list[str], page: str) -> int:
     if "<" in words:
         words, source = words[: words.index("<")], words[words.index("<") + 1]
     arguments = list(words[1:])
-    if "--help" not in arguments:
+    if not {"--help", "--version"}.intersection(arguments):
         arguments += SHORT[" ".join(arguments[: 1 + (arguments[0] in cli.COMMANDS)])]
     is_gap_run = arguments[0] == "gap" and {"--serial", "--samples", "--log"}.intersection(arguments)
     if "--film" in arguments or is_gap_run:
