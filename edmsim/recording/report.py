@@ -610,7 +610,10 @@ def summary(report: Report) -> list[tuple[str, str]]:
     if profile.shares is not None:
         made_by = ", ".join(f"{name} {figure_text(of['rms'], 'µm')}" for name, of in profile.shares.items()) + " rms"
     kerf = f"{say('kerf_um.mean')} mean, {say('kerf_um.min')} to {say('kerf_um.max')}"
-    no_error = "the wire's centre follows the contour" if report.offset.applied_mm == 0 else _NO_EDGE
+    no_edge = f"{_NO_EDGE}, so passes have no stock" if report.passes else _NO_EDGE
+    no_error = "the wire's centre follows the contour" if report.offset.applied_mm == 0 else no_edge
+    layer_um = report.surface.electrolysed_um
+    electrolysed = "" if layer_um is None else f", electrolysed {say('surface.electrolysed_um')}"
     return [
         ("machining time", f"{simulated}  (computed in {computed}, {say('realtime_factor')})"),
         ("path", say("path_length_mm")),
@@ -632,8 +635,7 @@ def summary(report: Report) -> list[tuple[str, str]]:
                  f"{say('wire.temperature_K_max')}"),
         ("axes", f"{say('following_error_um.max')} behind at most, {say('following_error_um.rms')} rms"),
         ("gas", f"covers {say('coverage.mean')} of the wire's front in the mean, at most {say('coverage.max')}"),
-        ("surface", f"Ra {say('surface.ra_um')}, heat-affected {say('surface.heat_affected_um')}, electrolysed "
-                    f"{say('surface.electrolysed_um')}"),
+        ("surface", f"Ra {say('surface.ra_um')}, heat-affected {say('surface.heat_affected_um')}{electrolysed}"),
         ("energy", f"{say('energy_J')}, {say('removed_mm3')} removed, {say('mean_current_A')}, "
                    f"{say('mean_voltage_V')} mean"),
         *([] if (equalising := report.equalising) is None else [(
@@ -645,7 +647,7 @@ def summary(report: Report) -> list[tuple[str, str]]:
 
 
 _NO_KERF = f"it was cut nowhere {KERF_CLEARANCE_MM:g} mm or more from start holes, corners and small arcs"
-_NO_EDGE = f"no edge was cut {BLANK_EDGE_MM:g} mm or more from start holes, so passes have no stock"
+_NO_EDGE = f"no edge was cut {BLANK_EDGE_MM:g} mm or more from start holes"
 
 
 def settings_in_words(report: Report) -> Iterator[tuple[str, str]]:

@@ -190,7 +190,7 @@ def test_the_summary_reads_as_a_person_says_it(cut):
     assert said["wire"] == "lag 4.0 µm, vibration 0.80 µm rms, at most 350 K"
     assert said["axes"] == "3.2 µm behind at most, 0.8 µm rms"
     assert said["gas"] == "covers 12.5 % of the wire's front in the mean, at most 50.0 %"
-    assert said["surface"] == "Ra 1.90 µm, heat-affected 12.0 µm, electrolysed –"
+    assert said["surface"] == "Ra 1.90 µm, heat-affected 12.0 µm"
     assert said["energy"] == "1800.0 J, 205.000 mm³ removed, 1.40 A, 55.0 V mean"
     assert not {"table", "equalising"} & set(said)
 
