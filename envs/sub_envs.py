@@ -22,7 +22,7 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import observation, path_follower, reward, servo
 from edmsim.envs.task import EnvArguments, Family, Scenario
 from edmsim.errors import InputError
-from edmsim.geometry import Floats, path_corners
+from edmsim.geometry import Floats, Ints, path_corners
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
@@ -30,7 +30,6 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.blanks import wall_error_um
 from edmsim.snapshots import Snapshots
 
-Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
 FINISHED_UM = 80.0
 """Distance behind the wire from which it erodes a wall no more (ours: half the length of wall in its rays' range)."""

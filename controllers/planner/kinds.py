@@ -7,19 +7,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import boolean, float64, from_dtype, int64
-from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.numba_internals import address_of, call_returning
 from edmsim.controllers.mcu.firmware import timers
 from edmsim.controllers.mcu.firmware.poscal import WORD, Displacement, counted, look_up, resolve, subsgn, velocm
+from edmsim.geometry import Floats, Ints
 
 # A planner's data in compiled code: a record of numbers, and the corners of its path.
 
 POSCAL, LITERAL, DDA, SINE_TABLE, EXACT = range(5)  # kinds of planners
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Row = Any  # one record of `PLANNER`; compiled code writes to it
 
 PLANNER = np.dtype(

@@ -11,10 +11,10 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, WORD, Unit, soft_limit, unit_for, unit_um
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S, TIMER_COUNT, timer_clock_hz
 from edmsim.controllers.planner import kinds
-from edmsim.controllers.planner.kinds import DDA, EXACT, LITERAL, NM, POSCAL, SINE_TABLE, Floats, Ints, segment_at
+from edmsim.controllers.planner.kinds import DDA, EXACT, LITERAL, NM, POSCAL, SINE_TABLE, segment_at
 from edmsim.controllers.protocols import Step, check_window
 from edmsim.errors import InputError, one_of
-from edmsim.geometry import Polyline
+from edmsim.geometry import Floats, Ints, Polyline
 from edmsim.snapshots import Snapshots
 
 

@@ -378,7 +378,7 @@ def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
 def stretches(log: Log, settle_um: float) -> list[Stretch]:
     """Return the steady stretches of a log, each `STRETCH_WINDOWS` long and `settle_um` of travel after a change.
 
-    Raises `InputError` if there is none.
+    Raises `InputError` if the log has no such stretch.
     """
     # A new run begins when the setting changes or the feed jumps. Stretches are left out if they are in air, at rest,
     # with an unsteady feed, or, if the log has positions, along a path that turns.

@@ -2,6 +2,7 @@
 
 import gc
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -28,7 +29,7 @@ app = typer.Typer(
 )
 _UsageError: Any = typer.BadParameter.__base__  # that of click, which newer releases of typer contain
 
-COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
+COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "": ("", {
         "cut": commands.cut, "check": commands.check, "view": commands.view, "report": commands.report,
         "train": commands.train, "dataset": commands.dataset, "evaluate": commands.evaluate,

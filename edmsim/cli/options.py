@@ -14,6 +14,8 @@ import edmsim
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
     from edmsim.job.options import CutSettings
 
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
@@ -134,7 +136,7 @@ def _with_names(parameter: inspect.Parameter) -> inspect.Parameter:
     return parameter.replace(annotation=Annotated[kind, listing])
 
 
-def _parameter(name: str, field: Any, taken: _Taken) -> inspect.Parameter:
+def _parameter(name: str, field: "FieldInfo", taken: _Taken) -> inspect.Parameter:
     from edmsim.machine.options import Flag, Names, fact, flag, meaning
 
     default = taken.instead.get(name, field.default)

@@ -11,6 +11,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import pydantic
+import shapely
 
 from edmsim.errors import InputError
 from edmsim.machine import machine, options, overrides, setting
@@ -160,7 +161,7 @@ class CutSettings(options.SetUpOptions, options.MachineOption):
 
     @pydantic.field_validator("height_areas", mode="plain")
     @classmethod
-    def _check_areas(cls, value: Sequence[Area] | None) -> tuple[Area, ...]:
+    def _check_areas(cls, value: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
         return checked_areas(_list(value))
 
     @pydantic.field_validator("constants", mode="plain")
@@ -175,7 +176,7 @@ class CutSettings(options.SetUpOptions, options.MachineOption):
         return pairs
 
     @pydantic.field_serializer("height_areas")
-    def _corners(self, areas: Any) -> list[list[object]]:
+    def _corners(self, areas: tuple[tuple[shapely.Polygon, float], ...]) -> list[list[object]]:
         return corners_of(areas)
 
     @pydantic.field_validator("controller", mode="plain")

@@ -2,7 +2,7 @@
 
 import math
 from contextlib import suppress
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ class PolicyController(Snapshots):
         self._law = None if residual is None else residual.make()
         self._law_um_s = 0.0
         self._first_us: Floats = np.zeros(2)
-        self._machine: Any = None
+        self._machine: Machine | None = None
         self._corner_um: Floats = np.full((1, 1), np.inf)
         self._corner_deg: Floats = np.zeros((1, 1))
         self._feed_um_s = self._limit_um_s = self._start_um = self._path_um = 0.0
@@ -119,7 +119,7 @@ class PolicyController(Snapshots):
         row = self._rows[0]
         row["wires_lost"] += 1
         row["shorted_s"] = 0.0
-        if self._family.counts_threading:
+        if self._family.counts_threading and self._machine is not None:
             row["elapsed_ns"] += round(self._machine.base.table.threading_s.value * 1e9)
         self._builder.lose_wire(0, row, self._setting_us)
         self._setting_us = tuple(self._first_us.tolist())
@@ -161,15 +161,18 @@ class PolicyController(Snapshots):
     @property
     def _setting_us(self) -> tuple[float, float]:
         """On-time and period in force."""
+        assert self._machine is not None
         return self._machine.t_on_us, self._machine.t_period_us
 
     @_setting_us.setter
     def _setting_us(self, setting_us: tuple[float, float]) -> None:
+        assert self._machine is not None
         t_on_us, t_period_us = setting_us
         self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _look(self, window: WindowObservation) -> np.void:
         """Add a window to the step; return the row that a sub-environment would have."""
+        assert self._machine is not None
         row: np.void = self._rows[0]
         row["travel_um"], self._path_um = window.path_um - self._path_um, window.path_um
         row["path_um"] = window.path_um - self._start_um
@@ -184,6 +187,7 @@ class PolicyController(Snapshots):
 
     def _decide(self) -> None:
         """Evaluate the policy, and apply its action."""
+        assert self._machine is not None
         action, self._memory = self.policy.act(self.observation, self._memory)
         if self.policy.card.residual is not None:
             action[0] = self.policy.card.residual.action(self._family, self._law_um_s, float(np.float32(action[0])))
@@ -209,6 +213,7 @@ class PolicyController(Snapshots):
 
     def _turn(self, requested_us: tuple[float, float]) -> None:
         """Apply a setting as the environment would; skip settings that the generator cannot run."""
+        assert self._machine is not None
         rounded = self._family.to_detents(*requested_us)
         for setting_us in (rounded, self._family.least_setting_us(self._machine, rounded[0])):
             if setting_us == self._setting_us:

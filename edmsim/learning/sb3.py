@@ -252,7 +252,8 @@ class PrivilegedVecEnv(VecEnvWrapper):
     def __init__(self, venv: VecEnv) -> None:
         vec_env: Any = venv.unwrapped
         self._names = tuple(vec_env.env.family.drawn_constants)
-        shown: Any = venv.observation_space
+        shown = venv.observation_space
+        assert isinstance(shown, gym.spaces.Box)
         more = np.full(len(TRUTHS) + len(self._names), np.inf, np.float32)
         space = gym.spaces.Box(np.append(shown.low, -more), np.append(shown.high, more), dtype=np.float32)
         super().__init__(venv, observation_space=space)
@@ -305,7 +306,8 @@ class AsymmetricPolicy(policies.ActorCriticPolicy):
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
         self._shown_entries = shown_entries
         super().__init__(*args, **{**kwargs, "share_features_extractor": False})
-        space: Any = self.observation_space
+        space = self.observation_space
+        assert isinstance(space, gym.spaces.Box)
         self.pi_features_extractor = VisibleEntries(space, shown_entries)
         self.features_extractor = self.pi_features_extractor
 
@@ -703,8 +705,8 @@ class Around(NamedTuple):
         """Return id and arguments of the environment of edmsim that a card names."""
         own = {f.name: arguments.plain(getattr(self.family, f.name)) for f in fields(self.family)}  # type: ignore[arg-type]
         env_id, found = registry.stand_in(type(self.family), own)
-        usual = {name: arguments.plain(getattr(registry.arguments_with(env_id), name)) for name in found}
-        return env_id, {name: value for name, value in found.items() if usual[name] != value}
+        usual = registry.arguments_with(env_id)
+        return env_id, {n: value for n, value in found.items() if arguments.plain(getattr(usual, n)) != value}
 
 
 def around(vec_env: Any) -> Around:

@@ -120,7 +120,7 @@ def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Flo
 
 
 def distances(points: Floats, chords: NDArray[np.object_]) -> Floats:
-    """Return the distance of every point (n, 2) from the nearest chord; NaN if there is none."""
+    """Return the distance of every point (n, 2) from the nearest chord; NaN without chords."""
     if not len(chords):
         return np.full(len(points), np.nan)
     _, found = shapely.STRtree(chords).query_nearest(shapely.points(points), return_distance=True, all_matches=False)

@@ -373,11 +373,11 @@ def on_grid(
     passes: list[CutPass] = []
     before = lead
     for way in ways:
-        anew = way.threads or way.parted
-        before = before[:0] if anew else before
+        apart = way.threads or way.parted  # from where the previous pass ended
+        before = before[:0] if apart else before
         known = np.concatenate([before, way.points])
         dwells = (*waits, *((len(before) + i, seconds) for i, seconds in way.dwells))
-        joined = _guided(known, way, len(before), passes[-1] if passes and not anew else None, grid_um)
+        joined = _guided(known, way, len(before), passes[-1] if passes and not apart else None, grid_um)
         joined, moves, dwells = joined.moving(dwells)
         passes.append(
             CutPass(

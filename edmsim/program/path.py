@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple, Self, get_args
 
@@ -288,8 +288,8 @@ class CutPath:
     @property
     def cuts(self) -> list[tuple[WireContour, int]]:
         """Contour and number of every way, from 0, in cutting order."""
-        order = self.contour_of
-        return [(self.contours[k], order[:place].count(k)) for place, k in enumerate(order)]
+        numbers = [count() for _ in self.contours]
+        return [(self.contours[k], next(numbers[k])) for k in self.contour_of]
 
     @property
     def ways(self) -> list[Way]:

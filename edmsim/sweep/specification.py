@@ -20,6 +20,7 @@ from edmsim.job import plan
 from edmsim.job.options import CutSettings
 from edmsim.machine import options, overrides, ranges
 from edmsim.machine.machine import Machine
+from edmsim.machine.technology import Technology
 from edmsim.program.passes import grouped
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
@@ -375,7 +376,7 @@ def _published(name: str, task: str, chosen: Mapping[str, Any]) -> tuple[float, 
     in_passes = settings.passes is not None
     if not in_passes and settings.conditions is None and os.path.isfile(task):
         in_passes = any(len(edge) > 1 for edge in grouped(plan.read_program(task, settings).outlines))
-    parts: Any = plan.technology_of(settings) if in_passes else settings
+    parts: CutSettings | Technology = plan.technology_of(settings) if in_passes else settings
     known = Machine.load(parts.machine, material=settings.material, wire=parts.wire).uncertain()
     bounds = known[name].range if name in known else None
     if bounds is None:

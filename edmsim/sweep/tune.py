@@ -19,7 +19,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from edmsim.evaluation.episode import HELD_BACK, Episode, cut
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.sweep.run import said
 from edmsim.sweep.specification import Bound
+
+if TYPE_CHECKING:
+    from edmsim.learning.train import Trained
 
 TRAINING: dict[str, dict[str, Bound]] = {
     "ppo": {
@@ -167,8 +170,8 @@ def _training(trial: Trial) -> TrialResult:
     return TrialResult(value, None, policy)
 
 
-def judge_policy(trained: Any, command: str, folder: Path, seeds: Sequence[int]) -> float:
-    """Write the ``policy.json`` and ``policy.npz`` of a `Trained`; return its mean return on training seeds."""
+def judge_policy(trained: "Trained", command: str, folder: Path, seeds: Sequence[int]) -> float:
+    """Write the ``policy.json`` and ``policy.npz`` of a training; return its mean return on training seeds."""
     card, packed = trained.export(command)
     policy_file.write(card, packed, folder / "policy.json")
     results = [cut(trained.run.env_id, seed, f"policy:{folder / 'policy.json'}", "fast") for seed in seeds]

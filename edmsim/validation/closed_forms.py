@@ -1,8 +1,9 @@
 """The wire, gas and water of the pulse loop against closed forms; a wire that trails its guides, the tractrix."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -32,14 +33,19 @@ FREQUENCIES_HZ = ((40.0, 1935.0), (80.0, 968.0), (150.0, 516.0))
 
 
 def _worst_rows(
-    table: str, at: str, over: str, value: str, simulate: Callable[[float, float], float]
-) -> Iterator[tuple[float, int, float, float, str]]:
-    """Yield every `at` of a published table, its number of rows, and published, simulated and `over` of the worst."""
-    rows = models.published(table)
-    for place in sorted({float(row[at]) for row in rows}):
-        there = [row for row in rows if float(row[at]) == place]
-        compared = ((float(row[value]), simulate(place, float(row[over])), row[over]) for row in there)
-        yield place, len(there), *worst(compared)
+    table: str, columns: tuple[str, str, str], simulate: Callable[[float, float], float], name: str, source: str,
+    **row: Any,
+) -> list[Row]:
+    """Compare all of a published table; the row of every value in its first column is for the worst of the second."""
+    at, over, value = columns
+    known, rows = models.published(table), []
+    for place in sorted({float(one[at]) for one in known}):
+        there = [one for one in known if float(one[at]) == place]
+        compared = ((float(one[value]), simulate(place, float(one[over])), one[over]) for one in there)
+        published, simulated, found_at = worst(compared)
+        named = name.format(place, len(there), found_at)
+        rows.append(Row.value("wire", named, source, published=published, simulated=simulated, **row))
+    return rows
 
 
 def static_lag_um(height_mm: float, tension: float) -> float:
@@ -53,12 +59,10 @@ def static_lag_um(height_mm: float, tension: float) -> float:
 
 def check_static_lag(seeds: Seeds) -> list[Row]:
     """Compare all 25 rows of the table; the worst tension of every height is shown."""
-    of_heights = _worst_rows("analytic_static_wire_lag", "h_mm", "T_N", "ymax_um_per_N_per_m", static_lag_um)
-    return [
-        Row.value("wire", f"static lag at 1 N/m, {height:g} mm high (worst of {count} tensions: {tension} N)", STRING,
-                  published=published, simulated=simulated, within=0.01, unit="um")
-        for height, count, published, simulated, tension in of_heights
-    ]
+    return _worst_rows(
+        "analytic_static_wire_lag", ("h_mm", "T_N", "ymax_um_per_N_per_m"), static_lag_um,
+        "static lag at 1 N/m, {:g} mm high (worst of {} tensions: {} N)", STRING, within=0.01, unit="um",
+    )  # fmt: skip
 
 
 def frequencies_Hz(guide_distance_mm: float) -> list[float]:
@@ -104,12 +108,10 @@ def pull_N_m(gap_um: float, voltage_V: float) -> float:
 
 def check_electrostatic_pull(seeds: Seeds) -> list[Row]:
     """Compare all 25 rows of the table; the worst voltage at every gap is shown."""
-    of_gaps = _worst_rows("analytic_electrostatic_force", "gap_um", "V", "force_N_per_m", pull_N_m)
-    return [
-        Row.value("wire", f"electrostatic pull at {gap:g} um (worst of {count} voltages: {voltage} V)", CYLINDER,
-                  published=published, simulated=simulated, within=0.02, unit="N/m")
-        for gap, count, published, simulated, voltage in of_gaps
-    ]
+    return _worst_rows(
+        "analytic_electrostatic_force", ("gap_um", "V", "force_N_per_m"), pull_N_m,
+        "electrostatic pull at {:g} um (worst of {} voltages: {} V)", CYLINDER, within=0.02, unit="N/m",
+    )  # fmt: skip
 
 
 # --- heat ---
