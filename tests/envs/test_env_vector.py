@@ -200,6 +200,15 @@ def test_a_specification_comes_back_from_json(make_envs):
 
 
 @pytest.mark.slow
+def test_pictures_of_all_sub_environments(make_envs, monkeypatch):
+    monkeypatch.setattr("edmsim.envs.render.has_gl", lambda: False)
+    envs = make_envs("Corner", 2, render_mode="rgb_array")
+    envs.reset(seed=1)
+    assert [picture.shape for picture in envs.render()] == [(480, 640, 3)] * 2
+    envs.close()
+
+
+@pytest.mark.slow
 def test_memory_does_not_grow(make_envs):
     from edmsim.bench.figures import _resident_MB
 

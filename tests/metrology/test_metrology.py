@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiLineString, Polygon
 
@@ -113,6 +113,17 @@ def test_a_kerf_off_its_path_has_one_wall_nearer(part_side):
     nearer = -20.0 if part_side == "right" else 20.0  # +Y is on the left of +X
     np.testing.assert_allclose(kerf.part_um.mean(), RADIUS + nearer, atol=0.5)
     np.testing.assert_allclose((kerf.width_um - kerf.part_um).mean(), RADIUS - nearer, atol=0.5)
+
+
+@pytest.mark.slow
+@settings(max_examples=8, suppress_health_check=[HealthCheck.too_slow])
+@given(st.floats(0.0, 90.0), st.floats(130.0, 190.0))
+def test_any_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg, radius):
+    line = straight(angle_deg, length=1_300.0, offset=radius)
+    field = cut(line.points_um, (radius,))
+    # along a wall parallel to the grid the half-full level is off by up to 0.35 um on either side
+    assert width_stats(kerf_width(field, line, 250.0).width_um)["mean"] == pytest.approx(2 * radius, abs=0.9)
+    assert profile_error(field, line).stats()["max"] < 1.2
 
 
 def test_kerf_keeps_away_from_ends_and_corners():
