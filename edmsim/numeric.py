@@ -25,6 +25,8 @@ def _scalar(value: object) -> object:
 
 def real(value: object) -> float | None:
     """Return a number as a Python number; None for anything else."""
+    if type(value) is float or type(value) is int:  # the usual case; a window checks a dozen numbers
+        return value
     value = _scalar(value)
     if isinstance(value, bool) or not isinstance(value, Real):
         return None

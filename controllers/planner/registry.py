@@ -353,6 +353,10 @@ class PathOffset(Snapshots):
         moves = np.concatenate([[True], (np.diff(points_um, axis=0) != 0).any(axis=1)])
         self._points, self._along = np.asarray(points_um[moves], np.float64), along_um[moves]
 
+    def is_due(self, offset_um: float) -> bool:
+        """Return whether an offset may need steps: in most cuts it is and remains 0."""
+        return bool(offset_um or self._made[0] or self._made[1])
+
     def steps(self, time_ns: int, path_um: float, offset_um: float) -> list[Step]:
         """Return the extra steps of the next window, at a length of the leg."""
         more = next_steps(

@@ -58,7 +58,9 @@ class PlannerMotion(Snapshots):
     def plan(self, start_ns: int, end_ns: int, certain: bool) -> list[Step]:
         """Return the planner's steps; if not `certain`, the window may end earlier, and no step was made yet."""
         self._speeds = self._speeds_from(start_ns)
-        lateral = self._offset.steps(start_ns, self.planner.path_um, self.command.offset_um)
+        offset_um, lateral = self.command.offset_um, list[Step]()
+        if self._offset.is_due(offset_um):
+            lateral = self._offset.steps(start_ns, self.planner.path_um, offset_um)
         if certain:
             return lateral + self._to_motors(self._drive(self._steps(start_ns, end_ns)))
         self._before = self.planner.snapshot(), self._compensation and self._compensation.snapshot()

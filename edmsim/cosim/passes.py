@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -200,13 +200,13 @@ class PassRecord:
 class PassLog(Snapshots):
     """Records the results of every pass of a cut, and removes loose pieces, which `notices` report."""
 
-    STATE = ("records", "notices", "_before", "_open")
+    STATE = ("records", "notices", "_open")
     records: list[PassRecord]
 
     def __init__(self, path: CutPath, legs: Sequence[Leg]) -> None:
         self.records = []
         self.notices: list[str] = []
-        self._before, self._open = Sums(), False
+        self._open = False
         self.plan(path, legs)
 
     def plan(self, path: CutPath, legs: Sequence[Leg]) -> None:
@@ -220,24 +220,23 @@ class PassLog(Snapshots):
             [legs_at.get(id(leg.cut_pass)) == k for k, leg in enumerate(legs)] for legs_at in (first, last)
         )
 
-    def begin_leg(self, number: int, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
+    def begin_leg(self, number: int, leg: Leg, time_s: float, path_um: float) -> None:
         """Begin a record with the first leg of a pass, after its lead-in."""
         one = leg.cut_pass
         self._open = one is not None and not leg.leads_in
         if one is None or not self._is_first[number]:
             return
         contour = self._contour_of[number]
-        self._before = Sums(**asdict(sums))
         self.records.append(
             PassRecord(contour, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
         )
 
-    def follow(self, time_s: float, path_um: float, sums: Sums) -> None:
-        """Process the present state of the cut."""
+    def add(self, turn: Turn) -> None:
+        """Add one window to the record of its pass."""
         if self._open:
             last = self.records[-1]
-            last.end_s, last.end_um = time_s, path_um
-            last.sums = Sums(**{name: value - getattr(self._before, name) for name, value in asdict(sums).items()})
+            last.end_s, last.end_um = turn.time_ns * 1e-9, turn.path_um
+            last.sums.add(turn)
 
     def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
         """Measure the wall at the end of a pass, and find loose pieces."""

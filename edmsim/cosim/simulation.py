@@ -192,7 +192,7 @@ class Simulation:
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
         self._motion = self._begin_leg()
         self._check_later_passes()
-        self.passes.begin_leg(0, self.legs[0], 0.0, 0.0, self.sums)
+        self.passes.begin_leg(0, self.legs[0], 0.0, 0.0)
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
     @property
@@ -357,7 +357,7 @@ class Simulation:
         self.sums.add(turn)
         planner = self._motion.planner
         self.slowed += isinstance(planner, four_axes.Following) and planner.slowed
-        self.passes.follow(self.plant.time_ns * 1e-9, self.path_um, self.sums)
+        self.passes.add(turn)
         opened = self._switches(turn.window)
         cause = self._judge(turn.window, opened)
         if self._stopped_by_controller(opened) and cause in (StopCause.RUNNING, StopCause.FINISHED):
@@ -366,7 +366,7 @@ class Simulation:
             cause = self._end_of_leg()
         self.cause = cause
         time_s, short, open_ = self.plant.time_ns * 1e-9, turn.window.short, turn.window.open
-        return Progress(self.path_um, self.total_um, time_s, turn.feed_um_s, short, open_)
+        return Progress(turn.path_um, self.total_um, time_s, turn.feed_um_s, short, open_)
 
     def emergency_stop(self) -> None:
         """Press the machine's emergency button: the cut ends here."""
@@ -520,7 +520,7 @@ class Simulation:
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
-        self.passes.begin_leg(at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
+        self.passes.begin_leg(at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um)
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: np.typing.NDArray[np.int64], lead_um: tuple[float, float]) -> float:

@@ -29,15 +29,7 @@ from edmsim.plant.mechanics.model import N_NODES, ModalModel
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.snapshot import check_snapshot, digest_of
-from edmsim.plant.window import (
-    PlantError,
-    forget_places,
-    left_validity,
-    pass_window,
-    read_window,
-    without_wire,
-    wrong_step,
-)
+from edmsim.plant.window import PlantError, left_validity, pass_window, read_window, without_wire, wrong_step
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
@@ -786,9 +778,7 @@ class Plant:
         """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""
         fired = sum(self._window["counts"][0].tolist()) if len(self._pulses) else 0
         # as bytes, because numpy copies records field by field, which is 20 times slower
-        pulses = self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
-        forget_places(pulses)  # the loop does not write these, so a row would have those of an earlier window
-        return pulses
+        return self._pulses.view(np.uint8)[: fired * loop.PULSE.itemsize].copy().view(loop.PULSE)
 
     def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
         """Return the place of a slice's wire when its rays were last traced, and every ray's gap then (rays,).

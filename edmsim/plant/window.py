@@ -89,20 +89,14 @@ def read_window(row: memoryview) -> PulseWindow:
     )  # fmt: skip
 
 
-def forget_places(pulses: NDArray[np.void]) -> None:
-    """Set gap and ray of pulses without a place (rows of `state.PULSE`)."""
-    nowhere = pulses["slice"] < 0
-    for name in ("gap_um", "x_um", "y_um"):
-        pulses[name][nowhere] = np.nan
-    pulses["ray"][nowhere] = -1
-
-
 def without_wire(window: PulseWindow, timing: Timing) -> NDArray[np.void]:
     """Return the pulses of a window without a wire (rows of `state.PULSE`): all open."""
     pulses = np.zeros(window.pulses, PULSE)
     pulses["start_us"] = np.arange(window.pulses) * window.duration_ns * 1e-3 / window.pulses
-    pulses["delay_us"], pulses["open_V"], pulses["kind"], pulses["slice"] = timing.wait_us, timing.open_V, OPEN, -1
-    forget_places(pulses)
+    pulses["delay_us"], pulses["open_V"], pulses["kind"] = timing.wait_us, timing.open_V, OPEN
+    pulses["slice"] = pulses["ray"] = -1
+    for name in ("gap_um", "x_um", "y_um"):
+        pulses[name] = np.nan
     return pulses
 
 

@@ -12,7 +12,7 @@ import shapely
 import edmsim
 from edmsim.controllers import from_text
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
-from edmsim.cosim.passes import PassLog, PassSetup, Sums, legs_of
+from edmsim.cosim.passes import PassLog, PassSetup, legs_of
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.options import CutSettings
@@ -347,7 +347,7 @@ def test_a_part_that_came_loose_is_not_the_slug_of_the_next_contour(tmp_path):
     taken, log = [], PassLog(ready.path, legs)
     plant = SimpleNamespace(field=field, machine=ready.machine, remove_piece=taken.append)
     for number, leg in enumerate(legs):
-        log.begin_leg(number, leg, 0.0, 0.0, Sums())
+        log.begin_leg(number, leg, 0.0, 0.0)
         log.end_leg(number, leg, plant)
     assert taken == []
     assert [text for text in log.notices if "tip onto the wire" not in text] == [

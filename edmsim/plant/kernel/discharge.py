@@ -165,7 +165,8 @@ def log_pulse(
     p = pulses[n]
     p.start_us, p.delay_us, p.open_V, p.kind = start_us, delay, open_V, outcome
     if outcome == OPEN or s < 0:
-        p.slice = -1
+        p.slice = p.ray = -1
+        p.gap_um = p.x_um = p.y_um = math.nan
         return
     p.slice, p.ray = s, ray_at(a, s, k)
     p.gap_um, p.x_um, p.y_um = gap_of(a, position, s, k), position[0, s], position[1, s]
