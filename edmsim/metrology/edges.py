@@ -9,7 +9,7 @@ from functools import reduce
 
 import numpy as np
 import shapely
-from contourpy import contour_generator
+from contourpy import LineType, contour_generator
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
@@ -91,14 +91,33 @@ def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[n
     stock = _stock_parts(field)
     for number in slices:
         removed = _with_neighbours(field, stock[:, number], squares, number)
-        lines = [np.empty((0, 2, 2))]
-        for tile in np.flatnonzero((removed.min(axis=(1, 2)) < _HALF) & (removed.max(axis=(1, 2)) >= _HALF)):
-            # contourpy's lines have the higher values on their left; lines of adjacent tiles meet to the last bit
-            for line in contour_generator(z=removed[tile].T).lines(_HALF):
-                points = (squares[tile] * TILE + line + 0.5) * (field.cell_um / 1000)
-                lines.append(np.stack([points[:-1], points[1:]], axis=1))
-        segments = np.concatenate(lines)
+        crossed = np.flatnonzero((removed.min(axis=(1, 2)) < _HALF) & (removed.max(axis=(1, 2)) >= _HALF))
+        segments = np.concatenate([np.empty((0, 2, 2)), *(
+            (tile * TILE + found + 0.5) * (field.cell_um / 1000)
+            for tile, found in zip(squares[crossed], _segments(removed[crossed]), strict=True)
+        )])  # fmt: skip
         yield segments[(segments[:, 0] != segments[:, 1]).any(axis=1)]
+
+
+def _segments(removed: NDArray[np.int32]) -> Iterator[NDArray[np.float64]]:
+    """Yield the edges in each of ``(t, TILE + 1, TILE + 1)``, in cells: arrays (m, 2, 2)."""
+    # One call for all tiles, each a chunk, with a row without values after each. The rows are numbered in each tile
+    # from 0, so that ends in adjacent tiles meet to the last bit. The higher values are to the left of a line.
+    tiles, side = removed.shape[:2]
+    if not tiles:
+        return
+    z = np.full((tiles, side + 1, side), np.nan)
+    z[:, :side] = removed.transpose(0, 2, 1)
+    y, x = (np.broadcast_to(numbers, z.shape).reshape(-1, side) for numbers in np.ogrid[: side + 1, :side])
+    generator = contour_generator(
+        x, y, z.reshape(-1, side), line_type=LineType.ChunkCombinedOffset, chunk_size=(side + 1, side)
+    )
+    for points, offsets in zip(*generator.lines(_HALF), strict=True):
+        if points is None or offsets is None:  # half of the metal is gone at most
+            yield np.empty((0, 2, 2))
+            continue
+        pairs = np.stack([points[:-1], points[1:]], axis=1)
+        yield np.delete(pairs, offsets[1:-1].astype(np.int64) - 1, axis=0)  # not from one line to the next
 
 
 def metal_at(field: KerfField, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -109,8 +128,8 @@ def metal_at(field: KerfField, points_um: NDArray[np.float64]) -> NDArray[np.flo
     share = place - cell
     total = np.zeros((len(points_um), field.n_slices))
     for corner in (0, _RIGHT, _RIGHT + _UP, _UP):
-        weight = np.abs(1 - corner - share).prod(axis=1)
-        total += weight[:, None] * _cell_parts(field, cell + corner)
+        x, y = np.abs(1 - corner - share).T
+        total += (x * y)[:, None] * _cell_parts(field, cell + corner)
     return total.T / FULL
 
 

@@ -93,18 +93,24 @@ def _wall_um(field: KerfField, line: Polyline, s_mm: Floats, side: str, wire_dia
     start_um, across = line.at(s_mm) * 1000, left_of(line.tangent(s_mm, STEP_MM))
     direction = across if side == "left" else -across
     ray = np.arange(0.0, MAX_KERF_OVER_WIRE * wire_diameter_um / 2, field.cell_um / 2)
-    out = np.empty((field.n_slices, len(s_mm)))
+    run = int(2 * profile.GRAIN_UM / field.cell_um)
+
+    def metal(rays: NDArray[np.int64], steps: int) -> Floats:
+        places = start_um[rays, None, :] + ray[:steps, None] * direction[rays, None, :]
+        return edges.metal_at(field, places.reshape(-1, 2)).reshape(field.n_slices, -1, steps)
+
+    out = np.full((field.n_slices, len(s_mm)), np.nan)
     for first in range(0, len(s_mm), 128):  # a bounded number of rays at a time keeps memory small
-        rays = slice(first, first + 128)
-        places = start_um[rays, None, :] + ray[:, None] * direction[rays, None, :]
-        metal = edges.metal_at(field, places.reshape(-1, 2)).reshape(field.n_slices, -1, len(ray))
-        out[:, rays] = _first_wall(metal, int(2 * profile.GRAIN_UM / field.cell_um)) * (field.cell_um / 2)
+        rays = np.arange(first, min(first + 128, len(s_mm)))
+        rays = rays[(metal(rays, run) < 0.5).any(axis=(0, 2))]  # the wire has not been at the others
+        out[:, rays] = _first_wall(metal(rays, len(ray)), run) * (field.cell_um / 2)
     return out
 
 
 def _first_wall(metal: Floats, run: int) -> Floats:
     """Return where metal of at least `run` steps begins along the last axis; NaN if at the first step or never."""
-    lasting = np.lib.stride_tricks.sliding_window_view(metal >= 0.5, run, axis=-1).all(axis=-1)
+    solid, begins = metal >= 0.5, metal.shape[-1] - run + 1
+    lasting = np.logical_and.reduce([solid[..., k : k + begins] for k in range(run)])
     after = lasting.argmax(axis=-1)
     before = np.maximum(after - 1, 0)
     m0, m1 = (np.take_along_axis(metal, i[..., None], -1)[..., 0] for i in (before, after))

@@ -373,6 +373,15 @@ def test_nothing_cut_gives_an_empty_contour():
     assert cut_edges(field, 0).is_empty
 
 
+def test_a_cell_that_has_lost_exactly_half_has_no_edge():
+    field = KerfField(1, BLANK)
+    field.allocate(4_000.0, 4_000.0, 300.0)
+    field.tiles[:, 0, TILE // 2, TILE // 2] = FULL - FULL // 2
+    assert cut_edges(field, 0).is_empty
+    field.tiles[:, 0, TILE // 2, TILE // 2] -= 1
+    assert len(cut_edges(field, 0).geoms) == field.count
+
+
 def test_edges_that_cross_count_even_odd():
     """Of edges rounded for a recording; shapely's way to build areas fails at these."""
     a, b, c = [
