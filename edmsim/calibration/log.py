@@ -352,10 +352,12 @@ def _settings(metadata: Mapping[bytes, bytes], file: str | Path) -> CutSettings 
 
 def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
     pulses = columns["short"] + columns["open"]
+    with np.errstate(invalid="ignore"):  # of an infinite count, which is refused
+        parts = columns["open"] % 1 + columns["short"] % 1
     wrong = {
         "short": ~((columns["short"] >= 0) & (pulses <= WINDOW_PULSES)),
         # shares or percentages in place of counts
-        "open": ~(columns["open"] >= 0) | ((pulses.max() <= 100) & (columns["open"] % 1 + columns["short"] % 1 > 0)),
+        "open": ~(columns["open"] >= 0) | ((pulses.max() <= 100) & (parts > 0)),
         "t_on_us": ~(columns["t_on_us"] > 0),
         "t_period_us": ~((columns["t_period_us"] > columns["t_on_us"]) & (columns["t_period_us"] < _MOST)),
         "mean_delay_us": (columns["mean_delay_us"] < 0) | (columns["mean_delay_us"] > _MOST),

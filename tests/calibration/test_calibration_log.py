@@ -151,6 +151,7 @@ RESTING = "20,1,2,20,1,9,30,100,0,0\n" * 9
     ("log.csv", f"{HEADING}20,1,2,20,1,9,30,1e300\n".encode(), "window 1: t_period_us 1e.300"),
     ("log.csv", f"{HEADING}20,1,2,20,1,9,30,inf\n".encode(), "window 1: t_period_us inf"),
     ("log.csv", f"{HEADING}20,{10**30},2,20,1,9,30,100\n".encode(), "window 1: short 1e.30 cannot be"),
+    ("log.csv", f"{HEADING}20,inf,2,20,1,9,30,100\n".encode(), "window 1: short inf cannot be"),
     ("log.csv", f"{HEADING}{'ü,' * 7}1\n".encode("latin-1"), "log.csv:2: feed_um_s is 'ü': give a number"),
     ("log.csv", b"\x00\xff" * 500, "column feed_um_s is missing"),
     ("log.parquet", b"\x00\xff" * 500, "is not a Parquet file"),
