@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 import edmsim
+from edmsim.job.options import CutSettings
+from edmsim.job.plan import check
 from edmsim.machine.setting import held_period_us
 
 PUNCH = Path(__file__).parents[1] / "examples" / "punch.ngc"
@@ -63,3 +65,13 @@ def test_of_pulses_that_break_a_thin_wire_one_by_one_the_report_says_so():
         assert "a discharge of 10.8 mJ is too strong for it at any period; choose a lower peak" in report["reason"]
     weaker = cut(5.0, height_mm=20.0, wire="brass-100", peak_current_A=150.0, **PRODUCTION)
     assert weaker["outcome"] == "time-limit"
+
+
+def test_a_check_foresees_pulses_that_break_a_thin_wire_one_by_one():
+    risk = "a discharge of 10.8 mJ, followed by an arc, can break this wire at any period"
+    for options, foreseen in (
+        ({"wire": "brass-100"}, True), ({"wire": "brass-100", "peak_current_A": 150.0}, False), ({}, False),
+        ({"passes": 2, "height_mm": 25.4}, False),
+    ):
+        notices = check(PUNCH, CutSettings(**PRODUCTION, planner="exact", **options)).path.notices
+        assert any(risk in notice for notice in notices) is foreseen
