@@ -299,7 +299,7 @@ COMMAND, VELOCITY, ACCELERATION, JERK, AT_LIMIT, LIMITED_SINCE_NS, LIMITED_NS, L
 1), since when, for how long, and the longest of these times."""
 RECORDED, WAITED, TRIGGERED_AT, LAST_DIRECTION, STATE, AHEAD = range(114, 120)
 """Number of samples recorded, intervals since the last one, the sample of the trigger, the command's last direction,
-the recorder's state (`WAITING`, `TRIGGERED`, `FULL`), and the intervals from the last sample before the trigger to it."""
+the recorder's state (`WAITING`, `TRIGGERED`, `FULL`), and the intervals from the sample before the trigger to it."""
 WAITING, TRIGGERED, FULL = range(3)
 NEVER, AT_ONCE, ON_ERROR, ON_MOVE, ON_TURN, ON_LIMIT, ON_FAULT = range(7)
 TRIGGERS = {
