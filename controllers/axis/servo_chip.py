@@ -297,9 +297,9 @@ EXTENSION_WORDS = slice(96, 106)  # registers of the settings in both chips' rec
 COMMAND, VELOCITY, ACCELERATION, JERK, AT_LIMIT, LIMITED_SINCE_NS, LIMITED_NS, LONGEST_LIMITED_NS = range(106, 114)
 """The last command; its filtered derivatives per interval, times 256; the side on which the output is limited (-1, 0,
 1), since when, for how long, and the longest of these times."""
-RECORDED, WAITED, TRIGGERED_AT, LAST_DIRECTION, STATE = range(114, 119)
+RECORDED, WAITED, TRIGGERED_AT, LAST_DIRECTION, STATE, AHEAD = range(114, 120)
 """Number of samples recorded, intervals since the last one, the sample of the trigger, the command's last direction,
-and the recorder's state (`WAITING`, `TRIGGERED`, `FULL`)."""
+the recorder's state (`WAITING`, `TRIGGERED`, `FULL`), and the intervals from the sample before the trigger to it."""
 WAITING, TRIGGERED, FULL = range(3)
 NEVER, AT_ONCE, ON_ERROR, ON_MOVE, ON_TURN, ON_LIMIT, ON_FAULT = range(7)
 TRIGGERS = {
@@ -393,7 +393,8 @@ def record_sample(
     if reg[TRIGGER] == NEVER or reg[STATE] == FULL:
         return
     if reg[STATE] == WAITING and reg[RECORDED] >= reg[BEFORE] and _triggers(reg, error, turned, faulty):
-        reg[STATE], reg[TRIGGERED_AT], reg[WAITED] = TRIGGERED, reg[RECORDED], reg[EVERY]
+        reg[STATE], reg[TRIGGERED_AT], reg[AHEAD] = TRIGGERED, reg[RECORDED], reg[WAITED] + 1
+        reg[WAITED] = reg[EVERY]  # the trigger's interval is recorded whichever it is
     reg[WAITED] += 1
     if reg[WAITED] < reg[EVERY]:
         return
@@ -490,5 +491,7 @@ class Extensions(Registers):
         words = np.roll(record["memory"][0, MEMORY : MEMORY + SAMPLES], -int(reg[RECORDED] % SAMPLES))
         values = np.ascontiguousarray(words).view(np.int16).reshape(SAMPLES, CHANNELS)
         interval_s = int(record["num"][0]) / int(record["den"][0]) * 1e-9
-        time_s = (np.arange(SAMPLES, dtype=np.float64) - int(reg[BEFORE])) * (interval_s * int(reg[EVERY]))
-        return Recording(time_s, *values.T)
+        before, every = int(reg[BEFORE]), int(reg[EVERY])
+        intervals = (np.arange(SAMPLES, dtype=np.float64) - before) * every
+        intervals[:before] += every - int(reg[AHEAD])
+        return Recording(intervals * interval_s, *values.T)

@@ -161,8 +161,12 @@ class SampleReader:
             raise InputError(f"{count} samples cannot be read")
         while self._count < count:
             self._rig.frame()
-        voltages, currents = (np.concatenate(rows) for rows in zip(*self._unread, strict=True))
-        self._unread, self._count = [(voltages[count:], currents[count:])], len(voltages) - count
+        voltages, currents = self._unread[0]
+        if len(voltages) < count:  # else nothing is copied, as a rig may have run for minutes before
+            voltages, currents = (np.concatenate(rows) for rows in zip(*self._unread, strict=True))
+            self._unread = []
+        self._unread[:1] = [(voltages[count:], currents[count:])]
+        self._count -= count
         return voltages[:count], currents[:count]
 
     def _take(self, frame: Frame) -> None:

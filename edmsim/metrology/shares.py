@@ -102,21 +102,22 @@ def table_error(
     line = Polyline(contour.at_mid_height().nominal_mm, contour.closed)
     towards_left = left_of(line.tangent(profile.s_mm, _TANGENT_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
-    places_um, path_um = _when_passed(contour, profile.points_mm * 1e3, starts_um, last_pass)
+    passed_um = _when_passed(contour, profile.points_mm * 1e3, starts_um, last_pass)
     return TableError(
-        (_displaced_um(machine, places_um, path_um, None) * away).sum(axis=1),
-        (_displaced_um(machine, places_um, path_um, elcam) * away).sum(axis=1),
+        (_displaced_um(machine, *passed_um, None) * away).sum(axis=1),
+        (_displaced_um(machine, *passed_um, elcam) * away).sum(axis=1),
     )
 
 
 def _when_passed(
     contour: WireContour, points_um: Floats, starts_um: Floats, last_pass: int | None
-) -> tuple[Floats, Floats]:
-    """Return positions (n, 2) of the lower guide when the wire is nearest to points, and path lengths (n,) there."""
+) -> tuple[Floats, Floats, Floats]:
+    """Return positions and leads (n, 2) when the wire is nearest to points, and path lengths (n,) there."""
     numbers = [one.number for one in contour.passes] or [1]
     last_pass = numbers[-1] if last_pass is None else last_pass
     nearest_um, path_um = np.full(len(points_um), np.inf), np.zeros(len(points_um))
-    places_um, points = np.zeros((len(points_um), 2)), shapely.points(points_um)
+    places_um, leads_um = np.zeros((2, len(points_um), 2))
+    points = shapely.points(points_um)
     for way, number, start_um in zip(contour.ways, numbers, starts_um, strict=True):
         along_um, middle_um = way.along_um, way.at_mid_height()
         line, known = shapely.LineString(middle_um), arc_lengths(middle_um)
@@ -124,21 +125,25 @@ def _when_passed(
         here = (away_um < nearest_um) & (number == last_pass)
         nearest_um[here] = away_um[here]
         places_um[here] = interpolated(passed, known, way.points_um)[here]
+        if way.lean is not None:
+            leads_um[here] = interpolated(passed, known, way.lean.upper_um)[here]
         path_um[here] = start_um + np.interp(passed, known, along_um)[here]
-    return places_um, path_um
+    return places_um, leads_um, path_um
 
 
-def _displaced_um(machine: Machine, points_um: Floats, path_um: Floats, elcam: Elcam | None) -> Floats:
-    """Return the wire's true displacement from programmed positions (n, 2) at path lengths (n,)."""
+def _displaced_um(
+    machine: Machine, points_um: Floats, leads_um: Floats, path_um: Floats, elcam: Elcam | None
+) -> Floats:
+    """Return the wire's true displacement from programmed positions and leads (n, 2) at path lengths (n,)."""
     table, step_um = StillTable(machine, nuts=False), machine.base.table.step_um.value
     elcam = copy.deepcopy(elcam)  # the original may be in use
     for one in () if elcam is None else elcam.tables.values():
         one.reversal = 0.0  # omitted, as is the backlash that it corrects
     compensation = None if elcam is None else StepCompensation(elcam, step_um)
     found = []
-    for (x, y), path in zip(points_um.tolist(), path_um.tolist(), strict=True):
-        motors = (x, y) if compensation is None else compensation.begin((x, y), path)
-        found.append(table.move(motors))
+    for (x, y), (u, v), path in zip(points_um.tolist(), leads_um.tolist(), path_um.tolist(), strict=True):
+        motors = (x, y) if compensation is None else compensation.begin((x, y), path, (u, v))
+        found.append(table.move(motors, u if compensation is None else u + compensation.upper_um[0]))
     return np.array(found).reshape(-1, 2) - points_um
 
 
@@ -163,7 +168,7 @@ def motor_offsets_um(
         if compensation is not None:
             compensation.begin((at_x, at_y), path)
             program[k] = compensation.offset_um
-        offsets[k] = places[k, :2] - table.move((x, y))
+        offsets[k] = places[k, :2] - table.move((x, y), 0.0 if compensation is None else compensation.upper_um[0])
     return program[which.reshape(-1)], offsets[which.reshape(-1)]
 
 

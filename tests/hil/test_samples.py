@@ -139,6 +139,14 @@ def test_what_the_rig_runs_between_two_reads_is_read_as_well():
     assert np.array_equal(readers[0].read(400), np.concatenate([first, readers[1].read(360)], axis=1))
 
 
+def test_reads_after_a_long_run_do_not_copy_what_is_still_unread():
+    rig = Rig("powercore-v2", seed=2)
+    reader = SampleReader(rig, Sensing(2e4))
+    rig.run(0.1)
+    first, second = (reader.read(64)[0] for _ in range(2))
+    assert first.base is second.base
+
+
 def test_counts_and_rigs_of_a_wrong_kind_are_refused_in_a_line():
     with pytest.raises(InputError, match=r"count cannot be 2\.5: give int"):
         SampleReader(Rig("powercore", seed=1)).read(2.5)

@@ -10,13 +10,16 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from edmsim.controllers.axis.elcam.file import Cam, ErrorTable, TableRows, load_tables
 from edmsim.geometry import Polyline
 from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Constant, Geometry
 from edmsim.metrology.profile import ProfileError, element_errors
 from edmsim.metrology.shares import (
     SHARES,
     error_shares,
     mean_error_um,
+    motor_offsets_um,
     share_stats,
     table_error,
     unreachable_um,
@@ -25,6 +28,7 @@ from edmsim.metrology.shares import (
 from edmsim.plant.axes.ways import StillTable
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
+from edmsim.program.taper import Lean, Ruled
 
 OFFSET_UM = 155.0
 SQUARE_MM = np.array([(2.0, 2.0), (6.0, 2.0), (6.0, 6.0), (2.0, 6.0), (2.0, 2.0)])
@@ -87,6 +91,49 @@ def test_the_table_errs_by_its_errors_where_the_wire_passes_and_not_where_the_wa
     found = table_error(machine, CONTOUR, around, None, np.zeros(1))
     np.testing.assert_allclose(found.without_um, moved, atol=0.01)
     np.testing.assert_array_equal(found.left_um, found.without_um)
+
+
+def leaning_diagonal(lead_um):
+    """A wall at 45 degrees with the part on its left, cut by a leaning wire over 20 mm of the table's middle."""
+    edge_mm = np.array([(22.5, 22.5), (42.5, 42.5)])
+    path_um = np.round(1000 * edge_mm + OFFSET_UM * np.array([1.0, -1.0]) / 2**0.5).astype(np.int64)
+    wall = Ruled(edge_mm, edge_mm, 0.0, 10.0, (1,), (1,), (0, 1))
+    lean = Lean(np.array([lead_um] * 2), np.array([(0.0, 10.0)] * 2), wall, 10.0)
+    return WireContour(path_um, 0, edge_mm, False, "left", offset_um=OFFSET_UM, lean=lean)
+
+
+SKEW, CHANGE_PER_MM = 400e-6, 0.1
+
+
+def machine_turned_by_u():
+    """A machine out of square, the more the further out its u is."""
+    values = {"squareness_um_m": SKEW * 1e6, "change_per_mm": CHANGE_PER_MM}
+    geometry = Geometry(**{name: Constant(value=value, source="ours") for name, value in values.items()})
+    machine = Machine.load()
+    return machine.model_copy(update={"base": machine.base.model_copy(update={"geometry": geometry})})
+
+
+def test_errors_that_change_with_u_are_those_of_a_leaning_wire():
+    u_um, v_um = 4_000, -2_000
+    contour, s_mm = leaning_diagonal((u_um, v_um)), np.array([5.0, 10.0, 20.0])
+    points = contour.nominal_mm[0] + s_mm[:, None] / 2**0.5
+    profile = ProfileError(points, s_mm, np.zeros((1, 3)), np.zeros(3, bool))
+    # at half the height the wire is ahead of the lower guide by half the lead's part along the wall
+    lower_x_um = 1000 * points[:, 0] + OFFSET_UM / 2**0.5 - 0.25 * (u_um + v_um)
+    expected = SKEW * (1.0 + CHANGE_PER_MM * u_um * 1e-3) * (lower_x_um - 32_500.0) / 2**0.5
+    rows = [(x_mm, factor * SKEW * 1e3 * (x_mm - 32.5)) for factor in (1.0, 1.5) for x_mm in (0.0, 65.0)]
+    exact = ErrorTable("y", "x", np.array(rows), rows=TableRows("u", 0.0, 5.0, 2, interpolated=True))
+    found = table_error(machine_turned_by_u(), contour, profile, load_tables([exact]), np.zeros(1))
+    np.testing.assert_allclose(found.without_um, expected, atol=0.01)
+    np.testing.assert_allclose(found.left_um, 0.0, atol=0.75)  # half a motor step, at 45 degrees
+
+
+def test_errors_that_change_with_u_follow_a_cam():
+    motors = np.array([(42_500.0, 32_500.0)] * 2)
+    cam = load_tables([Cam("u", "path", np.array([(0.0, 0.0), (50.0, 5.0)]))])
+    program, table = motor_offsets_um(machine_turned_by_u(), motors, motors, np.array([0.0, 40_000.0]), cam)
+    np.testing.assert_array_equal(program, 0.0)
+    np.testing.assert_allclose(table, [(0.0, 4.0), (0.0, 5.6)])
 
 
 def test_what_trims_leave_is_the_share_of_their_path_and_its_ends_are_out_of_reach():

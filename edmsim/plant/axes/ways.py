@@ -90,12 +90,12 @@ class StillTable:
         self.commanded_um = np.array(machine.base.table.centre_um)
         self._slack_um = [0.0, 0.0]
 
-    def move(self, to_um: tuple[float, float]) -> tuple[float, float]:
-        """Move the motors straight to a place, and return the true position of the table at rest, in um."""
+    def move(self, to_um: tuple[float, float], third_um: float = 0.0) -> tuple[float, float]:
+        """Move the motors to a place with u at `third_um`; return the true position of the table at rest, in um."""
         for k in (0, 1):
             travel_um = float(to_um[k] - self.commanded_um[k])
             self._slack_um[k] = taken_up(self._slack_um[k], travel_um, float(self._ways["backlash_um"][k]))
             self.commanded_um[k] = to_um[k]
         x_um, y_um = (float(self.commanded_um[k]) - self._slack_um[k] for k in (0, 1))
-        off_x, off_y = errors_um(self._ways, x_um, y_um, 0.0)
+        off_x, off_y = errors_um(self._ways, x_um, y_um, third_um)
         return x_um - off_x, y_um - off_y

@@ -108,6 +108,23 @@ def test_the_recorder_keeps_what_was_before_its_trigger():
     assert recording.velocity[101:] == pytest.approx(np.diff(samples["count"][later]))
 
 
+@pytest.mark.parametrize("wait", range(5))
+def test_samples_before_the_trigger_have_their_own_times(wait):
+    bench, interval_s = running(), 50 * 256 / 24e6
+    extensions = bench.drive("x").extensions
+    bench.hold("x", True)
+    extensions.record_on("error", level=30, before=20, every=5)
+    samples_before = traced(bench, 0.1 + wait * interval_s)  # the trigger is any number of intervals after a sample
+    bench.steps("x", 100, 1000.0)
+    samples = np.concatenate([samples_before, traced(bench, 1.1)])
+    recording, error = extensions.recording(), samples["setpoint"] - samples["count"]
+    trigger = int(np.argmax(error >= 30))
+    places = trigger + np.round(recording.time_s / interval_s).astype(int)
+    assert recording.time_s[20] == 0.0
+    assert np.array_equal(recording.error, error[places])
+    assert np.all(np.diff(recording.error[12:20]) > 0)  # it grows before the trigger
+
+
 @pytest.mark.parametrize(("trigger", "level", "counts"), [
     ("at once", 0, 30), ("error", 20, 30), ("output limit", 0, 600), ("fault", 0, 1200),
 ])  # fmt: skip
