@@ -177,6 +177,15 @@ def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
     assert 32 < others.obs_rms.count < 200  # the statistics go on from those of the policy
 
 
+def test_the_critics_targets_come_from_the_policy_that_td3_begins_with(tmp_path):
+    vec_env = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 1, seed=1))
+    export_sb3(learner("td3", vec_env, 0), vec_env, tmp_path / "policy.json")
+    second = TD3("MlpPolicy", vec_env, policy_kwargs=SMALL, seed=3, device="cpu")
+    start_sb3(second, vec_env, str(tmp_path / "policy.json"))
+    observed = torch.rand(5, 46)
+    assert torch.equal(second.actor_target(observed), second.actor(observed))
+
+
 @pytest.mark.slow
 def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsim, monkeypatch):
     started = []
@@ -226,6 +235,9 @@ def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp
     parameters = other.parameters("Corner", "ppo").model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=r"layers \[24, 24\] with relu.*the learner has hidden layers \[32, 32\]"):
         train("Corner", "ppo", tmp_path, parameters=parameters, steps=64, begin_from=options.policy())
+    settings.write_text("[network]\nlog_std_init = -3.0\n", encoding="utf-8")  # of the exploration alone
+    network = other.parameters("Corner", "ppo").network
+    assert (network.widths, network.activation, network.log_std_init) == ([24, 24], "relu", -3.0)
 
 
 def test_another_scale_of_actions_or_no_normalisation_is_refused():
