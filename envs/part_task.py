@@ -381,6 +381,10 @@ class Part(EnvArguments):
 
     own_weights: ClassVar[PartWeights] = PartWeights()
     lasting: ClassVar[tuple[str, ...]] = ("objectives",)
+    # a program and a technology, and what fits these only
+    unseen: ClassVar[tuple[str, ...]] = (
+        "weights", "program", "technology", "passes", "only_pass", "tab_mm", "height_mm",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a value that cannot be used, before anything is built."""

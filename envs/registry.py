@@ -143,19 +143,20 @@ def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str
     """Return the environment of edmsim, and arguments, with the same observations and actions as a family.
 
     The file of a policy that was trained in a user's environment names this one, so the policy can be used without
-    the user's file. Arguments unknown to it are left out, as are weights and machine, which do not affect a policy.
+    the user's file. Arguments unknown to it are left out, as are those that do not affect a policy (`unseen`).
     """
     base = base_of(family)
     known = family_of(base)
-    names = {field.name for field in fields(known)} - {"weights", "machine"}  # type: ignore[arg-type]
+    names = {field.name for field in fields(known)} - set(known.unseen)  # type: ignore[arg-type]
     own_arguments = {name: value for name, value in arguments.items() if name in names}
     own = family.of(**own_arguments)
     if hasattr(own, "knobs") and own.knobs != known.of().knobs:  # type: ignore[attr-defined]
         own_arguments["knobs"] = own.knobs
     meaning = (
-        "knows_corners", "knows_wires", "locates_discharges", "step_entries", "known_entries", "entries",
-        "action_names", "first_feed_um_s", "next_feed_um_s", "setting_us", "to_detents", "least_setting_us",
-    )
+        "knows_corners", "knows_wires", "locates_discharges", "counts_threading", "step_entries", "known_entries",
+        "entries", "action_names", "first_feed_um_s", "next_feed_um_s", "setting_us", "to_detents",
+        "least_setting_us",
+    )  # fmt: skip
     if any(getattr(family, name, None) != getattr(known, name, None) for name in meaning):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "

@@ -130,6 +130,8 @@ class EnvArguments(ABC):
 
     own_weights: ClassVar[Any]
     lasting: ClassVar[tuple[str, ...]] = ()
+    unseen: ClassVar[tuple[str, ...]] = ("weights", "machine")
+    """Arguments that a policy does not depend on: its file leaves them out, as they may name files of its author."""
     resolution: str
     episode_s: float | None
     weights: Any

@@ -571,8 +571,9 @@ def start_sb3(model: base_class.BaseAlgorithm, vec_env: VecEnv, policy: str | Po
             _put(lstm.weight_hh_l0, policy_file.lstm.memory_weights.T)
             _put(lstm.bias_ih_l0, policy_file.lstm.bias)
             _put(lstm.bias_hh_l0, np.zeros_like(policy_file.lstm.bias))
-        if hasattr(model, "actor_target"):  # TD3 and DDPG, whose critics learn what its actions earn
-            model.actor_target.load_state_dict(model.actor.state_dict())
+        acts: Any = model.policy
+        if hasattr(acts, "actor_target"):  # TD3 and DDPG, whose critics learn what its actions earn
+            acts.actor_target.load_state_dict(acts.actor.state_dict())
     normalise, card = wrapped.normalise, policy_file.card
     assert normalise is not None
     normalise.epsilon, normalise.clip_obs = card.epsilon, card.clip
