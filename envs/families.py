@@ -296,7 +296,6 @@ class Contour(Family):
     episode_s: float | None = 300.0
 
     knows_corners: ClassVar[bool] = True
-    unseen: ClassVar[tuple[str, ...]] = (*Family.unseen, "program")
     own_weights: ClassVar[Weights] = Weights(profile=1.0, time=0.1)
 
     def __post_init__(self) -> None:

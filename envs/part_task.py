@@ -381,9 +381,8 @@ class Part(EnvArguments):
 
     own_weights: ClassVar[PartWeights] = PartWeights()
     lasting: ClassVar[tuple[str, ...]] = ("objectives",)
-    # a program and a technology, and what fits these only
-    unseen: ClassVar[tuple[str, ...]] = (
-        "weights", "program", "technology", "passes", "only_pass", "tab_mm", "height_mm",
+    seen: ClassVar[tuple[str, ...]] = (
+        "set_point_octaves", "pause_octaves", "on_time_octaves", "offset_um", "wires", "episode_s",
     )  # fmt: skip
 
     def __post_init__(self) -> None:

@@ -470,7 +470,7 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
     """Return a learner's policy for `policy_file.write`; `command` is the command or function that made it."""
     network, wrapped = network_of(model), around(vec_env)
     env_id, options = wrapped.environment()
-    entry_count = len(registry.arguments_with(env_id, **options).entries())
+    entry_count = len(wrapped.family.entries())
     if vec_env.observation_space != model.observation_space or vec_env.action_space != model.action_space:
         raise InputError("the learner has other observations or actions than this environment: give its own")
     trained_in = model.get_vec_normalize_env()
@@ -589,7 +589,7 @@ def _put(parameter: Any, values: Any) -> None:
 
 def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
     """Raise `InputError` if the learner cannot begin with the policy."""
-    card, family, theirs = policy.card, wrapped.family, policy.family()
+    card, family, theirs = policy.card, wrapped.family, policy.arguments()
     if network.shown is not None:
         raise InputError("a policy file has no statistics for a privileged critic: leave the critic or the start out")
     if wrapped.normalise is None:

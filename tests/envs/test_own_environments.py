@@ -3,7 +3,6 @@
 import importlib.util
 import json
 import pickle
-import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from edmsim.envs import Contour, Corner, Family, GapFeed, Part, Task, Weights, register
+from edmsim.envs import Corner, Family, GapFeed, Task, Weights, register
 from edmsim.envs.registry import make_family, resolve, stand_in
 from edmsim.errors import InputError
 from edmsim.evaluation import compare, episode
@@ -131,14 +130,6 @@ def test_no_policy_file_can_describe_observations_and_actions_of_an_own_family()
     ):  # fmt: skip
         with pytest.raises(InputError, match="Own has other observations or actions than GapFeed"):
             stand_in(type("Own", (GapFeed,), own), {})
-
-
-def test_a_policy_file_names_no_program_or_technology_of_its_author(small_punch, tmp_path):
-    program = shutil.copy(small_punch, tmp_path / "part.ngc")
-    own = {"program": str(program), "episode_s": 5.0}
-    assert stand_in(Contour, own) == ("edmsim/Contour-v2", {"episode_s": 5.0})
-    of_part = {**own, "technology": "own.toml", "passes": 6, "only_pass": 5, "tab_mm": 3.0, "height_mm": 90.0}
-    assert stand_in(Part, of_part) == ("edmsim/Part-v0", {"episode_s": 5.0})
 
 
 def test_the_registered_form_of_an_own_family_is_json() -> None:
