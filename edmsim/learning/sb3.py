@@ -526,10 +526,10 @@ def _array(tensor: Any) -> Any:
 
 
 SCALES = (
-    "max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share", "set_point_octaves",
-    "pause_octaves", "on_time_octaves",
+    "action", "max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share",
+    "set_point_octaves", "pause_octaves", "on_time_octaves",
 )  # fmt: skip
-"""Arguments of an environment that give the size of an action of 1."""
+"""Arguments of an environment that give the meaning and the size of an action of 1."""
 
 
 @refuses_wrong_types

@@ -280,6 +280,9 @@ def test_another_scale_of_actions_or_no_normalisation_is_refused():
     wide = {"net_arch": [64, 64]}
     with pytest.raises(InputError, match=r"max_change_um_s 4\.0, the training has 8\.0"):
         start_sb3(learner("ppo", vec_env, 0, **wide), vec_env, "GapFeed-ppo")
+    speeds = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 1, action="speed"))
+    with pytest.raises(InputError, match="learnt with action change, the training has speed"):
+        start_sb3(learner("ppo", speeds, 0, **wide), speeds, "GapFeed-ppo")
     with pytest.raises(InputError, match="wrap the environment in VecNormalize"):
         start_sb3(learner("ppo", vec_env.venv, 0, **wide), vec_env.venv, "GapFeed-ppo")
     usual = make_sb3_vec_env("edmsim/GapFeed-v2", 1)
