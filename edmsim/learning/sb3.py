@@ -622,7 +622,7 @@ _AROUND = (
 _AROUND_ONE = (
     monitor.Monitor, environment.RecordRerun, gym.RewardWrapper, gym.wrappers.OrderEnforcing,
     gym.wrappers.PassiveEnvChecker, gym.wrappers.TimeLimit, gym.wrappers.RecordEpisodeStatistics,
-    gym.wrappers.RecordVideo,
+    gym.wrappers.RecordVideo, gym.wrappers.NormalizeReward,
 )
 """Wrappers that do not change observations and actions, or whose change a policy's card describes."""
 

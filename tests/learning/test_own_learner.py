@@ -95,7 +95,9 @@ def test_without_a_normalisation_it_sees_what_is_shown(wrap, network, tmp_path):
 
 @pytest.mark.slow
 def test_the_sub_environments_may_be_single_environments_of_stable_baselines3(tmp_path):
-    vec_env = VecNormalize(make_vec_env("edmsim/Trim-v1", 2, env_kwargs={"decision_s": None, "wave_um": (5.0, 6.0)}))
+    arguments = {"decision_s": None, "wave_um": (5.0, 6.0)}
+    wrapped = make_vec_env("edmsim/Trim-v1", 2, env_kwargs=arguments, wrapper_class=gym.wrappers.NormalizeReward)
+    vec_env = VecNormalize(wrapped)
     model = learner("sac", vec_env, steps=16)
     policy = export_sb3(model, vec_env, tmp_path / "policy.json")
     assert policy.card.env_id == "edmsim/Trim-v1"
