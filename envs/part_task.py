@@ -381,6 +381,9 @@ class Part(EnvArguments):
 
     own_weights: ClassVar[PartWeights] = PartWeights()
     lasting: ClassVar[tuple[str, ...]] = ("objectives",)
+    seen: ClassVar[tuple[str, ...]] = (
+        "set_point_octaves", "pause_octaves", "on_time_octaves", "offset_um", "wires", "episode_s",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a value that cannot be used, before anything is built."""

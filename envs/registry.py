@@ -120,11 +120,26 @@ def arguments_with(name: str | type[EnvArguments], **options: Any) -> EnvArgumen
     return family.of(**{**arguments, **options})
 
 
+def of_policy(env_id: str, environment: dict[str, Any]) -> EnvArguments:
+    """Return the arguments of a policy's environment, the default for those that do not affect it (`seen`).
+
+    These may need the machine, which the policy's file does not have, or a file that is missing.
+    """
+    family, registered = find(env_id)
+    known = {field.name for field in fields(family)}  # type: ignore[arg-type]
+    chosen = {name: value for name, value in environment.items() if name in family.seen or name not in known}
+    return family.of(**{**registered, **chosen})
+
+
 def make_family(name: str | type[EnvArguments], **options: Any) -> Family:
     """Return `arguments_with`; raises `InputError` for Part, which is not decided on window by window."""
+    return of_windows(name, arguments_with(name, **options))
+
+
+def of_windows(name: str | type[EnvArguments], made: EnvArguments) -> Family:
+    """Return an environment's arguments; raises `InputError` for those of Part."""
     from edmsim.envs.task import Family
 
-    made = arguments_with(name, **options)
     if not isinstance(made, Family):
         raise InputError(f"{name} is decided on pass by pass: no feed controller or study of windows fits it")
     return made
@@ -149,13 +164,13 @@ def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str
     known = family_of(base)
     names = {field.name for field in fields(known)} - {"weights", "machine"}  # type: ignore[arg-type]
     own_arguments = {name: value for name, value in arguments.items() if name in names}
-    own = family.of(**own_arguments)
-    if hasattr(own, "knobs") and own.knobs != known.of().knobs:  # type: ignore[attr-defined]
-        own_arguments["knobs"] = own.knobs
+    if "knobs" in names and tuple(family.knobs) != known.knobs:  # type: ignore[attr-defined]
+        own_arguments.setdefault("knobs", family.knobs)  # type: ignore[attr-defined]
     meaning = (
-        "knows_corners", "knows_wires", "locates_discharges", "step_entries", "known_entries", "entries",
-        "action_names", "first_feed_um_s", "next_feed_um_s", "setting_us", "to_detents", "least_setting_us",
-    )
+        "knows_corners", "knows_wires", "locates_discharges", "counts_threading", "step_entries", "known_entries",
+        "entries", "action_names", "first_feed_um_s", "next_feed_um_s", "setting_us", "to_detents",
+        "least_setting_us",
+    )  # fmt: skip
     if any(getattr(family, name, None) != getattr(known, name, None) for name in meaning):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "

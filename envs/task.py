@@ -130,6 +130,8 @@ class EnvArguments(ABC):
 
     own_weights: ClassVar[Any]
     lasting: ClassVar[tuple[str, ...]] = ()
+    seen: ClassVar[tuple[str, ...]]
+    """Arguments on which a policy depends: what it observes, what its actions mean, and when it acts."""
     resolution: str
     episode_s: float | None
     weights: Any
@@ -267,6 +269,10 @@ class Family(EnvArguments):
     finishes_wall: ClassVar[bool] = False
     own_weights: ClassVar[reward.Weights] = reward.Weights()
     lasting: ClassVar[tuple[str, ...]] = LASTING
+    seen: ClassVar[tuple[str, ...]] = (
+        "action", "knobs", "setting_octaves", "detents_us", "offset_um", "decision_s", "episode_s", "wires",
+        "max_feed_um_s", "max_change_um_s", "start_feed_um_s", "servo_target_share", "servo_gains", "history",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a value that cannot be used, before anything is built."""

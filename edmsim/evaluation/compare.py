@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -468,7 +469,7 @@ def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
             write_figure(draw_returns(made), file.with_name(name))
         lines = lines_of(made.env_id)
         parts += [
-            f"## {made.env_id}", "", f"![Return of every cut, and the mean of each controller]({name})", "",
+            f"## {made.env_id}", "", f"![Return of every cut, and the mean of each controller]({quote(name)})", "",
             "*Returns of the same machines under all controllers: a dot for each machine; the line is the mean with "
             "its 95 % interval.*", "", *markdown_table(made), "",
             f"Score: 0 is what `{lines.blind}` earns, 1 what `{lines.reference}` earns.", "",

@@ -230,6 +230,9 @@ class BanditController(Snapshots):
     def __init__(self, card: BanditCard) -> None:
         self.card = card
         self.law = law_of(card)
+        # values of the law for parameters that only other settings name
+        named = {name for setting in card.settings for name in setting}
+        self._own = {name: getattr(part, name) for part in self.law.parts for name in named if hasattr(part, name)}
         self.belief = Belief(card)
         self.path_um = 0.0  # at the end of the last window
         self.lost_s = card.start_s  # time that a lost wire costs
@@ -253,8 +256,12 @@ class BanditController(Snapshots):
         """Set the machine and the path; called before every leg of the cut."""
         self.path_um = start_um
         self.lost_s = machine.base.table.threading_s.value + self.card.start_s
-        self.law.override(self.card.settings[0])  # replaces the setting of the last leg
+        self._apply(0)  # replaces the setting of the last leg
         set_up_controller(self.law, machine, points_um, start_um)
+
+    def _apply(self, setting: int) -> None:
+        """Set the parameters of the law."""
+        self.law.override({**self._own, **self.card.settings[setting]})
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg with the prior."""
@@ -269,7 +276,7 @@ class BanditController(Snapshots):
         self.broken = True
         self.clock_s = -self.card.start_s
         self._clear()
-        self.law.override(self.card.settings[0])
+        self._apply(0)
         return self.law.wire_lost()
 
     def update(self, window: WindowObservation) -> FeedCommand:
@@ -289,7 +296,7 @@ class BanditController(Snapshots):
         if self.clock_s >= self.card.segment_s:
             self._end_segment()
         # set in every window, because the law's state does not include its arguments
-        self.law.override(self.card.settings[self.setting if self.clock_s >= 0.0 else 0])
+        self._apply(self.setting if self.clock_s >= 0.0 else 0)
         return self.law.update(window)
 
     def _end_segment(self) -> None:
@@ -321,7 +328,9 @@ class BanditSettings(Choices, frozen=True):
     """Settings of a training: those of the policy (see `Choices`), and of its prior."""
 
     machines: Annotated[int, Field(ge=2)]  # training machines, 2 or more
-    passes: Annotated[int, Field(ge=LEAST_PASSES)]  # segments with each setting on every training machine
+    # segments with each setting on every training machine; the first segment has the first setting, so one setting,
+    # the last of its random order, has a segment less
+    passes: Annotated[int, Field(ge=LEAST_PASSES + 1)]
     # share by which the covariance over machines is moved towards its diagonal, because machines are few
     shrink: Annotated[FiniteFloat, Field(ge=0, le=1)]
     meter: _Positive  # standard deviation of the measured rate's logarithm from the true one's

@@ -180,12 +180,12 @@ class Policy:
         return (np.tanh(layer) if card.output == "tanh" else np.clip(layer, -1.0, 1.0)), memory
 
     def arguments(self) -> EnvArguments:
-        """Return the environment's arguments, also for Part."""
-        return registry.arguments_with(self.card.env_id, **self.card.environment)
+        """Return the arguments of its environment that define the policy's observations and actions."""
+        return registry.of_policy(self.card.env_id, self.card.environment)
 
     def family(self) -> Family:
-        """Return the family of an environment of windows; it defines the policy's observations and actions."""
-        return registry.make_family(self.card.env_id, **self.card.environment)
+        """Return the same for an environment of windows; raises `InputError` for Part."""
+        return registry.of_windows(self.card.env_id, self.arguments())
 
 
 def meanings(family: EnvArguments) -> list[str]:
@@ -261,7 +261,7 @@ def card_of(
     variance: Sequence[float] | Floats, **more: Any,
 ) -> Card:
     """Return the card of packed arrays, mean and variance of the environment's entries, and `more` of `Card`."""
-    family = registry.arguments_with(env_id, **environment)
+    family = registry.of_policy(env_id, environment)
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": float(m), "variance": float(v)}
         for entry, m, v in zip(family.entries(), mean, variance, strict=True)
@@ -328,7 +328,7 @@ def load(name: str, env_id: str | None = None) -> Policy:
 def _check_environment(card: Card, file: Path) -> None:
     """Raise `InputError` if the policy's inputs and outputs are not those of its environment."""
     try:
-        family = registry.arguments_with(card.env_id, **card.environment)
+        family = registry.of_policy(card.env_id, card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
     expected = [entry.name for entry in family.entries()]

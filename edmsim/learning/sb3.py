@@ -470,7 +470,7 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
     """Return a learner's policy for `policy_file.write`; `command` is the command or function that made it."""
     network, wrapped = network_of(model), around(vec_env)
     env_id, options = wrapped.environment()
-    entry_count = len(registry.arguments_with(env_id, **options).entries())
+    entry_count = len(wrapped.family.entries())
     if vec_env.observation_space != model.observation_space or vec_env.action_space != model.action_space:
         raise InputError("the learner has other observations or actions than this environment: give its own")
     trained_in = model.get_vec_normalize_env()
@@ -526,10 +526,10 @@ def _array(tensor: Any) -> Any:
 
 
 SCALES = (
-    "max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share", "set_point_octaves",
-    "pause_octaves", "on_time_octaves",
+    "action", "max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share",
+    "set_point_octaves", "pause_octaves", "on_time_octaves",
 )  # fmt: skip
-"""Arguments of an environment that give the size of an action of 1."""
+"""Arguments of an environment that give the meaning and the size of an action of 1."""
 
 
 @refuses_wrong_types
@@ -571,6 +571,9 @@ def start_sb3(model: base_class.BaseAlgorithm, vec_env: VecEnv, policy: str | Po
             _put(lstm.weight_hh_l0, policy_file.lstm.memory_weights.T)
             _put(lstm.bias_ih_l0, policy_file.lstm.bias)
             _put(lstm.bias_hh_l0, np.zeros_like(policy_file.lstm.bias))
+        acts: Any = model.policy
+        if hasattr(acts, "actor_target"):  # TD3 and DDPG, whose critics learn what its actions earn
+            acts.actor_target.load_state_dict(acts.actor.state_dict())
     normalise, card = wrapped.normalise, policy_file.card
     assert normalise is not None
     normalise.epsilon, normalise.clip_obs = card.epsilon, card.clip
@@ -586,7 +589,7 @@ def _put(parameter: Any, values: Any) -> None:
 
 def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
     """Raise `InputError` if the learner cannot begin with the policy."""
-    card, family, theirs = policy.card, wrapped.family, policy.family()
+    card, family, theirs = policy.card, wrapped.family, policy.arguments()
     if network.shown is not None:
         raise InputError("a policy file has no statistics for a privileged critic: leave the critic or the start out")
     if wrapped.normalise is None:
@@ -619,7 +622,7 @@ _AROUND = (
 _AROUND_ONE = (
     monitor.Monitor, environment.RecordRerun, gym.RewardWrapper, gym.wrappers.OrderEnforcing,
     gym.wrappers.PassiveEnvChecker, gym.wrappers.TimeLimit, gym.wrappers.RecordEpisodeStatistics,
-    gym.wrappers.RecordVideo,
+    gym.wrappers.RecordVideo, gym.wrappers.NormalizeReward,
 )
 """Wrappers that do not change observations and actions, or whose change a policy's card describes."""
 

@@ -250,15 +250,15 @@ class TrainOptions(NamedTuple):
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def parameters(self, env_id: str, algo: str) -> hyperparameters.Hyperparameters:
-        """Return the hyperparameters; the network is the starting policy's, unless the settings have one."""
+        """Return the hyperparameters; the network's shape is the starting policy's where the settings leave it."""
         parameters = hyperparameters.load(env_id, algo, self.settings)
         more: dict[str, Any] = {}
         policy = self.policy()
-        if policy is not None and parameters.network == hyperparameters.load(env_id, algo).network:
-            card = policy.card
-            shape: dict[str, Any] = {"widths": card.widths, "activation": card.activation}
-            shape |= {"lstm": card.lstm} if parameters.network.lstm and card.lstm else {}
-            more["network"] = parameters.network.model_copy(update=shape)
+        if policy is not None:
+            chosen, usual = parameters.network, hyperparameters.load(env_id, algo).network
+            names = ("widths", "activation", *(("lstm",) if chosen.lstm and policy.card.lstm else ()))
+            shape = {n: getattr(policy.card, n) for n in names if getattr(chosen, n) == getattr(usual, n)}
+            more["network"] = chosen.model_copy(update=shape)
         if self.residual is not None:
             adds: dict[str, Any] = {"action": "speed", "decision_s": None}
             if other := [name for name in adds if parameters.environment.get(name, adds[name]) != adds[name]]:

@@ -124,7 +124,10 @@ def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
 
 
 def test_no_policy_file_can_describe_observations_and_actions_of_an_own_family():
-    for own in ({"setting_us": Pulsing.setting_us}, {"locates_discharges": True}, {"next_feed_um_s": Pulsing.draw}):
+    for own in (
+        {"setting_us": Pulsing.setting_us}, {"locates_discharges": True}, {"next_feed_um_s": Pulsing.draw},
+        {"counts_threading": True},
+    ):  # fmt: skip
         with pytest.raises(InputError, match="Own has other observations or actions than GapFeed"):
             stand_in(type("Own", (GapFeed,), own), {})
 

@@ -1,6 +1,7 @@
 """``edmsim evaluate --page``: a table and a figure of any number of controllers on one set of machines."""
 
 from pathlib import Path
+from urllib.parse import unquote
 
 import matplotlib
 import pytest
@@ -28,6 +29,10 @@ def test_a_page_has_the_table_and_a_row_of_the_figure_for_every_controller(tmp_p
     assert "\n".join(markdown_table(made)) in text
     assert "](compared-GapFeed-v2.png)" in text
     assert (tmp_path / "new" / "compared-GapFeed-v2.png").read_bytes().startswith(b"\x89PNG")
+    write_page(file.with_name("my laws.md"), [made])
+    link = file.with_name("my laws.md").read_text(encoding="utf-8").partition("](")[2].partition(")")[0]
+    assert link == "my%20laws-GapFeed-v2.png"  # Markdown ends the address of a picture at a space
+    assert file.with_name(unquote(link)).is_file()
     (axes,) = draw_returns(made).axes
     shown = [label.get_text() for label in axes.get_yticklabels()]
     assert sorted(shown) == sorted(made.results)

@@ -46,6 +46,19 @@ def test_it_begins_a_leg_as_it_began_the_first():
     check_controller(lambda: BanditController(card(law="set-point", settings=settings)))
 
 
+def test_a_setting_has_the_laws_own_values_of_parameters_that_only_others_name():
+    settings = [{}, {"open_target_share": 0.25}, {"short_weight": 0.5}]
+    made = BanditController(card(law="adaptive-hold:short_weight=0.3", settings=settings))
+    set_up_controller(made, Task(ENV_ID).machine, np.array([[0.0, 0.0], [9000.0, 0.0]]), 0.0)
+    made.reset(100.0)
+    made.clock_s, values = 0.0, []
+    for made.setting in (0, 1, 2, 0):
+        made.update(WindowObservation(0.0, 0.0102, 5, 15, 30.0, 10.0, 9.0, 20.0, 0.0, fifths=(47, 47, 47, 47, 47)))
+        names, parts = ("open_target_share", "short_weight"), made.law.parts
+        values.append([getattr(part, name) for name in names for part in parts if hasattr(part, name)])
+    assert values == [[values[0][0], 0.3], [0.25, 0.3], [values[0][0], 0.5], [values[0][0], 0.3]]
+
+
 def best(belief, bonus, lost_s):
     """Return the setting that is the best with this bonus."""
     return int(np.argmax(belief.at_best(bonus, lost_s)))

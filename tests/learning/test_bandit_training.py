@@ -163,7 +163,7 @@ def test_what_cannot_be_trained_is_refused_in_one_line(edmsim, tmp_path, words, 
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("passes = 1", "passes"),
+        ("passes = 2", "passes: must be greater than or equal to 3"),
         ("segment_s = 2.0\nsettle_s = 2.0", "settle_s (2) must be below segment_s"),
         ('law = "oracle"', "a machine could have"),
         ("settings = [{size = 1.0}, {size = 2.0}]", "no parameter 'size'"),

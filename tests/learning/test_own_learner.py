@@ -1,7 +1,9 @@
 """A learner of one's own leaves as a policy file that does what it does, and a learner begins with a policy file."""
 
 import json
+import shutil
 from functools import partial
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +15,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecMonitor, VecNormalize
 
+from edmsim import models
 from edmsim.envs import make_sb3_vec_env
 from edmsim.errors import InputError
 from edmsim.job.cut import cut
@@ -92,7 +95,9 @@ def test_without_a_normalisation_it_sees_what_is_shown(wrap, network, tmp_path):
 
 @pytest.mark.slow
 def test_the_sub_environments_may_be_single_environments_of_stable_baselines3(tmp_path):
-    vec_env = VecNormalize(make_vec_env("edmsim/Trim-v1", 2, env_kwargs={"decision_s": None, "wave_um": (5.0, 6.0)}))
+    arguments = {"decision_s": None, "wave_um": (5.0, 6.0)}
+    wrapped = make_vec_env("edmsim/Trim-v1", 2, env_kwargs=arguments, wrapper_class=gym.wrappers.NormalizeReward)
+    vec_env = VecNormalize(wrapped)
     model = learner("sac", vec_env, steps=16)
     policy = export_sb3(model, vec_env, tmp_path / "policy.json")
     assert policy.card.env_id == "edmsim/Trim-v1"
@@ -177,6 +182,47 @@ def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
     assert 32 < others.obs_rms.count < 200  # the statistics go on from those of the policy
 
 
+def without_file(arguments, file):
+    """Return a new policy of an environment that needs a file, which is deleted."""
+    vec_env = VecNormalize(make_sb3_vec_env(**arguments))
+    policy = export_sb3(learner("ppo", vec_env, 0), vec_env, file.with_name("policy.json"))
+    file.unlink()
+    return policy
+
+
+def test_a_policy_needs_neither_program_nor_machine_nor_technology_of_its_training(tmp_path, small_punch):
+    file = Path(shutil.copy(small_punch, tmp_path / "part.ngc"))
+    policy = without_file({"env_id": "Contour", "program": str(file), "episode_s": 5.0}, file)
+    assert policy.family().episode_s == 5.0
+    table = tmp_path / "large.toml"
+    shutil.copy(models.path("machines/production-400.toml"), table)
+    policy = without_file({"env_id": "GapFeed", "machine": str(table), "length_mm": 150.0, "history": 2}, table)
+    assert (policy.family().history, policy.card.environment["length_mm"]) == (2, 150.0)
+    technology = tmp_path / "own.toml"
+    shutil.copy(models.path("technologies/tool-steel-brass-254.toml"), technology)
+    policy = without_file({"env_id": "Part", "technology": str(technology), "pause_octaves": 1.0}, technology)
+    assert policy.arguments().pause_octaves == 1.0
+
+
+def test_a_learner_begins_with_a_policy_of_passes(tmp_path):
+    vec_env = VecNormalize(make_sb3_vec_env("Part", 1))
+    policy = export_sb3(learner("ppo", vec_env, 0), vec_env, tmp_path / "policy.json")
+    second = PPO("MlpPolicy", vec_env, policy_kwargs=SMALL, seed=3, device="cpu")
+    start_sb3(second, vec_env, policy)
+    assert np.array_equal(second.policy.action_net.weight.detach().numpy().T, policy.weights[-1].astype(np.float32))
+    with pytest.raises(InputError, match=r"learnt with pause_octaves 2\.0, the training has 1\.0"):
+        start_sb3(second, VecNormalize(make_sb3_vec_env("Part", 1, pause_octaves=1.0)), policy)
+
+
+def test_the_critics_targets_come_from_the_policy_that_td3_begins_with(tmp_path):
+    vec_env = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 1, seed=1))
+    export_sb3(learner("td3", vec_env, 0), vec_env, tmp_path / "policy.json")
+    second = TD3("MlpPolicy", vec_env, policy_kwargs=SMALL, seed=3, device="cpu")
+    start_sb3(second, vec_env, str(tmp_path / "policy.json"))
+    observed = torch.rand(5, 46)
+    assert torch.equal(second.actor_target(observed), second.actor(observed))
+
+
 @pytest.mark.slow
 def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsim, monkeypatch):
     started = []
@@ -226,6 +272,9 @@ def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp
     parameters = other.parameters("Corner", "ppo").model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=r"layers \[24, 24\] with relu.*the learner has hidden layers \[32, 32\]"):
         train("Corner", "ppo", tmp_path, parameters=parameters, steps=64, begin_from=options.policy())
+    settings.write_text("[network]\nlog_std_init = -3.0\n", encoding="utf-8")  # of the exploration alone
+    network = other.parameters("Corner", "ppo").network
+    assert (network.widths, network.activation, network.log_std_init) == ([24, 24], "relu", -3.0)
 
 
 def test_another_scale_of_actions_or_no_normalisation_is_refused():
@@ -233,6 +282,9 @@ def test_another_scale_of_actions_or_no_normalisation_is_refused():
     wide = {"net_arch": [64, 64]}
     with pytest.raises(InputError, match=r"max_change_um_s 4\.0, the training has 8\.0"):
         start_sb3(learner("ppo", vec_env, 0, **wide), vec_env, "GapFeed-ppo")
+    speeds = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 1, action="speed"))
+    with pytest.raises(InputError, match="learnt with action change, the training has speed"):
+        start_sb3(learner("ppo", speeds, 0, **wide), speeds, "GapFeed-ppo")
     with pytest.raises(InputError, match="wrap the environment in VecNormalize"):
         start_sb3(learner("ppo", vec_env.venv, 0, **wide), vec_env.venv, "GapFeed-ppo")
     usual = make_sb3_vec_env("edmsim/GapFeed-v2", 1)
