@@ -381,7 +381,7 @@ class Part(EnvArguments):
 
     own_weights: ClassVar[PartWeights] = PartWeights()
     lasting: ClassVar[tuple[str, ...]] = ("objectives",)
-    seen: ClassVar[tuple[str, ...]] = (
+    policy_arguments: ClassVar[tuple[str, ...]] = (
         "set_point_octaves", "pause_octaves", "on_time_octaves", "offset_um", "wires", "episode_s",
     )  # fmt: skip
 

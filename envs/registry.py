@@ -121,13 +121,14 @@ def arguments_with(name: str | type[EnvArguments], **options: Any) -> EnvArgumen
 
 
 def of_policy(env_id: str, environment: dict[str, Any]) -> EnvArguments:
-    """Return the arguments of a policy's environment, the default for those that do not affect it (`seen`).
+    """Return the arguments of a policy's environment, with defaults for all but its `policy_arguments`.
 
-    These may need the machine, which the policy's file does not have, or a file that is missing.
+    The others may need the machine, which the policy's file does not have, or a file that is missing.
     """
     family, registered = find(env_id)
     known = {field.name for field in fields(family)}  # type: ignore[arg-type]
-    chosen = {name: value for name, value in environment.items() if name in family.seen or name not in known}
+    unused = known.difference(family.policy_arguments)
+    chosen = {name: value for name, value in environment.items() if name not in unused}
     return family.of(**{**registered, **chosen})
 
 

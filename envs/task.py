@@ -130,7 +130,7 @@ class EnvArguments(ABC):
 
     own_weights: ClassVar[Any]
     lasting: ClassVar[tuple[str, ...]] = ()
-    seen: ClassVar[tuple[str, ...]]
+    policy_arguments: ClassVar[tuple[str, ...]]
     """Arguments on which a policy depends: what it observes, what its actions mean, and when it acts."""
     resolution: str
     episode_s: float | None
@@ -269,7 +269,7 @@ class Family(EnvArguments):
     finishes_wall: ClassVar[bool] = False
     own_weights: ClassVar[reward.Weights] = reward.Weights()
     lasting: ClassVar[tuple[str, ...]] = LASTING
-    seen: ClassVar[tuple[str, ...]] = (
+    policy_arguments: ClassVar[tuple[str, ...]] = (
         "action", "knobs", "setting_octaves", "detents_us", "offset_um", "decision_s", "episode_s", "wires",
         "max_feed_um_s", "max_change_um_s", "start_feed_um_s", "servo_target_share", "servo_gains", "history",
     )  # fmt: skip
