@@ -385,13 +385,15 @@ def stretches(log: Log, settle_um: float) -> list[Stretch]:
     # A new run begins when the setting changes or the feed jumps. Stretches are left out if they are in air, at rest,
     # with an unsteady feed, or, if the log has positions, along a path that turns.
     found = []
+    places = np.column_stack([log.columns[name] for name in PLACES]) if PLACES[0] in log.columns else np.zeros((0, 2))
+    along_um = arc_lengths(places)
     for begin, end in _runs(log):
         window_s = WINDOW_PULSES * log.columns["t_period_us"][begin] * 1e-6
         travel_um = np.cumsum(np.maximum(log.columns["feed_um_s"][begin:end], 0.0)) * window_s
         settled = begin + int(np.searchsorted(travel_um, settle_um))
         for first in range(settled, end - STRETCH_WINDOWS + 1, STRETCH_WINDOWS):
             stretch = _stretch(log, first, float(travel_um[first - begin]))
-            if stretch is not None and _turn_deg(log, first, settle_um) <= TURN_DEG:
+            if stretch is not None and _turn_deg(places, along_um, first, settle_um) <= TURN_DEG:
                 found.append(stretch)
     if not found:
         raise InputError(
@@ -444,15 +446,13 @@ def _stretch(log: Log, first: int, travelled_um: float) -> Stretch | None:
     return stretch
 
 
-def _turn_deg(log: Log, first: int, settle_um: float) -> float:
+def _turn_deg(places: Floats, along_um: Floats, first: int, settle_um: float) -> float:
     """Return the range of the path's directions in a stretch and its settling travel; 0 if unknown or too short."""
-    if PLACES[0] not in log.columns:
+    if not len(places):
         return 0.0
-    end = first + STRETCH_WINDOWS
-    places = np.column_stack([log.columns[name][:end] for name in PLACES])
-    travel_um = arc_lengths(places)
-    begin_um = max(travel_um[first] - settle_um, 0.0)
-    chosen = np.unique(np.searchsorted(travel_um, np.arange(begin_um, travel_um[-1], PLACE_UM)))
+    upto_um = along_um[: first + STRETCH_WINDOWS]
+    begin_um = max(upto_um[first] - settle_um, 0.0)
+    chosen = np.unique(np.searchsorted(upto_um, np.arange(begin_um, upto_um[-1], PLACE_UM)))
     ways = np.diff(places[chosen], axis=0)
     if not len(ways):
         return 0.0

@@ -292,8 +292,8 @@ class Search:
         same = one.generator == before.generator
         last_um = before.last_offset_um if same else self._radius_um + 0.3 * (before.last_offset_um - self._radius_um)
         for _ in range(MOST_TRIES):
-            step_um = max(target.stock_um + before.last_offset_um - last_um, 0.0)
-            cut = self._cut(one, number, offset_mm - step_um * 1e-3)
+            step_um, tried = max(target.stock_um + before.last_offset_um - last_um, 0.0), one
+            cut = self._cut(tried, number, offset_mm - step_um * 1e-3)
             if cut.last_offset_um is None:  # the wire went into the metal, or the pulses were too few
                 last_um, one = last_um + SHALLOWER_UM, self._stronger(one)
                 continue
@@ -310,7 +310,7 @@ class Search:
                 one = self._stronger(one)
         if cut.last_offset_um is None:
             raise InputError(f"pass {number} did not come to its end: {cut.outcome}")
-        return self._with_found(one, cut, took_um), step_um
+        return self._with_found(tried, cut, took_um), step_um
 
     def _with_ra(self, one: PassSetting, share: float) -> PassSetting:
         """Return a setting with coarser or finer craters, whose volume is proportional to the current."""

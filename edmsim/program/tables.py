@@ -45,7 +45,9 @@ def read_offsets(file: str | Path) -> dict[str, float]:
         offset_mm = real(value)
         if offset_mm is None or not 0 <= offset_mm <= GREATEST_MM:
             raise InputError(f"the offset {name} is {value!r}: give 0 to {GREATEST_MM:g} mm{in_um(value)}", path)
-        table[register(found[1], found[2])] = float(offset_mm)
+        if (known := register(found[1], found[2])) in table:
+            raise InputError(f"the offset {known} occurs twice: remove one", path)
+        table[known] = float(offset_mm)
     return table
 
 

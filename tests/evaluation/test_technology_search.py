@@ -83,6 +83,20 @@ def test_offsets_let_every_pass_take_its_stock():
     assert trim.feed == last.feed == "constant"
 
 
+def test_a_trim_that_misses_its_targets_in_all_cuts_has_the_setting_of_the_last(monkeypatch):
+    cuts = []
+
+    def slow(job, one, number, offset_mm, metal):
+        cuts.append(one)
+        made = answer(job, one, number, offset_mm, number)
+        slowed = replace(made.record, end_um=0.5 * made.record.end_um)
+        return made if number == 1 else made._replace(record=slowed, ra_um=1.3 * made.ra_um)
+
+    monkeypatch.setattr(technology_search, "cut_pass", slow)
+    trim = Search(Job("tool-steel", passes=2), lambda text: None).run().passes[-1]
+    assert (trim.peak_current_A, trim.t_period_us) == (cuts[-1].peak_current_A, cuts[-1].t_period_us)
+
+
 def test_passes_that_are_known_keep_their_settings_and_get_their_offsets_again(monkeypatch):
     found = Search(Job("tool-steel", passes=3), lambda text: None).run()
     resolutions = []

@@ -109,7 +109,7 @@ def test_registers_that_make_no_sense(tmp_path, text, line, named):
 
 @pytest.mark.parametrize(("text", "named"), [
     ("D1 is 0.1", "lines as D1 = 0.155"), ("X1 = 0.1", "'X1'"), ("D1 = 'thick'", "'thick'"), ("D1 = -1", "-1"),
-    ("D1 = true", "True"), ("D1 = nan", "nan"),
+    ("D1 = true", "True"), ("D1 = nan", "nan"), ("D1 = 0.155\nd01 = 0.2", "the offset D1 occurs twice"),
 ])  # fmt: skip
 def test_tables_that_make_no_sense(tmp_path, text, named):
     (tmp_path / "table.toml").write_text(text)

@@ -121,6 +121,14 @@ def test_the_interval_of_a_mean_is_that_over_drawn_machines():
     assert (group.runs, one.runs) == (80, 4)
 
 
+def test_intervals_of_two_and_of_three_runs_hold_the_mean_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    for seeds in (2, 3):
+        rows = [row(f"{k}-{n}", height_mm=k, ra_um=rng.normal(5.0)) for k in range(400) for n in range(seeds)]
+        found = [group.figures["ra_um"] for group in groups(as_table(rows), ["height_mm"])]
+        assert 0.92 < np.mean([figure.low <= 5.0 <= figure.high for figure in found]) < 0.98
+
+
 def test_runs_of_a_changed_file_are_groups_of_their_own_unless_a_setting_names_it(table):
     texts = [{"counts": "a", "voltage": "b"}[name] for name in table["controller"].to_pylist()]
     assert groups(table.append_column("files", [texts])) == groups(table)
