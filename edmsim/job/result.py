@@ -26,7 +26,16 @@ from edmsim.plant.workpiece import height_steps, kerf_field
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import report as reports
 from edmsim.recording.scene import ErrorMap, PassFace, Scene, holes_mm, polylines, terraces, write_scene
-from edmsim.recording.windows import CUT_KEY, Closeups, Frames, WindowTable, cut_alone, durations_s, write_windows
+from edmsim.recording.windows import (
+    CUT_KEY,
+    Closeups,
+    Frames,
+    WindowTable,
+    broken,
+    cut_alone,
+    durations_s,
+    write_windows,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -207,14 +216,17 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats,
 
 
 def _last_ways_um(simulation: Simulation, ways_um: tuple[Floats, ...], time_s: Floats) -> list[tuple[Floats, ...]]:
-    """Return the tracks of the last pass of each contour, because it made the wall."""
+    """Return the tracks of the last pass of each contour, because it made the wall; NaN between its pieces."""
     found = []
     for contour, last in enumerate(_last_passes(simulation), 1):
         mine = np.zeros(len(time_s), np.bool_)
         for record in simulation.passes.records:
             if (record.contour, record.number) == (contour, last):
                 mine |= (time_s > record.begin_s) & (time_s <= record.end_s)
-        found.append(tuple(way[mine] for way in ways_um))
+        rows = np.flatnonzero(mine)
+        # a tab's pass begins elsewhere than the profile's ends
+        begins = np.flatnonzero(np.diff(rows) > 1) + 1
+        found.append(tuple(broken(way[rows], begins) for way in ways_um))
     return found
 
 

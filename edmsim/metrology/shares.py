@@ -26,7 +26,6 @@ from edmsim.program.outline import chords_of
 from edmsim.program.path import WireContour
 
 _PASSED_UM = 20.0  # a pass was at a place if it came within its programmed distance plus this (ours)
-_JUMP_UM = 300.0  # positions further apart than this are not joined (ours: a window moves the wire some um)
 SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in the order of `error_shares`
 
 
@@ -34,9 +33,10 @@ def error_shares(
     profile: ProfileError, contour: WireContour, ways_um: Sequence[Floats], last_pass: int | None = None
 ) -> Floats:
     """Split the profile error of a contour, offset above 0, into `SHARES` (5, places), which sum to ``mean_um``."""
-    # `ways_um` has the positions of command, guides and wire in order of time, in um on the table. Shares are NaN
-    # where the error is NaN, and everywhere if the contour was not begun. If there are several passes, shares are
-    # those of `last_pass`, the last pass that was begun (default: the last), and NaN where this pass has not been
+    # `ways_um` has the positions of command, guides and wire in order of time, in um on the table, with NaN
+    # where a track is interrupted. Shares are NaN where the error is NaN, and everywhere if the contour was not begun.
+    # If there are several passes, shares are those of `last_pass`, the last pass that was begun (default: the last),
+    # and NaN where this pass has not been
     points = profile.points_mm * 1000
     planned = np.concatenate([chords_of(way) for way in _programmed_um(contour, last_pass)])
     away = np.stack([distances(points, chords) for chords in (planned, *map(_joined, ways_um))])
@@ -58,8 +58,9 @@ def _programmed_um(contour: WireContour, number: int | None = None) -> list[Floa
 
 
 def _joined(way: Floats) -> NDArray[np.object_]:
-    """Return the chords of a measured path, without the jumps between its passes."""
-    return np.asarray(chords_of(way)[np.hypot(*np.diff(way, axis=0).T) < _JUMP_UM])
+    """Return the chords of a measured path, which NaN interrupt."""
+    chords = np.stack([way[:-1], way[1:]], axis=1)
+    return np.asarray(shapely.linestrings(chords[np.isfinite(chords).all(axis=(1, 2))]), np.object_)
 
 
 def share_stats(shares_um: Floats, error_um: Floats) -> dict[str, dict[str, float]]:

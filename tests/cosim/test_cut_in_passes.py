@@ -212,6 +212,17 @@ def cut_two_squares(folder, order):
 
 
 @pytest.mark.slow
+def test_the_planner_has_no_share_where_the_last_pass_returns_for_a_tab_round_a_corner(tmp_path):
+    """The third pass of the tab begins before a corner, that of the profile ends behind it."""
+    program = tmp_path / "square.ngc"
+    program.write_text("G92 X0.6 Y-0.5\nG41\nG1 X0.6 Y0\nX0\nY1.2\nX1.2\nY0\nX0.6\nG40\nM2\n")
+    cut = edmsim.cut(program, passes=3, tab_mm=0.4, height_mm=25.4, resolution="fast")
+    profile, tab = (row for row in cut.report.passes if row.number == 3)
+    assert tab.begin_s > profile.end_s
+    np.testing.assert_allclose(cut.scene.maps[0].shares_um[1], 0.0, atol=2.0)  # a motor step
+
+
+@pytest.mark.slow
 def test_trims_after_all_rough_passes_leave_the_same_walls(tmp_path):
     """In mean, walls of ten such cuts with other seeds scatter by 0.25 um."""
     shop, by_contour = (
