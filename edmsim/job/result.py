@@ -26,16 +26,7 @@ from edmsim.plant.workpiece import height_steps, kerf_field
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import report as reports
 from edmsim.recording.scene import ErrorMap, PassFace, Scene, holes_mm, polylines, terraces, write_scene
-from edmsim.recording.windows import (
-    CUT_KEY,
-    Closeups,
-    Frames,
-    WindowTable,
-    broken,
-    cut_alone,
-    durations_s,
-    write_windows,
-)
+from edmsim.recording.windows import CUT_KEY, Closeups, Frames, WindowTable, cut_alone, durations_s, write_windows
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -226,7 +217,7 @@ def _last_ways_um(simulation: Simulation, ways_um: tuple[Floats, ...], time_s: F
         rows = np.flatnonzero(mine)
         # a tab's pass begins elsewhere than the profile's ends
         begins = np.flatnonzero(np.diff(rows) > 1) + 1
-        found.append(tuple(broken(way[rows], begins) for way in ways_um))
+        found.append(tuple(np.insert(way[rows], begins, np.nan, axis=0) for way in ways_um))
     return found
 
 
