@@ -23,7 +23,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 import edmsim
-from edmsim import files, runs
+from edmsim import files, runs, user_code
+from edmsim.controllers.protocols import set_up_controller
 from edmsim.envs.registry import resolve
 from edmsim.errors import CombinationError, EdmsimError, InputError, refuses_wrong_types
 from edmsim.evaluation.episode import Result, cut
@@ -346,6 +347,10 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
             if is_cut:
                 ready = plan.prepared(task, CutSettings.model_validate(settings), planner)
                 ranges.choose(ready.machine, specification.sample_only or ())
+                if user_code.named(str(ready.settings.controller)) is None:  # an error of own code is its run's
+                    # a law refuses feeds above the greatest when it is reset
+                    set_up_controller(ready.controller, ready.machine, ready.path.contours[0].points_um, 0.0)
+                    ready.controller.reset(plan.feed_limit(ready.machine, ready.settings.planner)[0])
             possible |= _values(combination)
         except EdmsimError as error:
             values_wrong |= not isinstance(error, CombinationError)

@@ -159,6 +159,7 @@ def test_a_run_that_fails_is_a_row_with_its_error(line, short, giving_up, tmp_pa
     ({"controller": ["counts", "genius"]}, "with controller genius: "),
     ({"controller": ["counts", "oracle"]}, "which no machine shows"),  # but a comparison may have it
     ({"controller": ["counts", "policy:none.json"]}, "none.json"),
+    ({"controller": ["fixed:feed_um_s=20", "fixed:feed_um_s=40"]}, "with controller fixed:feed_um_s=40: feed_um_s"),
     ({"material": ["tool-steel", "none.toml"]}, "with material none.toml: "),
     ({"offset": ["none", "wide"]}, "with offset wide: "),
     ({"drive": ["stepper", "steam"]}, "with drive steam: "),
