@@ -97,22 +97,12 @@ class CountsController(Snapshots):
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed for the next window, from the counts and the position along the path."""
         self._clock_ns += round(window.duration_s * 1e9)
-        if self._counters.result_waits() and self._busy_until_ns <= self._clock_ns:
-            self._run_routine(self._busy_until_ns, window.path_um)  # within a um of the place at that time
-        self._busy_until_ns = self._ready_ns()
         self._counters.count_window(window.short, window.open)
-        if self._busy_until_ns <= self._clock_ns:
-            self._run_routine(self._clock_ns, window.path_um)
+        if self._clock_ns >= self._busy_until_ns:
+            tick = self._clock_ns // TICK_NS & WORD
+            self._units, t_states = self._decide(tick, window.path_um)
+            self._busy_until_ns = self._clock_ns + nanoseconds(t_states)
         return self._command(window.path_um)
-
-    def _ready_ns(self) -> int:
-        """Return when the program polls the latches again."""
-        return self._busy_until_ns
-
-    def _run_routine(self, start_ns: int, path_um: float) -> None:
-        """Process the counts in the latches from a time on."""
-        self._units, t_states = self._decide(start_ns // TICK_NS & WORD, path_um)
-        self._busy_until_ns = start_ns + nanoseconds(t_states)
 
     def settings(self, max_feed_um_s: float) -> Settings:
         """Return the constants as the routine's words.
@@ -298,13 +288,10 @@ class McuController(CountsController):
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed for the next window; the interrupt routines of the steps delay the program."""
         self.computer.serve()
+        if self._run is not None:
+            late_ns = max(self.computer.steppers.free_ns - self.computer.board.now_ns, 0)
+            self._busy_until_ns = self._clock_ns + round(window.duration_s * 1e9) + late_ns
         return super().update(window)
-
-    def _ready_ns(self) -> int:
-        """Return when the program polls the latches again: interrupts by its own steps come first."""
-        if self._run is None:
-            return super()._ready_ns()
-        return self._clock_ns + max(self.computer.steppers.free_ns - self.computer.board.now_ns, 0)
 
     def drive(self, steps: list[Step]) -> list[Step]:
         """Let timers, interrupts and port make a planner's steps."""

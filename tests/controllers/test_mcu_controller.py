@@ -123,8 +123,10 @@ def test_counts_come_through_latches_and_the_law_is_the_same_where_windows_are_m
 def test_a_cut_tells_of_windows_that_were_missed(controller):  # T-44
     legs = ((1, 0.02), (2, 0.02))
     fast = run(simulation((controller,), dwells=legs, t_on_us=3.0, t_period_us=20.0), 300)
-    # a result always waits when the routine is done; it takes 7.8 ms in most windows, and they take 5.1 ms
-    assert fast.missed_windows == pytest.approx(300 * (1 - 5.1 / 7.8), abs=4)
+    # windows of 5 ms, a routine of 8 to 10 ms: the first result is read at once, of two or three others one is,
+    # and the rest found it waiting
+    others = 300 - 1
+    assert others // 2 <= fast.missed_windows <= 2 * others // 3
     assert run(simulation((controller,), dwells=legs), 300).missed_windows == 0
 
 
