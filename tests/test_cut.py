@@ -1,8 +1,8 @@
 """A whole cut: report, windows, geometry and files agree with each other and with the craters."""
 
 import json
-import os
 import math
+import os
 from collections.abc import Mapping
 from functools import partial
 

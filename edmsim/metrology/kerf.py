@@ -124,8 +124,8 @@ class WallError:
     mean_um: float  # over all places and heights; NaN if there are none, as are the fields below
     rms_um: float  # standard deviation about this mean
     slices_um: tuple[float, ...]  # mean at every height, from the lowest slice
-    # mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle; NaN below three
-    # measured heights
+    # mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle; NaN below
+    # three measured heights
     bow_um: float
     straightness_um: float  # range of the means of all heights; NaN with only one
     ripple_um: float  # standard deviation along the path of the mean over the height; NaN with only one place

@@ -34,9 +34,9 @@ def error_shares(
 ) -> Floats:
     """Split the profile error of a contour, offset above 0, into `SHARES` (5, places), which sum to ``mean_um``."""
     # `ways_um` has the positions of command, guides and wire in order of time, in um on the table, with NaN
-    # where a track is interrupted. Shares are NaN where the error is NaN, and everywhere if the contour was not begun.
-    # If there are several passes, shares are those of `last_pass`, the last pass that was begun (default: the last),
-    # and NaN where this pass has not been
+    # where a track is interrupted. Shares are NaN where the error is NaN, and everywhere if the contour was not
+    # begun. If there are several passes, shares are those of `last_pass`, the last pass that was begun (default: the
+    # last), and NaN where this pass has not been
     points = profile.points_mm * 1000
     planned = np.concatenate([chords_of(way) for way in _programmed_um(contour, last_pass)])
     away = np.stack([distances(points, chords) for chords in (planned, *map(_joined, ways_um))])

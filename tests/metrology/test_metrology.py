@@ -167,7 +167,7 @@ def test_kerf_and_error_of_an_untouched_blank_are_not_numbers():
 def test_a_wall_of_too_few_heights_or_places_has_no_straightness_bow_or_ripple(heights, places):
     length = 800.0 + 50.0 * places
     points = np.array([(4_000, 4_000), (4_000 + round(length), 4_000)])
-    field = cut(points + [(-200, 0), (200, 0)], (RADIUS, RADIUS - 4.0, RADIUS)[:heights])
+    field = cut(np.add(points, [(-200, 0), (200, 0)]), (RADIUS, RADIUS - 4.0, RADIUS)[:heights])
     wall = wall_error(field, CutPass(1, "profile", points, 0, RADIUS, False), "left", 250.0)
     assert (wall.places, wall.mean_um) == (places, pytest.approx(4.0 * (heights > 1) / heights, abs=0.5))
     expected = 4.0 if heights > 1 else math.nan, 4.0 if heights > 2 else math.nan, 0.0 if places > 1 else math.nan
