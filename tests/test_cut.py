@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from collections.abc import Mapping
 from functools import partial
 
@@ -299,6 +300,9 @@ def test_result_can_be_written_later_into_a_new_folder(cut_small, tmp_path):
     result.write(tmp_path / "later" / "on")
     result.write_traces(tmp_path / "new" / "traces.parquet")
     assert (tmp_path / "new" / "traces.parquet").exists()
+    named = tmp_path / os.fsdecode(b"n\xfc.parquet")  # not UTF-8
+    result.write_traces(named)
+    assert named.read_bytes() == (tmp_path / "new" / "traces.parquet").read_bytes()
     (tmp_path / "file").touch()
     for write in (result.write_traces, partial(write_windows, result.windows), partial(write_scene, result.scene)):
         with pytest.raises(InputError, match="the output folder cannot be written to"):

@@ -130,9 +130,11 @@ class WallError:
     mean_um: float  # over all places and heights; NaN if there are none, as are the fields below
     rms_um: float  # standard deviation about this mean
     slices_um: tuple[float, ...]  # mean at every height, from the lowest slice
-    bow_um: float  # mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle
-    straightness_um: float  # range of the means of all heights
-    ripple_um: float  # standard deviation along the path of the mean over the height
+    # mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle; NaN below
+    # three measured heights
+    bow_um: float
+    straightness_um: float  # range of the means of all heights; NaN with only one
+    ripple_um: float  # standard deviation along the path of the mean over the height; NaN with only one place
     ripple_mm: float  # wavelength of the greatest ripple; NaN if the pass is too short
 
     @property
@@ -193,13 +195,13 @@ def _summed(s_mm: Floats, error_um: Floats) -> WallError:
         return unknown_wall(tuple(slices.tolist()))
     heights = slices[np.isfinite(slices)]
     along = profile.finite_mean(error_um - slices[:, None], axis=0)
-    ends = (heights[0] + heights[-1]) / 2
-    quarter = max(len(heights) // 4, 1)
-    middle = heights[quarter:-quarter] if len(heights) > 2 * quarter else heights
+    places, quarter = int(np.isfinite(along).sum()), max(len(heights) // 4, 1)
+    bow_um = heights[quarter:-quarter].mean() - (heights[0] + heights[-1]) / 2 if len(heights) > 2 else math.nan
     return WallError(
-        places=int(np.isfinite(error_um).any(axis=0).sum()), mean_um=float(known.mean()), rms_um=float(known.std()),
-        slices_um=tuple(slices.tolist()), bow_um=float(middle.mean() - ends), straightness_um=float(np.ptp(heights)),
-        ripple_um=float(np.nanstd(along)), ripple_mm=_wavelength_mm(s_mm, along),
+        places=places, mean_um=float(known.mean()), rms_um=float(known.std()),
+        slices_um=tuple(slices.tolist()), bow_um=float(bow_um),
+        straightness_um=float(np.ptp(heights)) if len(heights) > 1 else math.nan,
+        ripple_um=float(np.nanstd(along)) if places > 1 else math.nan, ripple_mm=_wavelength_mm(s_mm, along),
     )  # fmt: skip
 
 

@@ -608,7 +608,11 @@ class Closeups(ArraySnapshots, Observer):
             ("current_A", pa.float32()), ("pulse", pa.int16()), ("kind", kind),
         ])  # fmt: skip
         names = pa.array([_KINDS[number] for number in sorted(_KINDS)])
-        with replacing(file) as partial, pq.ParquetWriter(partial, schema, compression="zstd") as writer:
+        # opened here, because pyarrow opens only paths that are UTF-8
+        with (
+            replacing(file) as partial, partial.open("wb") as opened,
+            pq.ParquetWriter(opened, schema, compression="zstd") as writer,
+        ):
             for first in range(0, len(closeups), _TOGETHER):
                 last = min(first + _TOGETHER, len(closeups))
                 some = [_samples(closeups[i : i + 1], every_us) for i in range(first, last)]

@@ -13,10 +13,11 @@ from shapely.geometry import LineString, MultiLineString, Polygon
 from edmsim.errors import InputError
 from edmsim.metrology.edges import contour as kerf_polygons
 from edmsim.metrology.edges import cut_edges, filled
-from edmsim.metrology.kerf import kerf_width, width_stats
+from edmsim.metrology.kerf import kerf_width, wall_error, width_stats
 from edmsim.metrology.profile import corners, depth_in_blank, profile_error
 from edmsim.metrology.roughness import ra_over_depth, roughness_um
 from edmsim.plant.workpiece.kerf_field import FULL, TILE, KerfField, Stock
+from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 
 RADIUS = 155.0
@@ -160,6 +161,17 @@ def test_kerf_and_error_of_an_untouched_blank_are_not_numbers():
     kerf, profile = kerf_width(KerfField(2, BLANK), straight(), 250.0), profile_error(KerfField(2, BLANK), straight())
     assert all(math.isnan(value) for value in (*width_stats(kerf.width_um).values(), *profile.stats().values()))
     assert not np.isfinite(profile.error_um).any()
+
+
+@pytest.mark.parametrize(("heights", "places"), [(1, 1), (2, 4), (3, 4)])
+def test_a_wall_of_too_few_heights_or_places_has_no_straightness_bow_or_ripple(heights, places):
+    length = 800.0 + 50.0 * places
+    points = np.array([(4_000, 4_000), (4_000 + round(length), 4_000)])
+    field = cut(np.add(points, [(-200, 0), (200, 0)]), (RADIUS, RADIUS - 4.0, RADIUS)[:heights])
+    wall = wall_error(field, CutPass(1, "profile", points, 0, RADIUS, False), "left", 250.0)
+    assert (wall.places, wall.mean_um) == (places, pytest.approx(4.0 * (heights > 1) / heights, abs=0.5))
+    expected = 4.0 if heights > 1 else math.nan, 4.0 if heights > 2 else math.nan, 0.0 if places > 1 else math.nan
+    assert (wall.straightness_um, wall.bow_um, wall.ripple_um) == pytest.approx(expected, abs=0.5, nan_ok=True)
 
 
 def test_wire_diameter_must_be_positive():
