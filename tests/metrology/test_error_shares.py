@@ -163,8 +163,8 @@ def _inside():
 
 
 def test_an_interrupted_track_is_not_joined_across_a_corner():
-    beside = SQUARE_MM[1:2]  # the corner between the sides that the track follows, 0.2 mm short of it on both
-    corner = ProfileError(beside, np.zeros(1), np.zeros((1, 1)), np.zeros(1, bool))
+    corner_mm = SQUARE_MM[1:2]  # the corner between the sides that the track follows, 0.2 mm short of it on both
+    corner = ProfileError(corner_mm, np.zeros(1), np.zeros((1, 1)), np.zeros(1, bool))
     short_um = np.array([(5800.0, 2000.0 - OFFSET_UM), (6000.0 + OFFSET_UM, 2200.0)])
     track = np.insert(np.concatenate([[PATH_UM[0]], short_um, [PATH_UM[2]]]), 2, np.nan, axis=0)
     shares = error_shares(corner, CONTOUR, [track] * 3)
