@@ -125,11 +125,10 @@ def of_policy(env_id: str, environment: dict[str, Any]) -> EnvArguments:
 
     The others may need the machine, which the policy's file does not have, or a file that is missing.
     """
-    family, registered = find(env_id)
+    family, _ = find(env_id)
     known = {field.name for field in fields(family)}  # type: ignore[arg-type]
     unused = known.difference(family.policy_arguments)
-    chosen = {name: value for name, value in environment.items() if name not in unused}
-    return family.of(**{**registered, **chosen})
+    return arguments_with(env_id, **{name: value for name, value in environment.items() if name not in unused})
 
 
 def make_family(name: str | type[EnvArguments], **options: Any) -> Family:

@@ -230,9 +230,10 @@ class BanditController(Snapshots):
     def __init__(self, card: BanditCard) -> None:
         self.card = card
         self.law = law_of(card)
-        # values of the law for parameters that only other settings name
+        # the law's own values of parameters that only other settings name
         named = {name for setting in card.settings for name in setting}
-        self._own = {name: getattr(part, name) for part in self.law.parts for name in named if hasattr(part, name)}
+        own = {name: getattr(part, name) for part in self.law.parts for name in named if hasattr(part, name)}
+        self._settings = [{**own, **setting} for setting in card.settings]
         self.belief = Belief(card)
         self.path_um = 0.0  # at the end of the last window
         self.lost_s = card.start_s  # time that a lost wire costs
@@ -256,12 +257,8 @@ class BanditController(Snapshots):
         """Set the machine and the path; called before every leg of the cut."""
         self.path_um = start_um
         self.lost_s = machine.base.table.threading_s.value + self.card.start_s
-        self._apply(0)  # replaces the setting of the last leg
+        self.law.override(self._settings[0])  # replaces the setting of the last leg
         set_up_controller(self.law, machine, points_um, start_um)
-
-    def _apply(self, setting: int) -> None:
-        """Set the parameters of the law."""
-        self.law.override({**self._own, **self.card.settings[setting]})
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg with the prior."""
@@ -276,7 +273,7 @@ class BanditController(Snapshots):
         self.broken = True
         self.clock_s = -self.card.start_s
         self._clear()
-        self._apply(0)
+        self.law.override(self._settings[0])
         return self.law.wire_lost()
 
     def update(self, window: WindowObservation) -> FeedCommand:
@@ -296,7 +293,7 @@ class BanditController(Snapshots):
         if self.clock_s >= self.card.segment_s:
             self._end_segment()
         # set in every window, because the law's state does not include its arguments
-        self._apply(self.setting if self.clock_s >= 0.0 else 0)
+        self.law.override(self._settings[self.setting if self.clock_s >= 0.0 else 0])
         return self.law.update(window)
 
     def _end_segment(self) -> None:
