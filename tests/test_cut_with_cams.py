@@ -9,15 +9,8 @@ import shapely
 
 import edmsim
 from edmsim.controllers import axis, from_text
-from edmsim.controllers.axis.elcam.file import (
-    Cam,
-    ErrorTable,
-    StepCompensation,
-    TableRows,
-    load_tables,
-    read_tables,
-    text_of,
-)
+from edmsim.controllers.axis.elcam.file import Cam, ErrorTable, TableRows, load_tables, read_tables, text_of
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.planner.registry import PathOffset, make_planner
 from edmsim.controllers.protocols import FeedCommand, Step
 from edmsim.cosim.cycle import PlannerMotion

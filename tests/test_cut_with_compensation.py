@@ -9,7 +9,8 @@ import pytest
 
 import edmsim
 from edmsim.controllers import axis, from_text
-from edmsim.controllers.axis.elcam.file import ErrorTable, StepCompensation, load_tables, read_tables, text_of
+from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables, read_tables, text_of
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError

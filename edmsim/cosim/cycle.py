@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from edmsim.controllers.axis.elcam.file import StepCompensation
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.planner.registry import PathOffset, Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step, WindowObservation
 from edmsim.machine import pulse_window, setting

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, axis, protocols
-from edmsim.controllers.axis.elcam.file import StepCompensation, check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner import four_axes, registry

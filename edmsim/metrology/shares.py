@@ -15,8 +15,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.controllers.axis.elcam.file import PATH, PLACES, StepCompensation
+from edmsim.controllers.axis.elcam.file import PATH, PLACES
 from edmsim.controllers.axis.elcam.module import Elcam
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.geometry import Floats, Polyline, arc_lengths, interpolated, left_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CORNER_REACH_MM, ProfileError, edge_corners
