@@ -58,7 +58,7 @@ def as_action(
         for chosen, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
     )
     octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
-    octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
+    octaves["period_ratio"] = octaves["period"] - octaves["on_time"]
     if not family.knobs and any(octaves.values()):
         raise _has_no(controller, "turns the generator's knobs")
     entries += [octaves[name] / family.setting_octaves for name in family.knobs]

@@ -249,7 +249,7 @@ class ThinWire(GapFeed):
     height_mm: Range | None = (4.0, 20.0)
     tension: Range | None = (1.2, 3.2)
     action: Literal["change", "speed", "servo"] = "servo"
-    knobs: Sequence[str] = ("duty_factor",)
+    knobs: Sequence[str] = ("period_ratio",)
     decision_s: float | None = 0.5
     episode_s: float | None = 120.0
     wires: int = 4
@@ -351,7 +351,7 @@ class Corner(Family):
     height_mm: Range | None = (20.0, 60.0)
     tension: Range | None = (6.0, 12.0)
     action: Literal["change", "speed", "servo"] = "servo"
-    knobs: Sequence[str] = ("on_time", "duty_factor")
+    knobs: Sequence[str] = ("on_time", "period_ratio")
     servo_target_share: tuple[float, float] = (0.0, 0.8)  # ours: the best constant keeps more than half open
     detents_us: tuple[float, float] = (0.1, 0.5)  # ours: as in MaxRate
     offset_um: float | None = 60.0  # ours: the slackest wires lag by as much
@@ -441,7 +441,7 @@ class Trim(GapFeed):
     allowance_um: Range = argument((4.0, 12.0), "um", "(low, high) of the metal to remove")
     height_mm: Range | None = (10.0, 40.0)
     action: Literal["change", "speed", "servo"] = "speed"
-    knobs: Sequence[str] = ("on_time", "duty_factor")
+    knobs: Sequence[str] = ("on_time", "period_ratio")
     setting_octaves: float = 1.0
     offset_um: float | None = 12.0
     decision_s: float | None = 0.25

@@ -40,10 +40,10 @@ MOST_DECISION_S = 3600.0
 KNOBS = {
     "on_time": "on-time over the first one",
     "period": "pulse period over the first one",
-    "duty_factor": "period per on-time over the first ratio",
+    "period_ratio": "period per on-time over the first ratio",
 }
 """Knobs of the pulse generator with the ratio that an action sets, a power of 2 within `Family.setting_octaves`. Only
-one of period and duty factor is possible, because it determines the other."""
+one of period and period ratio is possible, because it determines the other."""
 MOST_OCTAVES = 4.0  # greatest reach of the knobs either way that is accepted (ours)
 DETENTS_US = 1e-3, 1000.0  # least and greatest step of a knob (ours: a nanosecond, and the longest on-time)
 LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives")
@@ -234,7 +234,7 @@ class Family(EnvArguments):
     action: Literal["change", "speed", "servo"] = argument(
         "change", "", "meaning of entry 0: change or speed of the feed, or servo"
     )
-    knobs: Sequence[str] = argument((), "", "further actions: on_time, period or duty_factor")
+    knobs: Sequence[str] = argument((), "", "further actions: on_time, period or period_ratio")
     setting_octaves: float = argument(2.0, "octaves", "reach of the knobs either way, at most 4")
     detents_us: tuple[float, float] = argument(
         (1.0, 5.0), "us", "steps of the knobs: on-time, period"  # ours: small against the settings
@@ -312,12 +312,12 @@ class Family(EnvArguments):
         within("latency_s", self.latency_s, 0.0, 1.0)
 
     def _check_knobs(self) -> None:
-        """Raise `InputError` for an unknown or repeated knob, and for both period and duty factor."""
+        """Raise `InputError` for an unknown or repeated knob, and for both period and period ratio."""
         for name in self.knobs:
             refuse_unknown("knob", name, KNOBS)
-        if len(set(self.knobs)) != len(self.knobs) or {"period", "duty_factor"} <= set(self.knobs):
+        if len(set(self.knobs)) != len(self.knobs) or {"period", "period_ratio"} <= set(self.knobs):
             raise InputError(
-                f"knobs are {', '.join(self.knobs)}: name each once, and period or duty_factor, not both"
+                f"knobs are {', '.join(self.knobs)}: name each once, and period or period_ratio, not both"
             )
 
     def _check_draws(self) -> None:
@@ -438,8 +438,8 @@ class Family(EnvArguments):
         factor = {name: 2.0 ** (self.setting_octaves * float(action)) for name, action in turned}
         on_us, period_us = float(first_us[0]), float(first_us[1])
         on_us *= factor.get("on_time", 1.0)
-        if "duty_factor" in factor:
-            return on_us, period_us * factor.get("on_time", 1.0) * factor["duty_factor"]
+        if "period_ratio" in factor:
+            return on_us, period_us * factor.get("on_time", 1.0) * factor["period_ratio"]
         return on_us, period_us * factor.get("period", 1.0)
 
     def to_detents(self, t_on_us: float, t_period_us: float) -> tuple[float, float]:

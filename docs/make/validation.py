@@ -97,12 +97,14 @@ def validation_page(rows: Sequence[Row]) -> str:
         "",
         f"{summary(rows)}.",
         "",
-        "- A value agrees if it is within its tolerance and its 95 % interval is not wider than that (\"known to",
-        "  it\"); a band, if the central value is in it; a sign, if the whole interval is on its side of zero.",
-        "  Intervals are over seeds or draws. Rows that fail stay in the table, with a link to the reason.",
-        "- Constants were chosen from derivations and sources before these rows were run. A row is a calibration if",
-        "  a constant was chosen with its fact, and context if its source has another subject or no published",
-        "  figure. Neither counts; [the end of the page](#rows-that-do-not-count) has their reasons.",
+        "- A published *value* agrees if the model's value is within the tolerance, and its 95 % interval is not wider",
+        "  than the tolerance (\"known to it\"). A published *band* agrees if the model's central value lies in it. A",
+        "  published *sign* agrees if the model's whole interval lies on that side of zero. Intervals are over seeds or",
+        "  draws. Rows that fail stay in the table, with a link to the reason.",
+        "- A row is a *calibration* if a constant was chosen with its fact, and *context* if its source has another",
+        "  subject or no published figure. Neither counts; [the end of the page](#rows-that-do-not-count) has their",
+        "  reasons. The other constants come from derivations and sources.",
+        "- The column \"agreement asked for\" has the tolerance of a row; `--topics` compares a part of the rows.",
     ]
     for topic in dict.fromkeys(row.topic for row in rows):
         lines += ["", f"## {topic[0].upper()}{topic[1:]}", "", *rows_table([r for r in rows if r.topic == topic])]

@@ -202,7 +202,7 @@ def turned_knobs_cost() -> float:
     """
     env = gym.make_vec(
         "edmsim/Corner-v3", num_envs=32, vectorization_mode="vector_entry_point", resolution="fast", action="change",
-        knobs=("on_time", "duty_factor"),
+        knobs=("on_time", "period_ratio"),
     )
     env.reset(seed=0)
     turns = np.random.default_rng(0).normal(0.0, 0.35, (KNOB_STEPS, *(env.action_space.shape or ())))

@@ -77,11 +77,13 @@ def summary(rows: Sequence[Row]) -> str:
         f"{len(counted)} rows: {len(counted) - len(failing)} agree, {len(failing)} fail, "
         f"{sum(row.unexpected for row in failing)} of them without an explanation"
     )
-    calibrations = sum(row.kind == "calibration" for row in rows)
-    context = len(rows) - len(counted) - calibrations
     if len(counted) == len(rows):
         return counts
-    return f"{counts}; {calibrations} of calibration and {context} of context do not count"
+    calibrations = [row for row in rows if row.kind == "calibration"]
+    return (
+        f"{counts}; {len(calibrations)} of calibration (failing: {sum(not row.passed for row in calibrations)}) and "
+        f"{len(rows) - len(counted) - len(calibrations)} of context do not count"
+    )
 
 
 def render(rows: Sequence[Row]) -> ScreenTable:

@@ -42,7 +42,7 @@ def test_a_servo_gets_the_target_that_the_controller_holds():
 @pytest.mark.parametrize(("action", "expected"), [("speed", 9.0), ("change", 1.0)])
 def test_a_feed_is_commanded_as_itself_or_as_a_change(action, expected):
     plain = FeedCommand(9.0)
-    family, found = action_of("edmsim/GapFeed-v2", "fixed", plain, action=action, knobs=("duty_factor", "on_time"))
+    family, found = action_of("edmsim/GapFeed-v2", "fixed", plain, action=action, knobs=("period_ratio", "on_time"))
     scale = family.max_feed_um_s if action == "speed" else family.max_change_um_s
     assert found[0] == pytest.approx(expected / scale)
 

@@ -231,7 +231,7 @@ def test_bad_action(make_env, action, message):
     ("GapFeed", {"resolution": "finest"}, "unknown resolution 'finest'"),
     ("GapFeed", {"action": "thrust"}, "unknown action 'thrust'"), ("GapFeed", {"history": 0}, "history is 0"),
     ("GapFeed", {"mechanics": "clay"}, "unknown mechanics 'clay'"),
-    ("GapFeed", {"knobs": ["period", "duty_factor"]}, "period or duty_factor, not both"),
+    ("GapFeed", {"knobs": ["period", "period_ratio"]}, "period or period_ratio, not both"),
     ("GapFeed", {"knobs": ["volume"]}, "unknown knob 'volume'"),
     ("GapFeed", {"objectives": ["beauty"]}, "unknown objective 'beauty'"),
     ("GapFeed", {"randomise": False}, "randomise is False"),

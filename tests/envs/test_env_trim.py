@@ -84,7 +84,7 @@ def test_an_offset_counts_as_an_action_and_is_observed(make_env):
     observation, _, _, _, info = env.step(np.array([0.2, 0.0, 0.0, -0.5], np.float32))
     assert info["offset_um"] == -6.0
     assert observation[-1] == -0.5
-    assert env.unwrapped.family.action_names == ("feed", "on_time", "duty_factor", "offset")
+    assert env.unwrapped.family.action_names == ("feed", "on_time", "period_ratio", "offset")
 
 
 def test_sub_environments_lead_their_guides_as_cuts_do(make_task):

@@ -133,7 +133,7 @@ def test_the_page_of_all_rows_is_by_topic(pages):
 def test_rows_that_do_not_count_are_listed_with_their_reason(pages):
     rows = [ROWS[0], ROWS[2].context("another | material"), ROWS[1].calibration("the flux")]
     page = pages.validation_page(rows)
-    assert "1 rows: 1 agree, 0 fail, 0 of them without an explanation; 1 of calibration and 1 of context" in page
+    assert "0 of them without an explanation; 1 of calibration (failing: 1) and 1 of context do not count" in page
     assert "| deviating | heat | context | another \\| material |" in page
     assert "| explained | gap | calibration | the flux |" in page
     assert [line.split(" | ")[4] for line in rows_table(rows)[3:]] == ["context", "calibration: fails"]
