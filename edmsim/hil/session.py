@@ -156,7 +156,7 @@ def serve(rig: Rig, *, speed: float, seconds: float | None, say: abc.Callable[[s
     try:
         if rig.board.name != "powercore-v2":
             say(f"the board's serial port is {session.board.terminal.name}")
-        say(f"the axes' port is {session.motion.terminal.name}; Ctrl-C ends the bench")
+        say(f"the axes' port is {session.motion.terminal.name}; Ctrl-C ends the simulation")
         with interrupts.caught():
             session.run(seconds, lambda: interrupts.pending, say)
     finally:

@@ -130,7 +130,7 @@ def test_the_lengths_of_programs():
         f"span {blocks.TABLE_MM:g} or less", f"span {blocks.LEAST_WHOLE_UM} or more",
         f"closes within {outline.JOIN_TOLERANCE_MM * 1e3:g} um", f"lead-in of {path.LEAD_IN_MM:g} mm",
         f"radius of {path.START_HOLE_RADIUS_MM:g} mm", f"extends {path.STOCK_MARGIN_MM:g} mm around",
-        f"({travel_mm:g} x {travel_mm:g} mm on the usual machine)",
+        f"({travel_mm:g} x {travel_mm:g} mm on the default machine)",
     ):
         assert said in words
 
