@@ -23,8 +23,8 @@ from edmsim.learning import bandit, score
 
 ENV_ID, POLICY, LAW = "edmsim/MaxRateShift-v0", "policy:MaxRateShift-adapt", "adaptive-hold"
 FIRST, MACHINES = HELD_BACK + 36, 72
-"""Seed of the first machine, as the held-back ones before it had served to measure other policies, and their number: a
-day of machine time for each controller."""
+"""Seed of the first machine and their number, a day of machine time for each controller. The held-back machines
+before had served to measure other policies."""
 FEW = 2
 """Number of wires lost by the law up to which its wires do not limit it."""
 ELSEWHERE = {
@@ -58,9 +58,9 @@ def earnings(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
     heads = "controller", "return", "net rate, mm2/min", "of the law's, %", "wires lost"
     return f"{table(heads, rows)}\n\n" + (
         f"{len(seeds)} held-back machines, seeds {seeds[0]} to {seeds[-1]}, shifts of 20 minutes, `fast`; intervals "
-        "are 95 % bootstraps over the machines. The share of the law's return is the ratio of the sums, in pairs. The machines' own "
-        f"ratios of policy and law are {shown(each)} % on average. One setting for all is `{one}`: the policy's "
-        f"law with its first setting, without adaptation. The policy earns {shown(of_one)} % of it."
+        "are 95 % bootstraps over the machines. The share of the law's return is the ratio of the sums, in pairs. "
+        f"The machines' own ratios of policy and law are {shown(each)} % on average. One setting for all is `{one}`: "
+        f"the policy's law with its first setting, without adaptation. The policy earns {shown(of_one)} % of it."
     )
 
 
