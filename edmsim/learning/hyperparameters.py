@@ -20,6 +20,9 @@ CHECKPOINT = "checkpoint-*/run.json"
 HISTORIES = "histories.jsonl"  # file with the state of a bandit's training
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms that have hyperparameters."""
+LOG_STD_AFTER_START = -1.0
+"""Logarithm of the action noise in a training that starts from a policy (ours: a third of that from scratch, with
+which short trainings in GapFeed lost more than they learned)."""
 REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
 RECURRENT = ("recurrent-ppo", "imitation")  # algorithms whose policy may have an LSTM
 Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
@@ -67,7 +70,8 @@ class Network(BaseModel, extra="forbid", frozen=True):
     # number of neurons of each hidden layer
     widths: Annotated[list[Count], Field(min_length=1)]
     activation: Literal["tanh", "relu"]
-    # PPO: natural logarithm of the initial action noise, within the bounds of stable-baselines3's SAC; by default 0
+    # PPO: natural logarithm of the initial action noise, within the bounds of stable-baselines3's SAC; by default 0,
+    # or `LOG_STD_AFTER_START`
     log_std_init: Annotated[Number, Field(ge=-20, le=2)] | None = None
     # PPO: centre of the initial exploration, one action (-1..1) per entry; by default 0
     first_action: list[Annotated[Number, Field(ge=-1.0, le=1.0)]] | None = None

@@ -250,7 +250,7 @@ class TrainOptions(NamedTuple):
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def parameters(self, env_id: str, algo: str) -> hyperparameters.Hyperparameters:
-        """Return the hyperparameters; the network's shape is the starting policy's where the settings leave it."""
+        """Return the hyperparameters; a start sets the network's shape and the noise, unless the settings do."""
         parameters = hyperparameters.load(env_id, algo, self.settings)
         more: dict[str, Any] = {}
         policy = self.policy()
@@ -258,6 +258,8 @@ class TrainOptions(NamedTuple):
             chosen, usual = parameters.network, hyperparameters.load(env_id, algo).network
             names = ("widths", "activation", *(("lstm",) if chosen.lstm and policy.card.lstm else ()))
             shape = {n: getattr(policy.card, n) for n in names if getattr(chosen, n) == getattr(usual, n)}
+            if chosen.log_std_init is None:
+                shape["log_std_init"] = hyperparameters.LOG_STD_AFTER_START
             more["network"] = chosen.model_copy(update=shape)
         if self.residual is not None:
             adds: dict[str, Any] = {"action": "speed", "decision_s": None}

@@ -265,6 +265,10 @@ def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp
     options = TrainOptions(start=f"policy:{tmp_path / 'policy.json'}")
     parameters = options.parameters("Corner", "ppo")
     assert (parameters.network.widths, parameters.network.activation) == ([24, 24], "relu")
+    # the noise is that of Corner's hyperparameters; without one it is less than from scratch
+    assert parameters.network.log_std_init == TrainOptions().parameters("Corner", "ppo").network.log_std_init
+    assert TrainOptions().parameters("GapFeed", "ppo").network.log_std_init is None
+    assert TrainOptions(start="policy:GapFeed-ppo").parameters("GapFeed", "ppo").network.log_std_init == -1.0
     assert TrainOptions().parameters("Corner", "ppo").network.widths == [64, 64]
     settings = tmp_path / "settings.toml"
     settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")

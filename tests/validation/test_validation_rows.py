@@ -88,8 +88,8 @@ def test_only_judged_rows_count():
             Row.report("t", "r", "nothing in print", simulated=3.0)]
     assert not any(row.unexpected for row in rows)
     assert summary(rows) == (
-        "1 rows: 1 agree, 0 fail, 0 of them without an explanation; 1 of calibration (failing: 1) and 2 of context do "
-        "not count"
+        "1 rows: 1 agree, 0 fail, 0 of them without an explanation; 1 of calibration (failing: 1) and 2 of context "
+        "do not count"
     )
     document = json.loads(as_json(rows))
     assert (document["agree"], document["fail"]) == (1, 0)
