@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from edmsim import controllers, errors, numeric, screen
+from edmsim.closed_loop.simulation import Progress, Simulation
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
-from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.plan import guides_of
 from edmsim.machine.machine import Machine

@@ -10,11 +10,11 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from edmsim import __version__
+from edmsim.closed_loop.cycle import Turn
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.controllers import FeedController, SeesTruth, WindowObservation, from_text
 from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, set_up_controller
 from edmsim.controllers.user_controllers import check_is_controller, rehearsed
-from edmsim.cosim.cycle import Turn
-from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import path_follower, reward
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.registry import make_family

@@ -17,7 +17,7 @@ from functools import cached_property
 from textwrap import fill
 from typing import Any, TypeVar
 
-from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.envs import observation, path_follower, registry, reward, sub_envs
 from edmsim.envs.arguments import arguments_of
 from edmsim.envs.task import KNOBS, EnvArguments, Family

@@ -11,9 +11,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.cosim.passes import PassRecord, PassSetup, Sums
-from edmsim.cosim.simulation import Simulation
-from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.closed_loop.passes import PassRecord, PassSetup, Sums
+from edmsim.closed_loop.simulation import Simulation
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, record_of_arguments
 from edmsim.envs.observation import Entry
 from edmsim.envs.reward import WeightsOfTerms

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.closed_loop.stops import StopCause, judge, switches_open
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, LIMIT, advance_at, done_at, path_um_at, segment_at
 from edmsim.controllers.planner.registry import next_steps
-from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0
 """Length of path, either way, in which the point nearest to the wire is searched (ours: more than deflections)."""

@@ -13,12 +13,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import key_of
 from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import observation, path_follower, reward, servo
 from edmsim.envs.task import EnvArguments, Family, Scenario
 from edmsim.errors import InputError

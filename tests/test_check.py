@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from edmsim import controllers, models
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.options import CutSettings
 from edmsim.job.plan import check, greatest_feed_um_s, lines_of, make_controller, with_passes

@@ -16,7 +16,7 @@ from edmsim.__main__ import main
 from edmsim.bench import profile
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
-from edmsim.cosim.simulation import Simulation
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.errors import INTERRUPTED, InputError
 from edmsim.job.cut import CHECKPOINT, CutProgress
 from edmsim.job.options import CutSettings

@@ -17,10 +17,10 @@ import numpy as np
 import edmsim
 from edmsim import axis_bench, errors, screen, signals
 from edmsim.bench import pairs, profile, subject
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.compiled import jit, vectors
 from edmsim.controllers.axis.elcam import module, table
 from edmsim.controllers.mcu.firmware.poscal import poscal
-from edmsim.cosim.simulation import Simulation
 from edmsim.hil.boards import BOARDS, Rig
 from edmsim.plant.constants import gap_law
 from edmsim.plant.gap import breakdown, generator, rays

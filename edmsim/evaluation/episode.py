@@ -13,8 +13,8 @@ from typing import Annotated, Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from edmsim.closed_loop.stops import WORDS, StopCause, judge
 from edmsim.controllers import OF_A_TASK, SAME_LAW, FeedController, from_text, names
-from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs import part_task, pass_laws, registry, reward
 from edmsim.envs.episode import StepResult, Task
 from edmsim.errors import refuses_wrong_types

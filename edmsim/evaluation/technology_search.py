@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import tomlkit
 
 from edmsim import __version__, geometry, runs
+from edmsim.closed_loop.passes import PassRecord, PassSetup
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import from_text
-from edmsim.cosim.passes import PassRecord, PassSetup
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.plan import feed_limit
 from edmsim.machine.machine import Machine

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from edmsim.cosim.straight import begin
+from edmsim.closed_loop.straight import begin
 from edmsim.errors import InputError, methods_refuse_wrong_types, refuses_wrong_types
 from edmsim.files import replacing
 from edmsim.machine import parts, pulse_window

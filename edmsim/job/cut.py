@@ -14,9 +14,9 @@ from typing import Any, ParamSpec, Protocol
 import numpy as np
 
 from edmsim import files, runs, screen, signals, user_code
+from edmsim.closed_loop.simulation import Progress, Simulation
 from edmsim.controllers import protocols, pulse_counters
 from edmsim.controllers.axis.elcam.file import NAMES, PLACES
-from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import EdmsimError, InputError, located, refuses_wrong_types
 from edmsim.job.options import CutOptions, CutSettings, Running
 from edmsim.job.plan import prepared

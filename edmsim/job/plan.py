@@ -8,11 +8,11 @@ from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
+from edmsim.closed_loop.passes import PassSetup
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text, user_controllers
 from edmsim.controllers.axis.elcam import file, module
 from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.cosim.passes import PassSetup
 from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine

@@ -12,9 +12,9 @@ import numpy as np
 import shapely
 
 from edmsim import __version__, files, numeric
-from edmsim.cosim import straight
-from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums, programmed_um
-from edmsim.cosim.simulation import Simulation
+from edmsim.closed_loop import straight
+from edmsim.closed_loop.passes import FACE_EVERY, PassRecord, Sums, programmed_um
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
 from edmsim.geometry import Floats
 from edmsim.job.options import METADATA_KEY, CutSettings

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from rich.console import RenderableType
 
-    from edmsim.cosim.passes import Sums
+    from edmsim.closed_loop.passes import Sums
 
 
 class FigureKind(NamedTuple):

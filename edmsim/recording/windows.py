@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.cosim.cycle import Observer, PlantView, Turn
+from edmsim.closed_loop.cycle import Observer, PlantView, Turn
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
 from edmsim.geometry import CORNER_DEG, Floats, Polyline

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from edmsim.closed_loop.passes import PassRecord
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import make
-from edmsim.cosim.passes import PassRecord
-from edmsim.cosim.simulation import Simulation
 from edmsim.evaluation.technology_search import Job, cut_in_passes, cut_pass
 from edmsim.geometry import Floats
 from edmsim.job.plan import guides_of

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from edmsim.closed_loop.straight import Cut, cut_straight
 from edmsim.controllers import from_text
-from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.errors import InputError
 from edmsim.evaluation.stable_rate import OPEN_SHARE, quick_counts
 from edmsim.machine.machine import Machine

@@ -7,13 +7,13 @@ import pickle
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import WindowObservation, make
 from edmsim.controllers.mcu.computer import before_corner
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.controllers.protocols import Step
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.straight import Cut, Traverse, begin, cut_straight
 from edmsim.controllers import from_text, make
-from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import BOILING_K

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from scipy.optimize import curve_fit
 
 import edmsim
-from edmsim.cosim.straight import begin
+from edmsim.closed_loop.straight import begin
 from edmsim.plant.constants import (
     RAY_RANGE_UM,
     constants,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from edmsim.cosim.passes import legs_of
+from edmsim.closed_loop.passes import legs_of
 from edmsim.errors import InputError
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import load_program, plan_path

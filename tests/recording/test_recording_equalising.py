@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers.feed.laws import FixedController
-from edmsim.cosim.simulation import Simulation
 from edmsim.job.result import recorders_for
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import SHORT

@@ -7,6 +7,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from edmsim.closed_loop.stops import switches_open
 from edmsim.consoles.computer_1982.words import Entry, Move, Setting, check_speed
 from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
@@ -22,7 +23,6 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED, sec
 from edmsim.controllers.planner.kinds import LITERAL
 from edmsim.controllers.planner.registry import Planner, counting, kind_of, make_planner
 from edmsim.controllers.protocols import Step
-from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow

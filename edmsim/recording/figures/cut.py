@@ -14,7 +14,7 @@ from matplotlib.mlab import psd
 from matplotlib.patches import Circle
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from edmsim.cosim.straight import KINDS, PulseSample
+from edmsim.closed_loop.straight import KINDS, PulseSample
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine

@@ -1,7 +1,7 @@
 """A cut of a program: its legs in order, threading between contours, dwells, and its end.
 
 The controller observes only what a real machine measures; the plant receives only motor steps and the generator's
-setting (see `edmsim.cosim.cycle`).
+setting (see `edmsim.closed_loop.cycle`).
 """
 
 import math
@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from edmsim.closed_loop.cycle import Cycle, Observer, PlannerMotion
+from edmsim.closed_loop.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, path_behind
+from edmsim.closed_loop.stops import WORDS, StopCause, judge, switches_open
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, axis, protocols
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner import four_axes, registry
-from edmsim.cosim.cycle import Cycle, Observer, PlannerMotion
-from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, path_behind
-from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow

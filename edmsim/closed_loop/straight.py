@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
+from edmsim.closed_loop.cycle import Cycle, EvenSteps
 from edmsim.controllers import FeedController, WindowObservation, make, user_controllers
-from edmsim.cosim.cycle import Cycle, EvenSteps
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow

@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import shapely
 
+from edmsim.closed_loop.cycle import Turn
 from edmsim.controllers import FeedController
-from edmsim.cosim.cycle import Turn
 from edmsim.geometry import Floats, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.metrology import edges, kerf, profile

@@ -6,11 +6,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.cycle import Observer
+from edmsim.closed_loop.simulation import Simulation
+from edmsim.closed_loop.stops import WORDS, StopCause, judge, switches_open
 from edmsim.controllers import FeedCommand
 from edmsim.controllers.feed.laws import FixedController
-from edmsim.cosim.cycle import Observer
-from edmsim.cosim.simulation import Simulation
-from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
 

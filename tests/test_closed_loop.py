@@ -5,10 +5,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.passes import legs_of
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import FeedCommand, make
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.cosim.passes import legs_of
-from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
 from edmsim.program.path import CutPath, WireContour

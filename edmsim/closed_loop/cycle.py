@@ -1,8 +1,8 @@
 """One control cycle: motor steps, a window of 255 pulses, an observation, a decision.
 
-All cuts that Python runs window by window use it: programs (`edmsim.cosim.simulation`) and straight cuts
-(`edmsim.cosim.straight`). Environments run many sub-environments in compiled calls, and the terminal of 1982 decides
-by interrupts; they share `WindowObservation.of`, `edmsim.cosim.stops` and the rules of legs.
+All cuts that Python runs window by window use it: programs (`edmsim.closed_loop.simulation`) and straight cuts
+(`edmsim.closed_loop.straight`). Environments run many sub-environments in compiled calls, and the terminal of 1982
+decides by interrupts; they share `WindowObservation.of`, `edmsim.closed_loop.stops` and the rules of legs.
 """
 
 from collections.abc import Callable, Mapping, Sequence

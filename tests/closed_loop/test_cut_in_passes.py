@@ -10,10 +10,10 @@ import pytest
 import shapely
 
 import edmsim
+from edmsim.closed_loop.passes import PassLog, PassSetup, legs_of
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import from_text
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
-from edmsim.cosim.passes import PassLog, PassSetup, legs_of
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.options import CutSettings
 from edmsim.job.plan import prepared

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim import Machine, Plant
+from edmsim.closed_loop.cycle import EvenSteps, PlannerMotion, Turn
+from edmsim.closed_loop.passes import Sums
+from edmsim.closed_loop.straight import Traverse, cut_straight
 from edmsim.controllers.planner.registry import PathOffset
 from edmsim.controllers.protocols import FeedCommand, Step
-from edmsim.cosim.cycle import EvenSteps, PlannerMotion, Turn
-from edmsim.cosim.passes import Sums
-from edmsim.cosim.straight import Traverse, cut_straight
 from edmsim.errors import InputError
 from edmsim.validation.setups import FRAIL, altered, in_a_hole
 
