@@ -1,8 +1,8 @@
 """Error tables and cams of ELCAM in a cut: steps between a planner and the motors.
 
 Steps are added or left out to compensate errors and move followers. A stepping motor reports no position to correct,
-so the error is added to its setpoint ("G3-ElCam Interface", chapter 2.2.1), in whole steps. An axis of the upper guide
-that follows a cam has only these steps.
+so the error is added to its setpoint ("G3-ElCam Interface", chapter 2.2.1), in whole steps. An axis of the upper
+guide that follows a cam has only these steps.
 """
 
 from collections.abc import Mapping, Sequence
