@@ -31,12 +31,12 @@ def simulation(*contours, controller=None, hole_mm=0.5, **options):
     machine = options.pop("machine", None) or Machine.load(height_mm=5)
     law = controller or make("fixed", feed_um_s=30.0)
     path = path_of(*contours, hole_mm=hole_mm)
-    return Simulation(machine, path, law, observers=[WindowTable()], **{"resolution": "fast", "seed": 1, **options})
+    return Simulation(machine, path, law, recorders=[WindowTable()], **{"resolution": "fast", "seed": 1, **options})
 
 
 def windows_of(sim):
     """Return the table of windows that observed the simulation."""
-    (table,) = sim.observers
+    (table,) = sim.recorders
     assert isinstance(table, WindowTable)
     return table
 

@@ -138,7 +138,7 @@ class EvenSteps:
 
 
 PlantView: TypeAlias = Plant
-"""Interface of the plant for observers, which read the last window and change nothing."""
+"""Interface of the plant for recorders, which read the last window and change nothing."""
 
 
 class Turn(NamedTuple):
@@ -151,21 +151,21 @@ class Turn(NamedTuple):
     opposite: OppositePulses | None = None  # equalising pulses of the window, if the generator has them
 
 
-class Observer(Protocol):
-    """Observes a cut and changes nothing: the interface of recorders."""
+class Recorder(Protocol):
+    """Records a cut and changes nothing."""
 
-    name: ClassVar[str]  # key of its snapshot in the checkpoint, unique among the observers of a cut
+    name: ClassVar[str]  # key of its snapshot in the checkpoint, unique among the recorders of a cut
 
     def begin(self, plant: PlantView) -> None:
-        """Observe the plant before the first window."""
+        """Read the plant before the first window."""
         return
 
     def leg(self, points_um: np.typing.NDArray[np.int64], start_um: float) -> None:
-        """Observe the points (n, 2) of the leg that begins at `Turn.path_um` == `start_um`."""
+        """Read the points (n, 2) of the leg that begins at `Turn.path_um` == `start_um`."""
         return
 
     def window(self, turn: Turn, plant: PlantView) -> None:
-        """Observe a window after it ended."""
+        """Record a window after it ended."""
 
     def snapshot(self) -> Mapping[str, np.typing.NDArray[Any]]:
         """Return a copy of the state as arrays."""
@@ -175,16 +175,16 @@ class Observer(Protocol):
 
 
 class Cycle:
-    """Runs plant, motion and controller together. Observers see every window; a decision applies to the next one."""
+    """Runs plant, motion and controller together. Recorders see every window; a decision applies to the next one."""
 
     def __init__(
         self, plant: Plant, motion: PlannerMotion | EvenSteps, decide: Callable[[WindowObservation], None],
-        observers: Sequence[Observer] = (),
+        recorders: Sequence[Recorder] = (),
     ) -> None:
         self.motion = motion
         self._plant = plant
         self._decide = decide
-        self._observers = observers
+        self._recorders = recorders
 
     def turn(self) -> Turn:
         """Run one window."""
@@ -194,8 +194,8 @@ class Cycle:
         window = plant.advance(steps)
         motion.keep(start_ns, plant.time_ns)
         turn = Turn(window, plant.time_ns, motion.feed_um_s, motion.path_um, plant.opposite_pulses())
-        for observer in self._observers:
-            observer.window(turn, plant)
+        for recorder in self._recorders:
+            recorder.window(turn, plant)
         if window.pulses == setting.WINDOW_PULSES:
             self._decide(WindowObservation.of(window, turn.time_ns, turn.feed_um_s, turn.path_um))
         return turn

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from edmsim.closed_loop.cycle import Cycle, Observer, PlannerMotion
+from edmsim.closed_loop.cycle import Cycle, PlannerMotion, Recorder
 from edmsim.closed_loop.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, path_behind
 from edmsim.closed_loop.stops import WORDS, StopCause, judge, switches_open
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, axis, protocols
@@ -134,7 +134,7 @@ class Simulation:
         max_time_s: float | None = None,  # machine time after which the cut is stopped
         steps: tuple[height_steps.LowerRegion, ...] = (),  # where the workpiece is lower than the set-up's height
         mechanics: str = "modal",
-        observers: Sequence[Observer] = (),
+        recorders: Sequence[Recorder] = (),
         drives: Mapping[str, AxisDrive] | None = None,
         compensation: Elcam | None = None,  # compensation tables of the machine's table, and cams
         stuck_wire_sensor: bool = False,  # then the machine continues without a wire (`Plant.continue_without_wire`)
@@ -150,7 +150,7 @@ class Simulation:
         self._approach = approach
         self._waits, self.waiting = waits, False
         self._setup = PassSetup(machine, controller)
-        self.observers = tuple(observers)
+        self.recorders = tuple(recorders)
         self._planner_name = planner
         table = machine.base.table
         self.unit = registry.position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
@@ -187,13 +187,13 @@ class Simulation:
         self.refused: str | None = None
         self.overtaken = 0  # feeds that the controller's next command replaced within their latency
         self.slowed = 0  # windows in which the planner ran a tilted wire slower than its feed
-        for observer in self.observers:
-            observer.begin(self.plant)
+        for recorder in self.recorders:
+            recorder.begin(self.plant)
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
         self._motion = self._begin_leg()
         self._check_later_passes()
         self.passes.begin_leg(0, self.legs[0], 0.0, 0.0)
-        self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
+        self._cycle = Cycle(self.plant, self._motion, self._decide, self.recorders)
 
     @property
     def controller(self) -> FeedController:
@@ -241,8 +241,8 @@ class Simulation:
             self.plant.change_setup(setup.machine)
         self._setup = setup
         points, along, leads = leg.started_at(at.from_um, at.lead_um)
-        for observer in self.observers:
-            observer.leg(points, at.start_um)
+        for recorder in self.recorders:
+            recorder.leg(points, at.start_um)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
         behind, along_behind, leads_behind = path_behind(self.legs, at.leg)
@@ -543,15 +543,15 @@ class Simulation:
     def snapshot(self) -> tuple[dict[str, np.typing.NDArray[Any]], dict[str, Any]]:
         """Return the state: arrays, and JSON values."""
         arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
-        for observer in self.observers:
-            arrays.update({f"{observer.name}.{k}": v for k, v in observer.snapshot().items()})
+        for recorder in self.recorders:
+            arrays.update({f"{recorder.name}.{k}": v for k, v in recorder.snapshot().items()})
         return arrays, state_of(self)
 
     def restore(self, arrays: Mapping[str, np.typing.NDArray[Any]], values: Mapping[str, Any]) -> None:
-        """Load a `snapshot` of the same cut, with the same observers; the cut then continues bit for bit."""
+        """Load a `snapshot` of the same cut, with the same recorders; the cut then continues bit for bit."""
         self._at = like(self._at, values["at"])
         self._cycle.motion = self._motion = self._begin_leg()
         self.plant.restore(with_prefix(arrays, "plant."))
         take_state(self, values)
-        for observer in self.observers:
-            observer.restore(with_prefix(arrays, f"{observer.name}."))
+        for recorder in self.recorders:
+            recorder.restore(with_prefix(arrays, f"{recorder.name}."))

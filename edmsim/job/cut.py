@@ -120,7 +120,7 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
     simulation = Simulation(
         ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
         resolution=settings.resolution, max_time_s=settings.max_time_s, steps=steps,
-        mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
+        mechanics=settings.mechanics, recorders=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor, setups=ready.setups, approach=ready.approach,
         axis_faults=[parse_fault(text) for text in settings.axis_faults],
     )

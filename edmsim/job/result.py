@@ -412,7 +412,7 @@ def _wall(distance_um: Floats) -> reports.Wall:
 
 
 class Recorders(NamedTuple):
-    """The observers of a cut."""
+    """The recorders of a cut."""
 
     windows: WindowTable  # a row per window
     frames: Frames  # the wire's shape, thinned

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.closed_loop.cycle import Observer, PlantView, Turn
+from edmsim.closed_loop.cycle import PlantView, Recorder, Turn
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
@@ -175,7 +175,7 @@ def row_of(turn: Turn, commanded_um: _Pair, following_um: _Pair, setting_us: _Pa
     )  # fmt: skip
 
 
-class WindowTable(ArraySnapshots, Observer):
+class WindowTable(ArraySnapshots, Recorder):
     """Rows of a cut in progress, with `EQUALISING_COLUMNS` if the generator has such pulses; read at the end."""
 
     name: ClassVar[str] = "windows"
@@ -390,7 +390,7 @@ class Thinned(ArraySnapshots):
         self._rows[: self._used] = rows
 
 
-class Frames(ArraySnapshots, Observer):
+class Frames(ArraySnapshots, Recorder):
     """The wire's shape and gas in every `stride`-th window, stored in a `Thinned`."""
 
     name: ClassVar[str] = "frames"
@@ -508,7 +508,7 @@ class Blocks(ArraySnapshots):
             at += length
 
 
-class Closeups(ArraySnapshots, Observer):
+class Closeups(ArraySnapshots, Recorder):
     """Windows of a cut stored in full, with the wall of one slice."""
 
     name: ClassVar[str] = "closeups"

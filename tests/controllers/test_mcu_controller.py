@@ -31,7 +31,7 @@ def simulation(controller, planner="poscal", dwells=(), points=ZIGZAG, **setup):
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "test")
     machine = Machine.load(**{"height_mm": 10, **setup})
     return Simulation(machine, path, make(*controller[:1], **dict(controller[1:])), planner=planner, seed=1,
-                      resolution="fast", observers=[WindowTable()])  # fmt: skip
+                      resolution="fast", recorders=[WindowTable()])  # fmt: skip
 
 
 def run(sim, windows=10_000):
@@ -42,7 +42,7 @@ def run(sim, windows=10_000):
 
 
 def rows(sim):
-    table = sim.observers[0].to_arrow()
+    table = sim.recorders[0].to_arrow()
     return {name: table.column(name).to_numpy() for name in table.column_names}
 
 

@@ -31,7 +31,7 @@ def cut(mechanics, seed):
     windows = WindowTable()
     simulation = Simulation(
         Machine.load(), straight_cut(), make("counts"), seed=seed, mechanics=mechanics, max_time_s=SETTLE_S + CUT_S,
-        observers=[windows], resolution="fast",
+        recorders=[windows], resolution="fast",
     )
     simulation.run()
     assert simulation.outcome == "time-limit"

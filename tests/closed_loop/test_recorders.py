@@ -1,4 +1,4 @@
-"""Observers see every window before anything is decided, change nothing, and are saved; why a machine stops."""
+"""Recorders see every window before anything is decided, change nothing, and are saved; why a machine stops."""
 
 import itertools
 from typing import ClassVar
@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from edmsim.closed_loop.cycle import Observer
+from edmsim.closed_loop.cycle import Recorder
 from edmsim.closed_loop.simulation import Simulation
 from edmsim.closed_loop.stops import WORDS, StopCause, judge, switches_open
 from edmsim.controllers import FeedCommand
@@ -15,7 +15,7 @@ from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
 
 
-class Periods(Observer):
+class Periods(Recorder):
     """Keeps the generator's period of every window, and where legs began."""
 
     name: ClassVar[str] = "periods"
@@ -44,11 +44,11 @@ class Slower(FixedController):
         return FeedCommand(self.feed_um_s, t_period_us=round(window.duration_s / 255e-6) + 10.0)
 
 
-def simulation(*observers):
+def simulation(*recorders):
     points = np.array([(30_000, 30_000), (30_020, 30_000), (30_060, 30_000)])
     contour = WireContour(points, 0, points * 1e-3, False, "left", ((1, 0.05),), (1, 1))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.5, (30.0, 30.0), (), "test")
-    return Simulation(Machine.load(height_mm=5), path, Slower(), seed=1, resolution="fast", observers=observers)
+    return Simulation(Machine.load(height_mm=5), path, Slower(), seed=1, resolution="fast", recorders=recorders)
 
 
 def test_a_window_is_observed_with_the_setting_it_was_fired_with():
