@@ -141,8 +141,8 @@ PlantView: TypeAlias = Plant
 """Interface of the plant for recorders, which read the last window and change nothing."""
 
 
-class Turn(NamedTuple):
-    """One turn of the cycle: a window, and the motion of the wire in it."""
+class CycleResult(NamedTuple):
+    """Result of one control cycle: a window, and the motion of the wire in it."""
 
     window: pulse_window.PulseWindow  # results of the window
     time_ns: int  # machine time at the window's end
@@ -161,10 +161,10 @@ class Recorder(Protocol):
         return
 
     def leg(self, points_um: np.typing.NDArray[np.int64], start_um: float) -> None:
-        """Read the points (n, 2) of the leg that begins at `Turn.path_um` == `start_um`."""
+        """Read the points (n, 2) of the leg that begins at `CycleResult.path_um` == `start_um`."""
         return
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
+    def window(self, result: CycleResult, plant: PlantView) -> None:
         """Record a window after it ended."""
 
     def snapshot(self) -> Mapping[str, np.typing.NDArray[Any]]:
@@ -186,16 +186,16 @@ class Cycle:
         self._decide = decide
         self._recorders = recorders
 
-    def turn(self) -> Turn:
+    def run_window(self) -> CycleResult:
         """Run one window."""
         plant, motion = self._plant, self.motion
         start_ns = plant.time_ns
         steps = motion.plan(start_ns, start_ns + plant.longest_window_ns, plant.window_ns > 0)
         window = plant.advance(steps)
         motion.keep(start_ns, plant.time_ns)
-        turn = Turn(window, plant.time_ns, motion.feed_um_s, motion.path_um, plant.opposite_pulses())
+        result = CycleResult(window, plant.time_ns, motion.feed_um_s, motion.path_um, plant.opposite_pulses())
         for recorder in self._recorders:
-            recorder.window(turn, plant)
+            recorder.window(result, plant)
         if window.pulses == setting.WINDOW_PULSES:
-            self._decide(WindowObservation.of(window, turn.time_ns, turn.feed_um_s, turn.path_um))
-        return turn
+            self._decide(WindowObservation.of(window, result.time_ns, result.feed_um_s, result.path_um))
+        return result

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import shapely
 
-from edmsim.closed_loop.cycle import Turn
+from edmsim.closed_loop.cycle import CycleResult
 from edmsim.controllers import FeedController
 from edmsim.geometry import Floats, interpolated
 from edmsim.machine.machine import Machine
@@ -150,9 +150,9 @@ class Sums:
     vibration2_pulses: float = 0.0
     equalising_J: float = 0.0
 
-    def add(self, turn: Turn) -> None:
+    def add(self, result: CycleResult) -> None:
         """Add one window and its equalising pulses, if there are any."""
-        window, opposite = turn.window, turn.opposite
+        window, opposite = result.window, result.opposite
         duration_s = window.duration_ns * 1e-9
         net_V = window.mean_voltage_V if opposite is None else opposite.net_voltage_V
         self.short += window.short
@@ -231,12 +231,12 @@ class PassLog(Snapshots):
             PassRecord(contour, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
         )
 
-    def add(self, turn: Turn) -> None:
+    def add(self, result: CycleResult) -> None:
         """Add one window to the record of its pass."""
         if self._open:
             last = self.records[-1]
-            last.end_s, last.end_um = turn.time_ns * 1e-9, turn.path_um
-            last.sums.add(turn)
+            last.end_s, last.end_um = result.time_ns * 1e-9, result.path_um
+            last.sums.add(result)
 
     def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
         """Measure the wall at the end of a pass, and find loose pieces."""

@@ -347,26 +347,26 @@ class Simulation:
         """Run one window; afterwards `outcome` is set if the cut is over, `waiting` if a pass is."""
         self._axes.fail_due()
         try:
-            turn = self._cycle.turn()
+            result = self._cycle.run_window()
         except PlantError:
             if not self.plant.drive_faults:
                 raise
             self.cause = StopCause.DRIVE_TRIP  # an axis that ran away has moved the wire
             self._say(self.plant.fault_reason)
             return Progress(self.path_um, self.total_um, self.plant.time_ns * 1e-9, 0.0, 0, 0)
-        self.sums.add(turn)
+        self.sums.add(result)
         planner = self._motion.planner
         self.slowed += isinstance(planner, four_axes.Following) and planner.slowed
-        self.passes.add(turn)
-        opened = self._switches(turn.window)
-        cause = self._judge(turn.window, opened)
+        self.passes.add(result)
+        opened = self._switches(result.window)
+        cause = self._judge(result.window, opened)
         if self._stopped_by_controller(opened) and cause in (StopCause.RUNNING, StopCause.FINISHED):
             cause = StopCause.EMERGENCY_STOP
         if cause is StopCause.FINISHED:
             cause = self._end_of_leg()
         self.cause = cause
-        time_s, short, open_ = self.plant.time_ns * 1e-9, turn.window.short, turn.window.open
-        return Progress(turn.path_um, self.total_um, time_s, turn.feed_um_s, short, open_)
+        time_s, short, open_ = self.plant.time_ns * 1e-9, result.window.short, result.window.open
+        return Progress(result.path_um, self.total_um, time_s, result.feed_um_s, short, open_)
 
     def emergency_stop(self) -> None:
         """Press the machine's emergency button: the cut ends here."""

@@ -146,7 +146,7 @@ class Traverse(EvenSteps):
 
     def window(self) -> PulseWindow:
         """Run one window."""
-        return self._cycle.turn().window
+        return self._cycle.run_window().window
 
     def _decide(self, observation: WindowObservation) -> None:
         self.feed_um_s, self.alarm = self._controller.update(observation)[:2]

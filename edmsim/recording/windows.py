@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.closed_loop.cycle import PlantView, Recorder, Turn
+from edmsim.closed_loop.cycle import CycleResult, PlantView, Recorder
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
@@ -164,14 +164,14 @@ ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 _Pair = tuple[float, float]
 
 
-def row_of(turn: Turn, commanded_um: _Pair, following_um: _Pair, setting_us: _Pair) -> tuple[float, ...]:
+def row_of(result: CycleResult, commanded_um: _Pair, following_um: _Pair, setting_us: _Pair) -> tuple[float, ...]:
     """Return the values of `ROW_NAMES` of a window; `setting_us` is the generator's on-time and period."""
-    window = turn.window
+    window = result.window
     return (
-        turn.time_ns * 1e-9, *commanded_um, turn.feed_um_s, window.short, window.open, window.spark, window.arc,
+        result.time_ns * 1e-9, *commanded_um, result.feed_um_s, window.short, window.open, window.spark, window.arc,
         window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um, -window.deflection_um[0],
         -window.deflection_um[1], *following_um, window.wire_temperature_K, window.debris, window.coverage,
-        *setting_us, turn.path_um,
+        *setting_us, result.path_um,
     )  # fmt: skip
 
 
@@ -189,12 +189,12 @@ class WindowTable(ArraySnapshots, Recorder):
     def __len__(self) -> int:
         return len(self._values) // self._width
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
+    def window(self, result: CycleResult, plant: PlantView) -> None:
         """Add a window of a cut."""
-        machine, opposite = plant.machine, turn.opposite
-        more = (turn.window.mean_voltage_V, 0.0) if opposite is None else (opposite.net_voltage_V, opposite.power_W)
+        machine, opposite = plant.machine, result.opposite
+        more = (result.window.mean_voltage_V, 0.0) if opposite is None else (opposite.net_voltage_V, opposite.power_W)
         setting_us = machine.t_on_us, machine.t_period_us
-        row = row_of(turn, plant.commanded_um, plant.following_error_um, setting_us)
+        row = row_of(result, plant.commanded_um, plant.following_error_um, setting_us)
         self.append((*row, *more[: len(self._more)]))
 
     def append(self, row: Sequence[float]) -> None:
@@ -414,11 +414,11 @@ class Frames(ArraySnapshots, Recorder):
         """Windows from one stored frame to the next."""
         return self._thinned.stride
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
+    def window(self, result: CycleResult, plant: PlantView) -> None:
         """Store a window if its number is a multiple of the stride."""
         if self._thinned.wants_next:
-            place = plant.commanded_um, turn.path_um
-            self.offer(turn.time_ns * 1e-9, *place, plant.deflections_um(), plant.coverage())
+            place = plant.commanded_um, result.path_um
+            self.offer(result.time_ns * 1e-9, *place, plant.deflections_um(), plant.coverage())
         else:
             self._thinned.skip()
 
@@ -534,21 +534,21 @@ class Closeups(ArraySnapshots, Recorder):
         """Set the places along the path at which the leg turns."""
         self._turns_um, self._turns_passed = [start_um + turn for turn in turns_um(points_um)], 0
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
+    def window(self, result: CycleResult, plant: PlantView) -> None:
         """Store a window, with its event if it has one."""
         row, timing = self.row, plant.timing
-        row["t_s"], row["guides_um"], row["path_um"] = turn.time_ns * 1e-9, plant.commanded_um, turn.path_um
+        row["t_s"], row["guides_um"], row["path_um"] = result.time_ns * 1e-9, plant.commanded_um, result.path_um
         row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
-        opposite = turn.opposite
+        opposite = result.opposite
         row["opposite_V"] = 0.0 if opposite is None else opposite.voltage_V
         row["opposite_A"] = 0.0 if opposite is None else opposite.current_A
         row["wire_um"], row["walls_um"] = plant.walls_um(self.slice_index)
         row["deflection_um"], row["coverage"] = plant.deflections_um(), plant.coverage()
         self._fill_pulses(plant.last_pulses())
-        passed = bisect(self._turns_um, turn.path_um)
-        runs_back = turn.feed_um_s < 0 <= self._feed_um_s
+        passed = bisect(self._turns_um, result.path_um)
+        runs_back = result.feed_um_s < 0 <= self._feed_um_s
         event = TURN if passed != self._turns_passed else RETRACT if runs_back else NOTHING
-        self._turns_passed, self._feed_um_s = passed, turn.feed_um_s
+        self._turns_passed, self._feed_um_s = passed, result.feed_um_s
         self.keep(event)
 
     @property

@@ -27,7 +27,7 @@ class Periods(Recorder):
     def leg(self, points_um, start_um):
         self.starts_um.append(start_um)
 
-    def window(self, turn, plant):
+    def window(self, result, plant):
         self.periods_us.append(plant.machine.t_period_us)
 
     def snapshot(self):
