@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, low_pass_weight, shorted
 from edmsim.controllers.protocols import WindowObservation
+from edmsim.machine.components import BOILING_K
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import BOILING_K
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, flushing_Pa, least_period_us, pulse_form
 

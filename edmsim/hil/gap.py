@@ -13,7 +13,7 @@ import numpy as np
 from edmsim.closed_loop.straight import begin
 from edmsim.errors import InputError, methods_refuse_wrong_types, refuses_wrong_types
 from edmsim.files import replacing
-from edmsim.machine import parts, pulse_window
+from edmsim.machine import components, pulse_window
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
@@ -329,9 +329,9 @@ def _patient(machine: Machine, open_V: float) -> Machine:
         raise InputError(f"{open_V:g} V ignite nothing: give more than the burning voltage, and at most 1000 V")
     changes = {
         "mode": "iso-energetic", "supply_voltage_V": None,
-        "open_voltage_V": parts.Constant(value=open_V, source="table of delays"),
-        "ignition_wait_us": parts.Constant(value=WAIT_US, source="table of delays"), "equalising": None,
-        "mean_current_limit_A": parts.Constant(value=10_000.0, source="table of delays"),
+        "open_voltage_V": components.Constant(value=open_V, source="table of delays"),
+        "ignition_wait_us": components.Constant(value=WAIT_US, source="table of delays"), "equalising": None,
+        "mean_current_limit_A": components.Constant(value=10_000.0, source="table of delays"),
     }  # fmt: skip
     own = machine.generator.model_copy(update=changes)
     free = dict.fromkeys(("open_voltage_V", "peak_current_A", "resistance_ohm", "ignition_wait_us"))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine import setting
+from edmsim.machine.components import BOILING_K, Component
 from edmsim.machine.machine import Machine, mjcf_version
-from edmsim.machine.parts import BOILING_K, Part
 from edmsim.plant.gap import gas
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.generator import crater_um3, switched_off, timing
@@ -84,9 +84,9 @@ def _kerf_um(machine: Machine) -> float:
     return machine.wire_diameter_um + 2 * machine.base.dielectric.side_gap_um.value
 
 
-def _same_names(part: Part) -> dict[str, Any]:
-    """Return the constants of a part that the loop uses unchanged, by the same names."""
-    return {name: constant.value for name, constant in part if name in Constants._fields}
+def _same_names(component: Component) -> dict[str, Any]:
+    """Return the constants of a component that the loop uses unchanged, by the same names."""
+    return {name: constant.value for name, constant in component if name in Constants._fields}
 
 
 def constants(machine: Machine, res: Resolution) -> Constants:

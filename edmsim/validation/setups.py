@@ -7,8 +7,8 @@ from edmsim.closed_loop.straight import Cut, cut_straight
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.evaluation.stable_rate import OPEN_SHARE, quick_counts
+from edmsim.machine.components import Constant
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Constant
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.kerf_field import Stock

@@ -7,8 +7,8 @@ import pytest
 
 from edmsim.controllers import axis
 from edmsim.errors import InputError
+from edmsim.machine.components import Constant, Geometry, Positive
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Constant, Geometry, Positive
 from edmsim.plant.axes.ways import StillTable, errors_um, ways_of
 from edmsim.plant.plant import Plant
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from edmsim.controllers.axis.elcam.file import Cam, ErrorTable, TableRows, load_tables
 from edmsim.geometry import Polyline
+from edmsim.machine.components import Constant, Geometry
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Constant, Geometry
 from edmsim.metrology.profile import ProfileError, element_errors
 from edmsim.metrology.shares import (
     SHARES,
