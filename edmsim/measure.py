@@ -28,7 +28,7 @@ from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.plan import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import PROFILE_STEP_MM, ProfileError, profile_error, slice_heights_mm
-from edmsim.plant.axes.ways import StillTable
+from edmsim.plant.axes.geometric_errors import StillTable
 from edmsim.program import outline, path
 from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
 

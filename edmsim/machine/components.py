@@ -99,7 +99,7 @@ class Optional(Component):
 
 
 class Geometry(Optional):
-    """Errors of the table's screws and ways; omitted ones are 0. See `edmsim.plant.axes.ways`."""
+    """Errors of the table's screws and ways; omitted ones are 0. See `edmsim.plant.axes.geometric_errors`."""
 
     # cumulative error of the screw
     x_pitch_um_m: Annotated[Constant, _within(-10000, 10000)] | None = None

@@ -21,7 +21,7 @@ from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.geometry import Floats, Polyline, arc_lengths, interpolated, left_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CORNER_REACH_MM, ProfileError, edge_corners
-from edmsim.plant.axes.ways import StillTable
+from edmsim.plant.axes.geometric_errors import StillTable
 from edmsim.program.offset import REACH_TOLERANCE_MM, distances
 from edmsim.program.outline import chords_of
 from edmsim.program.path import WireContour

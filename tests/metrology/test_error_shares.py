@@ -25,7 +25,7 @@ from edmsim.metrology.shares import (
     unreachable_um,
     worst_place,
 )
-from edmsim.plant.axes.ways import StillTable
+from edmsim.plant.axes.geometric_errors import StillTable
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 from edmsim.program.taper import Lean, Ruled
