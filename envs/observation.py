@@ -119,19 +119,20 @@ class Known:
     @cached_property
     def ahead(self) -> tuple[Floats, Floats]:
         """Path to the next corner, 1 for `LOOK_UM` or more, and the corner's turn, 0 beyond `LOOK_UM`."""
-        way_um = self.corner_um - self.rows["path_um"][:, None]
-        return self._nearest(np.where(way_um > 0, way_um, np.inf))
+        distance_um = self.corner_um - self.rows["path_um"][:, None]
+        return self._nearest(np.where(distance_um > 0, distance_um, np.inf))
 
     @cached_property
     def behind(self) -> tuple[Floats, Floats]:
         """The same for the last corner."""
-        way_um = self.corner_um - self.rows["path_um"][:, None]
-        return self._nearest(np.where(way_um <= 0, -way_um, np.inf))
+        distance_um = self.corner_um - self.rows["path_um"][:, None]
+        return self._nearest(np.where(distance_um <= 0, -distance_um, np.inf))
 
-    def _nearest(self, ways_um: Floats) -> tuple[Floats, Floats]:
-        index, k = np.arange(len(ways_um)), ways_um.argmin(axis=1)
-        way_um = ways_um[index, k]
-        return np.minimum(way_um / LOOK_UM, 1.0), np.where(way_um <= LOOK_UM, self.corner_deg[index, k] / 180.0, 0.0)
+    def _nearest(self, distances_um: Floats) -> tuple[Floats, Floats]:
+        index, k = np.arange(len(distances_um)), distances_um.argmin(axis=1)
+        nearest_um = distances_um[index, k]
+        turns = np.where(nearest_um <= LOOK_UM, self.corner_deg[index, k] / 180.0, 0.0)
+        return np.minimum(nearest_um / LOOK_UM, 1.0), turns
 
 
 CORNERS = (

@@ -181,8 +181,8 @@ class PartCut:
         self.wires_lost += self.broken
         now = self._sums()
         less = {f.name: getattr(now, f.name) - getattr(before, f.name) for f in fields(Sums)}
-        way_um, cut_mm2 = self.path_um - before_um, self._face_mm2() - before_mm2
-        return Step(Sums(**less), self.cutting_s - before_s, way_um, cut_mm2, self.broken)
+        cut_um, cut_mm2 = self.path_um - before_um, self._face_mm2() - before_mm2
+        return Step(Sums(**less), self.cutting_s - before_s, cut_um, cut_mm2, self.broken)
 
     def _face_mm2(self) -> float:
         cut_um = sum(one.end_um - one.begin_um for one in self._records if one.number == 1)

@@ -265,8 +265,8 @@ class SubEnvs:
         row["before_um"] += row["path_um"]
         x, y = (float(v) for v in legs_um[following][0])
         table = plant.machine.base.table
-        way = math.dist((x, y), plant.commanded_um)
-        plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
+        distance_um = math.dist((x, y), plant.commanded_um)
+        plant.rethread((x, y), round((distance_um / table.rapid_um_s.value + table.threading_s.value) * 1e9))
         self._reset_setting(index)
         self._begin_leg(index, following)
 

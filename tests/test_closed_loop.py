@@ -207,8 +207,8 @@ def test_contours_are_joined_by_a_rapid_and_a_fresh_wire():
     t_s, x, path = (windows.column(name).to_numpy() for name in ("t_s", "x_um", "path_um"))
     jump = int(np.argmax(np.diff(x)))
     table = sim.machine.base.table
-    way_um = np.hypot(33_000 - x[jump], 4000)
-    pause_s = way_um / table.rapid_um_s.value + table.threading_s.value
+    distance_um = np.hypot(33_000 - x[jump], 4000)
+    pause_s = distance_um / table.rapid_um_s.value + table.threading_s.value
     assert t_s[jump + 1] - t_s[jump] == pytest.approx(pause_s + 0.0255, abs=1e-6)
     assert sum(np.diff(t_s) > 0.03) == 1
     assert np.diff(path).min() >= 0

@@ -152,14 +152,14 @@ def explained(cuts: list[Recorded], predicted: list[Floats]) -> tuple[float, flo
     return 1.0 - missed / spread, 1.0 - float(between)
 
 
-def way(superheat: float) -> float:
+def boil_share(superheat: float) -> float:
     """Return a superheat on a scale from 0 at the coldest to 1 where the wire boils dry."""
     return (superheat - COLDEST) / (1.0 - COLDEST)
 
 
 @dataclass
 class NetworkGauge(Gauge):
-    """Gauge of the wire's superheat by the network, on the scale of `way`; the caller sets `network`."""
+    """Gauge of the wire's superheat by the network, on the scale of `boil_share`; the caller sets `network`."""
 
     flux: FluxGauge = field(default_factory=FluxGauge, init=False)
     age_s: float = field(default=0.0, init=False)
@@ -190,7 +190,7 @@ class NetworkGauge(Gauge):
         visible = np.array([[features(window, self.flux, self.age_s, self._machine)]])
         with torch.no_grad():
             superheat, self._memory = self.network(visible, self._memory)
-        return way(float(superheat))
+        return boil_share(float(superheat))
 
 
 class NetworkController(
@@ -209,7 +209,7 @@ def cut_with(make: Callable[[], FeedController], seed: int) -> Result:
 
 def holding(network: Network, superheat: float) -> FeedController:
     """Return the law that holds a superheat with a network."""
-    law = NetworkController(hold_share=way(superheat))
+    law = NetworkController(hold_share=boil_share(superheat))
     law.gauge.network = network
     return law
 

@@ -53,13 +53,13 @@ class Leg(NamedTuple):
     ) -> tuple[np.typing.NDArray[Any], Floats, np.typing.NDArray[Any] | None]:
         """Return points, path lengths and leads of the leg from a place on, which need not be its first point."""
         points, leads, along = self.points_um, self.lead_um, self.along_um - self.along_um[0]
-        way = math.dist(points[0], point_um)
+        distance_um = math.dist(points[0], point_um)
         if leads is not None:
-            way = max(way, math.dist(leads[0], lead_um))
-        if way == 0.0:
+            distance_um = max(distance_um, math.dist(leads[0], lead_um))
+        if distance_um == 0.0:
             return points, along, leads
         leads = None if leads is None else np.concatenate([[lead_um], leads])
-        return np.concatenate([[point_um], points]), np.concatenate([[0.0], along + way]), leads
+        return np.concatenate([[point_um], points]), np.concatenate([[0.0], along + distance_um]), leads
 
 
 def _part_side(contour: WireContour, one: CutPass | None) -> Literal["left", "right"] | None:
@@ -71,15 +71,15 @@ def _part_side(contour: WireContour, one: CutPass | None) -> Literal["left", "ri
 
 def legs_of(path: CutPath) -> list[Leg]:
     """Divide the paths of all contours at their dwells into legs, in cutting order."""
-    return [leg for contour, number in path.cuts for leg in _legs_of_way(contour, number)]
+    return [leg for contour, number in path.cuts for leg in _legs_of_pass(contour, number)]
 
 
-def _legs_of_way(contour: WireContour, number: int) -> Iterator[Leg]:
+def _legs_of_pass(contour: WireContour, number: int) -> Iterator[Leg]:
     """Yield the legs of a contour's pass, counted from 0, or of its only path; the lead-in first."""
     one = contour.passes[number] if contour.passes else None
     part = one or contour
     lead = one.approach_moves if one is not None and number == 0 else 0
-    along, waits = part.way.along_um, dict.fromkeys((i for i, _ in part.dwells), 0.0)
+    along, waits = part.wire_path.along_um, dict.fromkeys((i for i, _ in part.dwells), 0.0)
     for i, seconds in part.dwells:
         waits[i] += seconds
     ends = sorted({lead, len(part.points_um) - 1, *waits} - {0})
@@ -255,7 +255,7 @@ class PassLog(Snapshots):
                     self._loosen(piece, one, contour, plant)
 
     def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:
-        x, y = one.way.at_mid_height()[-1].tolist()
+        x, y = one.wire_path.at_mid_height()[-1].tolist()
         is_part = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
         what = "part" if is_part else "slug"
         far_mm = math.dist((piece.centroid.x, piece.centroid.y), (x, y)) * 1e-3

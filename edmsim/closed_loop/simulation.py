@@ -527,8 +527,8 @@ class Simulation:
         """Move to a contour and thread; return the time that axes would need that are too slow to wait for."""
         table = self.machine.base.table
         x, y = self.commanded_um
-        way = math.hypot(point_um[0] - x, point_um[1] - y)
-        seconds = way / table.rapid_um_s.value + table.threading_s.value
+        distance_um = math.hypot(point_um[0] - x, point_um[1] - y)
+        seconds = distance_um / table.rapid_um_s.value + table.threading_s.value
         place_um = self._motors_um(float(point_um[0]), float(point_um[1]), self.path_um, lead_um)
         return self.plant.rethread(place_um, round(seconds * 1e9))
 

@@ -141,7 +141,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
         "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "t_on_us": set_up.t_on_us,
         "t_period_us": set_up.t_period_us, "position_unit": simulation.unit, "offset_um": path.offset_um,
-        "wire_path_sha256": _digest(b"".join(way.tobytes() for contour in path.contours for way in contour.reach_um)),
+        "wire_path_sha256": _digest(b"".join(um.tobytes() for contour in path.contours for um in contour.reach_um)),
         "constants_sha256": machine.constants_digest(set_up),
     }
 

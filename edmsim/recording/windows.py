@@ -47,7 +47,7 @@ class CutAlone(NamedTuple):
     rows: NDArray[np.bool_]  # (n,): whether a window belongs to the cut alone
     time_s: float
     # places along the path between which the wire has cut, per stretch
-    ways_um: tuple[tuple[float, float], ...]
+    stretches_um: tuple[tuple[float, float], ...]
 
 
 def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
@@ -55,7 +55,7 @@ def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
     t_s, path_um, ignited = values["t_s"], values["path_um"], values["spark"] + values["arc"]
     away = np.hypot(values["x_um"][:, None] - holes_um[:, 0], values["y_um"][:, None] - holes_um[:, 1])
     in_hole: NDArray[np.bool_] = np.any(away <= holes_um[:, 2], axis=1)
-    rows, time_s, ways = np.zeros(len(t_s), bool), 0.0, []
+    rows, time_s, found = np.zeros(len(t_s), bool), 0.0, []
     for part in stretches(len(t_s), pause_rows(t_s)):
         outside = part.start + np.flatnonzero(~in_hole[part])
         lit = part.start + np.flatnonzero(ignited[part] > 0)
@@ -63,8 +63,8 @@ def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
             first, last = max(int(outside[0]), part.start + 1), int(lit[-1])
             rows[first : last + 1] = True
             time_s += float(t_s[last] - t_s[first - 1])
-            ways.append((float(path_um[first - 1]), float(path_um[first - 1 : last + 1].max())))
-    return CutAlone(rows, time_s, tuple(ways))
+            found.append((float(path_um[first - 1]), float(path_um[first - 1 : last + 1].max())))
+    return CutAlone(rows, time_s, tuple(found))
 
 
 def pause_rows(t_s: Floats) -> NDArray[np.intp]:
@@ -88,8 +88,8 @@ def durations_s(values: Mapping[str, Floats]) -> Floats:
 
 def jump_rows(place_um: Floats, path_um: Floats) -> NDArray[np.intp]:
     """Return the rows before which a wire was threaded, from thinned places (n, 2) and lengths of path (n,)."""
-    way = np.hypot(*np.diff(place_um, axis=0).T)
-    return np.flatnonzero(way > np.abs(np.diff(path_um)) + _JUMP_UM) + 1
+    moved_um = np.hypot(*np.diff(place_um, axis=0).T)
+    return np.flatnonzero(moved_um > np.abs(np.diff(path_um)) + _JUMP_UM) + 1
 
 
 def stretches(count: int, breaks: NDArray[np.intp]) -> list[slice]:
@@ -214,7 +214,7 @@ class WindowTable(ArraySnapshots, Recorder):
         """Return a copy of all columns by name."""
         return dict(zip((*ROW_NAMES, *(column.name for column in self._more)), self.rows.T, strict=True))
 
-    def ways_um(self) -> tuple[Floats, ...]:
+    def motion(self) -> tuple[Floats, ...]:
         """Return commanded position, following error and wire lag, (len(self), 2) each, time in s, and path in um."""
         values = self.rows
         x, following, lag, time, path = map(ROW_NAMES.index, ("x_um", "following_x_um", "lag_x_um", "t_s", "path_um"))

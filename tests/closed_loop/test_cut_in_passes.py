@@ -92,7 +92,7 @@ def test_no_offset_is_advised_before_the_last_pass_is_cut():
 
 @pytest.mark.slow
 def test_what_a_compensation_does_to_a_trimmed_wall_is_the_drives_share():
-    rough_mm = 1e-3 * started(0.3).path.contours[0].ways[0].along_um[-1]  # the rough pass is cut without it
+    rough_mm = 1e-3 * started(0.3).path.contours[0].wire_paths[0].along_um[-1]  # the rough pass is cut without it
     shift = ErrorTable("y", "path", np.array([(0.0, 0.0), (rough_mm, 0.0), (rough_mm + 0.001, 14.0), (9.0, 14.0)]))
     windows = WindowTable()
     simulation = started(0.3, compensation=load_tables([shift]), recorders=(windows,))
