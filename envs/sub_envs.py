@@ -313,9 +313,9 @@ class ObservationBuilder(Snapshots):
         self.family, self.sensors = family, sensors
         width = len(family.step_entries)
         self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
-        self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
-        # (n,) `SHOWN`: sums over the windows of the present step
-        self.sums: NDArray[np.void] = np.zeros(count, observation.SHOWN)
+        self._setup = np.zeros((count, len(observation.SETUP_ENTRIES)), np.float32)
+        # (n,) `STEP_SUMS`: sums over the windows of the present step
+        self.sums: NDArray[np.void] = np.zeros(count, observation.STEP_SUMS)
         self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
         self._take_arguments(slice(None))
         self._threaded_ns = np.zeros(count, np.int64)
@@ -325,8 +325,8 @@ class ObservationBuilder(Snapshots):
     def begin(self, i: int, row: np.void, machine: Machine, noise_key: np.uint64 | int = 0) -> None:
         """Begin an episode on a machine; `row` is its `path_follower.SUB_ENV`."""
         self._history[i] = 0.0
-        self.sums[i] = np.zeros((), observation.SHOWN)
-        self._dials[i] = observation.values_of(observation.DIALS, machine, 1)[0]
+        self.sums[i] = np.zeros((), observation.STEP_SUMS)
+        self._setup[i] = observation.values_of(observation.SETUP_ENTRIES, machine, 1)[0]
         self._scales[i]["key"], self._scales[i]["draws"] = noise_key, 0
         self._broke_at[i] = 0.0
         self._take_arguments(i)
@@ -358,15 +358,15 @@ class ObservationBuilder(Snapshots):
 
     def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
         """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
-        observation.gather(active, rows, windows, self.sums)
+        observation.accumulate_window(active, rows, windows, self.sums)
 
     def end_step(self, active: NDArray[np.int64]) -> None:
         """Insert the last step of some episodes at the front of their history."""
-        observation.show(active, self.sums, self._scales, self._history, self._values)
+        observation.push_step(active, self.sums, self._scales, self._history, self._values)
 
     def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a new array; corners as in `Known`."""
-        parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
+        parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._setup]
         if known := self.family.known_entries:
             age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
             what = observation.Known(

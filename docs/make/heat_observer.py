@@ -45,8 +45,8 @@ def features(window: WindowObservation, gauge: FluxGauge, age_s: float, machine:
     """Return the inputs of the network: a window, the fluxes that `heat-flux` computes, and the dials."""
     flux = gauge.flux
     visible = [window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us]
-    dials = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
-    values = [*visible, window.duration_s, *window.fifths, *flux, flux.max(), min(age_s, BEGIN_S + 1.0), *dials]
+    setup = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
+    values = [*visible, window.duration_s, *window.fifths, *flux, flux.max(), min(age_s, BEGIN_S + 1.0), *setup]
     return [0.0 if not np.isfinite(value) else float(value) for value in values]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from edmsim.closed_loop.cycle import Cycle, PlannerMotion, Recorder
 from edmsim.closed_loop.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, path_behind
-from edmsim.closed_loop.stops import WORDS, StopCause, judge, switches_open
+from edmsim.closed_loop.stops import WORDS, StopCause, stop_cause, switches_open
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, axis, protocols
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
@@ -359,7 +359,7 @@ class Simulation:
         self.slowed += isinstance(planner, four_axes.Following) and planner.slowed
         self.passes.add(result)
         opened = self._switches(result.window)
-        cause = self._judge(result.window, opened)
+        cause = self._stop_cause(result.window, opened)
         if self._stopped_by_controller(opened) and cause in (StopCause.RUNNING, StopCause.FINISHED):
             cause = StopCause.EMERGENCY_STOP
         if cause is StopCause.FINISHED:
@@ -412,12 +412,13 @@ class Simulation:
         except InputError as error:
             self.refused = error.reason
 
-    def _judge(self, window: PulseWindow, opened: Sequence[str]) -> StopCause:
+    def _stop_cause(self, window: PulseWindow, opened: Sequence[str]) -> StopCause:
         """Return whether and why the leg or the cut ends here."""
         switch = X_END in opened or Y_END in opened
         alarm, late = self._motion.command.alarm, self.plant.time_ns >= self._max_time_ns
         tripped, done = self.plant.drive_faults, self._motion.planner.done
-        cause = StopCause(judge(WIRE_BREAK in opened, False, switch, tripped != 0, alarm is not None, late, done))
+        broken, shorted = WIRE_BREAK in opened, alarm is not None
+        cause = StopCause(stop_cause(broken, False, switch, tripped != 0, shorted, late, done))
         if window.broken:
             self._say(self._break_of(window))
             if WIRE_BREAK not in opened:

@@ -20,7 +20,7 @@ from edmsim.geometry import Floats
 from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.setting import AIR_SHARE, discharge_current_A
-from edmsim.metrology import edges, kerf, profile, roughness, shares
+from edmsim.metrology import edges, error_budget, kerf, profile, roughness
 from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece import height_steps, kerf_field
 from edmsim.program.path import CutPath, WireContour
@@ -91,7 +91,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     table, lead = _table(simulation, profiles), _lead(simulation.path)
     tracks_um = _tracks_um(simulation, windows)
     shares_um = _shares(simulation, profiles, tracks_um)
-    left_um = [shares.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
+    left_um = [error_budget.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
     found = [c for k, p in zip(contours, profiles, strict=True) for c in profile.corners(k, p)]
     scene = Scene(
         maps=tuple(
@@ -165,7 +165,7 @@ def _profile_errors(
     shares_um = [edge.shares_um for edge in scene.maps]
 
     def worst(reachable: bool) -> reports.ErrorPlace:
-        found = shares.worst_place(contours, profiles, left_um, shares_um, reachable=reachable)
+        found = error_budget.worst_place(contours, profiles, left_um, shares_um, reachable=reachable)
         if found is None:
             return reports.ErrorPlace()
         x_mm, y_mm = found.x_mm - origin_mm[0], found.y_mm - origin_mm[1]
@@ -193,7 +193,9 @@ def _tracks_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Float
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
         program_um = programmed_um(simulation.legs, path_um)
-        program, table = shares.motor_offsets_um(simulation.machine, commanded, program_um, path_um, simulation.elcam)
+        program, table = error_budget.motor_offsets_um(
+            simulation.machine, commanded, program_um, path_um, simulation.elcam
+        )
         commanded, guides = commanded - program, guides - table
     if simulation.passes.records:
         tracks_um = (commanded, guides, guides - lag)
@@ -269,9 +271,10 @@ def _shares(
     """Split the profile error of each contour into shares; None if the contour has no offset, or leans."""
     each = zip(profiles, simulation.path.contours, tracks_um, _last_passes(simulation), strict=True)
     return [
-        shares.error_shares(profile, contour, tracks, last) if contour.offset_um and contour.lean is None else None
+        error_budget.error_shares(profile, contour, tracks, last)
+        if contour.offset_um and contour.lean is None else None
         for profile, contour, tracks, last in each
-    ]
+    ]  # fmt: skip
 
 
 def _last_passes(simulation: Simulation) -> list[int | None]:
@@ -289,7 +292,7 @@ def _table(simulation: Simulation, profiles: list[profile.ProfileError]) -> repo
     starts_um = np.cumsum([0.0, *(path.along_um[-1] for path in simulation.path.wire_paths[:-1])])
     of_contours = [starts_um[np.array(simulation.path.contour_of) == k] for k in range(len(contours))]
     places = zip(contours, profiles, of_contours, _last_passes(simulation), strict=True)
-    found = [shares.table_error(machine, k, p, elcam, starts, last) for k, p, starts, last in places]
+    found = [error_budget.table_error(machine, k, p, elcam, starts, last) for k, p, starts, last in places]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
     return reports.TableShare(
@@ -323,7 +326,7 @@ def _part(
         of_one for number, of_one in enumerate(zip(contours, profiles, left_um, strict=True), 1)
         if _is_finished(number, of_one[0], simulation.passes.records)
     ]
-    mean_um = shares.mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
+    mean_um = error_budget.mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
     elements = (
         found
         for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
@@ -385,7 +388,8 @@ def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
     split = [(edge.shares_um, edge.error_um) for edge in scene.maps if edge.shares_um is not None]
     if not split:
         return None
-    return shares.share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
+    shares_um, error_um = np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split])
+    return error_budget.share_stats(shares_um, error_um)
 
 
 def _section(widths: list[kerf.KerfWidth], height_mm: float) -> list[reports.KerfSlice]:

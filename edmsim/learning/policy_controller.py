@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, set_up_controller
 from edmsim.envs import part_task, path_follower, servo, sub_envs
-from edmsim.envs.observation import DIALS, EXACT, window_of
+from edmsim.envs.observation import EXACT, SETUP_ENTRIES, window_of
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, path_corners
 from edmsim.learning import bandit, policy_file
@@ -137,17 +137,17 @@ class PolicyController(Snapshots):
         """Name the dials of a machine that are far from those of the training."""
         card, texts = self.policy.card, []
         trained = {entry.name: entry for entry in card.observation}
-        for dial in DIALS:
-            if (entry := trained.get(dial.name)) is None:  # a policy made in code may name no entries
+        for setting in SETUP_ENTRIES:
+            if (entry := trained.get(setting.name)) is None:  # a policy made in code may name no entries
                 continue
-            assert dial.value is not None
-            value = float(dial.value(machine))
+            assert setting.value is not None
+            value = float(setting.value(machine))
             deviation = math.sqrt(entry.variance + card.epsilon)
             if abs(value - entry.mean) > FAR_DEVIATIONS * deviation:
-                size, unit = dial.divisor.split()
+                size, unit = setting.divisor.split()
                 here, mean, spread = (float(size) * each for each in (value, entry.mean, deviation))
                 texts.append(
-                    f"the {dial.quantity.partition(',')[0]} is {here:.3g} {unit}, but the policy was trained at "
+                    f"the {setting.quantity.partition(',')[0]} is {here:.3g} {unit}, but the policy was trained at "
                     f"{mean:.3g} {unit} (standard deviation {spread:.1g}): what it does here was not learned"
                 )
         return texts

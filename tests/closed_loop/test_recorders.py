@@ -8,7 +8,7 @@ import pytest
 
 from edmsim.closed_loop.cycle import Recorder
 from edmsim.closed_loop.simulation import Simulation
-from edmsim.closed_loop.stops import WORDS, StopCause, judge, switches_open
+from edmsim.closed_loop.stops import WORDS, StopCause, stop_cause, switches_open
 from edmsim.controllers import FeedCommand
 from edmsim.controllers.feed.laws import FixedController
 from edmsim.machine.machine import Machine
@@ -96,7 +96,7 @@ ORDER = (
 def test_of_several_causes_the_first_in_order_counts():
     for flags in itertools.product([False, True], repeat=7):
         causes = [cause for cause, flag in zip(ORDER, flags, strict=True) if flag]
-        assert judge(*flags) == (causes[0] if causes else StopCause.RUNNING)
+        assert stop_cause(*flags) == (causes[0] if causes else StopCause.RUNNING)
 
 
 @pytest.mark.parametrize(

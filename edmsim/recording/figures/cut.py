@@ -18,8 +18,8 @@ from edmsim.closed_loop.straight import KINDS, PulseSample
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
+from edmsim.metrology.error_budget import SHARES
 from edmsim.metrology.profile import CornerError
-from edmsim.metrology.shares import SHARES
 from edmsim.plant.constants import modal_model
 from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures import palette, style

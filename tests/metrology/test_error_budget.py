@@ -14,8 +14,7 @@ from edmsim.controllers.axis.elcam.file import Cam, ErrorTable, TableRows, load_
 from edmsim.geometry import Polyline
 from edmsim.machine.components import Constant, Geometry
 from edmsim.machine.machine import Machine
-from edmsim.metrology.profile import ProfileError, element_errors
-from edmsim.metrology.shares import (
+from edmsim.metrology.error_budget import (
     SHARES,
     error_shares,
     mean_error_um,
@@ -25,6 +24,7 @@ from edmsim.metrology.shares import (
     unreachable_um,
     worst_place,
 )
+from edmsim.metrology.profile import ProfileError, element_errors
 from edmsim.plant.axes.geometric_errors import StillTable
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour

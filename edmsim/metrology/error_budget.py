@@ -182,7 +182,7 @@ class WorstPlace:
     y_mm: float
     error_um: float
     why: str  # start mark, out of reach (the round wire leaves most of it), inner corner, outer corner or edge
-    made_by: str | None  # name of the error's largest share (`shares.SHARES`); None if they are unknown
+    made_by: str | None  # name of the error's largest share (`SHARES`); None if they are unknown
 
 
 def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
