@@ -62,8 +62,8 @@ class Entry(NamedTuple):
     # the measured quantity, and its divisor
     quantity: str
     divisor: str
-    # returns the value: of an entry of the set-up from a `Machine`, of an entry after these (n,) from `Known`; None for
-    # an entry of a step, which `push_step` computes
+    # returns the value: of an entry of the set-up from a `Machine`, of an entry after these (n,) from `Known`; None
+    # for an entry of a step, which `push_step` computes
     value: Callable[..., Any] | None = None
 
     @property
