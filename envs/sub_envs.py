@@ -19,7 +19,7 @@ from edmsim.compiled.random import key_of
 from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.envs import observation, path_follower, reward, servo
+from edmsim.envs import gap_servo, observation, path_follower, reward
 from edmsim.envs.task import EnvArguments, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, Ints, path_corners
@@ -439,7 +439,7 @@ class Batch:
         self.family = family
         self.sub_envs = SubEnvs(family, count, threads)
         self.builder = ObservationBuilder(family, count, family.measured_by)
-        self._servos: NDArray[np.void] = np.zeros(count, servo.SERVO)
+        self._servos: NDArray[np.void] = np.zeros(count, gap_servo.SERVO)
         self._feed_um_s = np.zeros(count)
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
@@ -475,7 +475,7 @@ class Batch:
     def _begin_wire(self, index: int) -> None:
         feed_um_s = self.sub_envs.families[index].first_feed_um_s
         self._feed_um_s[index] = feed_um_s
-        servo.begin(self._servos[index], feed_um_s)
+        gap_servo.begin(self._servos[index], feed_um_s)
 
     def clear(self) -> None:
         """Set the rewards and costs of the last step to 0."""
@@ -531,7 +531,7 @@ class Batch:
         if family.offset_um is not None:
             sub_envs.rows["offset_um"][which] = clamped[which, -1] * family.offset_um
         if family.action == "servo":
-            self._servos["target"][which] = servo.target_of(clamped[which, 0], family.servo_target_share)
+            self._servos["target"][which] = gap_servo.target_of(clamped[which, 0], family.servo_target_share)
             return
         limit = family.greatest_feed_um_s
         requested_um_s = family.next_feed_um_s(self._feed_um_s[which], clamped[which, 0])
@@ -545,7 +545,7 @@ class Batch:
         self.builder.add(left, sub_envs.rows, windows)
         self.account.add(left, sub_envs.rows, windows)
         if by_servo:
-            servo.respond(left, self._servos, windows, family.greatest_feed_um_s, *family.servo_gains)
+            gap_servo.respond(left, self._servos, windows, family.greatest_feed_um_s, *family.servo_gains)
         for index, setting_us in sub_envs.lost:
             self.builder.lose_wire(index, sub_envs.rows[index], setting_us)
             self._begin_wire(index)

@@ -11,7 +11,7 @@ import numpy as np
 
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.envs import observation, reward, servo
+from edmsim.envs import gap_servo, observation, reward
 from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, machine_of, record_of, record_of_arguments
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
@@ -250,9 +250,9 @@ class Family(EnvArguments):
     )
     start_feed_um_s: float = argument(5.0, "um/s", "feed before the first action")  # ours: below all rates
     servo_target_share: tuple[float, float] = argument(
-        servo.TARGET_SHARE, "", "targets of the servo at actions of -1 and 1"
+        gap_servo.TARGET_SHARE, "", "targets of the servo at actions of -1 and 1"
     )
-    servo_gains: tuple[float, float] = argument(servo.GAINS, "", "um/s, and um/s per s, per unit of its error")
+    servo_gains: tuple[float, float] = argument(gap_servo.GAINS, "", "um/s, and um/s per s, per unit of its error")
     latency_s: float = argument(0.0, "s", "delay of a new feed, a window at most")
     sensors: observation.Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
     history: int = argument(4, "steps", "number of steps in an observation")

@@ -20,7 +20,7 @@ from sections import table, write_sections
 from edmsim.controllers import FeedController
 from edmsim.controllers.feed.law import Gauge, OpenShare, ServoLaw
 from edmsim.controllers.feed.laws import HEAT, HeatFluxController
-from edmsim.controllers.feed.periods import FluxGauge, HeatGauge, HoldHeat
+from edmsim.controllers.feed.periods import FluxGauge, HeatFluxHold, HeatGauge
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode, Result
@@ -194,7 +194,7 @@ class NetworkGauge(Gauge):
 
 
 class NetworkController(
-    ServoLaw, measure=OpenShare, period=HoldHeat, gauge=NetworkGauge, proportional_share=0.7, integral_per_s=5.0,
+    ServoLaw, measure=OpenShare, period=HeatFluxHold, gauge=NetworkGauge, proportional_share=0.7, integral_per_s=5.0,
     **HEAT,
 ):  # fmt: skip
     """Law that holds the network's estimate of the wire's superheat by the period."""

@@ -16,10 +16,10 @@ from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.generator import crater_um3, switched_off, timing
 from edmsim.plant.gap.water import AMBIENT_PA, Jets, face_Pa, jets, kerf_jets, permittivity_ratio, viscosity_ratio
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, Arrays, Constants, Propagators, Timing
-from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.full_model import DriveSetup, FullMechanics, TableMechanics
 from edmsim.plant.mechanics.modal import fill_table, fill_wire
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, modes_with, screw_constants
+from edmsim.plant.mechanics.squeeze_film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 

@@ -150,7 +150,7 @@ def load_program(
         if upper_layer is None:
             return read_dxf(path, layers, unit)
         return ruled_between(read_dxf(path, layers, unit, upper_layer), read_dxf(path, [upper_layer], unit))
-    from edmsim.program.gcode import read_gcode
+    from edmsim.program.gcode_outlines import read_gcode
 
     return read_gcode(
         path, ignore, {} if offsets is None else read_offsets(offsets), dialect,

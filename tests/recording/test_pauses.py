@@ -12,9 +12,9 @@ from edmsim.metrology.profile import CornerError
 from edmsim.recording.figures.cut import error_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.profile import PANELS, draw_map, draw_series, profile_figure
 from edmsim.recording.figures.style import NotebookFigure
-from edmsim.recording.film import Film
 from edmsim.recording.rerun.logs import growing_kerf
 from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.video import Film
 from edmsim.recording.windows import (
     broken,
     column,

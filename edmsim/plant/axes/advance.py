@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.plant.axes.board import NOBODY, NOWHERE_UM, first_due, serve, shut_off, tripped, watch
+from edmsim.plant.axes.feed_drive import coast_all
 from edmsim.plant.axes.geometric_errors import errors_um, taken_up
-from edmsim.plant.axes.shaft import coast_all
 from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timing
 from edmsim.plant.mechanics.modal import step_table
 

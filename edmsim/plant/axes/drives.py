@@ -14,8 +14,8 @@ from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.advance import apply_geometric_errors, indicate, take_line
 from edmsim.plant.axes.board import NEVER, NOWHERE_UM, hold_in_reset
 from edmsim.plant.axes.encoder import LONG_AGO_NS, draw_pause, mark_below, watch_cam
+from edmsim.plant.axes.feed_drive import check_motor, longest_step_ns
 from edmsim.plant.axes.geometric_errors import no_errors, taken_up
-from edmsim.plant.axes.shaft import check_motor, longest_step_ns
 from edmsim.plant.axes.steps import MOVE, rapid_constants, run_moves, straight_moves, time_left_s
 from edmsim.plant.kernel.state import ArraySizes, Axes, allocate
 

@@ -13,7 +13,7 @@ from edmsim import models
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.board import NOBODY, first_due, serve, shut_off, tripped, watch
-from edmsim.plant.axes.shaft import coast_all
+from edmsim.plant.axes.feed_drive import coast_all
 from edmsim.plant.kernel.state import Axes
 
 MOVE = np.dtype(

@@ -20,9 +20,9 @@ from edmsim.plant.gap.water import mean_of_slices
 from edmsim.plant.kernel import state as loop
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import Array, Arrays, Axes, Constants, Propagators, Scratch, Timing
-from edmsim.plant.mechanics.film import find_films, is_narrow, mean_film, mean_resistance, scale_film, squeeze
 from edmsim.plant.mechanics.full_model import FullLink, move_full
 from edmsim.plant.mechanics.modal import copy, kick, lean, mean_deflection, move, place_wire, project, ring, ringing
+from edmsim.plant.mechanics.squeeze_film import find_films, is_narrow, mean_film, mean_resistance, scale_film, squeeze
 from edmsim.plant.wire import HeatLaw
 from edmsim.plant.workpiece.craters import carve
 

@@ -22,10 +22,10 @@ from edmsim.compiled.memory_views import call_with_two
 from edmsim.errors import EdmsimError
 from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.axes.encoder import position, see_edges, watch_cam
-from edmsim.plant.axes.shaft import energise, rotor_after_friction, screw_damping, table_after_friction
+from edmsim.plant.axes.feed_drive import energise, rotor_after_friction, screw_damping, table_after_friction
 from edmsim.plant.kernel.state import CHANGING, Array, Arrays, Axes, Constants, Propagators, Stored, Timing
 from edmsim.plant.mechanics import model as mechanics
-from edmsim.plant.mechanics.film import film_now, suction_limited
+from edmsim.plant.mechanics.squeeze_film import film_now, suction_limited
 
 if TYPE_CHECKING:
     import mujoco

@@ -238,7 +238,7 @@ def rgb01(colours: NDArray[Any]) -> Floats:
 
 MP4, GIF = ".mp4", ".gif"
 FRAMES_PER_S = {MP4: 25, GIF: 10}  # a film should be smooth, an animated picture small
-DPI = {MP4: 100, GIF: 60}  # of a figure of `edmsim.recording.film.SIZE_INCH`: 1280 x 720 and 768 x 432
+DPI = {MP4: 100, GIF: 60}  # of a figure of `edmsim.recording.video.SIZE_INCH`: 1280 x 720 and 768 x 432
 SECONDS = 12.0  # length of the film of a whole cut
 _GIF_COLOURS = 96
 
