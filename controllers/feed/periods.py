@@ -7,9 +7,9 @@ may also fall below the operator's; on the laboratory machine it may not, becaus
 no shorter period. The threshold's numbers were not published; ours come from a search.
 
 `RisingPeriod` is the setting of an operator who wants no broken wire. `HeatFluxHold` uses an estimated heat flux, or
-the wire's true temperature. The hotter a wire is, the better water cools it, up to the critical heat flux. Above that,
-steam covers the wire, and it heats up and breaks within some 20 ms. No law can react so fast. So the law controls how
-far the hottest place of the wire is from this limit.
+the wire's true temperature. The hotter a wire is, the better water cools it, up to the critical heat flux. Above
+that, steam covers the wire, and it heats up and breaks within some 20 ms. No law can react so fast. So the law
+controls how far the hottest place of the wire is from this limit.
 
 `Climb` searches: more power until a wire breaks, then less. So an operator finds the setting for a wire and a height
 that no table has (ours). Its pace was chosen among five in the first version of ThinWire on 64 training machines. The
@@ -17,10 +17,10 @@ default earned 1,336 and lost 23 wires; the others earned 1,100 to 1,359 and los
 
 Some rules estimate, while they cut, the heat flux at which this machine's wires break. They hold a flux as
 `HeatFluxHold` does, and change it. `ClimbingHold` raises it until a wire breaks, then lowers it and raises it more
-slowly. `AdaptiveHold` has a probability distribution of the flux at which wires of this machine break. It updates it by
-Bayes' rule with every second without a break and with every lost wire, and holds the flux with the largest expected
-return. Their numbers are ours: in ramps of the flux on training machines, the breaks of one machine were within some
-10 % of one flux, and those of different machines within a factor of 3 (docs/tasks/max-rate-shift.md).
+slowly. `AdaptiveHold` has a probability distribution of the flux at which wires of this machine break. It updates it
+by Bayes' rule with every second without a break and with every lost wire, and holds the flux with the largest
+expected return. Their numbers are ours: in ramps of the flux on training machines, the breaks of one machine were
+within some 10 % of one flux, and those of different machines within a factor of 3 (docs/tasks/max-rate-shift.md).
 """
 
 import math
