@@ -19,16 +19,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from edmsim import controllers, errors, numeric, screen
+from edmsim.closed_loop.simulation import Progress, Simulation
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
-from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.geometry import Floats, arc_lengths
 from edmsim.job.plan import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import PROFILE_STEP_MM, ProfileError, profile_error, slice_heights_mm
-from edmsim.plant.axes.ways import StillTable
+from edmsim.plant.axes.geometric_errors import StillTable
 from edmsim.program import outline, path
 from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
 
@@ -279,11 +279,11 @@ def _traverses(bench: _Bench, k: int, targets: Floats, runs: int) -> tuple[Float
     """Move along an axis in both directions; return the deviations of both axes in each, (runs, targets, 2)."""
     passes = []
     beyond = 0.25 * (targets[1] - targets[0])  # overrun, so all targets of a traverse are approached from one side
-    for way in (targets, targets[::-1]) * runs:
-        back = np.sign(way[1] - way[0]) * beyond
-        start = way[0] - back
+    for traverse in (targets, targets[::-1]) * runs:
+        back = np.sign(traverse[1] - traverse[0]) * beyond
+        start = traverse[0] - back
         bench.move(*_at(bench, k, float(start), float(back)))  # the other axis is approached from both sides, too
-        passes.append(np.array([bench.deviation_um(*_at(bench, k, float(um))) for um in (start, *way)])[1:])
+        passes.append(np.array([bench.deviation_um(*_at(bench, k, float(um))) for um in (start, *traverse)])[1:])
     return np.array(passes[::2]), np.array(passes[1::2])[:, ::-1]
 
 
@@ -401,7 +401,8 @@ def _draw(axes: "Axes", pair: tuple[str, str], measured: Mapping[str, TableMeasu
 
 
 def _draw_circles(axes: "Axes", circles: Mapping[str, CircularTest]) -> None:
-    most = max(float(np.abs(c.deviation_um(way)).max()) for c in circles.values() for way in (False, True))
+    deviations = [c.deviation_um(clockwise) for c in circles.values() for clockwise in (False, True)]
+    most = max(float(np.abs(deviation).max()) for deviation in deviations)
     for colour, circle in zip(_COLOURS, circles.values(), strict=False):
         angle = np.append(circle.angle_rad, 2 * np.pi)
         for clockwise, style in ((False, "-"), (True, ":")):

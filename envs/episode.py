@@ -10,11 +10,11 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from edmsim import __version__
+from edmsim.closed_loop.cycle import CycleResult
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.controllers import FeedController, SeesTruth, WindowObservation, from_text
 from edmsim.controllers.protocols import FeedCommand, check_command, next_wire, set_up_controller
 from edmsim.controllers.user_controllers import check_is_controller, rehearsed
-from edmsim.cosim.cycle import Turn
-from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import path_follower, reward
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.registry import make_family
@@ -193,17 +193,17 @@ class EpisodeRecorder:
             self._leg, points_um = leg, self._sub_envs.scenario(here).legs_um[leg]
             self._closeups.leg(np.rint(points_um).astype(np.int64), float(rows[here]["before_um"]))
         if len(self._windows) % CLOSEUP_EVERY == 1 or self._causes[here] != path_follower.RUNNING:
-            turn = _turn(window, row)[0]._replace(opposite=plant.opposite_pulses())
-            self._closeups.window(turn, plant)
+            result = _cycle_result(window, row)[0]._replace(opposite=plant.opposite_pulses())
+            self._closeups.window(result, plant)
 
     def _table(self) -> WindowTable:
         table = WindowTable()
         plant = self._sub_envs.fleet.plants[self._index]
         for window_bytes, row_bytes, state_bytes in self._windows:
             state = np.frombuffer(state_bytes, STATE)[0]
-            turn, setting_us = _turn(window_bytes, row_bytes)
+            result, setting_us = _cycle_result(window_bytes, row_bytes)
             commanded_um, following_um = state["commanded_um"][:2].tolist(), plant.following_error_in_um(state)
-            table.append(row_of(turn, commanded_um, following_um, setting_us))
+            table.append(row_of(result, commanded_um, following_um, setting_us))
         return table
 
     def step(
@@ -264,12 +264,13 @@ class EpisodeRecorder:
         )  # fmt: skip
 
 
-def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, float]]:
-    """Return the turn of a recorded window, and the generator's on-time and period in us."""
+def _cycle_result(window_bytes: bytes, row_bytes: bytes) -> tuple[CycleResult, tuple[float, float]]:
+    """Return the cycle of a recorded window, and the generator's on-time and period in us."""
     window, row = read_window(memoryview(window_bytes)), np.frombuffer(row_bytes, path_follower.SUB_ENV)[0]
     on_us, period_us = row["setting_us"].tolist()
     path_um = float(row["before_um"] + row["path_um"])
-    return Turn(window, window.start_ns + window.duration_ns, float(row["feed_um_s"]), path_um), (on_us, period_us)
+    result = CycleResult(window, window.start_ns + window.duration_ns, float(row["feed_um_s"]), path_um)
+    return result, (on_us, period_us)
 
 
 def _scene_slice(sub_envs: SubEnvs, index: int) -> int:

@@ -1,7 +1,7 @@
 """The observation: a fixed list of entries that a machine can measure or its operator knows.
 
-Entries are declared here. The compiled function `show` computes the entries of a step, `Entry.value` the others, and
-`sub_envs.ObservationBuilder` combines them.
+Entries are declared here. The compiled function `push_step` computes the entries of a step, `Entry.value` the others,
+and `sub_envs.ObservationBuilder` combines them.
 """
 
 import math
@@ -62,8 +62,8 @@ class Entry(NamedTuple):
     # the measured quantity, and its divisor
     quantity: str
     divisor: str
-    # returns the value: of a dial from a `Machine`, of an entry after the dials (n,) from `Known`; None for an entry
-    # of a step, which `show` computes
+    # returns the value: of an entry of the set-up from a `Machine`, of an entry after these (n,) from `Known`; None
+    # for an entry of a step, which `push_step` computes
     value: Callable[..., Any] | None = None
 
     @property
@@ -91,7 +91,7 @@ FIFTHS = tuple(
     for k in range(1, 6)
 )
 """Further entries of a step if discharges are located (`Family.locates_discharges`)."""
-DIALS = (
+SETUP_ENTRIES = (
     Entry("tension", 0.0, 10.0, "tension of the wire, N", "10 N", lambda m: m.tension / 10.0),
     Entry("wire_diameter", 0.0, 4.0, "diameter of the wire, um", "100 um", lambda m: m.wire_diameter_um / 100.0),
     Entry("height", 0.0, 8.0, "height of the workpiece, the greatest, mm", "50 mm", lambda m: m.height_mm / 50.0),
@@ -105,7 +105,7 @@ DIALS = (
 
 @dataclass
 class Known:
-    """Data of n episodes from which the entries after the dials are computed."""
+    """Data of n episodes from which the entries after those of the set-up are computed."""
 
     rows: NDArray[np.void]
     # (n, most): length of path up to each corner, padded with infinity, and the corner's turn
@@ -119,19 +119,20 @@ class Known:
     @cached_property
     def ahead(self) -> tuple[Floats, Floats]:
         """Path to the next corner, 1 for `LOOK_UM` or more, and the corner's turn, 0 beyond `LOOK_UM`."""
-        way_um = self.corner_um - self.rows["path_um"][:, None]
-        return self._nearest(np.where(way_um > 0, way_um, np.inf))
+        distance_um = self.corner_um - self.rows["path_um"][:, None]
+        return self._nearest(np.where(distance_um > 0, distance_um, np.inf))
 
     @cached_property
     def behind(self) -> tuple[Floats, Floats]:
         """The same for the last corner."""
-        way_um = self.corner_um - self.rows["path_um"][:, None]
-        return self._nearest(np.where(way_um <= 0, -way_um, np.inf))
+        distance_um = self.corner_um - self.rows["path_um"][:, None]
+        return self._nearest(np.where(distance_um <= 0, -distance_um, np.inf))
 
-    def _nearest(self, ways_um: Floats) -> tuple[Floats, Floats]:
-        index, k = np.arange(len(ways_um)), ways_um.argmin(axis=1)
-        way_um = ways_um[index, k]
-        return np.minimum(way_um / LOOK_UM, 1.0), np.where(way_um <= LOOK_UM, self.corner_deg[index, k] / 180.0, 0.0)
+    def _nearest(self, distances_um: Floats) -> tuple[Floats, Floats]:
+        index, k = np.arange(len(distances_um)), distances_um.argmin(axis=1)
+        nearest_um = distances_um[index, k]
+        turns = np.where(nearest_um <= LOOK_UM, self.corner_deg[index, k] / 180.0, 0.0)
+        return np.minimum(nearest_um / LOOK_UM, 1.0), turns
 
 
 CORNERS = (
@@ -143,12 +144,12 @@ CORNERS = (
     Entry("corner_turned", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees",
           lambda k: k.behind[1]),
 )  # fmt: skip
-"""Entries after the dials if the program is known."""
+"""Entries after those of the set-up if the program is known."""
 OFFSET = Entry(
     "offset", -1.0, 1.0, "offset from the path, left positive, um", "``offset_um``",
     lambda k: k.rows["offset_um"] / k.offset_um,
 )  # fmt: skip
-"""Entry after the dials and corners if an action offsets the guides from the path."""
+"""Entry after those of set-up and corners if an action offsets the guides from the path."""
 WIRES = (
     Entry("wires_lost", 0.0, 1.0, "wires that broke in the episode", "``wires``",
           lambda k: k.rows["wires_lost"] / k.scales["wires"]),
@@ -168,7 +169,7 @@ _LOW = np.array([entry.low for entry in MEASURED])
 _HIGH = np.array([entry.high for entry in MEASURED])
 _VOLTAGE, _CURRENT, _DELAY = 3, 4, 5
 
-SHOWN = np.dtype(
+STEP_SUMS = np.dtype(
     [
         ("short", "i8"),
         ("open", "i8"),
@@ -205,13 +206,13 @@ SCALE = np.dtype(
 
 
 @exactly_compiled
-def gather(
-    indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void]
+def accumulate_window(
+    indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], step_sums: NDArray[np.void]
 ) -> None:
     """Add the last window of some sub-environments (m,) to the sums of their step."""
     for j in range(indices.shape[0]):
         i = indices[j]
-        row, window, sums = rows[i], windows[i], shown[i]
+        row, window, sums = rows[i], windows[i], step_sums[i]
         counts, fifths, setting_us = window.counts, window.fifths, row.setting_us
         sums.short += counts[SHORT]
         sums.open += counts[OPEN]
@@ -230,8 +231,8 @@ def gather(
 
 
 @exactly_compiled
-def show(
-    indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void],
+def push_step(
+    indices: NDArray[np.int64], step_sums: NDArray[np.void], scales: NDArray[np.void],
     history: NDArray[np.float32], values: Floats,
 ) -> None:
     """Insert the last step of some sub-environments (m,) at the front of their history, and drop the oldest step.
@@ -240,7 +241,7 @@ def show(
     """
     for j in range(indices.shape[0]):
         i = indices[j]
-        s, scale, entries = shown[i], scales[i], history[i]
+        s, scale, entries = step_sums[i], scales[i], history[i]
         pulses, duration_us, ignitions = s.short + s.open + s.ignited, s.duration_ns * 1e-3, s.ignitions
         for age in range(entries.shape[0] - 1, 0, -1):
             for k in range(entries.shape[1]):

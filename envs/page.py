@@ -17,7 +17,7 @@ from functools import cached_property
 from textwrap import fill
 from typing import Any, TypeVar
 
-from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.envs import observation, path_follower, registry, reward, sub_envs
 from edmsim.envs.arguments import arguments_of
 from edmsim.envs.task import KNOBS, EnvArguments, Family
@@ -212,7 +212,7 @@ def observations(family: Family, particular: str) -> str:
             f"Entries 0 to {of_last - 1} are of the last step; {of_last} to {of_steps - 1} are the same of the "
             f"{family.history - 1} steps before, the latest first, and 0 before the first window. ``history`` sets "
             "the number of steps.",
-            f"{span(observation.DIALS)} are the operator's dials.",
+            f"{span(observation.SETUP_ENTRIES)} are the operator's dials.",
             "Fifths are of the greatest height, and a discharge is located with an error of "
             f"{PLACE_SD_UM * 1e-3:g} mm (standard deviation)." if family.locates_discharges else "",
             f"{span(observation.CORNERS)} come from the program; a corner turns by {CORNER_DEG:g} degrees or more."

@@ -11,9 +11,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.cosim.passes import PassRecord, PassSetup, Sums
-from edmsim.cosim.simulation import Simulation
-from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.closed_loop.passes import PassRecord, PassSetup, Sums
+from edmsim.closed_loop.simulation import Simulation
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, record_of_arguments
 from edmsim.envs.observation import Entry
 from edmsim.envs.reward import WeightsOfTerms
@@ -181,8 +181,8 @@ class PartCut:
         self.wires_lost += self.broken
         now = self._sums()
         less = {f.name: getattr(now, f.name) - getattr(before, f.name) for f in fields(Sums)}
-        way_um, cut_mm2 = self.path_um - before_um, self._face_mm2() - before_mm2
-        return Step(Sums(**less), self.cutting_s - before_s, way_um, cut_mm2, self.broken)
+        cut_um, cut_mm2 = self.path_um - before_um, self._face_mm2() - before_mm2
+        return Step(Sums(**less), self.cutting_s - before_s, cut_um, cut_mm2, self.broken)
 
     def _face_mm2(self) -> float:
         cut_um = sum(one.end_um - one.begin_um for one in self._records if one.number == 1)

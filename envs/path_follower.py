@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.closed_loop.stops import StopCause, stop_cause, switches_open
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, LIMIT, advance_at, done_at, path_um_at, segment_at
 from edmsim.controllers.planner.registry import next_steps
-from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0
 """Length of path, either way, in which the point nearest to the wire is searched (ours: more than deflections)."""
@@ -227,6 +227,6 @@ def follow(
         limit_um, slack_um = row.table_um, row.step_um
         switch = switches_open(x, limit_um, slack_um) != 0 or switches_open(y, limit_um, slack_um) != 0
         shorted, at_end = row.shorted_s > SHORTED_S, done_at(done, (planner, path, on, lengths[i]))
-        row.cause = judge(window.broken != 0, False, switch or made == LIMIT, False, shorted, False, at_end)
+        row.cause = stop_cause(window.broken != 0, False, switch or made == LIMIT, False, shorted, False, at_end)
         due = due or row.cause != RUNNING or row.elapsed_ns >= row.drifts_ns
     return due

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.cosim.stops import StopCause
+from edmsim.closed_loop.stops import StopCause
 from edmsim.envs.part_task import PartCut, PartEpisode, Parts
 from edmsim.envs.sub_envs import Batch, SubEnvs
 from edmsim.geometry import Floats

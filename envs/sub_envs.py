@@ -13,13 +13,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import key_of
 from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import Course, kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import observation, path_follower, reward, servo
+from edmsim.envs import gap_servo, observation, path_follower, reward
 from edmsim.envs.task import EnvArguments, Family, Scenario
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, Ints, path_corners
@@ -265,8 +265,8 @@ class SubEnvs:
         row["before_um"] += row["path_um"]
         x, y = (float(v) for v in legs_um[following][0])
         table = plant.machine.base.table
-        way = math.dist((x, y), plant.commanded_um)
-        plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
+        distance_um = math.dist((x, y), plant.commanded_um)
+        plant.rethread((x, y), round((distance_um / table.rapid_um_s.value + table.threading_s.value) * 1e9))
         self._reset_setting(index)
         self._begin_leg(index, following)
 
@@ -313,9 +313,9 @@ class ObservationBuilder(Snapshots):
         self.family, self.sensors = family, sensors
         width = len(family.step_entries)
         self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
-        self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
-        # (n,) `SHOWN`: sums over the windows of the present step
-        self.sums: NDArray[np.void] = np.zeros(count, observation.SHOWN)
+        self._setup = np.zeros((count, len(observation.SETUP_ENTRIES)), np.float32)
+        # (n,) `STEP_SUMS`: sums over the windows of the present step
+        self.sums: NDArray[np.void] = np.zeros(count, observation.STEP_SUMS)
         self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
         self._take_arguments(slice(None))
         self._threaded_ns = np.zeros(count, np.int64)
@@ -325,8 +325,8 @@ class ObservationBuilder(Snapshots):
     def begin(self, i: int, row: np.void, machine: Machine, noise_key: np.uint64 | int = 0) -> None:
         """Begin an episode on a machine; `row` is its `path_follower.SUB_ENV`."""
         self._history[i] = 0.0
-        self.sums[i] = np.zeros((), observation.SHOWN)
-        self._dials[i] = observation.values_of(observation.DIALS, machine, 1)[0]
+        self.sums[i] = np.zeros((), observation.STEP_SUMS)
+        self._setup[i] = observation.values_of(observation.SETUP_ENTRIES, machine, 1)[0]
         self._scales[i]["key"], self._scales[i]["draws"] = noise_key, 0
         self._broke_at[i] = 0.0
         self._take_arguments(i)
@@ -358,15 +358,15 @@ class ObservationBuilder(Snapshots):
 
     def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
         """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
-        observation.gather(active, rows, windows, self.sums)
+        observation.accumulate_window(active, rows, windows, self.sums)
 
     def end_step(self, active: NDArray[np.int64]) -> None:
         """Insert the last step of some episodes at the front of their history."""
-        observation.show(active, self.sums, self._scales, self._history, self._values)
+        observation.push_step(active, self.sums, self._scales, self._history, self._values)
 
     def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a new array; corners as in `Known`."""
-        parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
+        parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._setup]
         if known := self.family.known_entries:
             age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
             what = observation.Known(
@@ -439,7 +439,7 @@ class Batch:
         self.family = family
         self.sub_envs = SubEnvs(family, count, threads)
         self.builder = ObservationBuilder(family, count, family.measured_by)
-        self._servos: NDArray[np.void] = np.zeros(count, servo.SERVO)
+        self._servos: NDArray[np.void] = np.zeros(count, gap_servo.SERVO)
         self._feed_um_s = np.zeros(count)
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
@@ -475,7 +475,7 @@ class Batch:
     def _begin_wire(self, index: int) -> None:
         feed_um_s = self.sub_envs.families[index].first_feed_um_s
         self._feed_um_s[index] = feed_um_s
-        servo.begin(self._servos[index], feed_um_s)
+        gap_servo.begin(self._servos[index], feed_um_s)
 
     def clear(self) -> None:
         """Set the rewards and costs of the last step to 0."""
@@ -531,7 +531,7 @@ class Batch:
         if family.offset_um is not None:
             sub_envs.rows["offset_um"][which] = clamped[which, -1] * family.offset_um
         if family.action == "servo":
-            self._servos["target"][which] = servo.target_of(clamped[which, 0], family.servo_target_share)
+            self._servos["target"][which] = gap_servo.target_of(clamped[which, 0], family.servo_target_share)
             return
         limit = family.greatest_feed_um_s
         requested_um_s = family.next_feed_um_s(self._feed_um_s[which], clamped[which, 0])
@@ -545,7 +545,7 @@ class Batch:
         self.builder.add(left, sub_envs.rows, windows)
         self.account.add(left, sub_envs.rows, windows)
         if by_servo:
-            servo.respond(left, self._servos, windows, family.greatest_feed_um_s, *family.servo_gains)
+            gap_servo.respond(left, self._servos, windows, family.greatest_feed_um_s, *family.servo_gains)
         for index, setting_us in sub_envs.lost:
             self.builder.lose_wire(index, sub_envs.rows[index], setting_us)
             self._begin_wire(index)

@@ -11,7 +11,7 @@ import numpy as np
 
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.envs import observation, reward, servo
+from edmsim.envs import gap_servo, observation, reward
 from edmsim.envs.arguments import Range, argument, check_kinds, ends_of, machine_of, record_of, record_of_arguments
 from edmsim.errors import InputError, one_of, refuse_unknown
 from edmsim.geometry import Floats
@@ -93,12 +93,13 @@ def even_height(machine: Machine) -> tuple[Floats, Floats]:
 
 
 # Constants of an episode's machine are drawn if they are uncertain; the operator's settings are not.
-# A dial of the operator, such as the pressure of the flushing, is not drawn: it keeps its value, which the
+# What an operator sets, such as the pressure of the flushing, is not drawn: it keeps its value, which the
 # observation contains. Constants without effect are not drawn either: friction and backlash of the table act only if
 # MuJoCo steps the machine, bore and flow of the nozzles only if one has a stand-off; the rapid rate and the time for
 # threading change only the time in which nothing is cut.
 
-DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")  # constants with a range that an operator sets
+OPERATOR_SETTINGS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")
+"""Constants with a range that an operator sets."""
 DRY = ("table.friction_N", "table.presliding_um", "table.backlash_um")
 """Constants of the table that have an effect only with ``mechanics="mujoco"``."""
 NOZZLES = ("dielectric.nozzle_mm", "dielectric.nozzle_flow_l_min")
@@ -112,7 +113,7 @@ def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) 
         return ()
     without = _TIMES + (() if mechanics == "mujoco" else DRY) + (() if any(standoffs_mm(machine)) else NOZZLES)
     if not randomise:
-        return tuple(name for name in machine.uncertain() if name not in (*without, *DIALS))
+        return tuple(name for name in machine.uncertain() if name not in (*without, *OPERATOR_SETTINGS))
     dead = [name for name in randomise if name in without or (name == "table" and mechanics != "mujoco")]
     if dead:
         raise InputError(
@@ -249,9 +250,9 @@ class Family(EnvArguments):
     )
     start_feed_um_s: float = argument(5.0, "um/s", "feed before the first action")  # ours: below all rates
     servo_target_share: tuple[float, float] = argument(
-        servo.TARGET_SHARE, "", "targets of the servo at actions of -1 and 1"
+        gap_servo.TARGET_SHARE, "", "targets of the servo at actions of -1 and 1"
     )
-    servo_gains: tuple[float, float] = argument(servo.GAINS, "", "um/s, and um/s per s, per unit of its error")
+    servo_gains: tuple[float, float] = argument(gap_servo.GAINS, "", "um/s, and um/s per s, per unit of its error")
     latency_s: float = argument(0.0, "s", "delay of a new feed, a window at most")
     sensors: observation.Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
     history: int = argument(4, "steps", "number of steps in an observation")
@@ -379,7 +380,7 @@ class Family(EnvArguments):
 
     @property
     def known_entries(self) -> tuple[observation.Entry, ...]:
-        """Entries after the operator's dials."""
+        """Entries after those of the set-up."""
         offset = () if self.offset_um is None else (observation.OFFSET,)
         corners = observation.CORNERS if self.knows_corners else ()
         return (*corners, *offset, *(observation.WIRES if self.knows_wires else ()))
@@ -390,7 +391,7 @@ class Family(EnvArguments):
             entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
             for age in range(self.history) for entry in self.step_entries
         ]  # fmt: skip
-        return [*steps, *observation.DIALS, *self.known_entries]
+        return [*steps, *observation.SETUP_ENTRIES, *self.known_entries]
 
     @property
     def reach_mm(self) -> float:

@@ -28,9 +28,9 @@ import numpy as np
 import edmsim
 from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.palette import BLUE, GREEN, ORANGE
-from edmsim.recording.film import Film
 from edmsim.recording.report import summary
 from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.video import Film
 from edmsim.recording.windows import column, lag_along_um
 
 # %% tags=["parameters"]

@@ -31,7 +31,7 @@ import numpy as np
 
 import edmsim
 from edmsim import models
-from edmsim.cosim.straight import cut_straight
+from edmsim.closed_loop.straight import cut_straight
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.validation.discharges import (
     delays_us,

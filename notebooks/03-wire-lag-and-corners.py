@@ -36,7 +36,7 @@ import numpy as np
 
 import edmsim
 from edmsim import models
-from edmsim.cosim.straight import Traverse, begin, cut_straight
+from edmsim.closed_loop.straight import Traverse, begin, cut_straight
 from edmsim.geometry import pursuit
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant

@@ -41,8 +41,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 import edmsim
+from edmsim.closed_loop.straight import cut_straight
 from edmsim.controllers import make
-from edmsim.cosim.straight import cut_straight
 from edmsim.errors import InputError
 from edmsim.plant.window import PlantError
 from edmsim.recording.figures.palette import BLUE, ORANGE, VERMILION

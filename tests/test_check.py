@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from edmsim import controllers, models
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.options import CutSettings
 from edmsim.job.plan import check, greatest_feed_um_s, lines_of, make_controller, with_passes
@@ -291,10 +291,10 @@ def test_a_wire_that_stays_is_not_threaded_and_trims_are_not_limited_by_the_gene
     conditions = str(folder / "conditions.toml")
     found = check(folder / "punch-sodick.nc", CutSettings(**usual, planner="exact", conditions=conditions))
     profile, tab = found.path.contours
-    way_um = np.hypot(*(tab.passes[0].points_um[0] - profile.passes[-1].points_um[-1]))
+    distance_um = np.hypot(*(tab.passes[0].points_um[0] - profile.passes[-1].points_um[-1]))
     assert (found.waiting_s, tab.continues) == (0, True)
-    assert found.path_length_mm * 1e3 == pytest.approx(profile.length_um + tab.length_um + way_um)
-    trims_um = sum(p.way.along_um[-1] for k in (profile, tab) for p in k.passes if p.number > 1)
+    assert found.path_length_mm * 1e3 == pytest.approx(profile.length_um + tab.length_um + distance_um)
+    trims_um = sum(p.wire_path.along_um[-1] for k in (profile, tab) for p in k.passes if p.number > 1)
     rough_s = (found.path_length_mm * 1e3 - trims_um) / found.feed_um_s
     assert (found.limited_by, found.trim_feed_um_s) == ("generator", 400.0)
     assert found.least_s == pytest.approx(rough_s + trims_um / 400.0)

@@ -16,7 +16,7 @@ from edmsim.__main__ import main
 from edmsim.bench import profile
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
-from edmsim.cosim.simulation import Simulation
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.errors import INTERRUPTED, InputError
 from edmsim.job.cut import CHECKPOINT, CutProgress
 from edmsim.job.options import CutSettings
@@ -256,7 +256,7 @@ def test_an_interrupted_comparison_is_one_line_and_130(edmsim, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("edmsim.bench.pairs.compare", interrupted)
+    monkeypatch.setattr("edmsim.bench.revisions.compare", interrupted)
     outcome = edmsim("bench", "--against", "HEAD")
     assert (outcome.status, outcome.out) == (130, "")
     assert outcome.err == "edmsim: interrupted; no measurement was completed\n"
@@ -272,7 +272,7 @@ def test_an_import_that_ctrl_c_ends_is_silent_and_130(edmsim, monkeypatch, extra
                 raise InputError("it is not installed") from error
             raise
 
-    monkeypatch.setattr("edmsim.bench.pairs.compare", compiled)
+    monkeypatch.setattr("edmsim.bench.revisions.compare", compiled)
     assert edmsim("bench", "--against", "HEAD") == (130, "", "")
 
 

@@ -8,13 +8,13 @@ import pytest
 import shapely
 
 import edmsim
+from edmsim.closed_loop.cycle import PlannerMotion
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import axis, from_text
 from edmsim.controllers.axis.elcam.file import Cam, ErrorTable, TableRows, load_tables, read_tables, text_of
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.planner.registry import PathOffset, make_planner
 from edmsim.controllers.protocols import FeedCommand, Step
-from edmsim.cosim.cycle import PlannerMotion
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import guide_bends

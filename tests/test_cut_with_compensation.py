@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import edmsim
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import axis, from_text
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables, read_tables, text_of
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.protocols import Step
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.measure import measure_table

@@ -9,9 +9,9 @@ import pytest
 import shapely
 
 import edmsim
+from edmsim.closed_loop.passes import PassRecord, PassSetup, Sums
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import axis, from_text
-from edmsim.cosim.passes import PassRecord, PassSetup, Sums
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.options import CutSettings
 from edmsim.job.plan import check, guides_of

@@ -33,9 +33,9 @@ LAYERS: dict[str, set[str]] = {
 """Packages that may import only some others."""
 ORDER = (
     "models", "compiled", "errors", "numeric", "snapshots", "files", "user_code", "screen", "signals",
-    "runs", "geometry", "machine", "plant", "controllers", "axis_bench", "program", "metrology", "cosim", "recording",
-    "job", "measure", "envs", "consoles", "hil", "evaluation", "learning", "calibration", "validation", "sweep",
-    "bench", "cli", "", "__main__",
+    "runs", "geometry", "machine", "plant", "controllers", "axis_bench", "program", "metrology", "closed_loop",
+    "recording", "job", "measure", "envs", "consoles", "hil", "evaluation", "learning", "calibration", "validation",
+    "sweep", "bench", "cli", "", "__main__",
 )  # fmt: skip
 """Packages and single files from the bottom up: each imports only from those before it."""
 

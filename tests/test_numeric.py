@@ -11,7 +11,7 @@ import pytest
 
 import edmsim
 from edmsim import controllers
-from edmsim.cosim.straight import Traverse
+from edmsim.closed_loop.straight import Traverse
 from edmsim.envs import EdmVectorEnv, GapFeed, HeightStep, MaxRate, RecordRerun, Sensors, Task, Weights
 from edmsim.errors import InputError
 from edmsim.job.options import CutSettings

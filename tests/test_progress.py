@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from edmsim import screen
-from edmsim.cosim.simulation import Progress
+from edmsim.closed_loop.simulation import Progress
 from edmsim.job.cut import CutProgress
 from edmsim.screen import ShownProgress, in_notebook
 

@@ -344,8 +344,8 @@ def _move(reg: NDArray[np.int64], command: Command) -> list[str]:
     """Step the setpoint (guide 4.22); a stopped module accepts the step without a move (row M-A21)."""
     if command.number is None or not 0 <= command.number <= (_HIGHEST if command.letter == "+" else -_LOWEST):
         return [UNKNOWN]
-    way = 1 if command.letter == "+" else -1
-    reg[SETPOINT] = wrapped(reg[SETPOINT] + way * command.number, 32)
+    direction = 1 if command.letter == "+" else -1
+    reg[SETPOINT] = wrapped(reg[SETPOINT] + direction * command.number, 32)
     reg[MOVED_NS] = reg[NOW_NS]
     limit = reg[ERROR_LIMIT]
     if reg[STATUS] & FAULT_BIT == 0 and limit <= NO_ERROR_LIMIT and command.number > limit:

@@ -81,7 +81,7 @@ def reset_loop(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> 
 
 
 @exactly_compiled
-def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
+def latch_faults(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
     """Count the encoder's illegal transitions; latch causes that switch the output off (rows U-6, U-21, U-50)."""
     reg[O] = min(reg[O] + illegal - reg[LAST_ILLEGAL], WORD - 1)
     reg[LAST_ILLEGAL] = illegal
@@ -186,7 +186,7 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         drive.busy_ns = reg[CALCULATION_NS] + interrupts * reg[INTERRUPT_NS]
         take_steps(reg, drive.setpoint)
         measure(reg, axis.count)
-        judge(reg, axis.illegal, low)
+        latch_faults(reg, axis.illegal, low)
         if reg[LATCHED] == 0:
             output = control(reg, drive.now_ns)
         else:

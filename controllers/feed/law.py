@@ -1,10 +1,10 @@
-"""Parts of the gap laws: a servo that sets the feed, a measure of the gap, a rule for the period, one for corners.
+"""Components of the gap laws: a servo that sets the feed, a measure of the gap, rules for the period and for corners.
 
 The classic machines feed in proportion to the difference between a mean of the gap and its reference,
 ``v = K (U - U_ref)``, and so run backwards when the gap shorts. An integral part (ours) holds the reference at any
 height and material.
 
-A law names its parts and its own defaults; its parameters are those of its parts, in one list:
+A law names its components and its own defaults; its parameters are those of its components, in one list:
 
 >>> from edmsim.controllers.feed.law import MeanVoltage
 >>> class Slow(ServoLaw, measure=MeanVoltage, start_feed_um_s=2.0):
@@ -56,8 +56,8 @@ class Gains(NamedTuple):
 
 
 @dataclass
-class Part(Snapshots):
-    """A part of a law. Its arguments are parameters of the law; its other fields are its state."""
+class LawComponent(Snapshots):
+    """A component of a law. Its arguments are parameters of the law; its other fields are its state."""
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the set-up and the next leg; see `KnowsSetup.set_up`."""
@@ -74,7 +74,7 @@ class Part(Snapshots):
 
 
 @dataclass
-class GapServo(Part):
+class GapServo(LawComponent):
     """Servo of all gap laws: it turns an error into a feed, retracts from shorts and raises the alarm."""
 
     filter_s: float = 0.1  # time constant of the low-pass filter on the measured mean
@@ -128,7 +128,7 @@ class GapServo(Part):
         return min(self.retract_feed_um_s, self.max_feed_um_s)
 
 
-class Measure(Part, ABC):
+class Measure(LawComponent, ABC):
     """Measures the difference between the gap and its target."""
 
     FEEDS: ClassVar[tuple[str, ...]] = ()
@@ -150,7 +150,7 @@ class Measure(Part, ABC):
         return servo.start_feed_um_s
 
 
-class PeriodRule(Part):
+class PeriodRule(LawComponent):
     """Chooses the setting of the generator; by default the operator's."""
 
     operator_us = 0.0
@@ -171,7 +171,7 @@ class PeriodRule(Part):
         return None, None
 
 
-class CornerRule(Part):
+class CornerRule(LawComponent):
     """Changes period and offset near corners; by default neither."""
 
     start_um = 0.0
@@ -189,7 +189,7 @@ class CornerRule(Part):
         return 0.0
 
 
-class Gauge(Part, ABC):
+class Gauge(LawComponent, ABC):
     """Estimates how near the wire is to boiling dry."""
 
     @abstractmethod
@@ -199,17 +199,17 @@ class Gauge(Part, ABC):
 
 @dataclass
 class ServoLaw(Snapshots):
-    """A gap law of parts: `GapServo`, a measure, and rules for period and corners.
+    """A gap law of components: `GapServo`, a measure, and rules for period and corners.
 
-    The class keywords ``measure``, ``period``, ``corner`` and ``gauge`` name the parts. ``fixed`` names parameters of
-    parts that the law does not offer; other keywords are the law's own defaults.
+    The class keywords ``measure``, ``period``, ``corner`` and ``gauge`` name the components. ``fixed`` names
+    parameters of components that the law does not offer; other keywords are the law's own defaults.
     """
 
     name: ClassVar[str]
-    PARTS: ClassVar[dict[str, type[Part]]] = {
-        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": Part,
+    COMPONENTS: ClassVar[dict[str, type[LawComponent]]] = {
+        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": LawComponent,
     }  # fmt: skip
-    STATE = tuple(PARTS)
+    STATE = tuple(COMPONENTS)
     if TYPE_CHECKING:
         servo: GapServo
         measure: Measure
@@ -222,13 +222,13 @@ class ServoLaw(Snapshots):
         corner: type[CornerRule] | None = None, gauge: type[Gauge] | None = None, fixed: tuple[str, ...] = (),
         **defaults: float,
     ) -> None:
-        """Give a law the parameters of its parts."""
+        """Give a law the parameters of its components."""
         super().__init_subclass__()
         own = {"measure": measure, "period": period, "corner": corner, "gauge": gauge}
-        cls.PARTS = {**cls.PARTS, **{slot: kind for slot, kind in own.items() if kind is not None}}
+        cls.COMPONENTS = {**cls.COMPONENTS, **{slot: kind for slot, kind in own.items() if kind is not None}}
         if measure is None:
             return
-        found = {each.name: each.default for each in _parameters(cls.PARTS) if each.name not in fixed}
+        found = {each.name: each.default for each in _parameters(cls.COMPONENTS) if each.name not in fixed}
         cls.__annotations__ = {**inspect.get_annotations(cls), **dict.fromkeys(found, "float")}
         for parameter, default in {**found, **defaults}.items():
             setattr(cls, parameter, default)
@@ -236,26 +236,26 @@ class ServoLaw(Snapshots):
 
     def __post_init__(self) -> None:
         protocols.check_parameters(self)
-        for slot, kind in self.PARTS.items():
+        for slot, kind in self.COMPONENTS.items():
             own = [each.name for each in _arguments(kind) if hasattr(self, each.name)]
             setattr(self, slot, kind(**{parameter: getattr(self, parameter) for parameter in own}))
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def components(self) -> tuple[LawComponent, ...]:
         """The servo and all rules."""
-        return tuple(getattr(self, slot) for slot in self.PARTS)
+        return tuple(getattr(self, slot) for slot in self.COMPONENTS)
 
     def override(self, values: Mapping[str, float]) -> None:
-        """Let the parts have other values of their parameters; those of the law itself stay as they are."""
+        """Let the components have other values of their parameters; those of the law itself stay as they are."""
         for name, value in values.items():
-            for part in self.parts:
-                if hasattr(part, name):
-                    setattr(part, name, value)
+            for component in self.components:
+                if hasattr(component, name):
+                    setattr(component, name, value)
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the set-up and the next leg."""
-        for part in self.parts:
-            part.set_up(machine, points_um, start_um)
+        for component in self.components:
+            component.set_up(machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> protocols.FeedCommand:
         """Begin a leg; refuses feeds above the machine's largest."""
@@ -263,15 +263,15 @@ class ServoLaw(Snapshots):
             feed_um_s = getattr(self, parameter, 0.0)  # 0 where the law does not offer it
             if parameter != "retract_feed_um_s" or feed_um_s != getattr(type(self), parameter):
                 protocols.check_feed(self.name, parameter, feed_um_s, max_feed_um_s)
-        for part in self.parts:
-            part.begin()
+        for component in self.components:
+            component.begin()
         return self._first(max_feed_um_s)
 
     def wire_lost(self) -> protocols.FeedCommand:
         """Begin with a new wire at the place of a break."""
         limit_um_s = self.servo.max_feed_um_s
-        for part in self.parts:
-            part.fresh_wire()
+        for component in self.components:
+            component.fresh_wire()
         return self._first(limit_um_s)
 
     def _first(self, limit_um_s: float) -> protocols.FeedCommand:
@@ -292,29 +292,29 @@ class ServoLaw(Snapshots):
 
 
 class TruthLaw(ServoLaw):
-    """A law with parts that read the true state of the gap: a bound for comparisons."""
+    """A law with components that read the true state of the gap: a bound for comparisons."""
 
     def see(self, truth: PulseWindow) -> None:
         """Read the true state of the gap."""
-        for part in self.parts:
-            if isinstance(part, protocols.SeesTruth):
-                part.see(truth)
+        for component in self.components:
+            if isinstance(component, protocols.SeesTruth):
+                component.see(truth)
 
 
 def _arguments(kind: Any) -> list[Any]:
     return [each for each in fields(kind) if each.init]
 
 
-def _parameters(parts: dict[str, type[Part]]) -> Iterator[Any]:
-    """Yield the arguments of parts; those that a rule adds to its base class come last."""
-    rules = [kind for slot, kind in parts.items() if slot != "gauge"]
+def _parameters(components: dict[str, type[LawComponent]]) -> Iterator[Any]:
+    """Yield the arguments of components; those that a rule adds to its base class come last."""
+    rules = [kind for slot, kind in components.items() if slot != "gauge"]
     added: list[Any] = []
     for kind in rules:
         bases = [base for base in reversed(kind.__mro__) if is_dataclass(base)]
         own = next((found for base in bases if (found := _arguments(base))), [])
         yield from own
         added += _arguments(kind)[len(own) :]
-    yield from (*added, *_arguments(parts["gauge"]))
+    yield from (*added, *_arguments(components["gauge"]))
 
 
 

@@ -76,7 +76,7 @@ class FixedPeriodController(ServoLaw, measure=OpenShare, period=periods.RisingPe
 
 
 class HeatFluxController(
-    ServoLaw, measure=OpenShare, period=periods.HoldHeat, gauge=periods.FluxGauge, hold_share=0.4,
+    ServoLaw, measure=OpenShare, period=periods.HeatFluxHold, gauge=periods.FluxGauge, hold_share=0.4,
     proportional_share=0.6, integral_per_s=4.0, **HEAT,
 ):  # fmt: skip
     """Holds the highest local heat flux, estimated from located sparks and the files' constants, with the period."""
@@ -122,7 +122,7 @@ class GuardedHoldController(
 
 
 class HeatOracleController(
-    TruthLaw, measure=OpenShare, period=periods.HoldHeat, gauge=periods.HeatGauge, hold_share=0.2,
+    TruthLaw, measure=OpenShare, period=periods.HeatFluxHold, gauge=periods.HeatGauge, hold_share=0.2,
     proportional_share=0.8, integral_per_s=2.0, shortest_us=18.0, **HEAT,
 ):  # fmt: skip
     """Holds the wire's true highest temperature with the period: the bound for `heat-flux`."""

@@ -6,21 +6,21 @@ current over speed, because removal is proportional to the mean current. They re
 may also fall below the operator's; on the laboratory machine it may not, because the generator's limit of 2 A leaves
 no shorter period. The threshold's numbers were not published; ours come from a search.
 
-`RisingPeriod` is the setting of an operator who wants no broken wire. `HoldHeat` uses an estimated heat flux, or the
-wire's true temperature. The hotter a wire is, the better water cools it, up to the critical heat flux. Above that,
-steam covers the wire, and it heats up and breaks within some 20 ms. No law can react so fast. So the law controls how
-far the hottest place of the wire is from this limit.
+`RisingPeriod` is the setting of an operator who wants no broken wire. `HeatFluxHold` uses an estimated heat flux, or
+the wire's true temperature. The hotter a wire is, the better water cools it, up to the critical heat flux. Above
+that, steam covers the wire, and it heats up and breaks within some 20 ms. No law can react so fast. So the law
+controls how far the hottest place of the wire is from this limit.
 
 `Climb` searches: more power until a wire breaks, then less. So an operator finds the setting for a wire and a height
 that no table has (ours). Its pace was chosen among five in the first version of ThinWire on 64 training machines. The
 default earned 1,336 and lost 23 wires; the others earned 1,100 to 1,359 and lost 20 to 27.
 
-Some rules estimate, while they cut, the heat flux at which this machine's wires break. They hold a flux as `HoldHeat`
-does, and change it. `ClimbingHold` raises it until a wire breaks, then lowers it and raises it more slowly.
-`AdaptiveHold` has a probability distribution of the flux at which wires of this machine break. It updates it by
-Bayes' rule with every second without a break and with every lost wire, and holds the flux with the largest expected
-return. Their numbers are ours: in ramps of the flux on training machines, the breaks of one machine were within some
-10 % of one flux, and those of different machines within a factor of 3 (docs/tasks/max-rate-shift.md).
+Some rules estimate, while they cut, the heat flux at which this machine's wires break. They hold a flux as
+`HeatFluxHold` does, and change it. `ClimbingHold` raises it until a wire breaks, then lowers it and raises it more
+slowly. `AdaptiveHold` has a probability distribution of the flux at which wires of this machine break. It updates it
+by Bayes' rule with every second without a break and with every lost wire, and holds the flux with the largest
+expected return. Their numbers are ours: in ramps of the flux on training machines, the breaks of one machine were
+within some 10 % of one flux, and those of different machines within a factor of 3 (docs/tasks/max-rate-shift.md).
 """
 
 import math
@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, low_pass_weight, shorted
 from edmsim.controllers.protocols import WindowObservation
+from edmsim.machine.components import BOILING_K
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import BOILING_K
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, flushing_Pa, least_period_us, pulse_form
 
@@ -156,7 +156,7 @@ class RisingPeriod(PeriodRule):
 
 
 @dataclass
-class HoldHeat(RisingPeriod):
+class HeatFluxHold(RisingPeriod):
     """Holds a gauge's measure of how near the wire is to boiling dry; ``period_us`` is the first period of a cut."""
 
     hold_share: float = 0.6  # target of the measure, which is 1 where the wire boils dry
@@ -412,11 +412,11 @@ def hazards_per_s(steepness: float) -> NDArray[np.float64]:
 
 
 @dataclass
-class ClimbingHold(HoldHeat):
+class ClimbingHold(HeatFluxHold):
     """Raises the held share of the critical flux until a wire breaks; then lowers it and raises it more slowly.
 
-    Further parameters: see `HoldHeat`; ``hold_share`` is the first value, ``break_hold_share`` the factor on it after
-    a break.
+    Further parameters: see `HeatFluxHold`; ``hold_share`` is the first value, ``break_hold_share`` the factor on it
+    after a break.
     """
 
     climb_per_s: float = 0.01  # growth of the logarithm of the held flux, per second
@@ -442,10 +442,10 @@ class ClimbingHold(HoldHeat):
 
 
 @dataclass
-class AdaptiveHold(HoldHeat):
+class AdaptiveHold(HeatFluxHold):
     """Holds the flux with the largest expected return under the present estimate of the machine's limit.
 
-    Further parameters: see `HoldHeat`.
+    Further parameters: see `HeatFluxHold`.
     """
 
     # limit_share, limit_spread: prior of the flux at which wires break: its median, and the standard deviation of its

@@ -30,14 +30,14 @@ def check_lead(name: str, points_um: ArrayLike, lead_um: ArrayLike) -> None:
         raise InputError(f"the planner {name} moves two axes, and this wire leans: {instead}, or poscal")
     if kind.number == EXACT:
         return
-    way = np.hypot(*np.diff(np.asarray(points_um, np.float64), axis=0).T)
+    moved = np.hypot(*np.diff(np.asarray(points_um, np.float64), axis=0).T)
     led = np.hypot(*np.diff(np.asarray(lead_um, np.float64), axis=0).T)
-    k = int(np.argmax(led - MOST_LEAD * way))
-    if led[k] > MOST_LEAD * way[k] + 1.0:
+    k = int(np.argmax(led - MOST_LEAD * moved))
+    if led[k] > MOST_LEAD * moved[k] + 1.0:
         x, y = np.asarray(points_um, np.float64)[k] * 1e-3
         raise InputError(
             f"the planner {name} lets u and v follow x and y, {MOST_LEAD:g} times as far at most: at x {x:.3f} "
-            f"y {y:.3f} mm the lower guide goes {way[k] * 1e-3:.3f} mm, the upper one {led[k] * 1e-3:.3f} mm more; "
+            f"y {y:.3f} mm the lower guide goes {moved[k] * 1e-3:.3f} mm, the upper one {led[k] * 1e-3:.3f} mm more; "
             f"{instead}"
         )
 
@@ -142,15 +142,15 @@ class Following(Snapshots):
     STATE = ("_planner", "_led")
 
     def __init__(self, name: str, places_um: Floats, along_um: Floats, unit: Unit, step_um: float) -> None:
-        ways = np.hypot(*np.diff(places_um[:, :2], axis=0).T)
-        moving = np.concatenate([[True], ways > 0.0])
+        moved = np.hypot(*np.diff(places_um[:, :2], axis=0).T)
+        moving = np.concatenate([[True], moved > 0.0])
         begin = int(np.searchsorted(along_um, 0.0))
         start = int(moving[: begin + 1].sum()) - 1
         self._planner = make_planner(name, places_um[moving, :2], unit=unit, step_um=step_um, start=start)
         self.speed_unit_nm_s, self.max_feed_um_s = self._planner.speed_unit_nm_s, self._planner.max_feed_um_s
-        ways = ways[ways > 0.0]
-        behind = -np.cumsum(ways[:start][::-1])[::-1]
-        self._way_um: Floats = np.concatenate([behind, [0.0], np.cumsum(ways[start:])])
+        moved = moved[moved > 0.0]
+        behind = -np.cumsum(moved[:start][::-1])[::-1]
+        self._lower_um: Floats = np.concatenate([behind, [0.0], np.cumsum(moved[start:])])
         self._along_um = along_um[moving]
         self._along_um[-1] = along_um[-1]
         self._leads = places_um[moving, 2:]
@@ -168,7 +168,7 @@ class Following(Snapshots):
     @property
     def path_um(self) -> float:
         """Length travelled along the path in um."""
-        return float(np.interp(self._planner.path_um, self._way_um, self._along_um))
+        return float(np.interp(self._planner.path_um, self._lower_um, self._along_um))
 
     @property
     def done(self) -> bool:
@@ -188,21 +188,21 @@ class Following(Snapshots):
             since_ns = step.time_ns
         return found
 
-    def _speed(self, way_um: float, speed_units: int) -> int:
+    def _speed(self, lower_um: float, speed_units: int) -> int:
         """Return the speed of x and y for a speed along the path, in whole units."""
-        k = min(max(int(np.searchsorted(self._way_um, way_um, side="right")) - 1, 0), len(self._way_um) - 2)
+        k = min(max(int(np.searchsorted(self._lower_um, lower_um, side="right")) - 1, 0), len(self._lower_um) - 2)
         along = self._along_um[k + 1] - self._along_um[k]
-        share = (self._way_um[k + 1] - self._way_um[k]) / along if along > 0 else 1.0
+        share = (self._lower_um[k + 1] - self._lower_um[k]) / along if along > 0 else 1.0
         units = max(round(abs(speed_units) * share), 1) if speed_units else 0
         self.slowed = units > self._most
         units = min(units, self._most)
         return units if speed_units >= 0 else -units
 
-    def _follow(self, way_um: float, since_ns: int, time_ns: int) -> list[Step]:
+    def _follow(self, lower_um: float, since_ns: int, time_ns: int) -> list[Step]:
         """Return the steps of u and v up to a length of the path of x and y, evenly distributed in time."""
         moves = []
         for axis in (0, 1):
-            target = round(float(np.interp(way_um, self._way_um, self._leads[:, axis])) / self._step_um)
+            target = round(float(np.interp(lower_um, self._lower_um, self._leads[:, axis])) / self._step_um)
             more = target - self._led[axis]
             self._led[axis] = target
             moves += [(n / abs(more), 2 + axis, 1 if more > 0 else -1) for n in range(1, abs(more) + 1)]

@@ -82,10 +82,10 @@ def note(row: Row, out: Ints, made: int, tick: int, axis: int, direction: int) -
 
 
 @exactly_compiled
-def aim_at(row: Row, way: Displacement) -> None:
+def aim_at(row: Row, move: Displacement) -> None:
     """Store the vector of the present direction."""
-    row.aim[0], row.aim[1], row.aim[2] = way.x, way.y, way.length
-    row.aim[3], row.aim[4] = way.x_direction, way.y_direction
+    row.aim[0], row.aim[1], row.aim[2] = move.x, move.y, move.length
+    row.aim[3], row.aim[4] = move.x_direction, move.y_direction
 
 
 @exactly_compiled
@@ -111,12 +111,12 @@ def run_dda(row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed
         x, y = _until_step(row, points, lengths, 0, heading), _until_step(row, points, lengths, 1, heading)
         ahead, axis = (x, 0) if x <= y else (y, 1)
         room = lengths[row.move] - row.along if heading > 0 else row.along
-        way = min(ahead, room)
-        if way > budget - travelled:
+        distance = min(ahead, room)
+        if distance > budget - travelled:
             row.along += heading * (budget - travelled)
             return made
-        row.along += heading * way
-        travelled += way
+        row.along += heading * distance
+        travelled += distance
         if ahead <= room:
             direction = heading if points[row.move + 1, axis] > points[row.move, axis] else -heading
             if not count(row, axis, direction):
@@ -226,8 +226,8 @@ def _steps(
                 edge = (y + (0.5 if y1 > y else -0.5)) * step
                 at_y = abs((edge - y0) / dy + along[k] - here) if dy != 0.0 else 0.0
             axis = 0 if at_x <= at_y else 1
-            on_way = min(min(at_x, at_y), abs(there - here)) + abs(here - place_um)
-            at_ns = start_ns + (math.ceil(on_way / abs(feed_um_s) * 1e9) if feed_um_s != 0.0 else 0)
+            distance = min(min(at_x, at_y), abs(there - here)) + abs(here - place_um)
+            at_ns = start_ns + (math.ceil(distance / abs(feed_um_s) * 1e9) if feed_um_s != 0.0 else 0)
             before = max(before, at_ns)
             if before >= end_ns:
                 return made  # the next window begins with it

@@ -14,8 +14,8 @@ import numpy as np
 from sections import DOCS, table
 
 from edmsim.bench.figures import pulses_per_s
+from edmsim.closed_loop.straight import Cut, cut_straight
 from edmsim.controllers import from_text, make
-from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts
 from edmsim.job.cut import cut
 from edmsim.machine.machine import Machine

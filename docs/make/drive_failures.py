@@ -44,7 +44,7 @@ STOPPED = 3
 class Failure(NamedTuple):
     """A failure: its name, the drive and axis fault for ``edmsim cut``, and the program."""
 
-    way: str
+    name: str
     drive: str
     fault: str = ""
     program: str = LINE
@@ -79,8 +79,8 @@ _SLOW = {"uhu": "uhu:X=10", "eanpos": "eanpos:setvel=40"}
 
 def failures(drive: str) -> list[Failure]:
     """Return the failures of a drive."""
-    found = [Failure(way, f"{drive}:{changes}") for way, changes in _SETTINGS[drive].items()]
-    found += [Failure(way, drive, f"x:{fault}") for way, fault in _FAULTS.items()]
+    found = [Failure(name, f"{drive}:{changes}") for name, changes in _SETTINGS[drive].items()]
+    found += [Failure(name, drive, f"x:{fault}") for name, fault in _FAULTS.items()]
     if drive in _SLOW:
         found.append(Failure("slow rapid, two squares", _SLOW[drive], program=SQUARES))
     return [*found, Failure("none", drive)]
@@ -101,7 +101,7 @@ def row(failure: Failure) -> tuple[str, ...]:
         else:
             outcome, reason = report["outcome"], report["reason"] or ""
             status = 0 if outcome == "finished" else STOPPED
-    return failure.way, f"`{failure.typed}`", f"{outcome}, {status}", reason
+    return failure.name, f"`{failure.typed}`", f"{outcome}, {status}", reason
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from sections import table, write_sections
 from edmsim.controllers import FeedController
 from edmsim.controllers.feed.law import Gauge, OpenShare, ServoLaw
 from edmsim.controllers.feed.laws import HEAT, HeatFluxController
-from edmsim.controllers.feed.periods import FluxGauge, HeatGauge, HoldHeat
+from edmsim.controllers.feed.periods import FluxGauge, HeatFluxHold, HeatGauge
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode, Result
@@ -45,8 +45,8 @@ def features(window: WindowObservation, gauge: FluxGauge, age_s: float, machine:
     """Return the inputs of the network: a window, the fluxes that `heat-flux` computes, and the dials."""
     flux = gauge.flux
     visible = [window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us]
-    dials = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
-    values = [*visible, window.duration_s, *window.fifths, *flux, flux.max(), min(age_s, BEGIN_S + 1.0), *dials]
+    setup = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
+    values = [*visible, window.duration_s, *window.fifths, *flux, flux.max(), min(age_s, BEGIN_S + 1.0), *setup]
     return [0.0 if not np.isfinite(value) else float(value) for value in values]
 
 
@@ -152,14 +152,14 @@ def explained(cuts: list[Recorded], predicted: list[Floats]) -> tuple[float, flo
     return 1.0 - missed / spread, 1.0 - float(between)
 
 
-def way(superheat: float) -> float:
+def boil_share(superheat: float) -> float:
     """Return a superheat on a scale from 0 at the coldest to 1 where the wire boils dry."""
     return (superheat - COLDEST) / (1.0 - COLDEST)
 
 
 @dataclass
 class NetworkGauge(Gauge):
-    """Gauge of the wire's superheat by the network, on the scale of `way`; the caller sets `network`."""
+    """Gauge of the wire's superheat by the network, on the scale of `boil_share`; the caller sets `network`."""
 
     flux: FluxGauge = field(default_factory=FluxGauge, init=False)
     age_s: float = field(default=0.0, init=False)
@@ -190,11 +190,11 @@ class NetworkGauge(Gauge):
         visible = np.array([[features(window, self.flux, self.age_s, self._machine)]])
         with torch.no_grad():
             superheat, self._memory = self.network(visible, self._memory)
-        return way(float(superheat))
+        return boil_share(float(superheat))
 
 
 class NetworkController(
-    ServoLaw, measure=OpenShare, period=HoldHeat, gauge=NetworkGauge, proportional_share=0.7, integral_per_s=5.0,
+    ServoLaw, measure=OpenShare, period=HeatFluxHold, gauge=NetworkGauge, proportional_share=0.7, integral_per_s=5.0,
     **HEAT,
 ):  # fmt: skip
     """Law that holds the network's estimate of the wire's superheat by the period."""
@@ -209,7 +209,7 @@ def cut_with(make: Callable[[], FeedController], seed: int) -> Result:
 
 def holding(network: Network, superheat: float) -> FeedController:
     """Return the law that holds a superheat with a network."""
-    law = NetworkController(hold_share=way(superheat))
+    law = NetworkController(hold_share=boil_share(superheat))
     law.gauge.network = network
     return law
 

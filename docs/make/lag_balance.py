@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from sections import table, write_sections
 
-from edmsim.cosim.straight import Cut
+from edmsim.closed_loop.straight import Cut
 from edmsim.validation.breakage import ROUGH_MM, rough_rig
 from edmsim.validation.lag import ROUGH_OPEN_SHARE
 from edmsim.validation.setups import servo_cut

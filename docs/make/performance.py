@@ -9,8 +9,8 @@ import sys
 from sections import DOCS, table, write_sections
 from vector_envs import processor
 
-from edmsim.bench.pairs import PAIRS, Pairs, compare
 from edmsim.bench.profile import PARTS, LoopProfile, draw, profile
+from edmsim.bench.revisions import PAIRS, Pairs, compare
 
 AGAINST = "a80349b"
 NAMES = {
@@ -22,7 +22,7 @@ NAMES = {
     "vector_env_steps_per_s_fast_threads": "the same by the clock, with a thread for each processor",
     "drawn_resets_per_s": "resets that draw a machine, at `fast`",
 }
-"""Figures of `bench.subject`, and their texts on the page."""
+"""Figures of `bench.workloads`, and their texts on the page."""
 
 
 def parts(found: dict[str, LoopProfile]) -> str:

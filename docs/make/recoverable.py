@@ -22,8 +22,8 @@ from sections import DOCS, table, write_sections
 from edmsim.controllers import from_text
 from edmsim.controllers.protocols import FeedCommand, set_up_controller
 from edmsim.envs.episode import Task
+from edmsim.envs.gap_servo import target_of
 from edmsim.envs.registry import make_family
-from edmsim.envs.servo import target_of
 from edmsim.evaluation.episode import Episode
 from edmsim.files import replacing
 from edmsim.learning.policy_controller import PolicyController

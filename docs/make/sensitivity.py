@@ -8,8 +8,8 @@ from statistics import fmean
 
 from sections import table, write_sections
 
+from edmsim.closed_loop.straight import Cut, cut_straight
 from edmsim.controllers import from_text
-from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts
 from edmsim.machine.machine import Machine
 from edmsim.plant.resolution import RESOLUTIONS, Resolution

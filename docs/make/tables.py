@@ -158,8 +158,9 @@ def described_parameters(name: str) -> list[tuple[str, ...]]:
     defaults = {field.name: field.default for field in fields(kind) if field.init}
     own = meanings(kind)
     if issubclass(kind, ServoLaw):
-        parts = {base for slot, part in kind.PARTS.items() if slot != "servo" for base in part.__mro__[:-1]}
-        found_in = [each for part in parts for each in meanings(part) if each[0][0] in defaults]
+        components = [component for slot, component in kind.COMPONENTS.items() if slot != "servo"]
+        bases = {base for component in components for base in component.__mro__[:-1]}
+        found_in = [each for base in bases for each in meanings(base) if each[0][0] in defaults]
         own = sorted(found_in, key=lambda each: list(defaults).index(each[0][0]))
         usual = {field.name: field.default for field in fields(GapServo) if field.init}
         of_its_own = found.keys() | {key for key, value in usual.items() if defaults.get(key, value) != value}

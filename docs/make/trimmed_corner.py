@@ -8,7 +8,7 @@ technologies' longer period before corners.
 import numpy as np
 from sections import table
 
-from edmsim.cosim.simulation import Simulation
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.machine.technology import Technology, technology_for
 from edmsim.validation.passes import CORNER_MM, HEIGHT_MM, cut_corner
 

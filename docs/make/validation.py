@@ -21,9 +21,9 @@ from sections import DOCS, table, with_tables
 from edmsim import validation
 from edmsim.errors import InputError
 from edmsim.files import make_writable
+from edmsim.machine.components import Constant
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
-from edmsim.machine.parts import Constant
 from edmsim.runs import Processes, RunTable
 from edmsim.validation.report import judged, reasons_table, rows_table, summary
 from edmsim.validation.rows import Row

@@ -15,7 +15,7 @@ import numpy as np
 from sections import table, write_sections
 
 from edmsim.bench.figures import half_cheetah_comparison, settled
-from edmsim.bench.subject import fleet, spent_s
+from edmsim.bench.workloads import fleet, spent_s
 
 COUNTS, THREADS = (1, 4, 16, 64, 256), (1, 2)
 """Numbers of environments and threads of the table."""

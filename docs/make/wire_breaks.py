@@ -19,7 +19,7 @@ from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import shorted
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
-from edmsim.machine.parts import BOILING_K
+from edmsim.machine.components import BOILING_K
 
 ENV_ID, LAW = "edmsim/MaxRateShift-v0", "adaptive-hold"
 SEEDS, SECONDS = range(22_002, 22_014), 600.0

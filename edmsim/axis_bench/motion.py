@@ -5,7 +5,7 @@ import numpy as np
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.board import NOBODY, first_due, serve
-from edmsim.plant.axes.shaft import coast_all
+from edmsim.plant.axes.feed_drive import coast_all
 from edmsim.plant.axes.steps import make_steps
 from edmsim.plant.kernel.state import Axes
 from edmsim.plant.mechanics.full_model import FullLink, coast_table, copy_axes_to_mujoco

@@ -16,11 +16,11 @@ import numpy as np
 
 import edmsim
 from edmsim import axis_bench, errors, screen, signals
-from edmsim.bench import pairs, profile, subject
+from edmsim.bench import profile, revisions, workloads
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.compiled import jit, vectors
 from edmsim.controllers.axis.elcam import module, table
 from edmsim.controllers.mcu.firmware.poscal import poscal
-from edmsim.cosim.simulation import Simulation
 from edmsim.hil.boards import BOARDS, Rig
 from edmsim.plant.constants import gap_law
 from edmsim.plant.gap import breakdown, generator, rays
@@ -39,20 +39,20 @@ _COLD = "import edmsim\nplant = edmsim.Plant(edmsim.Machine.load(), seed=0)\npla
 
 def best_s(run: Callable[[], object], times: int = 1) -> float:
     """Return the processor time of `times` calls together, the shortest of `REPEATS`."""
-    return min(subject.spent_s(run, times) for _ in range(REPEATS))
+    return min(workloads.spent_s(run, times) for _ in range(REPEATS))
 
 
 def pulses_per_s(resolution: str) -> tuple[float, edmsim.Plant]:
     """Return pulses per second of one core in a straight cut, and the plant after it."""
-    plant = subject.new_plant(resolution=resolution)
-    window = subject.straight_cut(plant, subject.SETTLE_WINDOWS)
-    return TIMED_WINDOWS * subject.PULSES / best_s(window, TIMED_WINDOWS), plant
+    plant = workloads.new_plant(resolution=resolution)
+    window = workloads.straight_cut(plant, workloads.SETTLE_WINDOWS)
+    return TIMED_WINDOWS * workloads.PULSES / best_s(window, TIMED_WINDOWS), plant
 
 
 def mujoco_realtime_factor() -> float:
     """Return machine time over processor time if MuJoCo moves wire and table, at `default` and 10 kHz."""
-    plant = subject.new_plant(mechanics="mujoco")
-    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / best_s(subject.straight_cut(plant, 1), MUJOCO_WINDOWS)
+    plant = workloads.new_plant(mechanics="mujoco")
+    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / best_s(workloads.straight_cut(plant, 1), MUJOCO_WINDOWS)
 
 
 @jit.compiled
@@ -70,7 +70,7 @@ def _sum_rays(rays: rays.Rays, law: breakdown.GapLaw, sums: np.ndarray, pulses: 
 def ray_sums_per_s(plant: edmsim.Plant) -> float:
     """Return pulses per second if a pulse consisted only of the sums over its rays: the bound of this design."""
     around, law, sums = *_rays_and_law(plant), np.zeros((plant.resolution.slices, 4))
-    pulses = TIMED_WINDOWS * subject.PULSES // 2
+    pulses = TIMED_WINDOWS * workloads.PULSES // 2
     _sum_rays(around, law, sums, 1)
     return pulses / best_s(lambda: _sum_rays(around, law, sums, pulses))
 
@@ -100,9 +100,9 @@ def thread_scaling() -> tuple[float, float]:
     The second is the gain of the processors alone (1.2 if two share a core), for comparison with the first.
     """
     plants = [edmsim.Plant(edmsim.Machine.load(), seed=seed) for seed in range(2)]
-    advance = [subject.straight_cut(plant, subject.SETTLE_WINDOWS) for plant in plants]
+    advance = [workloads.straight_cut(plant, workloads.SETTLE_WINDOWS) for plant in plants]
     around, law, sums = *_rays_and_law(plants[0]), np.zeros((2, plants[0].resolution.slices, 4))
-    compute = [lambda k=k: _sum_rays(around, law, sums[k], subject.PULSES) for k in range(2)]
+    compute = [lambda k=k: _sum_rays(around, law, sums[k], workloads.PULSES) for k in range(2)]
     gains = []
     for works in (advance, compute):
         alone = max(_together(works[:1]) for _ in range(2))
@@ -112,8 +112,8 @@ def thread_scaling() -> tuple[float, float]:
 
 def memory_growth_MB() -> float:
     """Return the growth of the process's memory over `MEMORY_S`, without the tiles of the kerf field."""
-    plant = subject.new_plant(resolution="fast")
-    window = subject.straight_cut(plant, subject.SETTLE_WINDOWS)
+    plant = workloads.new_plant(resolution="fast")
+    window = workloads.straight_cut(plant, workloads.SETTLE_WINDOWS)
     before, end = _resident_MB() - plant.field.tiles.nbytes * 1e-6, plant.time_ns + MEMORY_S * 1e9
     while plant.time_ns < end:
         window()
@@ -182,9 +182,9 @@ often undisturbed for a short time."""
 
 def env_steps_per_s() -> float:
     """Return steps per second of processor time of one environment of `gymnasium.make`, in a straight cut."""
-    env = gym.make("edmsim/GapFeed-v2", **subject.STANDARD)
+    env = gym.make("edmsim/GapFeed-v2", **workloads.STANDARD)
     env.reset(seed=0)
-    action = np.array([subject.FEED_UM_S / subject.MAX_FEED_UM_S], np.float32)
+    action = np.array([workloads.FEED_UM_S / workloads.MAX_FEED_UM_S], np.float32)
     rate = _best_rate(lambda: env.step(action), time.process_time)
     env.close()
     return rate
@@ -192,7 +192,7 @@ def env_steps_per_s() -> float:
 
 def vector_env_steps_per_s() -> float:
     """Return steps per second of a native vector environment, all sub-environments together, on all processors."""
-    return NUM_ENVS * _best_rate(subject.fleet(NUM_ENVS, 0, None, "default"), time.perf_counter)
+    return NUM_ENVS * _best_rate(workloads.fleet(NUM_ENVS, 0, None, "default"), time.perf_counter)
 
 
 def turned_knobs_cost() -> float:
@@ -210,7 +210,7 @@ def turned_knobs_cost() -> float:
     turns[..., 0] = 0.0  # the feed
 
     def timed(share: float) -> float:
-        return subject.spent_s(lambda: [env.step(actions) for actions in turns * np.float32(share)])
+        return workloads.spent_s(lambda: [env.step(actions) for actions in turns * np.float32(share)])
 
     rest, turned = (min(values) for values in zip(*((timed(0.0), timed(1.0)) for _ in range(3)), strict=True))
     env.close()
@@ -222,7 +222,7 @@ def drawn_machines() -> dict[str, float]:
     drawn, reused = (gym.make("edmsim/GapFeed-v2", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
     for env in (drawn, reused):
         env.reset(seed=0)
-    drawn_s, reused_s = (subject.spent_s(env.reset, RESETS) / RESETS for env in (drawn, reused))
+    drawn_s, reused_s = (workloads.spent_s(env.reset, RESETS) / RESETS for env in (drawn, reused))
     action = np.zeros(reused.action_space.shape or (), np.float32)
 
     def episode() -> None:
@@ -232,18 +232,18 @@ def drawn_machines() -> dict[str, float]:
             *_, terminated, truncated, _ = reused.step(action)
             over = terminated or truncated
 
-    episode_s = subject.spent_s(episode, EPISODES) / EPISODES
+    episode_s = workloads.spent_s(episode, EPISODES) / EPISODES
     return {"drawn_reset_ms": drawn_s * 1e3, "drawn_machines_cost": (episode_s - reused_s + drawn_s) / episode_s}
 
 
 def _best_rate(step: Callable[[], object], clock: Callable[[], float]) -> float:
     steps = settled(step)
-    return steps / min(subject.spent_s(step, steps, clock) for _ in range(SLICES))
+    return steps / min(workloads.spent_s(step, steps, clock) for _ in range(SLICES))
 
 
 def settled(step: Callable[[], object]) -> int:
     """Run environments to a steady state, and return the number of steps per spell."""
-    return max(1, round(SLICE_S / subject.spent_s(step, SETTLE_STEPS, time.perf_counter) * SETTLE_STEPS))
+    return max(1, round(SLICE_S / workloads.spent_s(step, SETTLE_STEPS, time.perf_counter) * SETTLE_STEPS))
 
 
 def half_cheetah_comparison() -> dict[str, float]:
@@ -253,12 +253,12 @@ def half_cheetah_comparison() -> dict[str, float]:
     """
     cheetahs = _half_cheetahs(NUM_ENVS)
     steps = {
-        "vector_env_steps_per_s_fast": subject.fleet(NUM_ENVS, 0, None), "half_cheetah_vector_steps_per_s": cheetahs
+        "vector_env_steps_per_s_fast": workloads.fleet(NUM_ENVS, 0, None), "half_cheetah_vector_steps_per_s": cheetahs
     }
     spells, best_s = {name: settled(step) for name, step in steps.items()}, dict.fromkeys(steps, np.inf)
     for _ in range(SLICES):
         for name, step in steps.items():
-            step_s = subject.spent_s(step, spells[name], time.perf_counter) / spells[name]
+            step_s = workloads.spent_s(step, spells[name], time.perf_counter) / spells[name]
             best_s[name] = min(best_s[name], step_s)
     return {name: NUM_ENVS / step_s for name, step_s in best_s.items()}
 
@@ -304,7 +304,7 @@ def _cut(controller: str, planner: str = "poscal") -> Simulation:
     contour = WireContour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "bench")
     cut = Simulation(edmsim.Machine.load(), path, edmsim.controllers.make(controller), seed=0, planner=planner)
-    subject.spent_s(cut.step, CUT_SETTLE_WINDOWS)
+    workloads.spent_s(cut.step, CUT_SETTLE_WINDOWS)
     return cut
 
 
@@ -314,7 +314,7 @@ def controller_overhead() -> float:
     Both make the same cut, alternately.
     """
     cuts = _cut("counts"), _cut("mcu")
-    times = [[subject.spent_s(cut.step, CUT_WINDOWS) for cut in cuts] for _ in range(REPEATS)]
+    times = [[workloads.spent_s(cut.step, CUT_WINDOWS) for cut in cuts] for _ in range(REPEATS)]
     law_s, whole_s = np.min(times, axis=0).tolist()
     return float(whole_s / law_s - 1)
 
@@ -345,7 +345,7 @@ def drive_realtime_factor(name: str) -> float:
     for _ in range(SERVO_REPEATS):
         bench.steps("x", 100, 300.0, 3_000.0)
         bench.steps("x", -100, 300.0, 3_000.0)
-        least_s = min(least_s, subject.spent_s(lambda: bench.run(SPAN_S)))
+        least_s = min(least_s, workloads.spent_s(lambda: bench.run(SPAN_S)))
     return SPAN_S / least_s
 
 
@@ -541,7 +541,7 @@ def measured(
     if shares or picture is not None:
         found["profile"] = profile.measured(picture, watch)
     if against is not None:
-        found["against"] = pairs.measured(against, count, watch)
+        found["against"] = revisions.measured(against, count, watch)
     if serial:
         found["serial"] = _listed(serial_figures(watch), "edmsim gap --serial", lambda value: f"{value:.3g}")
     if training:

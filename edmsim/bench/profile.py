@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 import edmsim
 from edmsim import errors, files, screen
-from edmsim.bench import subject
+from edmsim.bench import workloads
 from edmsim.compiled.specialised import marked
 from edmsim.plant.kernel.memory import CALL, fire_windows
 from edmsim.plant.plant import shapes
@@ -30,7 +30,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "ray sums": ("gap.pulse_outcome.sum_rays",),
     "decide": ("gap.pulse_outcome.decide",),
     "discharge": ("kernel.discharge.discharge", "kernel.discharge.short_circuit"),
-    "films": tuple(f"mechanics.film.{name}" for name in (
+    "films": tuple(f"mechanics.squeeze_film.{name}" for name in (
         "scale_film", "mean_film", "mean_resistance", "find_films", "squeeze",
     )),
     "swings": ("kernel.fire._move_wire", *(
@@ -116,7 +116,7 @@ def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProf
         watch(f"compile {resolution} with marks")
         fire, part = marked(fire_windows, *named[resolution][:3], parts=names)
         watch(f"profile {resolution}")
-        found[resolution] = _profile(subject.new_plant(resolution=resolution), fire, part)
+        found[resolution] = _profile(workloads.new_plant(resolution=resolution), fire, part)
     return found
 
 
@@ -128,7 +128,7 @@ def _profile(plant: edmsim.Plant, fire: Callable[[int, int], None], part: Callab
     while look.looks < LOOKS:
         plant.reset(seed)
         seed += 1
-        for _ in range(subject.SETTLE_WINDOWS // BATCH):
+        for _ in range(workloads.SETTLE_WINDOWS // BATCH):
             _fire(plant, plant.fire)
         for _ in range(ROUNDS):
             plain_s.append(_fire(plant, plant.fire))
@@ -136,14 +136,14 @@ def _profile(plant: edmsim.Plant, fire: Callable[[int, int], None], part: Callab
                 marked_s.append(_fire(plant, fire))
     spent_s = look.spent_s[1:]  # the first entry is the time outside the loop
     shares = dict(zip(PARTS, (spent_s / spent_s.sum()).tolist(), strict=True))
-    plain_ns, marked_ns = (1e9 * float(np.median(s)) / (BATCH * subject.PULSES) for s in (plain_s, marked_s))
+    plain_ns, marked_ns = (1e9 * float(np.median(s)) / (BATCH * workloads.PULSES) for s in (plain_s, marked_s))
     return LoopProfile(plain_ns, marked_ns, shares, look.looks)
 
 
 def _fire(plant: edmsim.Plant, fire: Callable[[int, int], None]) -> float:
     """Continue the straight cut by a batch of windows; return the processor time."""
     plant.make_tiles()
-    interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / subject.FEED_UM_S)
+    interval_ns = round(plant.machine.base.table.step_um.value * 1e9 / workloads.FEED_UM_S)
     edges_ns = plant.time_ns + plant.window_ns * np.arange(BATCH + 1)
     due_ns = np.arange(plant.time_ns + interval_ns, edges_ns[-1], interval_ns)
     steps = np.column_stack([due_ns, np.zeros_like(due_ns), np.ones_like(due_ns)])
@@ -152,7 +152,7 @@ def _fire(plant: edmsim.Plant, fire: Callable[[int, int], None]) -> float:
     calls[:, 0] = plant.address
     calls[:, 1] = steps.ctypes.data + first[:-1] * steps.strides[0]
     calls[:, 2] = np.diff(first)
-    calls[:, 3] = subject.PULSES
+    calls[:, 3] = workloads.PULSES
     start_s = time.thread_time()
     fire(calls.ctypes.data, BATCH)
     spent_s = time.thread_time() - start_s

@@ -8,7 +8,7 @@ import numpy as np
 
 from edmsim import __version__, runs
 from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch, statistics
-from edmsim.cosim.straight import Traverse, begin
+from edmsim.closed_loop.straight import Traverse, begin
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.setting import WINDOW_PULSES, short_current_A

@@ -246,10 +246,10 @@ def _of_run(columns: Mapping[str, Floats], first: int, last: int) -> dict[str, F
 
     places = {name: np.interp(ends, time, rows[name]) for name in ("x_um", "y_um")}
     before, behind = np.maximum(ends - FEED_SPAN_S / 2, time[0]), np.minimum(ends + FEED_SPAN_S / 2, time[-1])
-    ways = [np.interp(behind, time, rows[name]) - np.interp(before, time, rows[name]) for name in places]
+    moved = [np.interp(behind, time, rows[name]) - np.interp(before, time, rows[name]) for name in places]
     unknown = np.full(len(ends), np.nan)
     return {
-        "feed_um_s": np.hypot(*ways) / np.maximum(behind - before, 1e-9),
+        "feed_um_s": np.hypot(*moved) / np.maximum(behind - before, 1e-9),
         "short": WINDOW_PULSES * mean("short_ratio"), "open": WINDOW_PULSES * mean("open_ratio"),
         **{name: mean(name) if name in rows else unknown for name in MEANS}, "mean_delay_us": unknown,
         "t_on_us": np.full(len(ends), on_us), "t_period_us": np.full(len(ends), period_us), **places,
@@ -368,11 +368,11 @@ def _check(columns: Mapping[str, Floats], file: str | Path) -> None:
         "is longer than the on-time", file,
     )  # fmt: skip
     if PLACES[0] in columns:
-        way_um = float((np.maximum(columns["feed_um_s"], 0.0) * columns["t_period_us"]).sum()) * WINDOW_PULSES * 1e-6
+        cut_um = float((np.maximum(columns["feed_um_s"], 0.0) * columns["t_period_us"]).sum()) * WINDOW_PULSES * 1e-6
         moved_um = float(arc_lengths(np.column_stack([columns[name] for name in PLACES]))[-1])
-        if moved_um < PLACES_SHARE * way_um:
+        if moved_um < PLACES_SHARE * cut_um:
             raise InputError(
-                f"{' and '.join(PLACES)} move by {moved_um:g} um, feed_um_s leads over {way_um:g} um: give places "
+                f"{' and '.join(PLACES)} move by {moved_um:g} um, feed_um_s leads over {cut_um:g} um: give places "
                 "of the guides in um, or none", file,
             )  # fmt: skip
 
@@ -453,10 +453,10 @@ def _turn_deg(places: Floats, along_um: Floats, first: int, settle_um: float) ->
     upto_um = along_um[: first + STRETCH_WINDOWS]
     begin_um = max(upto_um[first] - settle_um, 0.0)
     chosen = np.unique(np.searchsorted(upto_um, np.arange(begin_um, upto_um[-1], PLACE_UM)))
-    ways = np.diff(places[chosen], axis=0)
-    if not len(ways):
+    moves = np.diff(places[chosen], axis=0)
+    if not len(moves):
         return 0.0
-    return float(np.degrees(np.ptp(np.unwrap(np.arctan2(ways[:, 1], ways[:, 0])))))
+    return float(np.degrees(np.ptp(np.unwrap(np.arctan2(moves[:, 1], moves[:, 0])))))
 
 
 def statistics(short: Floats, open_: Floats, voltage_V: Floats, current_A: Floats, delay_us: Floats) -> Floats:

@@ -147,7 +147,7 @@ def report(
         raise InputError("--format is that of figures: give the folder with --figures")
     written: list[Path] = []
     if film is not None:
-        from edmsim.recording.film import SECONDS, check_film, render  # loads Matplotlib
+        from edmsim.recording.video import SECONDS, check_film, render  # loads Matplotlib
 
         recording, length_s = playback.find_recording(directory), SECONDS if seconds is None else seconds
         check_film(film, length_s)

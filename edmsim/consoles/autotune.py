@@ -496,10 +496,10 @@ def measured(operator: Operator, values: dict[str, int]) -> AxisResponse:
     return AxisResponse(up, down, AxisTrace(rows["time_ns"] * 1e-9 - start_s, error - error[0]))
 
 
-def _answer_to_step(operator: Operator, way: int) -> AxisTrace:
+def _answer_to_step(operator: Operator, direction: int) -> AxisTrace:
     start_count = int(operator.bench.axis()["count"])
-    rows, start_s = _traced(operator, lambda: operator.send_step(way * STEP_COUNTS))
-    return AxisTrace(rows["time_ns"] * 1e-9 - start_s, STEP_COUNTS - way * (rows["count"] - start_count))
+    rows, start_s = _traced(operator, lambda: operator.send_step(direction * STEP_COUNTS))
+    return AxisTrace(rows["time_ns"] * 1e-9 - start_s, STEP_COUNTS - direction * (rows["count"] - start_count))
 
 
 def _traced(operator: Operator, begin: Callable[[], float]) -> tuple[NDArray[np.void], float]:

@@ -13,8 +13,8 @@ from typing import Annotated, Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from edmsim.closed_loop.stops import WORDS, StopCause, stop_cause
 from edmsim.controllers import OF_A_TASK, SAME_LAW, FeedController, from_text, names
-from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs import part_task, pass_laws, registry, reward
 from edmsim.envs.episode import StepResult, Task
 from edmsim.errors import refuses_wrong_types
@@ -288,7 +288,7 @@ class Episode:
         if result.over:
             return WORDS[result.cause].episode
         alarm = self._law.latest.alarm is not None
-        cause = StopCause(judge(False, False, False, False, alarm, result.late, False))
+        cause = StopCause(stop_cause(False, False, False, False, alarm, result.late, False))
         if cause is StopCause.PERSISTENT_SHORT:
             self._return -= self.task.family.reward_weights.limit * self._threading_s / reward.REFERENCE_S
             self._cost += 1.0

@@ -9,8 +9,8 @@ from functools import partial
 from statistics import fmean
 from typing import Literal, NamedTuple
 
+from edmsim.closed_loop.straight import Cut, Traverse, begin
 from edmsim.controllers import FeedController
-from edmsim.cosim.straight import Cut, Traverse, begin
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.job.plan import make_controller
 from edmsim.machine.machine import Machine

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import tomlkit
 
 from edmsim import __version__, geometry, runs
+from edmsim.closed_loop.passes import PassRecord, PassSetup
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import from_text
-from edmsim.cosim.passes import PassRecord, PassSetup
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.plan import feed_limit
 from edmsim.machine.machine import Machine
@@ -182,7 +182,7 @@ class Search:
         job.check()
         self._job, self._tell = job, tell
         self._known = () if known is None else known.passes
-        self._ways: list[tuple[PassSetting, float]] = []  # setting and offset of the passes found, as they were cut
+        self._cuts: list[tuple[PassSetting, float]] = []  # setting and offset of the passes found, as they were cut
         self._left: tuple[int, KerfField | None] = (0, None)  # the last pass whose metal is known, and that metal
         self._last: tuple[PassSetting, float, KerfField | None] | None = None  # the last cut; metal if it was made
         self._runs = runs.RunTable(journal, {
@@ -201,7 +201,7 @@ class Search:
         if len(found) >= self._job.passes:
             return found
         for one in found:
-            self._ways.append((one, offset_mm))
+            self._cuts.append((one, offset_mm))
             offset_mm -= one.step_um * 1e-3
         for number in range(len(found) + 1, self._job.passes + 1):
             target = TARGETS[number - 1]
@@ -218,14 +218,14 @@ class Search:
         """Let the next pass follow the last cut."""
         assert self._last is not None
         one, offset_mm, metal = self._last
-        self._ways.append((one, offset_mm))
+        self._cuts.append((one, offset_mm))
         if metal is not None:
             self._left = number, metal
 
     def _metal(self) -> KerfField | None:
         """Return the metal that the passes found leave; those that an earlier search found are cut again for it."""
         first, metal = self._left
-        for number, (one, offset_mm) in enumerate(self._ways[first:], first + 1):
+        for number, (one, offset_mm) in enumerate(self._cuts[first:], first + 1):
             metal = self._make(one, number, offset_mm, metal).metal
             self._left = number, metal
         return metal
@@ -366,7 +366,7 @@ class Search:
 
     def _cut(self, one: PassSetting, number: int, offset_mm: float) -> Tried:
         """Return the figures of a cut on the metal that the passes found leave, from the table if it has them."""
-        cuts = [[setting.model_dump(), mm] for setting, mm in (*self._ways, (one, offset_mm))]
+        cuts = [[setting.model_dump(), mm] for setting, mm in (*self._cuts, (one, offset_mm))]
         run, metal = runs.identity({"cuts": cuts}), None
         if run not in self._runs.rows:
             cut = self._make(one, number, offset_mm, self._metal())

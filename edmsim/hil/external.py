@@ -145,7 +145,7 @@ class _Followed(Snapshots):
             return False
         if self._end is None:
             self._end = self._link_um()  # the axes may lag if the simulation is slower than the clock
-        return max(abs(way) for way in self._ways(self._end)) < self._step_um
+        return max(abs(distance) for distance in self._distances(self._end)) < self._step_um
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Wait until the window is due, and step to the axes' target."""
@@ -153,9 +153,9 @@ class _Followed(Snapshots):
             self._wait(start_ns)
             self._target = start_ns, self._end or self._link_um()
         steps = []
-        for axis, way in enumerate(self._ways(self._target[1])):
-            direction = 1 if way > 0 else -1
-            for k in range(int(abs(way) / self._step_um + 1e-9)):
+        for axis, distance in enumerate(self._distances(self._target[1])):
+            direction = 1 if distance > 0 else -1
+            for k in range(int(abs(distance) / self._step_um + 1e-9)):
                 at_ns = start_ns + k * self._between_ns
                 if at_ns >= end_ns:
                     break
@@ -177,7 +177,7 @@ class _Followed(Snapshots):
         (x, y), start = self._place_um(), self._points[0]
         return float(start[0] + x - self._origin[0]), float(start[1] + y - self._origin[1])
 
-    def _ways(self, place_um: tuple[float, float]) -> tuple[float, float]:
+    def _distances(self, place_um: tuple[float, float]) -> tuple[float, float]:
         """Return the distances of both axes from the counters to a position."""
         return place_um[0] - self._counted[0], place_um[1] - self._counted[1]
 

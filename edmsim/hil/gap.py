@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from edmsim.cosim.straight import begin
+from edmsim.closed_loop.straight import begin
 from edmsim.errors import InputError, methods_refuse_wrong_types, refuses_wrong_types
 from edmsim.files import replacing
-from edmsim.machine import parts, pulse_window
+from edmsim.machine import components, pulse_window
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
@@ -71,9 +71,9 @@ class Setpoints(ArraySnapshots):
             speed, seconds = self._speed(axis, start_ns, end_ns)
             if speed == 0.0:
                 continue
-            way_um = self._within(self._now_um[axis] + speed * seconds) - self._counted[axis]
+            distance_um = self._within(self._now_um[axis] + speed * seconds) - self._counted[axis]
             direction = 1 if speed > 0 else -1
-            for k in range(1, int(direction * way_um / self._step_um + _NEAR) + 1):
+            for k in range(1, int(direction * distance_um / self._step_um + _NEAR) + 1):
                 at_um = self._counted[axis] + direction * k * self._step_um
                 after_s = max((at_um - self._now_um[axis]) / speed, 0.0)
                 found.append((min(start_ns + int(after_s * 1e9), end_ns - 1), axis, direction))
@@ -96,8 +96,9 @@ class Setpoints(ArraySnapshots):
         frame_s = (end_ns - start_ns) * 1e-9
         target = self._target_um[axis]
         if not math.isnan(target):
-            way = target - self._now_um[axis]
-            return math.copysign(self._max_um_s, way) if way else 0.0, min(abs(way) / self._max_um_s, frame_s)
+            distance = target - self._now_um[axis]
+            speed_um_s = math.copysign(self._max_um_s, distance) if distance else 0.0
+            return speed_um_s, min(abs(distance) / self._max_um_s, frame_s)
         left_s = max(self._until_ns - start_ns, 0) * 1e-9
         return self._velocity_um_s[axis], min(frame_s, left_s)
 
@@ -329,9 +330,9 @@ def _patient(machine: Machine, open_V: float) -> Machine:
         raise InputError(f"{open_V:g} V ignite nothing: give more than the burning voltage, and at most 1000 V")
     changes = {
         "mode": "iso-energetic", "supply_voltage_V": None,
-        "open_voltage_V": parts.Constant(value=open_V, source="table of delays"),
-        "ignition_wait_us": parts.Constant(value=WAIT_US, source="table of delays"), "equalising": None,
-        "mean_current_limit_A": parts.Constant(value=10_000.0, source="table of delays"),
+        "open_voltage_V": components.Constant(value=open_V, source="table of delays"),
+        "ignition_wait_us": components.Constant(value=WAIT_US, source="table of delays"), "equalising": None,
+        "mean_current_limit_A": components.Constant(value=10_000.0, source="table of delays"),
     }  # fmt: skip
     own = machine.generator.model_copy(update=changes)
     free = dict.fromkeys(("open_voltage_V", "peak_current_A", "resistance_ohm", "ignition_wait_us"))

@@ -14,9 +14,9 @@ from typing import Any, ParamSpec, Protocol
 import numpy as np
 
 from edmsim import files, runs, screen, signals, user_code
+from edmsim.closed_loop.simulation import Progress, Simulation
 from edmsim.controllers import protocols, pulse_counters
 from edmsim.controllers.axis.elcam.file import NAMES, PLACES
-from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.errors import EdmsimError, InputError, located, refuses_wrong_types
 from edmsim.job.options import CutOptions, CutSettings, Running
 from edmsim.job.plan import prepared
@@ -120,7 +120,7 @@ def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Sim
     simulation = Simulation(
         ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
         resolution=settings.resolution, max_time_s=settings.max_time_s, steps=steps,
-        mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
+        mechanics=settings.mechanics, recorders=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor, setups=ready.setups, approach=ready.approach,
         axis_faults=[parse_fault(text) for text in settings.axis_faults],
     )
@@ -141,7 +141,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
         "wire_diameter_um": set_up.wire_diameter_um, "tension_N": set_up.tension, "t_on_us": set_up.t_on_us,
         "t_period_us": set_up.t_period_us, "position_unit": simulation.unit, "offset_um": path.offset_um,
-        "wire_path_sha256": _digest(b"".join(way.tobytes() for contour in path.contours for way in contour.reach_um)),
+        "wire_path_sha256": _digest(b"".join(um.tobytes() for contour in path.contours for um in contour.reach_um)),
         "constants_sha256": machine.constants_digest(set_up),
     }
 

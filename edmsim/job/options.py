@@ -21,8 +21,8 @@ from edmsim.program.heights import Area, Height, Heights, checked_areas, checked
 from edmsim.program.passes import OVERLAP_MM, TAB_MM
 
 if TYPE_CHECKING:
+    from edmsim.closed_loop.simulation import Progress
     from edmsim.controllers import FeedController
-    from edmsim.cosim.simulation import Progress
 else:  # placeholders for annotations: to import the classes loads the compiler, which takes too long for a help text
     FeedController, Progress = (type(name, (), {}) for name in ("FeedController", "Progress"))
 

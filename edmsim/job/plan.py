@@ -8,11 +8,11 @@ from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
+from edmsim.closed_loop.passes import PassSetup
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text, user_controllers
 from edmsim.controllers.axis.elcam import file, module
 from edmsim.controllers.mcu.firmware import poscal, timers
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.cosim.passes import PassSetup
 from edmsim.errors import InputError, located, refuses_wrong_types
 from edmsim.job.options import CutSettings
 from edmsim.machine.machine import Machine
@@ -354,9 +354,9 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     settings.workpiece.steps(path, machine.wire_diameter_um)  # refuses heights that the path does not reach
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.planner, settings.workpiece.lowest_mm)
     trim_feed_um_s, _ = feed_limit(machine, settings.planner)
-    between_um = sum(way for way, threads in _between_um(path) if not threads)
+    between_um = sum(distance for distance, threads in _between_um(path) if not threads)
     length_um = sum(k.length_um for k in path.contours) + between_um
-    trims_um = sum(float(p.way.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
+    trims_um = sum(float(p.wire_path.along_um[-1]) for k in path.contours for p in k.passes if p.number > 1)
     cutting_s = (length_um - trims_um) / feed_um_s + trims_um / trim_feed_um_s
     if strong_mJ := max(too_strong_mJ(one) for one in ([setup.machine for setup in found.setups] or [machine])):
         risk = (f"a discharge of {strong_mJ:.3g} mJ, followed by an arc, can break this wire at any period; choose a "
@@ -369,9 +369,9 @@ def check(program: str | Path, settings: CutSettings) -> Check:
 
 
 def _between_um(path: CutPath) -> list[tuple[float, bool]]:
-    """Return the distance from each way's end to the next one's beginning, and whether the wire is threaded there."""
-    ways = [(contour.ways_um[number], contour.threads[number]) for contour, number in path.cuts]
-    return [(float(np.hypot(*(way[0] - before[-1]))), threads) for (before, _), (way, threads) in pairwise(ways)]
+    """Return the distance from each path's end to the next one's start, and whether the wire is threaded there."""
+    paths = [(contour.guide_paths_um[number], contour.threads[number]) for contour, number in path.cuts]
+    return [(float(np.hypot(*(after[0] - before[-1]))), threads) for (before, _), (after, threads) in pairwise(paths)]
 
 
 def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
@@ -380,13 +380,14 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
         return ()
     estimates = []
     for number, one in enumerate(found.table.settings, 1):
-        ways = [p for contour in found.path.contours for p in contour.passes if p.number == number]
+        passes = [p for contour in found.path.contours for p in contour.passes if p.number == number]
         plain = [contour for contour in found.path.contours if number == 1 and not contour.passes]
-        cut: list[CutPass | WireContour] = [*ways, *plain]
+        cut: list[CutPass | WireContour] = [*passes, *plain]
         slow = sum(
-            float(p.way.along_um[p.approach_moves]) * 1e-3 for p in ways if number == 1 and p.piece == "profile"
-        )
-        length_mm = sum(float(p.way.along_um[-1]) * 1e-3 for p in cut)
+            float(p.wire_path.along_um[p.approach_moves]) * 1e-3
+            for p in passes if number == 1 and p.piece == "profile"
+        )  # fmt: skip
+        length_mm = sum(float(p.wire_path.along_um[-1]) * 1e-3 for p in cut)
         seconds = 60 * (length_mm - slow + slow / found.table.approach_share) / one.found.feed_mm_min
         offset_mm = max(p.offset_um for p in cut) * 1e-3
         estimates.append(PassEstimate(number, offset_mm, length_mm, seconds, one.found.ra_um))
@@ -415,9 +416,8 @@ def _waiting_s(path: CutPath, machine: Machine) -> float:
     """Return the time in which the wire does not cut: dwells, moves to the next start hole, threading there."""
     dwells = sum(contour.waiting_s for contour in path.contours)
     table = machine.base.table
-    return dwells + sum(
-        way / table.rapid_um_s.value + table.threading_s.value for way, threads in _between_um(path) if threads
-    )
+    distances = [distance for distance, threads in _between_um(path) if threads]
+    return dwells + sum(distance / table.rapid_um_s.value + table.threading_s.value for distance in distances)
 
 
 def _pass_lines(found: Check) -> list[tuple[str, str]]:

@@ -12,15 +12,15 @@ import numpy as np
 import shapely
 
 from edmsim import __version__, files, numeric
-from edmsim.cosim import straight
-from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums, programmed_um
-from edmsim.cosim.simulation import Simulation
+from edmsim.closed_loop import straight
+from edmsim.closed_loop.passes import FACE_EVERY, PassRecord, Sums, programmed_um
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
 from edmsim.geometry import Floats
 from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine, constants_digest
 from edmsim.machine.setting import AIR_SHARE, discharge_current_A
-from edmsim.metrology import edges, kerf, profile, roughness, shares
+from edmsim.metrology import edges, error_budget, kerf, profile, roughness
 from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece import height_steps, kerf_field
 from edmsim.program.path import CutPath, WireContour
@@ -52,14 +52,14 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
     values, records = windows.columns(), simulation.passes.records
     cut = cut_alone(values, np.array(simulation.plant.field.stock.holes_um, np.float64).reshape(-1, 3))
     # in passes only the area of the rough one, because trims cut it again; it may begin inside the start hole
-    ways = [(max(a, r.begin_um), min(b, r.end_um)) for r in records if r.number == 1 for a, b in cut.ways_um]
-    ways += [(a, b) for a, b in cut.ways_um if all(r.end_um <= a or b <= r.begin_um for r in records)]
+    spans = [(max(a, r.begin_um), min(b, r.end_um)) for r in records if r.number == 1 for a, b in cut.stretches_um]
+    spans += [(a, b) for a, b in cut.stretches_um if all(r.end_um <= a or b <= r.begin_um for r in records)]
     took_s = durations_s(values)
     at_limit = values["feed_um_s"] > 0.99 * simulation.max_feed_um_s  # tolerance, because feeds are whole speed units
     all_s = float(took_s[cut.rows].sum())
     return reports.Totals(
         simulation.plant.time_ns * 1e-9, wall_time_s, simulation.sums, simulation.path_um * 1e-3,
-        sum(_area_mm2(simulation, *way) for way in ways), cut.time_s, simulation.plant.removed_mm3,
+        sum(_area_mm2(simulation, *span) for span in spans), cut.time_s, simulation.plant.removed_mm3,
         simulation.max_feed_um_s, float(took_s[cut.rows & at_limit].sum()) / all_s if all_s else math.nan,
     )  # fmt: skip
 
@@ -69,16 +69,16 @@ def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
     length, relief = max(to_um - from_um, 0.0), simulation.plant.field.relief
     if length <= 0 or (relief is None and not simulation.path.leans):
         return length * simulation.machine.height_mm * 1e-3
-    ways = simulation.path.ways
+    paths = simulation.path.wire_paths
     # moves between contours cut nothing, so their length is 0
-    moves = np.concatenate([np.append(np.diff(way.along_um), 0.0) for way in ways])
-    slant = np.concatenate([np.append(way.slant, 1.0) for way in ways])
+    moves = np.concatenate([np.append(np.diff(path.along_um), 0.0) for path in paths])
+    slant = np.concatenate([np.append(path.slant, 1.0) for path in paths])
     place, wall = (np.concatenate([[0.0], np.cumsum(um)[:-1]]) for um in (moves, moves * slant))
     edges = np.linspace(from_um, to_um, math.ceil(length / _HEIGHT_STEP_UM) + 1)
     walls_um = np.diff(np.interp(edges, place, wall))
     if relief is None:
         return float(walls_um.sum()) * simulation.machine.height_mm * 1e-3
-    points = np.concatenate([way.at_mid_height() for way in ways])
+    points = np.concatenate([path.at_mid_height() for path in paths])
     middle = np.column_stack([np.interp((edges[1:] + edges[:-1]) / 2, place, column) for column in points.T])
     return float((walls_um * relief.heights_mm(middle)).sum()) * 1e-3
 
@@ -89,9 +89,9 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
     table, lead = _table(simulation, profiles), _lead(simulation.path)
-    ways_um = _ways_um(simulation, windows)
-    shares_um = _shares(simulation, profiles, ways_um)
-    left_um = [shares.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
+    tracks_um = _tracks_um(simulation, windows)
+    shares_um = _shares(simulation, profiles, tracks_um)
+    left_um = [error_budget.unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
     found = [c for k, p in zip(contours, profiles, strict=True) for c in profile.corners(k, p)]
     scene = Scene(
         maps=tuple(
@@ -118,9 +118,9 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         x, y = scene.axis_um(np.array([simulation.commanded_um]), np.array([simulation.path_um]))[0].tolist()
         scene = replace(scene, stop_mm=(x * 1e-3, y * 1e-3))
     in_passes = bool(simulation.passes.records)
-    commanded_um = windows.ways_um()[0] if in_passes else np.concatenate([commanded for commanded, _, _ in ways_um])
+    commanded_um = windows.motion()[0] if in_passes else np.concatenate([commanded for commanded, _, _ in tracks_um])
     part = _part(simulation, profiles, scene, left_um, table)
-    axis_um = scene.axis_um(commanded_um, windows.ways_um()[-1])
+    axis_um = scene.axis_um(commanded_um, windows.motion()[-1])
     return Inspection(part, scene, profile.nearest_error_um(axis_um, profiles))
 
 
@@ -140,11 +140,11 @@ def _lead(path: CutPath) -> Floats | None:
     if not path.leans:
         return None
     rows, passed_um = [], 0.0
-    for way in path.ways:
-        along = passed_um + way.along_um
+    for wire_path in path.wire_paths:
+        along = passed_um + wire_path.along_um
         passed_um = along[-1]
         still = np.column_stack([np.zeros((len(along), 3)), np.ones(len(along))])
-        lean = way.lean
+        lean = wire_path.lean
         led = still if lean is None else np.column_stack([lean.upper_um * 1e-3, lean.bends_mm])
         rows.append(np.column_stack([along, led]))
     return np.concatenate(rows)
@@ -165,7 +165,7 @@ def _profile_errors(
     shares_um = [edge.shares_um for edge in scene.maps]
 
     def worst(reachable: bool) -> reports.ErrorPlace:
-        found = shares.worst_place(contours, profiles, left_um, shares_um, reachable=reachable)
+        found = error_budget.worst_place(contours, profiles, left_um, shares_um, reachable=reachable)
         if found is None:
             return reports.ErrorPlace()
         x_mm, y_mm = found.x_mm - origin_mm[0], found.y_mm - origin_mm[1]
@@ -186,27 +186,31 @@ def _element(found: profile.ElementError, origin_mm: tuple[float, float]) -> rep
     return reports.Element(**row)
 
 
-def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats, ...]]:
+def _tracks_um(simulation: Simulation, windows: WindowTable) -> list[tuple[Floats, ...]]:
     """Return the tracks of commanded position, guides and wire, (n, 2) each, contour by contour."""
     # a contour begins after a threading, which takes the longest times between two windows
-    commanded, following, lag, time_s, path_um = windows.ways_um()
+    commanded, following, lag, time_s, path_um = windows.motion()
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
         program_um = programmed_um(simulation.legs, path_um)
-        program, table = shares.motor_offsets_um(simulation.machine, commanded, program_um, path_um, simulation.elcam)
+        program, table = error_budget.motor_offsets_um(
+            simulation.machine, commanded, program_um, path_um, simulation.elcam
+        )
         commanded, guides = commanded - program, guides - table
     if simulation.passes.records:
-        ways_um = (commanded, guides, guides - lag)
-        return _last_ways_um(simulation, ways_um, time_s)
+        tracks_um = (commanded, guides, guides - lag)
+        return _last_tracks_um(simulation, tracks_um, time_s)
     threaded = sum(leg.threads for leg in simulation.legs[1 : simulation.leg + 1])
     longest = np.argsort(np.diff(time_s), kind="stable")[::-1][:threaded]
     begins = np.full(len(simulation.path.contours) - 1, len(time_s))
     begins[:threaded] = np.sort(longest) + 1
-    ways = (np.split(way, begins) for way in (commanded, guides, guides - lag))
-    return list(zip(*ways, strict=True))
+    tracks = (np.split(track, begins) for track in (commanded, guides, guides - lag))
+    return list(zip(*tracks, strict=True))
 
 
-def _last_ways_um(simulation: Simulation, ways_um: tuple[Floats, ...], time_s: Floats) -> list[tuple[Floats, ...]]:
+def _last_tracks_um(
+    simulation: Simulation, tracks_um: tuple[Floats, ...], time_s: Floats
+) -> list[tuple[Floats, ...]]:
     """Return the tracks of the last pass of each contour, because it made the wall; NaN between its pieces."""
     found = []
     for contour, last in enumerate(_last_passes(simulation), 1):
@@ -217,7 +221,7 @@ def _last_ways_um(simulation: Simulation, ways_um: tuple[Floats, ...], time_s: F
         rows = np.flatnonzero(mine)
         # a tab's pass begins elsewhere than the profile's ends
         begins = np.flatnonzero(np.diff(rows) > 1) + 1
-        found.append(tuple(np.insert(way[rows], begins, np.nan, axis=0) for way in ways_um))
+        found.append(tuple(np.insert(track[rows], begins, np.nan, axis=0) for track in tracks_um))
     return found
 
 
@@ -262,14 +266,15 @@ def _discharge_us(machine: Machine, sums: Sums) -> float:
 
 
 def _shares(
-    simulation: Simulation, profiles: list[profile.ProfileError], ways_um: list[tuple[Floats, ...]]
+    simulation: Simulation, profiles: list[profile.ProfileError], tracks_um: list[tuple[Floats, ...]]
 ) -> list[Floats | None]:
     """Split the profile error of each contour into shares; None if the contour has no offset, or leans."""
-    each = zip(profiles, simulation.path.contours, ways_um, _last_passes(simulation), strict=True)
+    each = zip(profiles, simulation.path.contours, tracks_um, _last_passes(simulation), strict=True)
     return [
-        shares.error_shares(profile, contour, ways, last) if contour.offset_um and contour.lean is None else None
-        for profile, contour, ways, last in each
-    ]
+        error_budget.error_shares(profile, contour, tracks, last)
+        if contour.offset_um and contour.lean is None else None
+        for profile, contour, tracks, last in each
+    ]  # fmt: skip
 
 
 def _last_passes(simulation: Simulation) -> list[int | None]:
@@ -284,10 +289,10 @@ def _table(simulation: Simulation, profiles: list[profile.ProfileError]) -> repo
     compensated = elcam is not None and any(table.corrects for table in elcam.tables.values())
     if not compensated and not machine.base.geometry.has_errors:
         return None
-    starts_um = np.cumsum([0.0, *(way.along_um[-1] for way in simulation.path.ways[:-1])])
+    starts_um = np.cumsum([0.0, *(path.along_um[-1] for path in simulation.path.wire_paths[:-1])])
     of_contours = [starts_um[np.array(simulation.path.contour_of) == k] for k in range(len(contours))]
     places = zip(contours, profiles, of_contours, _last_passes(simulation), strict=True)
-    found = [shares.table_error(machine, k, p, elcam, starts, last) for k, p, starts, last in places]
+    found = [error_budget.table_error(machine, k, p, elcam, starts, last) for k, p, starts, last in places]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
     return reports.TableShare(
@@ -321,7 +326,7 @@ def _part(
         of_one for number, of_one in enumerate(zip(contours, profiles, left_um, strict=True), 1)
         if _is_finished(number, of_one[0], simulation.passes.records)
     ]
-    mean_um = shares.mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
+    mean_um = error_budget.mean_error_um(*(zip(*finished, strict=True) if finished else ((), (), ())))
     elements = (
         found
         for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
@@ -383,7 +388,8 @@ def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
     split = [(edge.shares_um, edge.error_um) for edge in scene.maps if edge.shares_um is not None]
     if not split:
         return None
-    return shares.share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
+    shares_um, error_um = np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split])
+    return error_budget.share_stats(shares_um, error_um)
 
 
 def _section(widths: list[kerf.KerfWidth], height_mm: float) -> list[reports.KerfSlice]:
@@ -412,7 +418,7 @@ def _wall(distance_um: Floats) -> reports.Wall:
 
 
 class Recorders(NamedTuple):
-    """The observers of a cut."""
+    """The recorders of a cut."""
 
     windows: WindowTable  # a row per window
     frames: Frames  # the wire's shape, thinned

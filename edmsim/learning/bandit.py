@@ -56,7 +56,7 @@ _Positive = Annotated[FiniteFloat, Field(gt=0)]
 _Share = Annotated[FiniteFloat, Field(ge=0)]
 
 
-class Choices(BaseModel, extra="forbid", frozen=True):
+class BanditChoices(BaseModel, extra="forbid", frozen=True):
     """What a bandit chooses among, and when."""
 
     law: str  # see `edmsim.controllers.from_text`
@@ -82,7 +82,7 @@ class Choices(BaseModel, extra="forbid", frozen=True):
         return self
 
 
-class BanditCard(Choices, frozen=True):
+class BanditCard(BanditChoices, frozen=True):
     """Contents of the file: choices, and a prior."""
 
     format: Literal["edmsim-bandit-1"]  # `FORMAT`
@@ -166,14 +166,14 @@ class Belief(Snapshots):
         return np.asarray(rates + bonus * np.sqrt(np.maximum(lead, 0.0)))
 
 
-def law_of(choices: Choices) -> ServoLaw:
+def law_of(choices: BanditChoices) -> ServoLaw:
     """Make the law of a bandit; raise `InputError` if it is not edmsim's or lacks a parameter of the settings."""
     law = None if ".py:" in choices.law else from_text(choices.law)
     if not isinstance(law, ServoLaw) or isinstance(law, TruthLaw):
         raise InputError(f"a bandit sets a law of edmsim that a machine could have, not '{choices.law}'")
     for setting in choices.settings:
         for name in setting:
-            if not any(hasattr(part, name) for part in law.parts):
+            if not any(hasattr(component, name) for component in law.components):
                 raise InputError(f"the law '{choices.law}' has no parameter '{name}' that could be set")
     return law
 
@@ -232,7 +232,7 @@ class BanditController(Snapshots):
         self.law = law_of(card)
         # the law's own values of parameters that only other settings name
         named = {name for setting in card.settings for name in setting}
-        own = {name: getattr(part, name) for part in self.law.parts for name in named if hasattr(part, name)}
+        own = {name: getattr(one, name) for one in self.law.components for name in named if hasattr(one, name)}
         self._settings = [{**own, **setting} for setting in card.settings]
         self.belief = Belief(card)
         self.path_um = 0.0  # at the end of the last window
@@ -321,8 +321,8 @@ class BanditController(Snapshots):
         return int(np.argmax(self.belief.at_best(self.card.bonus, self.lost_s)))
 
 
-class BanditSettings(Choices, frozen=True):
-    """Settings of a training: those of the policy (see `Choices`), and of its prior."""
+class BanditSettings(BanditChoices, frozen=True):
+    """Settings of a training: those of the policy (see `BanditChoices`), and of its prior."""
 
     machines: Annotated[int, Field(ge=2)]  # training machines, 2 or more
     # segments with each setting on every training machine; the first segment has the first setting, so one setting,
@@ -381,7 +381,7 @@ class Prior(NamedTuple):
 
 def card_of(env_id: str, settings: BanditSettings, prior: Prior, command: str, seed: int, steps: int) -> BanditCard:
     """Return a policy with these settings and this prior; `steps` is the number of segments of its training."""
-    choices = {name: getattr(settings, name) for name in Choices.model_fields}
+    choices = {name: getattr(settings, name) for name in BanditChoices.model_fields}
     versions = {name: version(name) for name in ("edmsim", "numpy")}
     return BanditCard(
         format=FORMAT, env_id=env_id, environment={}, **choices, **prior._asdict(), drift=settings.drift,

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, next_wire, set_up_controller
-from edmsim.envs import part_task, path_follower, servo, sub_envs
-from edmsim.envs.observation import DIALS, EXACT, window_of
+from edmsim.envs import gap_servo, part_task, path_follower, sub_envs
+from edmsim.envs.observation import EXACT, SETUP_ENTRIES, window_of
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, path_corners
 from edmsim.learning import bandit, policy_file
@@ -45,7 +45,7 @@ class PolicyController(Snapshots):
         self._family = policy.family()
         self._builder = sub_envs.ObservationBuilder(self._family, 1, EXACT)  # the machine's sensors add their errors
         self._rows: NDArray[np.void] = np.zeros(1, path_follower.SUB_ENV)  # the state of a sub-environment
-        self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
+        self._servo: NDArray[np.void] = np.zeros(1, gap_servo.SERVO)
         self._memory: Floats = policy.fresh_memory()
         residual = policy.card.residual
         self._law = None if residual is None else residual.make()
@@ -84,7 +84,7 @@ class PolicyController(Snapshots):
         self._path_um = self._start_um
         self._rows[:] = np.zeros((), path_follower.SUB_ENV)
         self._builder.begin(0, self._rows[0], self._machine)
-        servo.begin(self._servo[0], self._feed_um_s)
+        gap_servo.begin(self._servo[0], self._feed_um_s)
         self._memory = self.policy.fresh_memory()
         if self._law is not None:
             self._law_um_s = self._law.reset(max_feed_um_s).feed_um_s
@@ -101,7 +101,7 @@ class PolicyController(Snapshots):
         if row["shorted_s"] > path_follower.SHORTED_S:
             return FeedCommand(0.0, "persistent short")
         if self._family.action == "servo":
-            servo.respond(_ONLY, self._servo, window_of(window), self._limit_um_s, *self._family.servo_gains)
+            gap_servo.respond(_ONLY, self._servo, window_of(window), self._limit_um_s, *self._family.servo_gains)
         if self._law is not None:
             self._law_um_s = self._law.update(window).feed_um_s
         if self._builder.sums[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
@@ -124,7 +124,7 @@ class PolicyController(Snapshots):
         self._builder.lose_wire(0, row, self._setting_us)
         self._setting_us = tuple(self._first_us.tolist())
         self._feed_um_s = self._family.first_feed_um_s
-        servo.begin(self._servo[0], self._feed_um_s)
+        gap_servo.begin(self._servo[0], self._feed_um_s)
         if self._law is not None:
             self._law_um_s = next_wire(self._law, self._limit_um_s).feed_um_s
         if self._family.counts_threading or self._family.decision_s is None:  # a step of the environment ends
@@ -137,17 +137,17 @@ class PolicyController(Snapshots):
         """Name the dials of a machine that are far from those of the training."""
         card, texts = self.policy.card, []
         trained = {entry.name: entry for entry in card.observation}
-        for dial in DIALS:
-            if (entry := trained.get(dial.name)) is None:  # a policy made in code may name no entries
+        for setting in SETUP_ENTRIES:
+            if (entry := trained.get(setting.name)) is None:  # a policy made in code may name no entries
                 continue
-            assert dial.value is not None
-            value = float(dial.value(machine))
+            assert setting.value is not None
+            value = float(setting.value(machine))
             deviation = math.sqrt(entry.variance + card.epsilon)
             if abs(value - entry.mean) > FAR_DEVIATIONS * deviation:
-                size, unit = dial.divisor.split()
+                size, unit = setting.divisor.split()
                 here, mean, spread = (float(size) * each for each in (value, entry.mean, deviation))
                 texts.append(
-                    f"the {dial.quantity.partition(',')[0]} is {here:.3g} {unit}, but the policy was trained at "
+                    f"the {setting.quantity.partition(',')[0]} is {here:.3g} {unit}, but the policy was trained at "
                     f"{mean:.3g} {unit} (standard deviation {spread:.1g}): what it does here was not learned"
                 )
         return texts
@@ -192,7 +192,7 @@ class PolicyController(Snapshots):
         if self.policy.card.residual is not None:
             action[0] = self.policy.card.residual.action(self._family, self._law_um_s, float(np.float32(action[0])))
         if self._family.action == "servo":
-            self._servo["target"] = servo.target_of(action[0], self._family.servo_target_share)
+            self._servo["target"] = gap_servo.target_of(action[0], self._family.servo_target_share)
         else:
             feed = float(self._family.next_feed_um_s(np.array([self._feed_um_s]), action[:1])[0])
             self._feed_um_s = min(max(feed, -self._limit_um_s), self._limit_um_s)

@@ -20,8 +20,8 @@ from pydantic import ValidationError
 from edmsim import models
 from edmsim.errors import InputError, one_of, refuse_unknown, refused_entry, refuses_wrong_types
 from edmsim.files import read_text
+from edmsim.machine.components import Base, Component, Constant, Generator, Material, SetUp, Wire
 from edmsim.machine.options import USUAL_MACHINE, Choices, Kind, SetUpOptions, available, refusal, show
-from edmsim.machine.parts import Base, Constant, Generator, Material, Part, SetUp, Wire
 from edmsim.machine.ranges import sample, uncertain
 from edmsim.machine.setting import check, check_pulses
 from edmsim.numeric import finite
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 # Files of a set-up: those under `models/` by name, users' own files by path.
 
 _MOST_BYTES = 1_000_000
-_Part = TypeVar("_Part", bound=Part)
+_Component = TypeVar("_Component", bound=Component)
 
 
-def read(part: type[_Part], kind: Kind, name: str) -> _Part:
-    """Read a part of a set-up by its name under `models/`, or from a user's TOML file.
+def read(component: type[_Component], kind: Kind, name: str) -> _Component:
+    """Read a component of a set-up by its name under `models/`, or from a user's TOML file.
 
     A file with ``like = "agiecut-dem15"`` takes its missing constants from this file of the package.
     """
@@ -46,7 +46,7 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
     else:
         file, text = f"models/{kind}/{name}.toml", _our_file(kind, name)
     try:
-        return part.model_validate(_on_its_like(tomllib.loads(text), kind, file))
+        return component.model_validate(_on_its_like(tomllib.loads(text), kind, file))
     except ValidationError as error:
         key, reason = refused_entry(error)
         raise InputError(f"key '{key}': {reason}" if key else reason, file) from None
@@ -132,7 +132,7 @@ class Machine(SetUp):
     Attributes
     ----------
     name, wire_name, material_name, generator_name : str
-        Files of the parts under `models/`.
+        Files of the components under `models/`.
     wire_diameter_um : float
         20..400.
     tension : float
@@ -152,11 +152,11 @@ class Machine(SetUp):
     8.0
     """
 
-    def __init__(self, *unnamed: object, **parts: Any) -> None:
-        if unnamed or not parts:
+    def __init__(self, *unnamed: object, **components: Any) -> None:
+        if unnamed or not components:
             names = ", ".join(map(repr, unnamed[:1]))
             raise InputError(f"a machine is read from its files: edmsim.Machine.load({names})")
-        super().__init__(**parts)
+        super().__init__(**components)
 
     @staticmethod
     @_loads(SetUpOptions)

@@ -97,7 +97,7 @@ def as_text(file: Any) -> Any:
 TextOrPath = Annotated[str, BeforeValidator(as_text)]  # a text, for which a path is also accepted
 
 
-class PartOptions(Options):
+class ComponentOptions(Options):
     """The files of a set-up, and options that every set-up has."""
 
     material: Annotated[TextOrPath, Names(lambda: available("materials"), "your own TOML file")] = "tool-steel"
@@ -150,7 +150,7 @@ class Choices(Options):
     """Distance of the upper nozzle from the workpiece in mm, as for the lower one."""
 
 
-class SetUpOptions(Choices, PartOptions):
+class SetUpOptions(Choices, ComponentOptions):
     """Options of `edmsim.Machine.load` without the machine's name."""
 
 

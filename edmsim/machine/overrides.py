@@ -7,8 +7,8 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
 from edmsim.errors import InputError, one_of, refused_entry
+from edmsim.machine.components import Base, Component, Constant, Material, Wire
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Base, Constant, Material, Part, Wire
 from edmsim.machine.ranges import with_constants
 from edmsim.numeric import finite
 
@@ -19,11 +19,11 @@ OPTIONS = {"wire.stress_MPa": "tension", "wire.default_diameter_um": "wire, as b
 def _fields() -> dict[str, FieldInfo]:
     """Return the declarations of all constants of machine, wire and material, also of optional ones."""
     tables = {name: field.annotation for name, field in Base.model_fields.items()}
-    parts = {**tables, "wire": Wire, "material": Material}
+    components = {**tables, "wire": Wire, "material": Material}
     return {
         f"{section}.{key}": field
-        for section, part in parts.items() if isinstance(part, type) and issubclass(part, Part)
-        for key, field in part.model_fields.items() if _kind(field.annotation) is not None
+        for section, kind in components.items() if isinstance(kind, type) and issubclass(kind, Component)
+        for key, field in kind.model_fields.items() if _kind(field.annotation) is not None
     }  # fmt: skip
 
 
@@ -81,9 +81,9 @@ def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> 
         check_names([name])
         changed[name] = _checked(name, value)
     changed_machine = with_constants(machine, changed)
-    for name, part in (("machine", changed_machine.base), ("wire", changed_machine.wire)):
+    for name, component in (("machine", changed_machine.base), ("wire", changed_machine.wire)):
         try:
-            type(part).model_validate(part.model_dump())
+            type(component).model_validate(component.model_dump())
         except ValidationError as error:
             section, reason = refused_entry(error)
             raise InputError(f"constants of {section or name} do not go together: {reason}") from None

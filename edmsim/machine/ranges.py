@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from edmsim.errors import InputError
-from edmsim.machine.parts import Constant, Part, SetUp
+from edmsim.machine.components import Component, Constant, SetUp
 from edmsim.machine.setting import check
 
 _SetUp = TypeVar("_SetUp", bound=SetUp)
@@ -23,8 +23,8 @@ def uncertain(machine: SetUp) -> dict[str, Constant]:
     """Return the constants that have a range, by section and name; see `Machine.uncertain`."""
     return {
         f"{section}.{name}": value
-        for section, part in _sections(machine).items()
-        for name, value in vars(part).items()
+        for section, component in _sections(machine).items()
+        for name, value in vars(component).items()
         if isinstance(value, Constant) and value.range is not None
     }
 
@@ -76,9 +76,9 @@ def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
     return {name: constant for name, constant in known.items() if name in names}
 
 
-def _sections(machine: SetUp) -> dict[str, Part]:
+def _sections(machine: SetUp) -> dict[str, Component]:
     """Parts of a machine whose ranges are uncertainty, by the name of their table or kind of file."""
-    tables = {name: part for name, part in vars(machine.base).items() if isinstance(part, Part)}
+    tables = {name: component for name, component in vars(machine.base).items() if isinstance(component, Component)}
     return {**tables, "wire": machine.wire, "material": machine.material}
 
 
@@ -102,7 +102,7 @@ def values_of(machine: SetUp, names: Iterable[str]) -> dict[str, float]:
 
 
 def _named(machine: SetUp, names: Iterable[str]) -> dict[str, Constant]:
-    sections = {name: vars(part) for name, part in _sections(machine).items()}
+    sections = {name: vars(component) for name, component in _sections(machine).items()}
     parted = {name: name.partition(".") for name in names}
     return {name: sections[section][key] for name, (section, _, key) in parted.items()}
 
@@ -120,7 +120,7 @@ def with_constants(machine: _SetUp, constants: Mapping[str, Constant]) -> _SetUp
         section, _, key = name.partition(".")
         changed.setdefault(section, {})[key] = constant
     sections = _sections(machine)
-    parts = {section: sections[section].changed(new) for section, new in changed.items()}
-    base = machine.base.changed({k: v for k, v in parts.items() if k not in ("wire", "material")})
-    outside = {k: v for k, v in parts.items() if k in ("wire", "material")}
+    components = {section: sections[section].changed(new) for section, new in changed.items()}
+    base = machine.base.changed({k: v for k, v in components.items() if k not in ("wire", "material")})
+    outside = {k: v for k, v in components.items() if k in ("wire", "material")}
     return machine.model_copy(update={"base": base, **outside})

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 from edmsim.errors import CombinationError, InputError, refuse_unknown
+from edmsim.machine.components import Constant, SetUp
 from edmsim.machine.options import Choices, SetUpOptions, bare_name, limits_of, unit_of
-from edmsim.machine.parts import Constant, SetUp
 
 WINDOW_PULSES = 255  # pulses of a window: the cycle of the analyser that counts them (row T-40)
 AIR_SHARE = 0.9  # share of open pulses above which no metal is near the wire (ours)

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar
 from pydantic import Field, model_validator
 
 from edmsim.errors import InputError, refuses_wrong_types
+from edmsim.machine.components import Component
 from edmsim.machine.machine import Machine, read, read_wire
 from edmsim.machine.options import USUAL_MACHINE, SetUpOptions, available
-from edmsim.machine.parts import Part
 from edmsim.numeric import Number
 
 _BEYOND = 1.6  # greatest ratio of a height to the nearest height of a technology (ours)
@@ -23,10 +23,10 @@ _NEAR_WIRE = 0.02
 0.254 mm, ten thousandths of an inch, are one size)."""
 _Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 _Any = Annotated[Number, Field(allow_inf_nan=False)]
-_Part = TypeVar("_Part", bound=Part)
+_Component = TypeVar("_Component", bound=Component)
 
 
-class FoundPass(Part):
+class FoundPass(Component):
     """Results of a pass when the technology was found: feed, removed stock, roughness and bow of a straight cut."""
 
     feed_mm_min: _Any
@@ -35,7 +35,7 @@ class FoundPass(Part):
     bow_um: _Any
 
 
-class PassSetting(Part):
+class PassSetting(Component):
     """Setting of a pass at one height."""
 
     generator: str
@@ -94,7 +94,7 @@ def machine_of(one: PassSetting, machine: str, material: str, wire: str, height_
     return Machine.load(machine, material=material, wire=wire, height_mm=height_mm, **of_pass)
 
 
-class AtHeight(Part):
+class AtHeight(Component):
     """The passes of a technology at one height, from rough to last, and the factor on the feed of a lead-in."""
 
     height_mm: _Above
@@ -119,7 +119,7 @@ class PassTable(NamedTuple):
     notices: tuple[str, ...]
 
 
-class Technology(Part):
+class Technology(Component):
     """Settings of passes for a machine, a material and a wire."""
 
     title: str
@@ -221,7 +221,7 @@ def _between(low: AtHeight, high: AtHeight, share: float, height_mm: float) -> A
     )
 
 
-def _mixed(a: _Part, b: _Part, share: float) -> _Part:
+def _mixed(a: _Component, b: _Component, share: float) -> _Component:
     values: dict[str, Any] = {}
     for name in type(a).model_fields:
         one, other = getattr(a, name), getattr(b, name)
@@ -229,7 +229,7 @@ def _mixed(a: _Part, b: _Part, share: float) -> _Part:
             positive = one > 0 and other > 0
             mixed = one * (other / one) ** share if positive else one + share * (other - one)
             values[name] = max(mixed, min(one, other, 0.0))
-        elif isinstance(one, Part):
+        elif isinstance(one, Component):
             values[name] = _mixed(one, other, share)
         else:
             values[name] = one if share < 0.5 else other

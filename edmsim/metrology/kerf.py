@@ -146,7 +146,7 @@ class WallError:
 def wall_error(field: KerfField, cut_pass: CutPass, part_side: str, wire_diameter_um: float) -> WallError:
     """Measure the wall on the part's side of a pass, across its path; a leaning wall perpendicular to the wall."""
     side = part_side if not cut_pass.reversed else "right" if part_side == "left" else "left"
-    middle_um = cut_pass.way.at_mid_height()
+    middle_um = cut_pass.wire_path.at_mid_height()
     line = _line_of(middle_um, cut_pass)
     s_mm = np.arange(STEP_MM / 2, line.length, STEP_MM)
 
@@ -159,10 +159,11 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: str, wire_diamete
         s_mm = s_mm[_looked_at(field, line, s_mm)]
         return _summed(s_mm, error_um(line, s_mm)) if len(s_mm) else unknown_wall((math.nan,) * field.n_slices)
     # for a leaning wire, slice by slice at the same shares of the path length
-    found_um, slants = np.full((field.n_slices, len(s_mm)), np.nan), cut_pass.way.slant[cut_pass.approach_moves :]
+    found_um = np.full((field.n_slices, len(s_mm)), np.nan)
+    slants = cut_pass.wire_path.slant[cut_pass.approach_moves :]
     passed_mm = arc_lengths(middle_um[cut_pass.approach_moves :] * 1e-3)
     for number, z in enumerate(profile.slice_heights_mm(field, cut_pass.lean.height_mm).tolist()):
-        there = _line_of(cut_pass.way.at_height(z), cut_pass)
+        there = _line_of(cut_pass.wire_path.at_height(z), cut_pass)
         own_mm = s_mm / line.length * there.length
         known = _looked_at(field, there, own_mm)
         slant = slants[np.clip(np.searchsorted(passed_mm, s_mm[known], side="right") - 1, 0, len(slants) - 1)]

@@ -188,9 +188,9 @@ class _WireTrack:
             return np.full(len(points), np.nan)
         nearest = scipy.spatial.cKDTree(middle[on_part_side]).query(points, NEAR_SEGMENTS)[1]
         start, stop = segments[on_part_side][nearest].transpose(2, 0, 1, 3)
-        along, way = stop - start, points[:, None] - start
-        share = np.clip((way * along).sum(axis=-1) / (along**2).sum(axis=-1), 0.0, 1.0)
-        distance = np.linalg.norm(way - share[..., None] * along, axis=-1).min(axis=1)
+        along, from_start = stop - start, points[:, None] - start
+        share = np.clip((from_start * along).sum(axis=-1) / (along**2).sum(axis=-1), 0.0, 1.0)
+        distance = np.linalg.norm(from_start - share[..., None] * along, axis=-1).min(axis=1)
         return np.where(distance <= FARTHEST_WALL_MM, distance, np.nan)
 
 

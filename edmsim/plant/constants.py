@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine import setting
+from edmsim.machine.components import BOILING_K, Component
 from edmsim.machine.machine import Machine, mjcf_version
-from edmsim.machine.parts import BOILING_K, Part
 from edmsim.plant.gap import gas
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.generator import crater_um3, switched_off, timing
 from edmsim.plant.gap.water import AMBIENT_PA, Jets, face_Pa, jets, kerf_jets, permittivity_ratio, viscosity_ratio
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, Arrays, Constants, Propagators, Timing
-from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.full_model import DriveSetup, FullMechanics, TableMechanics
 from edmsim.plant.mechanics.modal import fill_table, fill_wire
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, modes_with, screw_constants
+from edmsim.plant.mechanics.squeeze_film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
@@ -84,9 +84,9 @@ def _kerf_um(machine: Machine) -> float:
     return machine.wire_diameter_um + 2 * machine.base.dielectric.side_gap_um.value
 
 
-def _same_names(part: Part) -> dict[str, Any]:
-    """Return the constants of a part that the loop uses unchanged, by the same names."""
-    return {name: constant.value for name, constant in part if name in Constants._fields}
+def _same_names(component: Component) -> dict[str, Any]:
+    """Return the constants of a component that the loop uses unchanged, by the same names."""
+    return {name: constant.value for name, constant in component if name in Constants._fields}
 
 
 def constants(machine: Machine, res: Resolution) -> Constants:

@@ -19,7 +19,7 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from, whole_within
 from edmsim.plant import constants
 from edmsim.plant.axes.drives import AXIS_NAMES, FAULTS, AxisDrive, Drives, break_axis, reason, reason_of_delay
-from edmsim.plant.axes.ways import ways_of
+from edmsim.plant.axes.geometric_errors import geometric_errors_of
 from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
 from edmsim.plant.kernel import state as loop
@@ -149,14 +149,15 @@ class Plant:
         self._settings = constants.settings_of(machine, res)
 
     def _set_up_drives(self, machine: Machine, drives: Mapping[str, AxisDrive]) -> None:
-        ways, travel_um = ways_of(machine, nuts=self.mechanics == "modal"), machine.base.table.travel_mm.value * 1e3
-        follows_from = ways.tobytes(), travel_um, machine.wire_diameter_um
+        errors = geometric_errors_of(machine, nuts=self.mechanics == "modal")
+        travel_um = machine.base.table.travel_mm.value * 1e3
+        follows_from = errors.tobytes(), travel_um, machine.wire_diameter_um
         if follows_from == self._drives_follow_from and not drives:
             return
         self._drives_follow_from = follows_from
         screws = constants.screws(machine) if drives else {}
         stray_um = 0.5 * machine.wire_diameter_um
-        self._drives = Drives(drives, travel_um, self._sizes, screws, ways, stray_um)
+        self._drives = Drives(drives, travel_um, self._sizes, screws, errors, stray_um)
         self._memory.put(self._drives.axes)
         self.drives = self._drives.by_axis
 

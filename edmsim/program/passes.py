@@ -20,7 +20,7 @@ from edmsim.errors import InputError, methods_refuse_wrong_types
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.program.offset import OffsetOutline, dwells_along
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
-from edmsim.program.taper import GuideHeights, Lean, Ruled, Way, guides_for
+from edmsim.program.taper import GuideHeights, Lean, Ruled, WirePath, guides_for
 
 AfterTab = Literal["stop", "cut"]
 """``stop``: the machine stops before the tab, so the piece can be glued; ``cut``: it continues, a slug falls."""
@@ -90,13 +90,13 @@ class CutPass:
     dwells: tuple[tuple[int, float], ...] = ()  # ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4)
 
     @property
-    def way(self) -> Way:
+    def wire_path(self) -> WirePath:
         """The lower guide's path and the wire's inclination."""
-        return Way(self.points_um, self.lean)
+        return WirePath(self.points_um, self.lean)
 
     def at_height(self, height_mm: float) -> CutPass:
         """Return a leaning wire's pass at a height as that of a vertical wire, in whole um."""
-        return replace(self, points_um=self.way.at_height(height_mm), lean=None)
+        return replace(self, points_um=self.wire_path.at_height(height_mm), lean=None)
 
     def moved(self, by_um: NDArray[np.int64]) -> CutPass:
         """Return the pass, moved on the table."""
@@ -106,7 +106,7 @@ class CutPass:
     @property
     def length_mm(self) -> float:
         """Length of the pass without its approach."""
-        along_um = self.way.along_um
+        along_um = self.wire_path.along_um
         return float(along_um[-1] - along_um[self.approach_moves]) * 1e-3
 
 
@@ -164,7 +164,7 @@ class Stretch:
         )  # fmt: skip
 
 
-def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
+def stretches_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     """Return the stretches of all passes along one outline, at the plan's offsets."""
     if legs[0].outline.wire_side is None:
         raise InputError("the wire follows it as drawn: passes run beside an edge, under G41 or G42")
@@ -172,14 +172,14 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     spans = _spans(lines, plan)
     for number, (piece, *ends) in enumerate(spans):
         k = number % len(lines)
-        way = lines[k].stretch(k + 1, piece, *ends)
-        if piece == "tab" and len(way.points) < 2:
+        stretch = lines[k].stretch(k + 1, piece, *ends)
+        if piece == "tab" and len(stretch.points) < 2:
             raise InputError(f"the tab of {plan.tab_mm:g} mm lies in an inner corner, all of it beside one point of "
                              "the wire's path: give a longer tab, or begin the contour further from the corner")
         frees = legs[0].outline.closed and k == 0 and piece == spans[-1][0]
-        way = replace(way, frees=frees, falls=frees and plan.after_tab == "cut")
+        stretch = replace(stretch, frees=frees, falls=frees and plan.after_tab == "cut")
         back = (number % 2 == 1) != (piece == "tab")  # a tab is cut on from where the profile's last pass ended
-        found.append(_Leg(lines[k], way, (ends[0], ends[1]), back))
+        found.append(_Leg(lines[k], stretch, (ends[0], ends[1]), back))
     return _linked(found)
 
 
@@ -210,7 +210,7 @@ class _Leg(NamedTuple):
     """A pass between two lengths of the edge, in the edge's direction, and whether it is cut backwards."""
 
     line: _Line
-    way: Stretch
+    stretch: Stretch
     ends: tuple[float, float]
     back: bool
 
@@ -220,13 +220,13 @@ LINK_MM = 1e-3  # a link between two passes may come this much nearer to the par
 
 def _linked(legs: Sequence[_Leg]) -> list[Stretch]:
     """Return the stretches in order, with a link along the edge if a straight one would cut into the part."""
-    ways = [leg.way.backwards() if leg.back else leg.way for leg in legs]
+    stretches = [leg.stretch.backwards() if leg.back else leg.stretch for leg in legs]
     for k, (before, leg) in enumerate(pairwise(legs), 1):
-        straight = shapely.LineString([ways[k - 1].points[-1], ways[k].points[0]])
+        straight = shapely.LineString([stretches[k - 1].points[-1], stretches[k].points[0]])
         nearest = min(before.line.leg.offset_mm, leg.line.leg.offset_mm)
         if leg.line.edge.distance(straight) < nearest - LINK_MM:
-            ways[k] = ways[k].behind(_link(before, leg))
-    return ways
+            stretches[k] = stretches[k].behind(_link(before, leg))
+    return stretches
 
 
 def _link(before: _Leg, leg: _Leg) -> Stretch:
@@ -235,8 +235,9 @@ def _link(before: _Leg, leg: _Leg) -> Stretch:
     start, stop = before.ends[0 if before.back else 1], leg.ends[1 if leg.back else 0]
     if outer.leg.outline.closed:  # without another full turn
         start += outer.length * round((stop - start) / outer.length)
-    way = replace(outer.stretch(leg.way.number, leg.way.piece, min(start, stop), max(start, stop)), dwells=())
-    return way if start <= stop else way.backwards()
+    own = leg.stretch
+    link = replace(outer.stretch(own.number, own.piece, min(start, stop), max(start, stop)), dwells=())
+    return link if start <= stop else link.backwards()
 
 
 def _short_mm(rough_mm: float, offset_mm: float) -> float:
@@ -264,10 +265,10 @@ class _Line:
 
     def whole(self, number: int, back: bool) -> Stretch:
         """Return the whole path as a pass; `back`: its direction is opposite to that of the first pass."""
-        way = self._between(number, "profile", 0.0, self._rows)
+        stretch = self._between(number, "profile", 0.0, self._rows)
         own = len(self.leg.outline.approach_mm)  # a dwell on the way from the previous pass is put before this pass
         waits = tuple((0, seconds) for i, seconds in self.leg.outline.dwells if i < own and number > 1)
-        return replace(way, reversed=back, dwells=(*waits, *way.dwells))
+        return replace(stretch, reversed=back, dwells=(*waits, *stretch.dwells))
 
     def _between(self, number: int, piece: Piece, start_mm: float, rows: Floats) -> Stretch:
         """Return a stretch of points (and slopes if the wire leans), `rows`, which begin at a length of the path."""
@@ -351,64 +352,65 @@ def begins_at(outline: Outline, place_mm: Floats) -> bool:
     return bool(np.hypot(*(outline.points_mm[0] - place_mm)) <= JOIN_TOLERANCE_MM * 10)
 
 
-def ways_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Lead | None]) -> list[Stretch]:
+def stretches_of_group(legs: Sequence[OffsetOutline], leads: Sequence[Lead | None]) -> list[Stretch]:
     """Return the stretches of a program's own passes along one edge, each after its lead-in, if any."""
     check_offsets([leg.offset_mm for leg in legs], legs[-1].outline.line)
-    first, ways = legs[0].outline, []
+    first, stretches = legs[0].outline, []
     for number, (leg, lead) in enumerate(zip(legs, leads, strict=True), 1):
-        way = _Line(leg).whole(number, runs_back(first, leg.outline))
-        way = replace(way, frees=first.closed and number == 1)
+        stretch = _Line(leg).whole(number, runs_back(first, leg.outline))
+        stretch = replace(stretch, frees=first.closed and number == 1)
         if lead is not None:
-            way = way.behind(Stretch(number, "profile", lead.points, leg.offset_mm, False))
-            way = replace(way, threads=not leg.outline.continues, parted=lead.parted)
-        ways.append(way)
-    return ways
+            stretch = stretch.behind(Stretch(number, "profile", lead.points, leg.offset_mm, False))
+            stretch = replace(stretch, threads=not leg.outline.continues, parted=lead.parted)
+        stretches.append(stretch)
+    return stretches
 
 
 def on_grid(
-    ways: Sequence[Stretch], lead: Floats, grid_um: int, waits: Sequence[tuple[int, float]] = ()
+    stretches: Sequence[Stretch], lead: Floats, grid_um: int, waits: Sequence[tuple[int, float]] = ()
 ) -> tuple[CutPass, ...]:
     """Convert stretches to passes in whole um; each begins at the previous end, the first where `lead` begins."""
     # the lead (k, 2) goes from the start hole to the first stretch; `waits` has indices into it
     passes: list[CutPass] = []
     before = lead
-    for way in ways:
-        apart = way.threads or way.parted  # from where the previous pass ended
+    for stretch in stretches:
+        apart = stretch.threads or stretch.parted  # from where the previous pass ended
         before = before[:0] if apart else before
-        known = np.concatenate([before, way.points])
-        dwells = (*waits, *((len(before) + i, seconds) for i, seconds in way.dwells))
-        joined = _guided(known, way, len(before), passes[-1] if passes and not apart else None, grid_um)
+        known = np.concatenate([before, stretch.points])
+        dwells = (*waits, *((len(before) + i, seconds) for i, seconds in stretch.dwells))
+        joined = _guided(known, stretch, len(before), passes[-1] if passes and not apart else None, grid_um)
         joined, moves, dwells = joined.moving(dwells)
         passes.append(
             CutPass(
-                way.number, way.piece, joined.points_um, int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000, way.reversed, way.frees, way.falls, way.threads, joined.lean, dwells,
+                stretch.number, stretch.piece, joined.points_um, int(moves[: len(before) + stretch.leads].sum()),
+                stretch.offset_mm * 1000, stretch.reversed, stretch.frees, stretch.falls, stretch.threads,
+                joined.lean, dwells,
             )
         )
-        before, waits = way.points[-1:], ()
+        before, waits = stretch.points[-1:], ()
     return tuple(passes)
 
 
 def holds(passes: Sequence[CutPass]) -> bool:
     """Return whether the piece is still held at the end of the rough pass, by its tab if there is one."""
-    ways = [shapely.LineString(one.way.at_mid_height()) for one in passes if one.number == 1]
-    around, parted = (_inside_um2(some, passes[0].offset_um) for some in (ways[:1], ways))
-    return len(ways) == 1 or 2 * around <= parted
+    lines = [shapely.LineString(one.wire_path.at_mid_height()) for one in passes if one.number == 1]
+    around, parted = (_inside_um2(some, passes[0].offset_um) for some in (lines[:1], lines))
+    return len(lines) == 1 or 2 * around <= parted
 
 
-def _inside_um2(ways: Sequence[shapely.LineString], offset_um: float) -> float:
-    """Return the area of the largest piece of metal surrounded by cuts along `ways`."""
-    cuts = shapely.get_parts(shapely.MultiLineString(ways).buffer(offset_um))
+def _inside_um2(lines: Sequence[shapely.LineString], offset_um: float) -> float:
+    """Return the area of the largest piece of metal surrounded by cuts along `lines`."""
+    cuts = shapely.get_parts(shapely.MultiLineString(lines).buffer(offset_um))
     return float(max((shapely.Polygon(ring).area for cut in cuts for ring in cut.interiors), default=0.0))
 
 
-def _guided(known_mm: Floats, way: Stretch, leads: int, before: CutPass | None, grid_um: int) -> Way:
+def _guided(known_mm: Floats, stretch: Stretch, leads: int, before: CutPass | None, grid_um: int) -> WirePath:
     """Round a stretch, after `leads` points with a vertical wire, to the grid; begin where pass `before` ended."""
-    if way.tilt is None:
-        return Way(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)
-    slope, wall, guides = way.tilt
+    if stretch.tilt is None:
+        return WirePath(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)
+    slope, wall, guides = stretch.tilt
     slope = np.concatenate([np.zeros((leads, 2)), slope])
     points, upper, bends = guides_for(known_mm, 0.5 * guides.height_mm, slope, guides, grid_um)
     if before is not None and before.lean is not None:
         points[0], upper[0] = before.points_um[-1], before.lean.upper_um[-1]
-    return Way(points, Lean(upper, bends, wall, guides.height_mm))
+    return WirePath(points, Lean(upper, bends, wall, guides.height_mm))

@@ -40,11 +40,11 @@ from edmsim.program.passes import (
     grouped,
     holds,
     on_grid,
-    ways_of,
-    ways_of_group,
+    stretches_of,
+    stretches_of_group,
 )
 from edmsim.program.tables import GREATEST_MM, in_um, read_conditions, read_offsets
-from edmsim.program.taper import GOUGE_MM, GuideHeights, Lean, Way, guides_for, leaning
+from edmsim.program.taper import GOUGE_MM, GuideHeights, Lean, WirePath, guides_for, leaning
 
 
 @refuses_wrong_types
@@ -150,7 +150,7 @@ def load_program(
         if upper_layer is None:
             return read_dxf(path, layers, unit)
         return ruled_between(read_dxf(path, layers, unit, upper_layer), read_dxf(path, [upper_layer], unit))
-    from edmsim.program.gcode import read_gcode
+    from edmsim.program.gcode_outlines import read_gcode
 
     return read_gcode(
         path, ignore, {} if offsets is None else read_offsets(offsets), dialect,
@@ -194,14 +194,14 @@ class WireContour:
     continues: bool = False  # whether the wire stays threaded from the previous contour
 
     @property
-    def way(self) -> Way:
+    def wire_path(self) -> WirePath:
         """The lower guide's path and the wire's inclination; for several passes, of the last, all round."""
-        return Way(self.points_um, self.lean)
+        return WirePath(self.points_um, self.lean)
 
     @property
-    def ways(self) -> tuple[Way, ...]:
+    def wire_paths(self) -> tuple[WirePath, ...]:
         """The wire's paths in order: one per pass."""
-        return tuple(one.way for one in self.passes) or (self.way,)
+        return tuple(one.wire_path for one in self.passes) or (self.wire_path,)
 
     def at_height(self, height_mm: float) -> Self:
         """Return the contour of a leaning wire at a height as that of a vertical wire, in whole um.
@@ -210,9 +210,9 @@ class WireContour:
         """
         if self.lean is None:
             return self
-        own = self.way.slant[self.lead_in_moves :]
+        own = self.wire_path.slant[self.lead_in_moves :]
         return replace(
-            self, points_um=self.way.at_height(height_mm), nominal_mm=self.lean.wall.at(height_mm), lean=None,
+            self, points_um=self.wire_path.at_height(height_mm), nominal_mm=self.lean.wall.at(height_mm), lean=None,
             offset_um=self.offset_um * float(own.max(initial=1.0)),
             passes=tuple(one.at_height(height_mm) for one in self.passes),
         )
@@ -227,20 +227,20 @@ class WireContour:
         return (not self.continues, *(one.threads for one in self.passes[1:]))
 
     @property
-    def ways_um(self) -> tuple[NDArray[np.int64], ...]:
+    def guide_paths_um(self) -> tuple[NDArray[np.int64], ...]:
         """The lower guide's paths (n, 2) in order."""
-        return tuple(way.points_um for way in self.ways)
+        return tuple(path.points_um for path in self.wire_paths)
 
     @property
     def reach_um(self) -> tuple[NDArray[np.int64], ...]:
         """Paths that must fit on the table: the guide's and, if the wire leans, both faces'."""
         faces = () if self.lean is None else (0.0, self.lean.height_mm)
-        return (*self.ways_um, *(way.at_height(z) for z in faces for way in self.ways))
+        return (*self.guide_paths_um, *(path.at_height(z) for z in faces for path in self.wire_paths))
 
     @property
     def length_um(self) -> float:
         """Total length of the paths."""
-        return sum(float(way.along_um[-1]) for way in self.ways)
+        return sum(float(path.along_um[-1]) for path in self.wire_paths)
 
     @property
     def waiting_s(self) -> float:
@@ -277,24 +277,24 @@ class CutPath:
     notices: tuple[str, ...]  # decisions of the reader that you should know
     source: str  # the program's file
     conditions: Conditions = field(default_factory=Conditions)  # the program's settings for each pass
-    # index of the contour of every way in cutting order; empty if all passes of a contour follow one another
+    # index of the contour of every wire path in cutting order; empty if all passes of a contour follow one another
     order: tuple[int, ...] = ()
 
     @property
     def contour_of(self) -> tuple[int, ...]:
-        """Index of the contour of every way, in cutting order."""
-        return self.order or tuple(k for k, contour in enumerate(self.contours) for _ in contour.ways)
+        """Index of the contour of every wire path, in cutting order."""
+        return self.order or tuple(k for k, contour in enumerate(self.contours) for _ in contour.wire_paths)
 
     @property
     def cuts(self) -> list[tuple[WireContour, int]]:
-        """Contour and number of every way, from 0, in cutting order."""
+        """Contour and number of every wire path, from 0, in cutting order."""
         numbers = [count() for _ in self.contours]
         return [(self.contours[k], next(numbers[k])) for k in self.contour_of]
 
     @property
-    def ways(self) -> list[Way]:
+    def wire_paths(self) -> list[WirePath]:
         """The wire's paths in cutting order."""
-        return [contour.ways[number] for contour, number in self.cuts]
+        return [contour.wire_paths[number] for contour, number in self.cuts]
 
     @property
     def passes(self) -> int:
@@ -310,7 +310,7 @@ class CutPath:
     def start_holes_um(self) -> NDArray[np.int64]:
         """Places (n, 2) where the wire is threaded."""
         contours = self.contours
-        return np.array([w[0] for c in contours for w, new in zip(c.ways_um, c.threads, strict=True) if new])
+        return np.array([w[0] for c in contours for w, new in zip(c.guide_paths_um, c.threads, strict=True) if new])
 
     @property
     def offset_um(self) -> float | None:
@@ -425,8 +425,8 @@ def plan_path(
         ]
         in_passes = any(len(of_group) > 1 for of_group in legs)
         contours = [
-            _contour_of(of_group, lead, [None, *ways], passes, in_passes, grid_um)
-            for of_group, lead, ways in zip(legs, leads, later, strict=True)
+            _contour_of(of_group, lead, [None, *later_leads], passes, in_passes, grid_um)
+            for of_group, lead, later_leads in zip(legs, leads, later, strict=True)
         ]
         notices += [
             f"the rough pass leaves nothing of the tab of {of_group[0].outline.name}, so the piece is loose before "
@@ -512,14 +512,14 @@ def _contour_of(
         return replace(made(last, lead, grid_um), continues=last.outline.continues)
     with of_outline(legs[0].outline):
         if passes is not None and not passes.of_program:
-            ways: list[Stretch] = ways_of(legs, passes)
+            stretches: list[Stretch] = stretches_of(legs, passes)
         else:
-            ways = ways_of_group(legs, leads)
+            stretches = stretches_of_group(legs, leads)
     contour = made(_as_first(legs), lead, grid_um)
-    before = lead.points if len(lead.points) else ways[0].points[:1]
+    before = lead.points if len(lead.points) else stretches[0].points[:1]
     first = legs[0].outline
     waits = [(_lead_place(lead, first, i), s) for i, s in first.dwells if i < len(first.approach_mm)]
-    return replace(contour, passes=on_grid(ways, before, grid_um, waits), continues=first.continues)
+    return replace(contour, passes=on_grid(stretches, before, grid_um, waits), continues=first.continues)
 
 
 def _as_first(legs: list[OffsetOutline]) -> OffsetOutline:
@@ -607,10 +607,11 @@ def _own_lead_in(
             cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
             direction = np.array([cos * away[0] - sin * away[1], sin * away[0] + cos * away[1]])
             thread = start + mm * direction
-            ways = [np.array([thread, begin]) for begin in starts]
+            approaches = [np.array([thread, begin]) for begin in starts]
             nearest_mm = min(edges.distance(shapely.Point(thread)) for edges in faces)
             if nearest_mm >= hole_radius_mm + HOLE_CLEARANCE_MM and all(
-                _clears(way, edges, offset_mm, _TOLERANCE_MM) for way, edges in zip(ways, faces, strict=True)
+                _clears(approach, edges, offset_mm, _TOLERANCE_MM)
+                for approach, edges in zip(approaches, faces, strict=True)
             ):
                 why = "there is no more room" if mm < length_mm else "the wall leans over the way to it"
                 return thread, [] if mm == length_mm else [f"a lead-in is {mm:.3f} mm long, as {why}"]
@@ -671,24 +672,25 @@ def _contour(leg: OffsetOutline, lead: Lead, grid_um: int) -> WireContour:
     path, stops = _with_dwells(leg, lead)
     numbers = np.array(outline.line_numbers)[nearest_chords(outline.points_mm, (path[1:] + path[:-1]) / 2)]
     points = np.round(np.concatenate([lead.points, path]) * 1000 / grid_um).astype(np.int64) * grid_um
-    return _on_grid(leg, lead, Way(points), stops, numbers.tolist(), _elements(leg))
+    return _on_grid(leg, lead, WirePath(points), stops, numbers.tolist(), _elements(leg))
 
 
 def _on_grid(
-    leg: OffsetOutline, lead: Lead, way: Way, stops: Sequence[tuple[int, float]], line_numbers: Sequence[int],
-    elements: tuple[tuple[int, int], ...],
+    leg: OffsetOutline, lead: Lead, wire_path: WirePath, stops: Sequence[tuple[int, float]],
+    line_numbers: Sequence[int], elements: tuple[tuple[int, int], ...],
 ) -> WireContour:
     """Return the contour of a path on the grid, lead-in included, without points at which nothing moves."""
     outline, count = leg.outline, len(lead.points)
-    way, moves, stops = way.moving(stops)
+    wire_path, moves, stops = wire_path.moving(stops)
     if not moves.any():
         with of_outline(outline):
             raise InputError("it moves the wire by less than a um: draw it longer, or leave it out")
     lines = np.array([*lead.lines, *line_numbers], np.int64)[moves]
     return WireContour(
-        points_um=way.points_um, lead_in_moves=int(moves[:count].sum()), nominal_mm=leg.nominal,
+        points_um=wire_path.points_um, lead_in_moves=int(moves[:count].sum()), nominal_mm=leg.nominal,
         closed=outline.closed, part_side=outline.part_side, dwells=stops, line_numbers=tuple(lines.tolist()),
-        elements=elements, offset_um=leg.offset_mm * 1000, compensated=outline.wire_side is not None, lean=way.lean,
+        elements=elements, offset_um=leg.offset_mm * 1000, compensated=outline.wire_side is not None,
+        lean=wire_path.lean,
     )
 
 
@@ -700,13 +702,13 @@ def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[Lead]) -> list[str]:
     for leg, lead in zip(legs, leads, strict=True):
         if not len(lead.points):
             continue
-        way = np.concatenate([lead.points, leg.path[:1]])
-        near = tree.query(shapely.LineString(way), "dwithin", leg.offset_mm)
+        approach = np.concatenate([lead.points, leg.path[:1]])
+        near = tree.query(shapely.LineString(approach), "dwithin", leg.offset_mm)
         found += [
-            f"{leg.outline.name}: the wire cuts into {other.outline.name} on its way from X{way[0, 0]:.3f} "
-            f"Y{way[0, 1]:.3f}; thread it elsewhere, or take that piece out before"
+            f"{leg.outline.name}: the wire cuts into {other.outline.name} on its way from X{approach[0, 0]:.3f} "
+            f"Y{approach[0, 1]:.3f}; thread it elsewhere, or take that piece out before"
             for other in (shut[number] for number in sorted(near.tolist()))
-            if other is not leg and not _clears(way, other.edge, leg.offset_mm)
+            if other is not leg and not _clears(approach, other.edge, leg.offset_mm)
         ]
     return found
 
@@ -714,8 +716,8 @@ def _crossed(legs: Sequence[OffsetOutline], leads: Sequence[Lead]) -> list[str]:
 def _check_lead(leg: OffsetOutline, lead: Lead) -> None:
     """Refuse a lead-in that cuts into the part on a face of the workpiece."""
     whole = leg.outline.closed or leg.outline.wire_side is not None
-    way = np.concatenate([lead.points, leg.path[:1]])
-    if whole and len(lead.points) and not _clears(way, leg.edge, leg.offset_mm):
+    approach = np.concatenate([lead.points, leg.path[:1]])
+    if whole and len(lead.points) and not _clears(approach, leg.edge, leg.offset_mm):
         x, y = lead.points[0]
         raise InputError(f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away")
 
@@ -736,8 +738,8 @@ def _leaning_contour(leg: OffsetOutline, lead: Lead, grid_um: int) -> WireContou
     own = len(outline.approach_mm)
     stops = [(vertices[i - own + count if i >= own else min(i, count)], seconds) for i, seconds in outline.dwells]
     elements = tuple(zip(wall.elements, wall.line_numbers, strict=True))
-    way = Way(points, Lean(leads, bends, wall, guides.height_mm))
-    return _on_grid(leg, lead, way, stops, wire.line_numbers, elements)
+    wire_path = WirePath(points, Lean(leads, bends, wall, guides.height_mm))
+    return _on_grid(leg, lead, wire_path, stops, wire.line_numbers, elements)
 
 
 def _elements(leg: OffsetOutline) -> tuple[tuple[int, int], ...]:
@@ -768,7 +770,7 @@ def _lead_place(lead: Lead, outline: Outline, i: int) -> int:
 
 def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, source: str) -> NDArray[np.int64]:
     """Return the shift in um, on the grid, that centres the job on the table."""
-    points = np.concatenate([way for contour in contours for way in contour.reach_um])
+    points = np.concatenate([path for contour in contours for path in contour.reach_um])
     _check_fits("the wire's path with its lead-ins", points, table_um, table_um, source)
     low, high = points.min(axis=0), points.max(axis=0)
     return np.asarray((table_um - low - high) // (2 * grid_um) * grid_um, np.int64)

@@ -8,7 +8,7 @@ from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.program.offset import OffsetOutline, offset_edge
 from edmsim.program.outline import Outline
-from edmsim.program.passes import PassPlan, on_grid, ways_of
+from edmsim.program.passes import PassPlan, on_grid, stretches_of
 from edmsim.program.path import STOCK_MARGIN_MM, CutPath, WireContour
 
 _HOLE_MM, _LEAD_MM = 0.3, 0.5  # radius of the start hole, and its distance from the cut (ours)
@@ -24,11 +24,11 @@ def straight_path(
     elements = tuple(range(1, count + 1))
     outline = Outline(edge, (0,) * count, False, "left", "right", np.empty((0, 2)), elements=elements)
     past_mm = [None, *[offsets_mm[0]] * (len(offsets_mm) - 1)]  # trims go straight past outer corners
-    ways_mm = [offset_edge(edge, "left", mm, False, past) for mm, past in zip(offsets_mm, past_mm, strict=True)]
-    legs = [OffsetOutline(outline, way, edge, mm) for way, mm in zip(ways_mm, offsets_mm, strict=True)]
-    ways = ways_of(legs, PassPlan(tuple(offsets_mm)))
-    lead = ways[0].points[:1] - (_LEAD_MM, 0.0)
-    passes = on_grid(ways, lead, 1)
+    paths_mm = [offset_edge(edge, "left", mm, False, past) for mm, past in zip(offsets_mm, past_mm, strict=True)]
+    legs = [OffsetOutline(outline, path, edge, mm) for path, mm in zip(paths_mm, offsets_mm, strict=True)]
+    stretches = stretches_of(legs, PassPlan(tuple(offsets_mm)))
+    lead = stretches[0].points[:1] - (_LEAD_MM, 0.0)
+    passes = on_grid(stretches, lead, 1)
     points = np.round(np.concatenate([lead, legs[-1].path]) * 1e3).astype(np.int64)
     contour = WireContour(
         points, 1, edge, False, "right", elements=tuple((k, 0) for k in elements), offset_um=offsets_mm[-1] * 1e3,

@@ -333,10 +333,10 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
 def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
     """Refuse a wire that comes too near to the wall at some height of the workpiece."""
     for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
-        edge, way = shapely.LineString(wall.at(z)), shapely.LineString(wire.at(z))
+        edge, path = shapely.LineString(wall.at(z)), shapely.LineString(wire.at(z))
         shapely.prepare(edge)
-        if offset_mm > GOUGE_MM and shapely.dwithin(edge, way, offset_mm - GOUGE_MM):
-            into_mm = offset_mm - edge.distance(way)
+        if offset_mm > GOUGE_MM and shapely.dwithin(edge, path, offset_mm - GOUGE_MM):
+            into_mm = offset_mm - edge.distance(path)
             raise InputError(f"the wire would cut {into_mm:.3f} mm into the wall at a height of {z:.3f} mm: take a "
                              "smaller angle or offset, or draw the contour wider")
 
@@ -495,7 +495,7 @@ def _meeting(one: _Piece, other: _Piece, left: tuple[float, float]) -> Floats:
 def _line_meets(point: Floats, along: Floats, centre: Floats, radius_mm: float) -> list[Floats]:
     foot = point + ((centre - point) @ along) * along
     half2 = radius_mm**2 - float((foot - centre) @ (foot - centre))
-    return [foot + way * math.sqrt(half2) * along for way in (-1.0, 1.0)] if half2 >= 0 else []
+    return [foot + sign * math.sqrt(half2) * along for sign in (-1.0, 1.0)] if half2 >= 0 else []
 
 
 def _circles_meet(c1: Floats, r1: float, c2: Floats, r2: float) -> list[Floats]:
@@ -687,7 +687,7 @@ class Lean:
         return replace(self, wall=self.wall.moved(by_mm))
 
 
-class Way(NamedTuple):
+class WirePath(NamedTuple):
     """The lower guide's path, (n, 2) in whole um, and the wire's inclination; None if it is vertical."""
 
     points_um: NDArray[np.int64]
@@ -704,7 +704,7 @@ class Way(NamedTuple):
         """Return the wire's path at half the workpiece's height."""
         return self.points_um if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
 
-    def moving(self, stops: Sequence[Stop]) -> "tuple[Way, NDArray[np.bool_], tuple[Stop, ...]]":
+    def moving(self, stops: Sequence[Stop]) -> "tuple[WirePath, NDArray[np.bool_], tuple[Stop, ...]]":
         """Return the path without points at which nothing moves, the mask of remaining moves, and the stops."""
         lean = self.lean
         every = self.points_um if lean is None else np.hstack([self.points_um, lean.upper_um])
@@ -712,17 +712,17 @@ class Way(NamedTuple):
         moving = np.append(True, moves)
         place = np.cumsum(moving) - 1
         lean = lean and replace(lean, upper_um=lean.upper_um[moving], bends_mm=lean.bends_mm[moving])
-        return Way(self.points_um[moving], lean), moves, tuple((int(place[i]), seconds) for i, seconds in stops)
+        return WirePath(self.points_um[moving], lean), moves, tuple((int(place[i]), seconds) for i, seconds in stops)
 
     @property
     def along_um(self) -> Floats:
         """Length of path (n,) up to every point; for a leaning wire, that of the longer face in each move."""
         if self.lean is None:
             return arc_lengths(self.points_um)
-        ways = [np.hypot(*np.diff(self.at_height(z), axis=0).T) for z in (0.0, self.lean.height_mm)]
+        moves_um = [np.hypot(*np.diff(self.at_height(z), axis=0).T) for z in (0.0, self.lean.height_mm)]
         # a move of the guides alone takes time as well
-        ways.append(1e-3 * np.hypot(*np.diff(self.lean.upper_um, axis=0).T))
-        return np.concatenate([[0.0], np.cumsum(np.max(ways, axis=0))])
+        moves_um.append(1e-3 * np.hypot(*np.diff(self.lean.upper_um, axis=0).T))
+        return np.concatenate([[0.0], np.cumsum(np.max(moves_um, axis=0))])
 
     @property
     def slant(self) -> Floats:

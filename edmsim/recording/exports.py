@@ -233,6 +233,6 @@ def _write_svg(layers: Mapping[str, Sequence[Floats]], file: Path) -> None:
     for layer, lines in layers.items():
         style = f'class="{layer.lower()}" fill="none" stroke="{_COLOURS[layer][1]}" stroke-width="0.01"'
         for line in lines:
-            way = " L".join(f"{x:.5f},{-y:.5f}" for x, y in line)  # Y points down in SVG
-            text.append(f'<path {style} d="M{way}{" Z" if _is_closed(line) else ""}"/>')
+            pairs = " L".join(f"{x:.5f},{-y:.5f}" for x, y in line)  # Y points down in SVG
+            text.append(f'<path {style} d="M{pairs}{" Z" if _is_closed(line) else ""}"/>')
     file.write_text("\n".join([*text, "</svg>\n"]), encoding="utf-8")

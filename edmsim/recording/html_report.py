@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from edmsim.cosim.straight import PulseSample
+from edmsim.closed_loop.straight import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures import cut
 from edmsim.recording.figures.profile import PROFILE_DOTS, profile_figure

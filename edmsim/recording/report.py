@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from rich.console import RenderableType
 
-    from edmsim.cosim.passes import Sums
+    from edmsim.closed_loop.passes import Sums
 
 
 class FigureKind(NamedTuple):
@@ -201,7 +201,7 @@ class Spread(Figures):
 
 
 class ErrorPlace(Figures):
-    """The place of the largest error in the program, and its cause: see `edmsim.metrology.shares.WorstPlace`."""
+    """Place of the largest error in the program, and its cause: see `edmsim.metrology.error_budget.WorstPlace`."""
 
     program_x_mm: _Number = None
     program_y_mm: _Number = None

@@ -18,8 +18,8 @@ from edmsim.errors import InputError
 from edmsim.files import make_writable, read_arrays, replacing
 from edmsim.geometry import CORNER_DEG, Floats, left_of
 from edmsim.metrology.edges import filled
+from edmsim.metrology.error_budget import SHARES
 from edmsim.metrology.profile import CornerError
-from edmsim.metrology.shares import SHARES
 from edmsim.plant.workpiece.height_steps import Relief, middle_slice
 from edmsim.plant.workpiece.kerf_field import Stock
 
@@ -36,7 +36,7 @@ class ErrorMap:
     points_mm: Floats  # (n, 2): measured places; n may be 0
     # (n,): mean profile error over the height: positive is metal left on the part; NaN if unknown
     error_um: Floats
-    # (5, n): its shares by cause (`edmsim.metrology.shares.error_shares`), if known
+    # (5, n): its shares by cause (`edmsim.metrology.error_budget.error_shares`), if known
     shares_um: Floats | None = None
     unreachable_um: Floats | None = None  # (n,): metal that the round wire cannot reach, if known
     face_um: Floats | None = None  # (slices, n): profile error of every slice from the lowest, if known

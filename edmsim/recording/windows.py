@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.cosim.cycle import Observer, PlantView, Turn
+from edmsim.closed_loop.cycle import CycleResult, PlantView, Recorder
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import make_writable, replacing
 from edmsim.geometry import CORNER_DEG, Floats, Polyline
@@ -47,7 +47,7 @@ class CutAlone(NamedTuple):
     rows: NDArray[np.bool_]  # (n,): whether a window belongs to the cut alone
     time_s: float
     # places along the path between which the wire has cut, per stretch
-    ways_um: tuple[tuple[float, float], ...]
+    stretches_um: tuple[tuple[float, float], ...]
 
 
 def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
@@ -55,7 +55,7 @@ def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
     t_s, path_um, ignited = values["t_s"], values["path_um"], values["spark"] + values["arc"]
     away = np.hypot(values["x_um"][:, None] - holes_um[:, 0], values["y_um"][:, None] - holes_um[:, 1])
     in_hole: NDArray[np.bool_] = np.any(away <= holes_um[:, 2], axis=1)
-    rows, time_s, ways = np.zeros(len(t_s), bool), 0.0, []
+    rows, time_s, found = np.zeros(len(t_s), bool), 0.0, []
     for part in stretches(len(t_s), pause_rows(t_s)):
         outside = part.start + np.flatnonzero(~in_hole[part])
         lit = part.start + np.flatnonzero(ignited[part] > 0)
@@ -63,8 +63,8 @@ def cut_alone(values: Mapping[str, Floats], holes_um: Floats) -> CutAlone:
             first, last = max(int(outside[0]), part.start + 1), int(lit[-1])
             rows[first : last + 1] = True
             time_s += float(t_s[last] - t_s[first - 1])
-            ways.append((float(path_um[first - 1]), float(path_um[first - 1 : last + 1].max())))
-    return CutAlone(rows, time_s, tuple(ways))
+            found.append((float(path_um[first - 1]), float(path_um[first - 1 : last + 1].max())))
+    return CutAlone(rows, time_s, tuple(found))
 
 
 def pause_rows(t_s: Floats) -> NDArray[np.intp]:
@@ -88,8 +88,8 @@ def durations_s(values: Mapping[str, Floats]) -> Floats:
 
 def jump_rows(place_um: Floats, path_um: Floats) -> NDArray[np.intp]:
     """Return the rows before which a wire was threaded, from thinned places (n, 2) and lengths of path (n,)."""
-    way = np.hypot(*np.diff(place_um, axis=0).T)
-    return np.flatnonzero(way > np.abs(np.diff(path_um)) + _JUMP_UM) + 1
+    moved_um = np.hypot(*np.diff(place_um, axis=0).T)
+    return np.flatnonzero(moved_um > np.abs(np.diff(path_um)) + _JUMP_UM) + 1
 
 
 def stretches(count: int, breaks: NDArray[np.intp]) -> list[slice]:
@@ -164,18 +164,18 @@ ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 _Pair = tuple[float, float]
 
 
-def row_of(turn: Turn, commanded_um: _Pair, following_um: _Pair, setting_us: _Pair) -> tuple[float, ...]:
+def row_of(result: CycleResult, commanded_um: _Pair, following_um: _Pair, setting_us: _Pair) -> tuple[float, ...]:
     """Return the values of `ROW_NAMES` of a window; `setting_us` is the generator's on-time and period."""
-    window = turn.window
+    window = result.window
     return (
-        turn.time_ns * 1e-9, *commanded_um, turn.feed_um_s, window.short, window.open, window.spark, window.arc,
+        result.time_ns * 1e-9, *commanded_um, result.feed_um_s, window.short, window.open, window.spark, window.arc,
         window.mean_voltage_V, window.mean_current_A, window.mean_delay_us, window.gap_um, -window.deflection_um[0],
         -window.deflection_um[1], *following_um, window.wire_temperature_K, window.debris, window.coverage,
-        *setting_us, turn.path_um,
+        *setting_us, result.path_um,
     )  # fmt: skip
 
 
-class WindowTable(ArraySnapshots, Observer):
+class WindowTable(ArraySnapshots, Recorder):
     """Rows of a cut in progress, with `EQUALISING_COLUMNS` if the generator has such pulses; read at the end."""
 
     name: ClassVar[str] = "windows"
@@ -189,12 +189,12 @@ class WindowTable(ArraySnapshots, Observer):
     def __len__(self) -> int:
         return len(self._values) // self._width
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
+    def window(self, result: CycleResult, plant: PlantView) -> None:
         """Add a window of a cut."""
-        machine, opposite = plant.machine, turn.opposite
-        more = (turn.window.mean_voltage_V, 0.0) if opposite is None else (opposite.net_voltage_V, opposite.power_W)
+        machine, opposite = plant.machine, result.opposite
+        more = (result.window.mean_voltage_V, 0.0) if opposite is None else (opposite.net_voltage_V, opposite.power_W)
         setting_us = machine.t_on_us, machine.t_period_us
-        row = row_of(turn, plant.commanded_um, plant.following_error_um, setting_us)
+        row = row_of(result, plant.commanded_um, plant.following_error_um, setting_us)
         self.append((*row, *more[: len(self._more)]))
 
     def append(self, row: Sequence[float]) -> None:
@@ -214,7 +214,7 @@ class WindowTable(ArraySnapshots, Observer):
         """Return a copy of all columns by name."""
         return dict(zip((*ROW_NAMES, *(column.name for column in self._more)), self.rows.T, strict=True))
 
-    def ways_um(self) -> tuple[Floats, ...]:
+    def motion(self) -> tuple[Floats, ...]:
         """Return commanded position, following error and wire lag, (len(self), 2) each, time in s, and path in um."""
         values = self.rows
         x, following, lag, time, path = map(ROW_NAMES.index, ("x_um", "following_x_um", "lag_x_um", "t_s", "path_um"))
@@ -390,7 +390,7 @@ class Thinned(ArraySnapshots):
         self._rows[: self._used] = rows
 
 
-class Frames(ArraySnapshots, Observer):
+class Frames(ArraySnapshots, Recorder):
     """The wire's shape and gas in every `stride`-th window, stored in a `Thinned`."""
 
     name: ClassVar[str] = "frames"
@@ -414,11 +414,11 @@ class Frames(ArraySnapshots, Observer):
         """Windows from one stored frame to the next."""
         return self._thinned.stride
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
+    def window(self, result: CycleResult, plant: PlantView) -> None:
         """Store a window if its number is a multiple of the stride."""
         if self._thinned.wants_next:
-            place = plant.commanded_um, turn.path_um
-            self.offer(turn.time_ns * 1e-9, *place, plant.deflections_um(), plant.coverage())
+            place = plant.commanded_um, result.path_um
+            self.offer(result.time_ns * 1e-9, *place, plant.deflections_um(), plant.coverage())
         else:
             self._thinned.skip()
 
@@ -508,7 +508,7 @@ class Blocks(ArraySnapshots):
             at += length
 
 
-class Closeups(ArraySnapshots, Observer):
+class Closeups(ArraySnapshots, Recorder):
     """Windows of a cut stored in full, with the wall of one slice."""
 
     name: ClassVar[str] = "closeups"
@@ -534,21 +534,21 @@ class Closeups(ArraySnapshots, Observer):
         """Set the places along the path at which the leg turns."""
         self._turns_um, self._turns_passed = [start_um + turn for turn in turns_um(points_um)], 0
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
+    def window(self, result: CycleResult, plant: PlantView) -> None:
         """Store a window, with its event if it has one."""
         row, timing = self.row, plant.timing
-        row["t_s"], row["guides_um"], row["path_um"] = turn.time_ns * 1e-9, plant.commanded_um, turn.path_um
+        row["t_s"], row["guides_um"], row["path_um"] = result.time_ns * 1e-9, plant.commanded_um, result.path_um
         row["burning_V"], row["current_A"], row["short_A"] = timing.burning_V, timing.current_A, timing.short_A
-        opposite = turn.opposite
+        opposite = result.opposite
         row["opposite_V"] = 0.0 if opposite is None else opposite.voltage_V
         row["opposite_A"] = 0.0 if opposite is None else opposite.current_A
         row["wire_um"], row["walls_um"] = plant.walls_um(self.slice_index)
         row["deflection_um"], row["coverage"] = plant.deflections_um(), plant.coverage()
         self._fill_pulses(plant.last_pulses())
-        passed = bisect(self._turns_um, turn.path_um)
-        runs_back = turn.feed_um_s < 0 <= self._feed_um_s
+        passed = bisect(self._turns_um, result.path_um)
+        runs_back = result.feed_um_s < 0 <= self._feed_um_s
         event = TURN if passed != self._turns_passed else RETRACT if runs_back else NOTHING
-        self._turns_passed, self._feed_um_s = passed, turn.feed_um_s
+        self._turns_passed, self._feed_um_s = passed, result.feed_um_s
         self.keep(event)
 
     @property

@@ -7,8 +7,8 @@ follows the pulses. The limit is the largest mean current before the break, with
 import math
 from collections.abc import Mapping, Sequence
 
+from edmsim.closed_loop.straight import Cut, cut_straight
 from edmsim.controllers import from_text, make
-from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import StablePeriod, quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.validation.rows import Checks, Row, Seeds, differences, extended, ratios

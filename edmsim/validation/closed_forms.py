@@ -16,7 +16,7 @@ from edmsim.plant import constants, wire
 from edmsim.plant.gap import breakdown, gas, rays, water
 from edmsim.plant.kernel import discharge
 from edmsim.plant.kernel.state import GRID, Arrays, allocate, sizes_of
-from edmsim.plant.mechanics import film
+from edmsim.plant.mechanics import squeeze_film
 from edmsim.plant.mechanics.model import build_model, reduce_model
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution, resolution
@@ -322,7 +322,7 @@ def _whole_kerf(front_um: float, side_um: float) -> tuple[Floats, Floats]:
 def film_N_s_m2(angle: Floats, gaps: Floats) -> float:
     """Return the resistance of the film of the default wire in water of 20 C, by the loop's sum over rays."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    across = film.film_sum(rays.rays_with(gaps, angle), 0, zero, zero, one, zero)
+    across = squeeze_film.film_sum(rays.rays_with(gaps, angle), 0, zero, zero, one, zero)
     return float(12 * 1e-3 * 125.0**3 * abs(angle[1] - angle[0]) * across)
 
 
@@ -335,10 +335,10 @@ def check_film(seeds: Seeds) -> list[Row]:
         for gap in (5.0, 15.0)
     ]
     rows.append(Row.value("film", "resistance of the film, 10 um in front and 26 um at the sides", REYNOLDS,
-                          published=film.drag_N_s_m2(125.0, 10.0, 26.0, 1e-3),
+                          published=squeeze_film.drag_N_s_m2(125.0, 10.0, 26.0, 1e-3),
                           simulated=film_N_s_m2(*_whole_kerf(10.0, 26.0)), within=0.05, unit="N s/m2"))
     c = constants.constants(Machine.load(), FAST)
-    most = film.suction_limited(_solid(FAST), c, 0, 1e12) * 1e-6 / (c.slice_um * 1e-6)
+    most = squeeze_film.suction_limited(_solid(FAST), c, 0, 1e12) * 1e-6 / (c.slice_um * 1e-6)
     rows.append(Row.value("film", "largest suction of the film", CAP, published=101_325.0 * 250e-6, simulated=most,
                           within=0.01, unit="N/m"))
     return rows
@@ -428,7 +428,7 @@ def check_added_mass(seeds: Seeds) -> list[Row]:
     modes = reduce_model(build_model(setup, machine.base.model), 1, [machine.guide_distance_mm * 0.5e-3])
     return [
         Row.band("film", "added mass in a slot over the wire's, a gap of 20 um", ANNULUS, low=annulus / 2,
-                 high=annulus, simulated=film.added_mass_kg_m(125.0, 20.0, 20.0) / setup.line_density),
+                 high=annulus, simulated=squeeze_film.added_mass_kg_m(125.0, 20.0, 20.0) / setup.line_density),
         Row.value("film", "first frequency in the slot, 20 mm high", SLOTTED, published=slot_frequency_Hz(machine),
                   simulated=float(modes.wire_omega[0]) / math.tau, within=0.01, unit="Hz"),
     ]

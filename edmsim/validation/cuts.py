@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from edmsim.closed_loop.straight import Cut, Traverse, begin, cut_straight
 from edmsim.controllers import from_text, make
-from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.evaluation.stable_rate import JAMMED_SHARE, quick_counts
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow

@@ -14,8 +14,8 @@ from scipy.stats import kstest
 
 from edmsim import models
 from edmsim.geometry import Floats
+from edmsim.machine.components import Gap
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Gap
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.constants import constants
 from edmsim.plant.gap.water import flow_speed_m_s

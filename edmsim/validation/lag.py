@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from shapely import LineString, distance, points
 
+from edmsim.closed_loop.straight import Cut, Traverse, begin, cut_straight
 from edmsim.controllers import FeedController
-from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.kerf_field import Stock

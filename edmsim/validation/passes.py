@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from edmsim.closed_loop.passes import PassRecord
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import make
-from edmsim.cosim.passes import PassRecord
-from edmsim.cosim.simulation import Simulation
 from edmsim.evaluation.technology_search import Job, cut_in_passes, cut_pass
 from edmsim.geometry import Floats
 from edmsim.job.plan import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import with_overrides
 from edmsim.machine.technology import Technology, technology_for
-from edmsim.metrology import profile, roughness, shares
+from edmsim.metrology import error_budget, profile, roughness
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import plan_path
 from edmsim.validation.rows import Checks, Row, Seeds, differences, worst
@@ -134,7 +134,7 @@ def cut_corner(
     contour = simulation.path.contours[0]
     measured = profile.profile_error(simulation.plant.field, contour)
     ends = np.minimum(measured.s_mm, measured.s_mm[-1] - measured.s_mm) < END_MM
-    error = np.where(ends, np.nan, measured.error_um - shares.unreachable_um(measured, contour))
+    error = np.where(ends, np.nan, measured.error_um - error_budget.unreachable_um(measured, contour))
     (found,) = profile.corners(contour, replace(measured, error_um=error))
     sides = [error[:, ~ends & side] for side in (measured.s_mm <= side_mm, measured.s_mm >= side_mm)]
     return Corner(found.error_um, profile.error_stats(np.hstack([without_roughness(side) for side in sides]))["p95"])

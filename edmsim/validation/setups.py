@@ -3,12 +3,12 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from edmsim.closed_loop.straight import Cut, cut_straight
 from edmsim.controllers import from_text
-from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.errors import InputError
 from edmsim.evaluation.stable_rate import OPEN_SHARE, quick_counts
+from edmsim.machine.components import Constant
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Constant
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.kerf_field import Stock

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edmsim.closed_loop.straight import Cut, cut_straight
 from edmsim.controllers import make
-from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.compare import CONFIDENCE
 from edmsim.machine.machine import Machine
 from edmsim.plant.resolution import Resolution, resolution

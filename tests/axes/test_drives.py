@@ -10,17 +10,17 @@ import pytest
 
 import edmsim
 from edmsim.axis_bench import AxisBench
+from edmsim.closed_loop.stops import StopCause
 from edmsim.compiled.axis_rows import carray, sample
 from edmsim.controllers import axis as axes
 from edmsim.controllers.axis.drive import KP, PositionServo, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
-from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.setting import guide_bends
 from edmsim.plant.axes.steps import straight_moves
 from edmsim.plant.fleet import Fleet
 from edmsim.plant.workpiece.kerf_field import Stock
-from tests.test_cosim import contour, run, simulation
+from tests.test_closed_loop import contour, run, simulation
 
 FAR = Stock((60_000.0, 60_000.0, 61_000.0, 61_000.0))
 START = (10_000.0, 20_000.0)

@@ -7,9 +7,9 @@ import pytest
 
 from edmsim.controllers import axis
 from edmsim.errors import InputError
+from edmsim.machine.components import Constant, Geometry, Positive
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Constant, Geometry, Positive
-from edmsim.plant.axes.ways import StillTable, errors_um, ways_of
+from edmsim.plant.axes.geometric_errors import StillTable, errors_um, geometric_errors_of
 from edmsim.plant.plant import Plant
 
 START_UM = (20_000.0, 30_000.0)
@@ -57,7 +57,7 @@ def test_the_table_is_off_by_the_errors_of_screws_and_ways(options):
     step(plant, 40, -30, windows=6)
     commanded = np.array(plant.commanded_um)
     assert commanded == pytest.approx((START_UM[0] + 80.0, START_UM[1] - 60.0))
-    expected = commanded - errors_um(ways_of(machine), *commanded, 0.0)
+    expected = commanded - errors_um(geometric_errors_of(machine), *commanded, 0.0)
     assert plant.place_um == pytest.approx(expected, abs=0.3)
     assert np.hypot(*(commanded - plant.place_um)) > 5.0
     assert plant.following_error_um == pytest.approx((0.0, 0.0), abs=0.3)
@@ -81,9 +81,9 @@ def test_each_error_alone_has_its_own_effect(name):
 
 def test_squareness_may_change_with_the_third_axis():
     # E-32, E-46: straightness and squareness that vary with u
-    ways = ways_of(machine_of(squareness_um_m=400.0, change_per_mm=0.05))
-    assert errors_um(ways, 42_500.0, 32_500.0, 0.0)[1] == pytest.approx(4.0)
-    assert errors_um(ways, 42_500.0, 32_500.0, 10_000.0)[1] == pytest.approx(6.0)
+    errors = geometric_errors_of(machine_of(squareness_um_m=400.0, change_per_mm=0.05))
+    assert errors_um(errors, 42_500.0, 32_500.0, 0.0)[1] == pytest.approx(4.0)
+    assert errors_um(errors, 42_500.0, 32_500.0, 10_000.0)[1] == pytest.approx(6.0)
 
 
 def test_a_reversal_loses_the_backlash():
@@ -127,7 +127,7 @@ def test_a_periodic_error_needs_its_lead():
 
 
 def test_machines_without_the_section_have_no_errors():
-    assert not ways_of(Machine.load())["pitch"].any()
+    assert not geometric_errors_of(Machine.load())["pitch"].any()
     assert not Machine.load().base.geometry.has_errors
     worn = Machine.load("worn-table")
     assert worn.base.geometry.has_errors

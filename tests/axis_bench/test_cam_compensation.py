@@ -10,7 +10,7 @@ from edmsim.controllers.axis.elcam.mcu_g3 import ControlAxis
 from edmsim.controllers.axis.elcam.module import CallStatus
 from edmsim.controllers.axis.elcam.table import Error, Function, Mode
 from edmsim.errors import InputError
-from edmsim.plant.axes.ways import errors_um, no_ways
+from edmsim.plant.axes.geometric_errors import errors_um, no_errors
 
 from .cam_bench import (
     COUNTS,
@@ -39,11 +39,11 @@ FAST = 400.0
 
 def true_um(rig, **errors):
     """Where the table truly is: what its screws indicate, less their errors and those of the ways."""
-    ways = no_ways()
+    rows = no_errors()
     for name, values in errors.items():
-        ways[name] = values
+        rows[name] = values
     places = [rig.table_um(name) for name in rig.names]
-    off = errors_um(ways, places[0], places[1], places[2] if len(places) > 2 else 0.0)
+    off = errors_um(rows, places[0], places[1], places[2] if len(places) > 2 else 0.0)
     return np.array(places[:2]) - off
 
 

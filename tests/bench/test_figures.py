@@ -6,14 +6,14 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from edmsim.bench import figures, subject
+from edmsim.bench import figures, workloads
 from edmsim.errors import InputError
 
 
 @pytest.fixture
 def short(monkeypatch):
     """A few windows only, and no new process."""
-    monkeypatch.setattr(subject, "SETTLE_WINDOWS", 1)
+    monkeypatch.setattr(workloads, "SETTLE_WINDOWS", 1)
     for name, value in (
         ("TIMED_WINDOWS", 2), ("REPEATS", 4), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
         ("MEMORY_S", 0.1), ("NUM_ENVS", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1), ("KNOB_STEPS", 5),

@@ -35,7 +35,7 @@ def test_shares_add_up_to_one(monkeypatch):
 
     for name, value in (("marked", unmarked), ("LOOKS", 1000), ("ROUNDS", 5)):
         monkeypatch.setattr(profile, name, value)
-    monkeypatch.setattr(profile.subject, "SETTLE_WINDOWS", profile.BATCH)
+    monkeypatch.setattr(profile.workloads, "SETTLE_WINDOWS", profile.BATCH)
     started = []
     found = profile.profile(started.append)
     assert list(found) == ["fast", "default"]

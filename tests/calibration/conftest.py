@@ -8,8 +8,8 @@ import pytest
 
 import edmsim
 from edmsim.calibration.log import COLUMNS
+from edmsim.closed_loop.straight import Traverse, begin
 from edmsim.controllers import make
-from edmsim.cosim.straight import Traverse, begin
 from edmsim.machine.ranges import with_values
 
 TRUTH = {"gap.particle_share": 0.07, "material.removal_mm3_J": 7.5e-3}

@@ -22,7 +22,7 @@ from edmsim.calibration.comparison import StretchComparison, simulate
 from edmsim.calibration.fit import FittedConstant, machine_of, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
-from edmsim.cosim.straight import Traverse
+from edmsim.closed_loop.straight import Traverse
 from edmsim.errors import INTERRUPTED
 from edmsim.job.options import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine

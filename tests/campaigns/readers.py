@@ -19,10 +19,10 @@ import pyarrow.parquet as pq
 
 from edmsim import Machine, controllers, models
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, read_log, stretches
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.consoles.positioner import press_of
 from edmsim.controllers import axis, make
 from edmsim.controllers.axis.elcam.file import load_tables, read_tables
-from edmsim.cosim.simulation import Simulation
 from edmsim.job.cut import CHECKPOINT, load_checkpoint, save_checkpoint
 from edmsim.learning import policy_file
 from edmsim.plant.mechanics.model import _read_mjcf

@@ -7,13 +7,13 @@ import pickle
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import WindowObservation, make
 from edmsim.controllers.mcu.computer import before_corner
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.controllers.protocols import Step
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
@@ -31,7 +31,7 @@ def simulation(controller, planner="poscal", dwells=(), points=ZIGZAG, **setup):
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "test")
     machine = Machine.load(**{"height_mm": 10, **setup})
     return Simulation(machine, path, make(*controller[:1], **dict(controller[1:])), planner=planner, seed=1,
-                      resolution="fast", observers=[WindowTable()])  # fmt: skip
+                      resolution="fast", recorders=[WindowTable()])  # fmt: skip
 
 
 def run(sim, windows=10_000):
@@ -42,7 +42,7 @@ def run(sim, windows=10_000):
 
 
 def rows(sim):
-    table = sim.observers[0].to_arrow()
+    table = sim.recorders[0].to_arrow()
     return {name: table.column(name).to_numpy() for name in table.column_names}
 
 

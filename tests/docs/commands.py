@@ -139,7 +139,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
 
     from edmsim import envs, measure, runs, validation
     from edmsim.bench import figures as bench
-    from edmsim.bench import pairs, profile
+    from edmsim.bench import profile, revisions
     from edmsim.calibration import comparison, fit
     from edmsim.consoles import autotune
     from edmsim.envs.episode import Task
@@ -156,7 +156,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/bench measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
     rates = {"pulses_per_s_fast": np.array([1e6, 2e6])}
-    patch.setattr(pairs, "compare", lambda revision, *_: pairs.Pairs(revision, rates, rates))
+    patch.setattr(revisions, "compare", lambda revision, *_: revisions.Pairs(revision, rates, rates))
     shares = dict.fromkeys(profile.PARTS, 1.0 / len(profile.PARTS))
     patch.setattr(profile, "profile", lambda _: {"fast": profile.LoopProfile(400.0, 410.0, shares, 1000)})
     patch.setattr(bench, "serial_figures", lambda watch: {"powercore_realtime_factor": 60.0})

@@ -9,8 +9,8 @@ from edmsim.controllers import FeedCommand, make
 from edmsim.controllers.feed.laws import FixedController
 from edmsim.controllers.user_controllers import rehearsed
 from edmsim.envs.episode import as_action
+from edmsim.envs.gap_servo import target_of
 from edmsim.envs.registry import make_family
-from edmsim.envs.servo import target_of
 from edmsim.errors import InputError
 
 FIRST_US, NOW_US = (30.0, 100.0), (15.0, 200.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
-from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.envs import Family
 from edmsim.envs.registry import env_id_of
 

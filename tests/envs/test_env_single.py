@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import check_env
 
 import edmsim
 from edmsim.envs import render
-from edmsim.envs.observation import DIALS
+from edmsim.envs.observation import SETUP_ENTRIES
 from edmsim.envs.registry import env_id_of
 from edmsim.errors import InputError
 from edmsim.recording.figures.palette import VERMILION, rgb
@@ -93,8 +93,8 @@ def test_observation_is_what_its_entries_say(make_env):
     assert (entries["commanded_feed"], entries["commanded_feed[-1]"]) == pytest.approx((0.2, 0.28))
     assert entries["actual_feed"] == pytest.approx(0.2)
     assert (entries["t_on"], entries["t_period"]) == pytest.approx((np.log10(30) / 3, 0.5))
-    dials = [entries[name] for name in ("tension", "height", "flushing_lower")]
-    assert dials == pytest.approx([1.0, 0.4, 0.3], abs=0.02)
+    values = [entries[name] for name in ("tension", "height", "flushing_lower")]
+    assert values == pytest.approx([1.0, 0.4, 0.3], abs=0.02)
     assert entries["short[-1]"] == before[0][0]
     assert 0.05 < entries["mean_voltage"] < 0.3  # pulses of 30 us in 100
     assert 0.1 < entries["mean_current"] < 1
@@ -102,7 +102,7 @@ def test_observation_is_what_its_entries_say(make_env):
 
 def test_the_dials_show_the_pressure_that_a_stand_off_leaves():
     machine = edmsim.Machine.load("production", generator="production", standoff_upper_mm=0.5)
-    entries = {entry.name: entry.value(machine) for entry in DIALS}
+    entries = {entry.name: entry.value(machine) for entry in SETUP_ENTRIES}
     assert (entries["flushing_lower"], entries["flushing_upper"]) == pytest.approx((2.0, 0.624), rel=1e-3)  # bar
 
 

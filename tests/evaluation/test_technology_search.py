@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from edmsim import models
+from edmsim.closed_loop.passes import PassRecord, Sums
 from edmsim.controllers import from_text
-from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology_search
 from edmsim.evaluation.technology_search import TARGETS, Cut, Job, Search, technology_text

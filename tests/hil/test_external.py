@@ -28,17 +28,17 @@ LINE = "G21 G90\nG0 X0 Y0\nM64 P0\nM66 P0 L3 Q60\nM52 P1\nF60\nG1 X0.8\nM52 P0\n
 class Other:
     """A program that runs along x at a feed, and back a little on the way, as the clock of the cut goes."""
 
-    def __init__(self, feed_um_s, way_um):
-        self.feed_um_s, self.way_um = feed_um_s, way_um
+    def __init__(self, feed_um_s, distance_um):
+        self.feed_um_s, self.distance_um = feed_um_s, distance_um
         self.windows = []
 
     def place_um(self):
         time_s = self.windows[-1].time_s if self.windows else 0.0
         place = self.feed_um_s * time_s - 20.0 * (time_s > 2.0)
-        return 1000.0 + min(place, self.way_um), -500.0
+        return 1000.0 + min(place, self.distance_um), -500.0
 
     def finished(self):
-        return self.place_um()[0] >= 1000.0 + self.way_um
+        return self.place_um()[0] >= 1000.0 + self.distance_um
 
     def show(self, windows):
         self.windows.append(windows)

@@ -54,8 +54,8 @@ def test_a_setting_has_the_laws_own_values_of_parameters_that_only_others_name()
     made.clock_s, values = 0.0, []
     for made.setting in (0, 1, 2, 0):
         made.update(WindowObservation(0.0, 0.0102, 5, 15, 30.0, 10.0, 9.0, 20.0, 0.0, fifths=(47, 47, 47, 47, 47)))
-        names, parts = ("open_target_share", "short_weight"), made.law.parts
-        values.append([getattr(part, name) for name in names for part in parts if hasattr(part, name)])
+        names, components = ("open_target_share", "short_weight"), made.law.components
+        values.append([getattr(one, name) for name in names for one in components if hasattr(one, name)])
     assert values == [[values[0][0], 0.3], [0.25, 0.3], [values[0][0], 0.5], [values[0][0], 0.3]]
 
 

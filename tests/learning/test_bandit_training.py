@@ -195,4 +195,4 @@ def test_every_shift_has_settings_of_its_own():
         law = bandit.law_of(bandit.settings_of(env_id))
         first = bandit.settings_of(env_id).settings[0]
         for name, value in first.items():  # a new wire begins as the law itself does
-            assert [getattr(part, name) for part in law.parts if hasattr(part, name)] == [value]
+            assert [getattr(one, name) for one in law.components if hasattr(one, name)] == [value]

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import edmsim
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import make
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import Kind, available

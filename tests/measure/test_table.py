@@ -5,9 +5,9 @@ import pytest
 
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables, read_tables, text_of
 from edmsim.errors import EdmsimError, InputError
+from edmsim.machine.components import Constant
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import with_overrides
-from edmsim.machine.parts import Constant
 from edmsim.measure import CircularTest, Positioning, measure_guides, measure_table, table_figure
 
 

@@ -21,7 +21,7 @@ from edmsim.plant.gap.pulse_outcome import sum_rays
 from edmsim.plant.gap.rays import pack_rays, rays_of
 from edmsim.plant.gap.water import AMBIENT_PA, kerf_jets, mean_of_slices, viscosity_ratio
 from edmsim.plant.kernel.state import GRID, Arrays, allocate, sizes_of
-from edmsim.plant.mechanics.film import edge_loss_kg_m2, mean_resistance
+from edmsim.plant.mechanics.squeeze_film import edge_loss_kg_m2, mean_resistance
 from edmsim.plant.resolution import resolution
 
 from .conftest import fill

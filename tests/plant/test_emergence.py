@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.straight import Cut, Traverse, begin, cut_straight
 from edmsim.controllers import from_text, make
-from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
+from edmsim.machine.components import BOILING_K
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import BOILING_K
 from edmsim.validation.breakage import APPROACH_S, HELD_SHARE, HOLD_S, break_limit_A, sato_rig
 from edmsim.validation.cuts import drum_um
 from edmsim.validation.lag import AFTER_UM, BEFORE_UM, corner_rig, cut_corner

@@ -11,16 +11,16 @@ from pydantic import ValidationError
 from edmsim import Machine, Plant
 from edmsim.controllers import axis
 from edmsim.errors import InputError
-from edmsim.machine import parts
-from edmsim.machine.parts import Part
+from edmsim.machine import components
+from edmsim.machine.components import Component
 from edmsim.machine.ranges import with_values
 from edmsim.plant.kernel.memory import Memory
 from edmsim.plant.kernel.state import Arrays, Stored, allocate, fields_of, sizes_of
 from edmsim.plant.window import PlantError, WireBrokenError
 
-PARTS = [kind for kind in vars(parts).values() if isinstance(kind, type) and issubclass(kind, Part)]
+COMPONENTS = [kind for kind in vars(components).values() if isinstance(kind, type) and issubclass(kind, Component)]
 CONSTANTS = [
-    (kind, name) for kind in PARTS for name, field in kind.model_fields.items()
+    (kind, name) for kind in COMPONENTS for name, field in kind.model_fields.items()
     if "Constant" in str(field.annotation) or "Positive" in str(field.annotation)
 ]  # fmt: skip
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 import edmsim
-from edmsim.cosim.straight import Traverse
+from edmsim.closed_loop.straight import Traverse
 from edmsim.errors import InputError
 from edmsim.metrology.edges import metal_at
 from edmsim.plant.plant import Plant

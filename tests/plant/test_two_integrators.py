@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import edmsim
+from edmsim.closed_loop.simulation import Simulation
+from edmsim.closed_loop.straight import Cut, Traverse
 from edmsim.controllers import from_text, make
-from edmsim.cosim.simulation import Simulation
-from edmsim.cosim.straight import Cut, Traverse
 from edmsim.evaluation.stable_rate import quick_counts
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import started_slot
@@ -31,7 +31,7 @@ def cut(mechanics, seed):
     windows = WindowTable()
     simulation = Simulation(
         Machine.load(), straight_cut(), make("counts"), seed=seed, mechanics=mechanics, max_time_s=SETTLE_S + CUT_S,
-        observers=[windows], resolution="fast",
+        recorders=[windows], resolution="fast",
     )
     simulation.run()
     assert simulation.outcome == "time-limit"

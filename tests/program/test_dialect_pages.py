@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from edmsim.program.dialects import DIALECTS
-from edmsim.program.gcode import read_gcode
+from edmsim.program.gcode_outlines import read_gcode
 from edmsim.program.tables import SETTINGS
 
 DOCS = Path(__file__).parents[2] / "docs" / "dialects"

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.program.gcode import read_gcode
+from edmsim.program.gcode_outlines import read_gcode
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.program.gcode import read_gcode
+from edmsim.program.gcode_outlines import read_gcode
 from edmsim.program.outline import signed_area
 
 SQUARE = "G92 X5 Y-2\nG41 D0 G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.program import gcode, limits, outline
+from edmsim.program import gcode_outlines, limits, outline
 from edmsim.program.path import load_program, plan_path
 
 AUTO = {"auto_offset_mm": 0.15}
@@ -135,7 +135,7 @@ def test_an_arc_about_a_far_centre_within_reason_is_cut(tmp_path):
 
 def first_loop(places):
     moves = [outline.CutMove((place,), None, k) for k, place in enumerate(places[1:])]
-    return gcode.first_loop(places, moves, 0, len(moves), outline.JOIN_TOLERANCE_MM)
+    return gcode_outlines.first_loop(places, moves, 0, len(moves), outline.JOIN_TOLERANCE_MM)
 
 
 @pytest.mark.slow
@@ -151,6 +151,6 @@ def test_a_wire_that_goes_back_and_forth_is_not_compared_with_all_of_its_past():
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1, max_size=14))
 def test_the_first_loop_is_that_of_looking_at_every_pair(steps):
     places = [complex(x, y) + 300 for x, y in steps]
-    area = lambda j, k: abs(outline.signed_area(gcode.array_of([*places[j : k + 1], places[j]])))  # noqa: E731
+    area = lambda j, k: abs(outline.signed_area(gcode_outlines.array_of([*places[j : k + 1], places[j]])))  # noqa: E731
     pairs = [(j, k) for k in range(len(places)) for j in range(k) if places[j] == places[k] and area(j, k) > 1e-4]
     assert first_loop(places) == (min(pairs, key=lambda pair: (pair[1], pair[0])) if pairs else None)

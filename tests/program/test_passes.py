@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from edmsim.cosim.passes import legs_of
+from edmsim.closed_loop.passes import legs_of
 from edmsim.errors import InputError
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import load_program, plan_path
@@ -92,7 +92,7 @@ def test_a_contour_that_a_program_with_passes_cuts_once_has_a_rough_pass(tmp_pat
 @pytest.mark.parametrize("offsets_mm", [(0.25, 0.2), (0.25, 0.2, 0.15)])
 def test_points_are_on_the_grid_and_within_the_table(tmp_path, offsets_mm):
     fine, contour = (plan(tmp_path, passes=PassPlan(offsets_mm), grid_um=um).contours[0] for um in (1, 2))
-    for way, fine_way in zip(contour.ways_um, fine.ways_um, strict=True):
+    for way, fine_way in zip(contour.guide_paths_um, fine.guide_paths_um, strict=True):
         assert not (way % 2).any()
         np.testing.assert_allclose(np.ptp(way, axis=0), np.ptp(fine_way, axis=0), atol=2.0)
         assert way.min() >= 0
@@ -104,7 +104,7 @@ def test_a_long_overlap_leads_no_pass_once_more_round_the_contour(tmp_path, offs
     """The move there would cut the tab before the stop."""
     contour = of_square(tmp_path, offsets_mm, overlap_mm=3.0)
     for one in contour.passes[1:]:
-        assert one.way.along_um[one.approach_moves] < 5000
+        assert one.wire_path.along_um[one.approach_moves] < 5000
 
 
 @pytest.mark.parametrize("tab_mm", [0.0, 0.5, 1.0, 1.8, 1.9, 1.95, 2.0, 2.05, 3.0])
@@ -212,7 +212,7 @@ def test_the_passes_of_two_contours_go_round_as_often(tmp_path):
     contour = path.contours[0]
     assert [one.number for one in contour.passes] == [1, 2, 3, 1, 2, 3]
     assert path.leans
-    assert contour.length_um == pytest.approx(sum(one.way.along_um[-1] for one in contour.passes))
+    assert contour.length_um == pytest.approx(sum(one.wire_path.along_um[-1] for one in contour.passes))
 
 
 AGAIN = "G0 X-1.5 Y2\n{} G1 X0 {}\n{}G40\n"
@@ -265,7 +265,7 @@ def test_all_rough_passes_may_come_before_the_trims(tmp_path, way):
 def test_trims_after_other_contours_may_be_reached_with_a_threaded_wire(tmp_path):
     path = plan(tmp_path, two_squares(SHOP, later=STAYS))
     assert [contour.threads for contour in path.contours] == [(True, False), (False, False)]
-    begins = [contour.ways_um[number][0] * 1e-3 - path.origin_mm for contour, number in path.cuts]
+    begins = [contour.guide_paths_um[number][0] * 1e-3 - path.origin_mm for contour, number in path.cuts]
     np.testing.assert_allclose(begins, [(-1.5, 2), (-1, 2), (7, 2), (-1, 2)], atol=1e-9)
     legs = legs_of(path)
     assert [leg.cut_pass.number for leg in legs if not leg.leads_in] == [1, 1, 2, 2]

@@ -76,7 +76,7 @@ def test_guides_stand_where_the_wire_would_pass_them():
     # |UV| = (z_U - z_L) tan a, along both axes at a corner
     assert np.abs(np.abs(lead) - 30_000 * math.tan(math.radians(3.0))).max() <= 1.0
     assert (contour.lean.upper_um[0] == 0).all()  # the wire is threaded upright
-    slant = contour.way.slant[contour.lead_in_moves :]
+    slant = contour.wire_path.slant[contour.lead_in_moves :]
     np.testing.assert_allclose(slant, 1 / math.cos(math.radians(3.0)), atol=2e-6)
     on_face = contour.at_height(0.0).points_um[contour.lead_in_moves :]
     ring = shapely.LinearRing(contour.lean.wall.at(0.0) * 1e3)
@@ -90,7 +90,7 @@ def test_the_slant_of_a_wall_is_across_its_path_in_any_direction(turned_deg):
     cosine, sine = math.cos(math.radians(turned_deg)), math.sin(math.radians(turned_deg))
     turned = replace(turned, points_mm=turned.points_mm @ np.array([(cosine, sine), (-sine, cosine)]))
     contour = plan_path(Program((turned,), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES]).contours[0]
-    slant = contour.way.slant[contour.lead_in_moves :]
+    slant = contour.wire_path.slant[contour.lead_in_moves :]
     np.testing.assert_allclose(slant, 1 / math.cos(math.radians(3.0)), atol=1e-5)
 
 
@@ -335,7 +335,7 @@ def test_a_wire_without_a_way_to_its_contour_is_threaded_upright():
     contour = path.contours[0]
     assert contour.lean.upper_um[0].tolist() == [0, 0]
     assert contour.lead_in_moves == 1
-    assert contour.way.along_um[1] == pytest.approx(10_000 * math.tan(math.radians(5.0)), abs=2.0)
+    assert contour.wire_path.along_um[1] == pytest.approx(10_000 * math.tan(math.radians(5.0)), abs=2.0)
 
 
 def test_a_wire_is_threaded_beyond_a_wall_that_leans_over_the_way_to_it():

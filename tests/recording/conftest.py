@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 import shapely
 
-from edmsim.cosim.passes import Sums
+from edmsim.closed_loop.passes import Sums
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CornerError
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK

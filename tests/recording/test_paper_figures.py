@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.cosim.straight import KINDS, PulseSample, sample_pulses
+from edmsim.closed_loop.straight import KINDS, PulseSample, sample_pulses
 from edmsim.job.result import sample_like
 from edmsim.machine.setting import AIR_SHARE, WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
@@ -216,7 +216,7 @@ def test_the_simulated_wire_vibrates_near_its_first_mode(sample):
 def test_single_pulses_are_those_of_windows(sample):
     plant_shares = {kind: sample.share(kind) for kind in KINDS}
     assert sum(plant_shares.values()) == pytest.approx(1.0)
-    from edmsim.cosim.straight import cut_straight
+    from edmsim.closed_loop.straight import cut_straight
 
     straight = cut_straight(sample.machine, 25.0, 3, settle_s=3.0, seconds=2.0)
     for kind in ("short", "open", "spark"):

@@ -12,9 +12,9 @@ from edmsim.metrology.profile import CornerError
 from edmsim.recording.figures.cut import error_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.profile import PANELS, draw_map, draw_series, profile_figure
 from edmsim.recording.figures.style import NotebookFigure
-from edmsim.recording.film import Film
 from edmsim.recording.rerun.logs import growing_kerf
 from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.video import Film
 from edmsim.recording.windows import (
     broken,
     column,
@@ -67,13 +67,13 @@ def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_disch
     holes = np.array([[0.0, 0.0, 25.0], [5000.0, 0.0, 25.0]])
     found = cut_alone(columns, holes)
     assert np.flatnonzero(found.rows).tolist() == [2, 3, 4, 5, 6]
-    assert (found.time_s, found.ways_um) == (5.0, ((20.0, 70.0),))
+    assert (found.time_s, found.stretches_um) == (5.0, ((20.0, 70.0),))
     lit[13] = 1.0
     found = cut_alone(columns, holes)
     assert np.flatnonzero(found.rows[8:]).tolist() == [2, 3, 4, 5]
-    assert (found.time_s, found.ways_um) == (9.0, ((20.0, 70.0), (100.0, 140.0)))
+    assert (found.time_s, found.stretches_um) == (9.0, ((20.0, 70.0), (100.0, 140.0)))
     nothing = cut_alone({name: values[:2] for name, values in columns.items()}, holes)
-    assert (nothing.rows.any(), nothing.time_s, nothing.ways_um) == (False, 0.0, ())
+    assert (nothing.rows.any(), nothing.time_s, nothing.stretches_um) == (False, 0.0, ())
 
 
 def test_travel_never_points_to_another_contour():

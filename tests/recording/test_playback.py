@@ -16,11 +16,11 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from edmsim.errors import InputError
-from edmsim.recording.film import Film, render
 from edmsim.recording.report import PassFigures
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import take_screenshots
+from edmsim.recording.video import Film, render
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers.feed.laws import FixedController
-from edmsim.cosim.simulation import Simulation
 from edmsim.job.result import recorders_for
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import SHORT
@@ -26,7 +26,7 @@ def cut_of(generator):
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.15, (30.0, 30.0), (), "test")
     machine = Machine.load(height_mm=5, generator=generator)
     store = recorders_for(machine, (), "fast")
-    run = Simulation(machine, path, FixedController(33.0), seed=1, resolution="fast", observers=list(store))
+    run = Simulation(machine, path, FixedController(33.0), seed=1, resolution="fast", recorders=list(store))
     for _ in range(60):
         run.step()
     return SimpleNamespace(machine=machine, run=run, table=store.windows.to_arrow(), store=store)

@@ -9,9 +9,9 @@ import pytest
 
 from edmsim.plant.kernel.state import OPEN
 from edmsim.recording.figures import palette
-from edmsim.recording.film import Film
 from edmsim.recording.rerun.logs import AGES, SCOPE_PULSES, discharges, faded
 from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.video import Film
 from edmsim.recording.windows import traces
 
 from .conftest import LEAD

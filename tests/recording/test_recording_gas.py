@@ -8,9 +8,9 @@ from edmsim.controllers import WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 from edmsim.recording.figures.cut import pulses_figure
-from edmsim.recording.film import Film
 from edmsim.recording.rerun.logs import SMALLEST, shapes_of, travel_at, wire_strips
 from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.video import Film
 from edmsim.recording.windows import column
 
 from .conftest import closeups_of

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from edmsim.cosim.passes import Sums
+from edmsim.closed_loop.passes import Sums
 from edmsim.recording.report import (
     Corner,
     Coverage,
@@ -75,7 +75,7 @@ def made_of(totals, windows, offset=None, **changes):
 MANY_WINDOWS = """
 import json
 import numpy as np, pyarrow as pa
-from edmsim.cosim.passes import Sums
+from edmsim.closed_loop.passes import Sums
 from edmsim.recording.report import Report, Totals, build_report
 from edmsim.recording.windows import WindowTable
 draw = np.random.default_rng(1)

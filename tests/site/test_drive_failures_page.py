@@ -32,7 +32,7 @@ def test_the_page_has_every_way_to_fail(script, drive):
 @pytest.mark.parametrize("drive", DRIVES)
 def test_each_does_what_the_page_says(script, drive):
     rows = written(script, drive)
-    soon = [found for found in script.failures(drive) if found.program == script.LINE and found.way not in LATE]
+    soon = [found for found in script.failures(drive) if found.program == script.LINE and found.name not in LATE]
     assert len(soon) >= 8
     for failure in soon:
         assert script.row(failure) in rows

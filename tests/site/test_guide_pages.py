@@ -12,7 +12,7 @@ import pytest
 
 import edmsim
 from edmsim import controllers
-from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.errors import BAD_INPUT, FAILED, INTERRUPTED, STOPPED
 from edmsim.plant.resolution import resolution
 from edmsim.program import blocks, outline, path

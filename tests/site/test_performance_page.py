@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmsim.bench.pairs import Pairs
 from edmsim.bench.profile import PARTS, PROFILED, LoopProfile
+from edmsim.bench.revisions import Pairs
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "performance.md").read_text(encoding="utf-8")

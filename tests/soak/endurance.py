@@ -7,8 +7,8 @@ import gymnasium as gym
 import numpy as np
 
 from edmsim import Machine, Plant
+from edmsim.closed_loop.straight import Traverse, begin
 from edmsim.controllers import make
-from edmsim.cosim.straight import Traverse, begin
 
 from .memory import growth, resident_bytes
 

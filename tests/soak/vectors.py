@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 from edmsim import Machine, Plant
-from edmsim.cosim.straight import begin
+from edmsim.closed_loop.straight import begin
 
 ENV = "edmsim/GapFeed-v2"
 SHARED = {"resolution": "fast", "episode_s": 2.0}

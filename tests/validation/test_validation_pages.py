@@ -8,8 +8,8 @@ import pytest
 
 from edmsim import validation
 from edmsim.errors import InputError
+from edmsim.machine.components import Constant
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Constant
 from edmsim.validation.report import REASONS, as_json, failed, render_failed, rows_table
 from edmsim.validation.rows import Row
 

@@ -318,8 +318,8 @@ class Eanpos(PowersUp):
         reg = self.record["reg"][0]
         if reg[at.MEASURE] == 0:
             return 0.0
-        way = -1 if reg[at.ST_CNTREV] else 1
-        return float(way * reg[at.FOLLOW_STEP] * reg[at.PULSE] / reg[at.MEASURE])
+        direction = -1 if reg[at.ST_CNTREV] else 1
+        return float(direction * reg[at.FOLLOW_STEP] * reg[at.PULSE] / reg[at.MEASURE])
 
     def why_stopped(self) -> str:
         """Return the error, following error or refused command that stops it or keeps it from its target."""

@@ -61,28 +61,28 @@ def _down_s(reg: Words, real: Reals, change: float) -> float:
 
 
 @exactly_compiled
-def stopping_way(reg: Words, real: Reals, speed: float) -> float:
+def stopping_distance(reg: Words, real: Reals, speed: float) -> float:
     """Return the distance of a ramp from a speed to rest."""
     return float(0.5 * speed * _down_s(reg, real, speed))
 
 
 @exactly_compiled
-def _way_by(reg: Words, real: Reals, speed: float, peak: float) -> float:
+def _distance_by(reg: Words, real: Reals, speed: float, peak: float) -> float:
     """Return the distance of the ramps from a speed up to a peak and down to rest."""
-    return float(0.5 * (speed + peak) * _up_s(reg, real, peak - speed) + stopping_way(reg, real, peak))
+    return float(0.5 * (speed + peak) * _up_s(reg, real, peak - speed) + stopping_distance(reg, real, peak))
 
 
 @exactly_compiled
-def _peak(reg: Words, real: Reals, speed: float, top: float, way: float) -> float:
+def _peak(reg: Words, real: Reals, speed: float, top: float, distance: float) -> float:
     """Return the speed that ramps of the full slope reach on a distance too short for `top`."""
     if reg[at.UP_LAW] != JERK:
         up = real[at.UP_SLOPE] * (2.0 if reg[at.UP_LAW] == EPICYCLOID else 1.0)
         down = real[at.DOWN_SLOPE] * (2.0 if reg[at.DOWN_LAW] == EPICYCLOID else 1.0)
-        return min(max(math.sqrt((2.0 * way + speed * speed * up) / (up + down)), speed), top)
+        return min(max(math.sqrt((2.0 * distance + speed * speed * up) / (up + down)), speed), top)
     low, high = speed, top
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if _way_by(reg, real, speed, middle) < way:
+        if _distance_by(reg, real, speed, middle) < distance:
             low = middle
         else:
             high = middle
@@ -90,40 +90,42 @@ def _peak(reg: Words, real: Reals, speed: float, top: float, way: float) -> floa
 
 
 @exactly_compiled
-def _put(real: Reals, top: float, first_s: float, even_s: float, last_s: float, way: float, direction: int) -> None:
+def _put(
+    real: Reals, top: float, first_s: float, even_s: float, last_s: float, distance: float, direction: int
+) -> None:
     real[at.FROM], real[at.FIRST_SPEED], real[at.TOP_SPEED] = real[at.THEORY], real[at.SPEED], top
     real[at.FIRST_S], real[at.EVEN_S], real[at.LAST_S] = first_s, even_s, last_s
-    real[at.GOAL] = real[at.THEORY] + direction * way
+    real[at.GOAL] = real[at.THEORY] + direction * distance
 
 
 @exactly_compiled
-def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
+def plan(reg: Words, real: Reals, distance: float, top: float) -> bool:
     """Plan a profile over a distance (infinite in a search); False, without a change, if it is too short to stop."""
     speed, direction = real[at.SPEED], reg[at.DIRECTION]
-    if way < stopping_way(reg, real, speed) - _CLOSE:
+    if distance < stopping_distance(reg, real, speed) - _CLOSE:
         return False
     reg[at.START_NS] = max(reg[at.NOW_NS], reg[at.START_NS])
     if top <= 0.0:
-        _put(real, 0.0, _down_s(reg, real, speed), math.inf, 0.0, way, direction)
+        _put(real, 0.0, _down_s(reg, real, speed), math.inf, 0.0, distance, direction)
         return True
     if speed > top:
         first_s, last_s = _down_s(reg, real, speed - top), _down_s(reg, real, top)
-        even = way - 0.5 * (speed + top) * first_s - 0.5 * top * last_s
+        even = distance - 0.5 * (speed + top) * first_s - 0.5 * top * last_s
         if even >= 0.0:
-            _put(real, top, first_s, even / top, last_s, way, direction)
+            _put(real, top, first_s, even / top, last_s, distance, direction)
             return True
         top = speed
     first_s, last_s = _up_s(reg, real, top - speed), _down_s(reg, real, top)
-    even = way - 0.5 * (speed + top) * first_s - 0.5 * top * last_s
+    even = distance - 0.5 * (speed + top) * first_s - 0.5 * top * last_s
     if even >= 0.0:
-        _put(real, top, first_s, even / top, last_s, way, direction)
+        _put(real, top, first_s, even / top, last_s, distance, direction)
         return True
     keeps_time = reg[at.RAMPTYPE] == 1 and reg[at.RTYPE] == 0 and reg[at.UP_LAW] != JERK
-    if reg[at.MOVE] == at.PLACING and keeps_time and 2.0 * way - speed * first_s > speed * (first_s + last_s):
-        _put(real, (2.0 * way - speed * first_s) / (first_s + last_s), first_s, 0.0, last_s, way, direction)
+    if reg[at.MOVE] == at.PLACING and keeps_time and 2.0 * distance - speed * first_s > speed * (first_s + last_s):
+        _put(real, (2.0 * distance - speed * first_s) / (first_s + last_s), first_s, 0.0, last_s, distance, direction)
         return True
-    peak = _peak(reg, real, speed, top, way)
-    _put(real, peak, _up_s(reg, real, peak - speed), 0.0, _down_s(reg, real, peak), way, direction)
+    peak = _peak(reg, real, speed, top, distance)
+    _put(real, peak, _up_s(reg, real, peak - speed), 0.0, _down_s(reg, real, peak), distance, direction)
     return True
 
 
@@ -153,15 +155,15 @@ def keeps_first_ramp(reg: Words, real: Reals) -> bool:
 
 
 @exactly_compiled
-def lengthen(reg: Words, real: Reals, way: float) -> bool:
-    """Keep the first ramp and end the profile `way` after its begin; False, without a change, if it is too short."""
+def lengthen(reg: Words, real: Reals, distance: float) -> bool:
+    """Keep the first ramp and end the profile `distance` after its begin; False, without a change, if too short."""
     top = real[at.TOP_SPEED]
     last_s = _down_s(reg, real, top)
-    even = way - 0.5 * (real[at.FIRST_SPEED] + top) * real[at.FIRST_S] - 0.5 * top * last_s
+    even = distance - 0.5 * (real[at.FIRST_SPEED] + top) * real[at.FIRST_S] - 0.5 * top * last_s
     if even < -_CLOSE:
         return False
     real[at.EVEN_S], real[at.LAST_S] = max(even, 0.0) / top if top > 0.0 else math.inf, last_s
-    real[at.GOAL] = real[at.FROM] + reg[at.DIRECTION] * way
+    real[at.GOAL] = real[at.FROM] + reg[at.DIRECTION] * distance
     return True
 
 
@@ -172,12 +174,12 @@ def brake(reg: Words, real: Reals) -> None:
         return
     rises = in_first_ramp(reg, real) and real[at.TOP_SPEED] > real[at.FIRST_SPEED]
     if rises and reg[at.MOVE] == at.PLACING and reg[at.RAMPTYPE] == 1 and reg[at.STOPT] == 0:
-        way = 0.5 * (real[at.FIRST_SPEED] + real[at.TOP_SPEED]) * real[at.FIRST_S]
-        lengthen(reg, real, way + stopping_way(reg, real, real[at.TOP_SPEED]))
+        distance = 0.5 * (real[at.FIRST_SPEED] + real[at.TOP_SPEED]) * real[at.FIRST_S]
+        lengthen(reg, real, distance + stopping_distance(reg, real, real[at.TOP_SPEED]))
     elif not in_last_ramp(reg, real):
         speed = real[at.SPEED]
         reg[at.START_NS] = reg[at.NOW_NS]
-        _put(real, speed, 0.0, 0.0, _down_s(reg, real, speed), stopping_way(reg, real, speed), reg[at.DIRECTION])
+        _put(real, speed, 0.0, 0.0, _down_s(reg, real, speed), stopping_distance(reg, real, speed), reg[at.DIRECTION])
     reg[at.MOVE] = at.ENDING
 
 
@@ -206,14 +208,14 @@ def _ramp(t: float, span: float, change: float, law: int, slope: float, jerk: fl
     rise = span - abs(change) * slope if abs(change) * slope * slope * jerk > 1.0 else 0.5 * span
     signed = math.copysign(jerk, change)
     if early < rise:
-        speed, way = 0.5 * signed * early * early, signed * early**3 / 6.0
+        speed, distance = 0.5 * signed * early * early, signed * early**3 / 6.0
     else:
         steep = signed * rise
         speed = steep * (early - 0.5 * rise)
-        way = steep * (0.5 * early * early - 0.5 * rise * early + rise * rise / 6.0)
+        distance = steep * (0.5 * early * early - 0.5 * rise * early + rise * rise / 6.0)
     if t > early:
-        return change - speed, change * (t - 0.5 * span) + way
-    return speed, way
+        return change - speed, change * (t - 0.5 * span) + distance
+    return speed, distance
 
 
 @exactly_compiled
@@ -232,30 +234,30 @@ def follow(reg: Words, real: Reals) -> None:
         return
     t, jerk = since_s(reg), float(reg[at.JERK_LIMIT])
     first, top, first_s, even_s = real[at.FIRST_SPEED], real[at.TOP_SPEED], real[at.FIRST_S], real[at.EVEN_S]
-    way = 0.0
+    distance = 0.0
     if t < 0.0:
         real[at.SPEED] = 0.0
     elif t < first_s:
         rises = top >= first
         law, slope = (reg[at.UP_LAW], real[at.UP_SLOPE]) if rises else (reg[at.DOWN_LAW], real[at.DOWN_SLOPE])
         change, more = _ramp(t, first_s, top - first, law, slope, jerk)
-        real[at.SPEED], way = first + change, first * t + more
+        real[at.SPEED], distance = first + change, first * t + more
         reg[at.ST_ACC if rises else at.ST_DEC] = 1
     elif t < first_s + even_s:
         real[at.SPEED] = top
-        way = 0.5 * (first + top) * first_s + top * (t - first_s)
+        distance = 0.5 * (first + top) * first_s + top * (t - first_s)
         reg[at.ST_VCONST] = 1
     elif t < first_s + even_s + real[at.LAST_S]:
         since = t - first_s - even_s
         change, more = _ramp(since, real[at.LAST_S], -top, reg[at.DOWN_LAW], real[at.DOWN_SLOPE], jerk)
         real[at.SPEED] = top + change
-        way = 0.5 * (first + top) * first_s + top * (even_s + since) + more
+        distance = 0.5 * (first + top) * first_s + top * (even_s + since) + more
         reg[at.ST_DEC] = 1
     else:
         real[at.THEORY] = real[at.GOAL]
         _rest(reg, real)
         return
-    real[at.THEORY] = real[at.FROM] + reg[at.DIRECTION] * way
+    real[at.THEORY] = real[at.FROM] + reg[at.DIRECTION] * distance
 
 
 @exactly_compiled
@@ -392,14 +394,14 @@ def start(reg: Words, real: Reals, target: int) -> None:
 def travel(reg: Words, real: Reals, end: float) -> None:
     """Move an axis at rest to `end`: the target in execution, or a limit before it."""
     reg[at.OLD_SETPOS], reg[at.OLD_SETVEL] = reg[at.SETPOS], reg[at.SETVEL]
-    way = end - real[at.THEORY]
-    if way == 0.0:
+    distance = end - real[at.THEORY]
+    if distance == 0.0:
         return
     reg[at.ST_TOLL] = 0
     reg[at.SINCE_NS] = -1
     reg[at.MOVE], reg[at.ST_STILL] = at.PLACING, 0
-    begin(reg, real, 1 if way > 0.0 else -1, slopes(reg))
-    plan(reg, real, abs(way), reg[at.SETVEL] * speed_unit(reg))
+    begin(reg, real, 1 if distance > 0.0 else -1, slopes(reg))
+    plan(reg, real, abs(distance), reg[at.SETVEL] * speed_unit(reg))
 
 
 @exactly_compiled
@@ -408,12 +410,12 @@ def jog(reg: Words, real: Reals, direction: int) -> None:
     if reg[at.ST_LOOPON] == 0:
         catch_up(reg, real)
     real[at.LIMIT] = reg[at.MAXPOS] if direction > 0 else reg[at.MINPOS]
-    way = direction * (real[at.LIMIT] - real[at.THEORY])
-    if way > 0.0:
+    distance = direction * (real[at.LIMIT] - real[at.THEORY])
+    if distance > 0.0:
         reg[at.OLD_SETVEL] = reg[at.SETVEL]
         reg[at.MOVE], reg[at.ST_STILL] = at.JOGGING, 0
         begin(reg, real, direction, slopes(reg))
-        plan(reg, real, way, reg[at.SETVEL] * speed_unit(reg))
+        plan(reg, real, distance, reg[at.SETVEL] * speed_unit(reg))
 
 
 @exactly_compiled

@@ -159,9 +159,9 @@ class MainProgram:
         sign = -1 if buffer.waiting == ord("-") else 1
         if buffer.waiting in b"+-":
             buffer.advance()
-        way = sign * words.read_number(buffer)
+        distance = sign * words.read_number(buffer)
         words.at_end(buffer)
-        self._machine.jog(axis, way)
+        self._machine.jog(axis, distance)
 
     def _wait(self, buffer: InputBuffer) -> None:
         seconds = words.read_number(buffer) if skip(buffer) else None

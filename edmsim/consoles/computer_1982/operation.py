@@ -226,9 +226,9 @@ class Operation:
         t_i, t_p = computer.pulse_codes
         t_i_us, t_p_us = rig.board.times_us
         voltage, current = rig.gap
-        way = "NOT INITIALISED" if computer.state == OFF else rig.way
+        mode = "NOT INITIALISED" if computer.state == OFF else rig.mode
         return Status(
-            state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else way,
+            state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else mode,
             position=computer.position, unit=rig.unit_name, move=rig.move, time_s=rig.time_ns * 1e-9,
             speed=computer.speed, running=bus.signed(at.CUTVEL),
             short=bus.word(at.SHORTS), open=bus.word(at.OPENS), counted=bus.word(at.COUNTED),
@@ -288,16 +288,16 @@ class Operation:
         self._check_pulses()
         self.rig.resume_cut(planner, route)
 
-    def jog(self, axis: int, way: int) -> None:
+    def jog(self, axis: int, distance: int) -> None:
         """Move one axis with the generator off, as fast as the timers run; at an open end switch only back."""
         self._check_still()
-        if abs(way) * self.rig.unit_um < STEP_UM:
+        if abs(distance) * self.rig.unit_um < STEP_UM:
             raise InputError(f"a motor step is {STEP_UM} um; jog by at least that")
         x, y = self.rig.computer.position
-        target = (x, y + way) if axis else (x + way, y)
+        target = (x, y + distance) if axis else (x + distance, y)
         if not 0 <= target[axis] <= WORD:
             raise InputError(f"soft limit: the counters hold 0 to {WORD} {self.rig.unit_name}, not {target[axis]}")
-        direction = 1 if way > 0 else -1
+        direction = 1 if distance > 0 else -1
         if self.rig.ends.switch_open(axis, direction, self.rig.place_um[axis]):
             raise InputError(f"the {END_SWITCHES[axis]} switch is open; jog back from it")
         self.rig.board.switches.release()

@@ -7,6 +7,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from edmsim.closed_loop.stops import switches_open
 from edmsim.consoles.computer_1982.words import Entry, Move, Setting, check_speed
 from edmsim.controllers import make
 from edmsim.controllers.feed.counts import CountsController
@@ -22,7 +23,6 @@ from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED, sec
 from edmsim.controllers.planner.kinds import LITERAL
 from edmsim.controllers.planner.registry import Planner, counting, kind_of, make_planner
 from edmsim.controllers.protocols import Step
-from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
@@ -65,8 +65,8 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
             arc = arc_points(corners[-1], entry.centre_um, entry.end_um, entry.clockwise)
             following = [(int(x), int(y)) for x, y in arc[1:]]
         for corner in following:
-            way = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
-            lengths.append(lengths[-1] + unit_um * way)
+            distance = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
+            lengths.append(lengths[-1] + unit_um * distance)
             corners.append(corner)
         moves.append((lengths[-1], entry))
     if not lengths[-1]:
@@ -143,7 +143,7 @@ class Rig:
         self._planner_name = planner
         self._literal = kind_of(planner).number == LITERAL
         self.computer = Computer(self.board, unit=self.unit, wrap=self._literal)
-        self.way, self.cause = STAND_BY, ""  # cause of the last emergency
+        self.mode, self.cause = STAND_BY, ""  # cause of the last emergency
         self.held: tuple[Planner, Route, Point] | None = None  # an unfinished cut, and where it stopped
         self.wire = True
         self.windows = 0  # read while cutting
@@ -196,12 +196,12 @@ class Rig:
     @property
     def stalled(self) -> bool:
         """Whether a cut has the greatest speed 0, which MAXVEL may contain although SPEED refuses it."""
-        return self.moving and self.way == CUTTING and not self.computer.speed
+        return self.moving and self.mode == CUTTING and not self.computer.speed
 
     @property
     def move(self) -> Move | None:
         """The present move of the cut; None without a cut."""
-        return self._route.move_at(self._planner.path_um) if self._planner and self.way == CUTTING else None
+        return self._route.move_at(self._planner.path_um) if self._planner and self.mode == CUTTING else None
 
     @property
     def in_emergency(self) -> bool:
@@ -258,7 +258,7 @@ class Rig:
     def resume_cut(self, planner: Planner, route: Route) -> None:
         """Start timers and generator at the planner's present position on its route."""
         self.computer.start()
-        self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
+        self._planner, self._route, self.held, self.mode = planner, route, None, CUTTING
         start = min(at.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
         at.set_variables(self.board.bus, State(clock=self.time_ns // TICK_NS & WORD, speed=start))
         self._run_at(start)
@@ -266,7 +266,7 @@ class Rig:
     def begin_jog(self, target: Point) -> None:
         """Start the timers towards a position, with the generator off."""
         self.computer.start(generator=False)
-        self._planner, self.way = PathRun(self.computer, [self.computer.position, target]), JOGGING
+        self._planner, self.mode = PathRun(self.computer, [self.computer.position, target]), JOGGING
         self._run_at(MAX_SPEED)
 
     def _run_at(self, units: int) -> None:
@@ -282,9 +282,9 @@ class Rig:
 
     def put_down(self) -> None:
         """End all motion, and store an unfinished cut so that it can be resumed."""
-        if self.way == CUTTING and self._planner is not None:
+        if self.mode == CUTTING and self._planner is not None:
             self.held = self._planner, self._route, self.computer.position
-        self._planner, self.way = None, STAND_BY
+        self._planner, self.mode = None, STAND_BY
         self.board.mean_current_A = 0.0
 
     def trip(self, switch: str, cause: str) -> None:
@@ -319,7 +319,7 @@ class Rig:
         self._fire(steps, moved(self.place_um, steps))
         self.computer.run_until(end_ns)
         if self._planner is not None and self._planner.done:
-            if self.way == CUTTING:  # within a step of the end: apply the settings after the last move
+            if self.mode == CUTTING:  # within a step of the end: apply the settings after the last move
                 self._take_over(math.inf)
             self._planner = None
             self.stand("READY")
@@ -401,13 +401,13 @@ class Rig:
         elif self.plant.generator_on and window.pulses == WINDOW_PULSES:
             self.board.counters.count_window(window.short, window.open)
             self._read_counts()
-        elif self.way == CUTTING:
+        elif self.mode == CUTTING:
             self.stand("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED")
 
     def _read_counts(self) -> None:
         """Read the latches if the previous counts have been processed; while cutting, decide on the speed."""
         computer, now_ns = self.computer, self.plant.time_ns
-        if self.way != CUTTING or self._planner is None:
+        if self.mode != CUTTING or self._planner is None:
             computer.read_counts()
             return
         if now_ns < max(self._busy_until_ns, computer.steppers.free_ns) or not computer.result_waits():

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.plant.axes.board import NOBODY, NOWHERE_UM, first_due, serve, shut_off, tripped, watch
-from edmsim.plant.axes.shaft import coast_all
-from edmsim.plant.axes.ways import errors_um, taken_up
+from edmsim.plant.axes.feed_drive import coast_all
+from edmsim.plant.axes.geometric_errors import errors_um, taken_up
 from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timing
 from edmsim.plant.mechanics.modal import step_table
 
@@ -33,7 +33,7 @@ def _take_step(
         return
     if axes.errs != 0:
         slack = state[0].slack_um[axis]
-        state[0].slack_um[axis] = taken_up(slack, travel, axes.ways[axis].backlash_um)
+        state[0].slack_um[axis] = taken_up(slack, travel, axes.geometric_errors[axis].backlash_um)
         travel -= state[0].slack_um[axis] - slack
         if travel == 0.0:
             return
@@ -52,7 +52,7 @@ def indicate(state: NDArray[np.void]) -> None:
 def apply_geometric_errors(state: NDArray[np.void], axes: Axes) -> None:
     """Set x and y to their positions with the errors of screws and ways."""
     places = state[0].axis_um
-    x, y = errors_um(axes.ways, places[0], places[1], places[2])
+    x, y = errors_um(axes.geometric_errors, places[0], places[1], places[2])
     for axis in range(2):
         state[0].indicated_um[axis] = state[0].axis_um[axis]
     state[0].axis_um[0] -= x

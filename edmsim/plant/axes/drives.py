@@ -14,9 +14,9 @@ from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.advance import apply_geometric_errors, indicate, take_line
 from edmsim.plant.axes.board import NEVER, NOWHERE_UM, hold_in_reset
 from edmsim.plant.axes.encoder import LONG_AGO_NS, draw_pause, mark_below, watch_cam
-from edmsim.plant.axes.shaft import check_motor, longest_step_ns
+from edmsim.plant.axes.feed_drive import check_motor, longest_step_ns
+from edmsim.plant.axes.geometric_errors import no_errors, taken_up
 from edmsim.plant.axes.steps import MOVE, rapid_constants, run_moves, straight_moves, time_left_s
-from edmsim.plant.axes.ways import no_ways, taken_up
 from edmsim.plant.kernel.state import ArraySizes, Axes, allocate
 
 AXIS_NAMES = ("x", "y", "u", "v")
@@ -42,13 +42,13 @@ class AxisDrive(Protocol):
 class Drives:
     """The drives of one plant by axis. They are copied, so several plants can use one; other axes have a stepper.
 
-    `ways` are the errors of screws and ways of x and y; `screws` are constants of axes whose screw and table belong
+    `errors` are those of screws and ways of x and y; `screws` are constants of axes whose screw and table belong
     to the machine and not to the drive. The machine stops an axis that is `stray_um` from its setpoint.
     """
 
     def __init__(
         self, drives: Mapping[str, AxisDrive], travel_um: float, sizes: ArraySizes,
-        screws: Mapping[int, Mapping[str, float]] | None = None, ways: NDArray[np.void] | None = None,
+        screws: Mapping[int, Mapping[str, float]] | None = None, errors: NDArray[np.void] | None = None,
         stray_um: float = np.inf,
     ) -> None:
         for name in drives:
@@ -57,7 +57,7 @@ class Drives:
         self.options = dict(drives)
         self.by_axis: dict[str, AxisDrive] = {name: copy.deepcopy(drive) for name, drive in drives.items()}
         made = allocate(Axes, sizes, loops=0, errs=0)
-        made.ways[:] = no_ways() if ways is None else ways
+        made.geometric_errors[:] = no_errors() if errors is None else errors
         self._looped: list[int] = []
         for k, name in enumerate(AXIS_NAMES):
             drive = self.by_axis.get(name)
@@ -87,7 +87,7 @@ class Drives:
         for name in _TIMERS:
             self._initial[name] = NEVER
         self._stray_um = stray_um
-        errs = made.ways.tobytes() != no_ways().tobytes()
+        errs = made.geometric_errors.tobytes() != no_errors().tobytes()
         self.axes = made._replace(loops=len(self._looped), errs=int(errs))
 
     def reset(self, state: NDArray[np.void], seed: int) -> None:
@@ -126,7 +126,7 @@ class Drives:
             moved_um[k] = counts[k] * step_um
         if self.axes.errs:
             indicate(state)
-            play_um = 0.5 * self.axes.ways["backlash_um"]
+            play_um = 0.5 * self.axes.geometric_errors["backlash_um"]
             state["slack_um"] = np.clip(state["slack_um"] + moved_um[:2], -play_um, play_um)
         state["commanded_um"] += moved_um
         for axis in range(axis_rows.N_AXES):
@@ -206,7 +206,7 @@ class Drives:
         if not self.axes.errs or axis >= 2:
             return travel_um
         slack_um = float(state["slack_um"][0, axis])
-        now_um = taken_up(slack_um, travel_um, float(self.axes.ways["backlash_um"][axis]))
+        now_um = taken_up(slack_um, travel_um, float(self.axes.geometric_errors["backlash_um"][axis]))
         state["slack_um"][0, axis] = now_um
         return travel_um - (now_um - slack_um)
 

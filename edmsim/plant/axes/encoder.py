@@ -122,13 +122,13 @@ def see_edges(drive: Any, row: Any, motor: Any, before: float, from_ns: float, t
     if count == row.true_count and row.spike_ns >= to_ns:
         return
     hold_ns, span = _hold_ns(drive, motor), after - before
-    way = 1 if count > row.true_count else -1
+    direction = 1 if count > row.true_count else -1
     while row.true_count != count:
-        share = 1.0 if span == 0.0 else min(max((row.true_count + 0.5 * way - before) / span, 0.0), 1.0)
+        share = 1.0 if span == 0.0 else min(max((row.true_count + 0.5 * direction - before) / span, 0.0), 1.0)
         at_ns = from_ns + share * (to_ns - from_ns)
         _take_spikes(row, motor, hold_ns, at_ns)
         _catch_up(row, at_ns, hold_ns)
-        row.true_count += way
+        row.true_count += direction
         row.state = row.true_count & 3 ^ (row.true_count & 3) >> 1
         _look(row, at_ns, hold_ns)
     _take_spikes(row, motor, hold_ns, to_ns)

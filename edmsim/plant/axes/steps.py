@@ -13,7 +13,7 @@ from edmsim import models
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.board import NOBODY, first_due, serve, shut_off, tripped, watch
-from edmsim.plant.axes.shaft import coast_all
+from edmsim.plant.axes.feed_drive import coast_all
 from edmsim.plant.kernel.state import Axes
 
 MOVE = np.dtype(
@@ -58,12 +58,12 @@ def _steps_by(row: Any, now_ns: int) -> int:
     left = (row.end_ns - now_ns) * 1e-9
     ramp = row.ramp_s
     if since < ramp:
-        way = 0.5 * row.rate_Hz * since * since / ramp
+        travelled = 0.5 * row.rate_Hz * since * since / ramp
     elif left < ramp:
-        way = total - 0.5 * row.rate_Hz * left * left / ramp
+        travelled = total - 0.5 * row.rate_Hz * left * left / ramp
     else:
-        way = row.rate_Hz * (since - 0.5 * ramp)
-    return int(min(max(math.floor(way), 0), total))
+        travelled = row.rate_Hz * (since - 0.5 * ramp)
+    return int(min(max(math.floor(travelled), 0), total))
 
 
 @compiled
@@ -96,11 +96,11 @@ def rapid_constants() -> dict[str, float]:
 
 def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once: Sequence[bool]) -> NDArray[np.void]:
     """Return the moves of a straight line; drives with their own ramps receive all steps at once."""
-    way = math.hypot(*counts)
+    distance = math.hypot(*counts)
     rows = [np.zeros(0, MOVE)]
     for axis, count in enumerate(counts):
         if count:
-            rate = 0.0 if at_once[axis] else rate_Hz * abs(count) / way
+            rate = 0.0 if at_once[axis] else rate_Hz * abs(count) / distance
             rows.append(move(axis, start_ns, count, rate, rate / rapid_constants()["ramp_s"]))
     return np.concatenate(rows)
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine import setting
+from edmsim.machine.components import Equalising
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Equalising
 from edmsim.machine.pulse_window import PulseWindow
 from edmsim.plant.kernel.state import GRID, IGNITION_PULSE, ISO_ENERGETIC, ISO_PULSE, Timing
 

@@ -109,7 +109,7 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
 
 
 @compiled_apart
-def touch(state: NDArray[np.void], a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
+def resolve_contact(state: NDArray[np.void], a: Arrays, position: Array, contact: Array) -> tuple[int, int]:
     """Push the wire out of the metal where they overlap; return slice and place of the deepest contact."""
     # first the deepest slice, then with the wire's new shape the others, upwards and downwards in turn
     deepest, slice_, place = deepest_contact(a, position, contact)
@@ -235,7 +235,7 @@ def decide(
 ) -> tuple[int, float, int, int]:
     """Return how the pulse ends: outcome, delay until ignition in us, slice and place of its ray."""
     if totals[2] > 0.0:
-        s, k = touch(state, a, position, contact)
+        s, k = resolve_contact(state, a, position, contact)
         return SHORT, 0.0, s, k
     if _may_bridge(a, c) and _bridged(state, a, position, c):
         return SHORT, 0.0, -1, 0

@@ -99,11 +99,11 @@ def jets(lower_Pa: float, upper_Pa: float, viscosity_Pa_s: float, side_gap_um: f
     )
 
 
-def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, way_mm: float) -> float:
+def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, length_mm: float) -> float:
     """Return the mean axial speed of slot Poiseuille flow at a nozzle, ``dp g^2 / (12 eta z)``; 0 if z is 0."""
-    if way_mm == 0.0:
+    if length_mm == 0.0:
         return 0.0
-    return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * way_mm * 1e-3)
+    return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * length_mm * 1e-3)
 
 
 KERF_LOSS, KERF_FRICTION = 1.5, 0.04
@@ -116,8 +116,8 @@ def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float
     # ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the length z to where the jets meet, as in the gap
     share = _meeting_share(lower_Pa, upper_Pa)
 
-    def speed_m_s(pressure_Pa: float, way: float) -> float:
-        loss = KERF_LOSS + KERF_FRICTION * way * height_mm / (2 * kerf_um * 1e-3)
+    def speed_m_s(pressure_Pa: float, length_share: float) -> float:
+        loss = KERF_LOSS + KERF_FRICTION * length_share * height_mm / (2 * kerf_um * 1e-3)
         return math.sqrt(2 * pressure_Pa / DENSITY_KG_M3 / loss)
 
     return Jets(share, speed_m_s(lower_Pa, share), speed_m_s(upper_Pa, 1.0 - share))

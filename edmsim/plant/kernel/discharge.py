@@ -15,7 +15,7 @@ from edmsim.plant.gap.water import EINSTEIN, flush, mean_of_slices
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import project
 from edmsim.plant.wire import HeatLaw, add_currents, heat_step, spot_K, strength_share
-from edmsim.plant.workpiece.craters import share_crater
+from edmsim.plant.workpiece.craters import distribute_crater
 
 KERF_SHARE = 0.5  # a wire is in a kerf, not along a wall, if metal faces this share of it (ours)
 PLACE_SD_UM = 2000.0
@@ -54,7 +54,7 @@ def erode(
 ) -> float:
     """Remove a crater of `volume` um3 at a ray; return the volume that becomes debris, 0 if there is no metal."""
     state[0].crater_um3 += volume
-    if share_crater(a, c, position, s, k, volume, draw(state) - 0.5):
+    if distribute_crater(a, c, position, s, k, volume, draw(state) - 0.5):
         state[0].wear_wait_um3 += volume
         window[0].crater_um3 += volume
         return volume

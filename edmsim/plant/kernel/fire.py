@@ -14,15 +14,15 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.axes.advance import LOST, advance_axes, apply_geometric_errors, indicate
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.gas import BubbleLaw, GasLaw, blow, fade
-from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
+from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, resolve_contact, sum_rays
 from edmsim.plant.gap.rays import OVERLAP_UM, pack_rays, rays_of, retrace, tilt_rays, weigh
 from edmsim.plant.gap.water import mean_of_slices
 from edmsim.plant.kernel import state as loop
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import Array, Arrays, Axes, Constants, Propagators, Scratch, Timing
-from edmsim.plant.mechanics.film import find_films, is_narrow, mean_film, mean_resistance, scale_film, squeeze
 from edmsim.plant.mechanics.full_model import FullLink, move_full
 from edmsim.plant.mechanics.modal import copy, kick, lean, mean_deflection, move, place_wire, project, ring, ringing
+from edmsim.plant.mechanics.squeeze_film import find_films, is_narrow, mean_film, mean_resistance, scale_film, squeeze
 from edmsim.plant.wire import HeatLaw
 from edmsim.plant.workpiece.craters import carve
 
@@ -346,6 +346,6 @@ def fire_window(
     place_wire(state, a, position)
     deepest = 0.0
     if sum_rays(a, c, law, position, sums, contact)[2] > 0.0:
-        touch(state, a, position, contact)
+        resolve_contact(state, a, position, contact)
         deepest = deepest_contact(a, position, contact)[0]
     return _end(state, window, a, deepest)

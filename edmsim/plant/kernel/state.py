@@ -20,7 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 from edmsim.compiled.axis_rows import AXIS, DRIVE, MOTOR, N_AXES
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import GAPS, filled, filled_packs, packed_lanes, packs
-from edmsim.plant.axes.ways import WAY
+from edmsim.plant.axes.geometric_errors import AXIS_ERRORS
 
 Array = NDArray[np.float64]
 
@@ -324,10 +324,10 @@ class Axes(NamedTuple):
     rows: Annotated[NDArray[np.void], Stored(N_AXES, life=CHANGING, record=AXIS)]
     drives: Annotated[NDArray[np.void], Stored(N_AXES, life=CHANGING, record=DRIVE)]
     motors: Annotated[NDArray[np.void], Stored(N_AXES, record=MOTOR)]
-    ways: Annotated[NDArray[np.void], Stored(2, record=WAY)]  # errors of screws and ways of x and y
+    geometric_errors: Annotated[NDArray[np.void], Stored(2, record=AXIS_ERRORS)]  # of screws and ways of x and y
     step_ns: Annotated[NDArray[np.int64], Stored(N_AXES)]  # longest time step
     loops: int  # number of servo drives
-    errs: int  # whether `ways` has any error
+    errs: int  # whether `geometric_errors` has any
 
 
 class Arrays(NamedTuple):

@@ -22,10 +22,10 @@ from edmsim.compiled.memory_views import call_with_two
 from edmsim.errors import EdmsimError
 from edmsim.plant.axes.advance import LOST, advance_axes
 from edmsim.plant.axes.encoder import position, see_edges, watch_cam
-from edmsim.plant.axes.shaft import energise, rotor_after_friction, screw_damping, table_after_friction
+from edmsim.plant.axes.feed_drive import energise, rotor_after_friction, screw_damping, table_after_friction
 from edmsim.plant.kernel.state import CHANGING, Array, Arrays, Axes, Constants, Propagators, Stored, Timing
 from edmsim.plant.mechanics import model as mechanics
-from edmsim.plant.mechanics.film import film_now, suction_limited
+from edmsim.plant.mechanics.squeeze_film import film_now, suction_limited
 
 if TYPE_CHECKING:
     import mujoco
@@ -435,13 +435,13 @@ def _push(a: Arrays, link: FullLink, s: int, impulse_x: float, impulse_y: float)
 
 
 @compiled
-def _way(a: Arrays, link: FullLink, films: Array, s: int) -> float:
+def _moved_um(a: Arrays, link: FullLink, films: Array, s: int) -> float:
     """Return a slice's motion (um) towards the metal since the beginning of the pulse, still in `Arrays.wire_q`."""
-    way = 0.0
+    moved_um = 0.0
     for m in range(link.wire.shape[1]):
         x, y = link.qpos[link.wire[0, m]] * 1e6, link.qpos[link.wire[1, m]] * 1e6
-        way += a.shape[s, m] * ((x - a.wire_q[0, m]) * films[s, 0] + (y - a.wire_q[1, m]) * films[s, 1])
-    return float(way)
+        moved_um += a.shape[s, m] * ((x - a.wire_q[0, m]) * films[s, 0] + (y - a.wire_q[1, m]) * films[s, 1])
+    return float(moved_um)
 
 
 @compiled
@@ -450,7 +450,7 @@ def _add_growth(a: Arrays, link: FullLink, films: Array, scale: float) -> None:
     for s in range(films.shape[0]):
         if films[s, 3] == 0.0:
             continue
-        growth = film_now(films, s, 0.0, _way(a, link, films, s))[1] * scale * 1e-6
+        growth = film_now(films, s, 0.0, _moved_um(a, link, films, s))[1] * scale * 1e-6
         for m in range(link.wire.shape[1]):
             link.force[link.wire[0, m]] += a.shape[s, m] * growth * films[s, 0]
             link.force[link.wire[1, m]] += a.shape[s, m] * growth * films[s, 1]
@@ -475,7 +475,7 @@ def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, mean: float, r
         for m in range(link.wire.shape[1]):
             x, y, shape = link.wire[0, m], link.wire[1, m], a.shape[s, m]
             speed += shape * (link.qvel[x] * nx + link.qvel[y] * ny)
-        film = film_now(films, s, mean, _way(a, link, films, s))[0]
+        film = film_now(films, s, mean, _moved_um(a, link, films, s))[0]
         drag = film / (1.0 + film * dt / a.slice_mass_kg[s])
         impulse = suction_limited(a, c, s, -drag * speed * 1e6) * 1e-6 * dt
         _push(a, link, s, impulse * nx, impulse * ny)

@@ -51,7 +51,9 @@ def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, rea
 
 
 @compiled_apart
-def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
+def distribute_crater(
+    a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float
+) -> bool:
     """Divide a crater of `volume` um3 among the rays in its width, whose edges recede by its mean depth."""
     # `jitter` (-0.5..0.5 ray spacings) makes many craters cover the wall evenly. Returns False if there is no metal.
     if volume <= 0.0:

@@ -14,12 +14,12 @@ from matplotlib.mlab import psd
 from matplotlib.patches import Circle
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from edmsim.cosim.straight import KINDS, PulseSample
+from edmsim.closed_loop.straight import KINDS, PulseSample
 from edmsim.errors import InputError
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
+from edmsim.metrology.error_budget import SHARES
 from edmsim.metrology.profile import CornerError
-from edmsim.metrology.shares import SHARES
 from edmsim.plant.constants import modal_model
 from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures import palette, style
@@ -71,15 +71,15 @@ def shares_figure(scene: Scene) -> Figure:
 
 def _joined(split: list[ErrorMap]) -> tuple[Floats, Floats, Floats]:
     """Return distance along the edges, error and shares of all contours in a row, with NaN between contours."""
-    ways, errors, shares, begin = [], [], [], 0.0
+    distances, errors, shares, begin = [], [], [], 0.0
     for edge in split:
         assert edge.shares_um is not None
-        way = begin + arc_lengths(edge.points_mm)
-        begin = float(way[-1])
-        ways.append(np.append(way, begin))
+        distance = begin + arc_lengths(edge.points_mm)
+        begin = float(distance[-1])
+        distances.append(np.append(distance, begin))
         errors.append(np.append(edge.error_um, np.nan))
         shares.append(np.column_stack([edge.shares_um, np.full(len(SHARES), np.nan)]))
-    return np.concatenate(ways), np.concatenate(errors), np.concatenate(shares, axis=1)
+    return np.concatenate(distances), np.concatenate(errors), np.concatenate(shares, axis=1)
 
 
 CORNER_REACH_MM = 0.4  # half the width of a corner's detail (ours: shows the whole kerf and wire)
@@ -204,8 +204,8 @@ def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Float
     for edge in scene.maps:
         off = np.hypot(*(edge.points_mm - place_mm).T)
         if len(off) and off.min() < 1e-3:
-            way_um = 1000 * arc_lengths(edge.points_mm)
-            s, total = way_um - way_um[off.argmin()], way_um[-1]
+            along_um = 1000 * arc_lengths(edge.points_mm)
+            s, total = along_um - along_um[off.argmin()], along_um[-1]
             s = (s + total / 2) % total - total / 2 if np.allclose(edge.nominal_mm[0], edge.nominal_mm[-1]) else s
             order = np.argsort(s)
             error = edge.error_um[order]
@@ -347,15 +347,15 @@ def plane_figure(windows: pa.Table) -> Figure:
     axes.plot(
         open_, short, ".", color=MUTED, markersize=2.0, alpha=0.12, markeredgewidth=0, rasterized=True, zorder=1
     )
-    ways = [
+    tracks = [
         np.column_stack([band.mean for band in stretch])
         for stretch in zip(*(bands(t_s, v, t_s, PATH_STEPS) for v in (t_s / seconds, open_, short)), strict=True)
     ]
-    pieces = np.concatenate([np.stack([way[:-1], way[1:]], axis=1) for way in ways])
+    pieces = np.concatenate([np.stack([track[:-1], track[1:]], axis=1) for track in tracks])
     path = LineCollection(list(pieces[:, :, 1:]), array=pieces[:, 0, 0], cmap="viridis", linewidth=1.1, zorder=3)
     axes.add_collection(path, autolim=False)
-    axes.plot(*ways[0][0, 1:], "^", color=GREEN, markersize=6, markeredgecolor="white", zorder=4, label="start")
-    axes.plot(*ways[-1][-1, 1:], "s", color=VERMILION, markersize=5, markeredgecolor="white", zorder=4, label="end")
+    axes.plot(*tracks[0][0, 1:], "^", color=GREEN, markersize=6, markeredgecolor="white", zorder=4, label="start")
+    axes.plot(*tracks[-1][-1, 1:], "s", color=VERMILION, markersize=5, markeredgecolor="white", zorder=4, label="end")
     axes.plot([0, 100], [100, 0], color=INK, linewidth=0.7, linestyle=":", zorder=2, label="no pulse ignites")
     axes.set_xlim(0, 100)
     axes.set_ylim(0, max(float(short.max()), 10.0) * 1.03)
@@ -596,8 +596,8 @@ def face_figure(scene: Scene) -> Figure:
     limit = max(float(np.percentile(known, 97)), 0.1)
     panels = np.atleast_1d(figure.subplots(len(shown), 1, gridspec_kw={"hspace": 0.35}))
     for axes, (edge, error_um) in zip(panels, shown, strict=True):
-        way = arc_lengths(edge.points_mm)
-        ends = np.append(way, way[-1] + max(way[-1] - way[-2], 1e-3)) if len(way) > 1 else np.array([0.0, 1.0])
+        s = arc_lengths(edge.points_mm)
+        ends = np.append(s, s[-1] + max(s[-1] - s[-2], 1e-3)) if len(s) > 1 else np.array([0.0, 1.0])
         axes.pcolormesh(
             ends, np.linspace(0.0, scene.height_mm, len(error_um) + 1), error_um, cmap=style.ERROR_COLOURS,
             norm=Normalize(-limit, limit), rasterized=True, shading="flat",

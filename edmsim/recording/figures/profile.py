@@ -420,17 +420,17 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     _draw_blank(axes, path, kerf_um)
     for number, contour in enumerate(path.contours):
         faces = _faces(contour)
-        for name, (edge_colour, way_colour), face in faces:
+        for name, (edge_colour, path_colour), face in faces:
             edge = face.nominal_mm - path.origin_mm
             label = f"edge as drawn{name}" if number == 0 else None
             axes.plot(*edge.T, color=edge_colour, linewidth=0.9, zorder=4, label=label)
-            _draw_ways(axes, path, face, (name, way_colour), number == 0)
+            _draw_wire_paths(axes, path, face, (name, path_colour), number == 0)
             _draw_arrows(axes, face.points_um / 1e3 - path.origin_mm)
         if len(faces) == 2:
             _draw_wires(axes, *(face.points_um / 1e3 - path.origin_mm for _, _, face in faces))
-        way = contour.points_um / 1e3 - path.origin_mm
+        points = contour.points_um / 1e3 - path.origin_mm
         axes.annotate(
-            str(number + 1), way[0], xytext=(8, 8), textcoords="offset points", fontsize=9, color=palette.GREEN,
+            str(number + 1), points[0], xytext=(8, 8), textcoords="offset points", fontsize=9, color=palette.GREEN,
             zorder=6,
         )
     starts = path.start_holes_um / 1e3 - path.origin_mm
@@ -459,25 +459,25 @@ def _draw_wires(axes: Axes, below: Floats, above: Floats) -> None:
     """Draw the wire at `_WIRES` places, from the lower face to the upper one."""
     passed = arc_lengths((below + above) / 2)
     at = np.linspace(0.0, passed[-1], _WIRES)
-    ends = [interpolated(at, passed, way) for way in (below, above)]
+    ends = [interpolated(at, passed, points) for points in (below, above)]
     wires = LineCollection(list(np.stack(ends, axis=1)), color=palette.GREEN, linewidth=0.4, zorder=3, label="wire")
     axes.add_collection(wires)
 
 
-def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool) -> None:
+def _draw_wire_paths(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool) -> None:
     """Draw the path of the wire's centre on a face, each pass in its colour; a tab's passes are dashed."""
     where, colour = face
     if not contour.passes:
-        way, label = contour.points_um / 1e3 - path.origin_mm, f"wire's centre{where}" if labelled else None
-        axes.plot(*way.T, color=colour, linewidth=0.9, zorder=3, label=label)
+        points, label = contour.points_um / 1e3 - path.origin_mm, f"wire's centre{where}" if labelled else None
+        axes.plot(*points.T, color=colour, linewidth=0.9, zorder=3, label=label)
         return
     for one in contour.passes:
         said = one.piece == "profile" and where in ("", ", below")
         name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if said else None
         style = "-" if one.piece == "profile" else (0, (3, 1.5))
-        way = one.points_um / 1e3 - path.origin_mm
+        points = one.points_um / 1e3 - path.origin_mm
         axes.plot(
-            *way.T, color=palette.pass_colour(one.number), linewidth=0.8, linestyle=style, zorder=3,
+            *points.T, color=palette.pass_colour(one.number), linewidth=0.8, linestyle=style, zorder=3,
             label=name if labelled else None,
         )  # fmt: skip
 
@@ -485,20 +485,20 @@ def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str,
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
     (x0, y0, x1, y1), (dx, dy) = path.stock_mm, path.origin_mm
     axes.add_patch(Rectangle((x0 - dx, y0 - dy), x1 - x0, y1 - y0, **_BLANK))
-    ways = [
-        shapely.LineString(way / 1e3 - path.origin_mm)
-        for contour in path.contours for _, _, face in _faces(contour) for way in face.ways_um
+    lines = [
+        shapely.LineString(points / 1e3 - path.origin_mm)
+        for contour in path.contours for _, _, face in _faces(contour) for points in face.guide_paths_um
     ]
-    kerf = shapely.union_all([way.buffer(kerf_um / 2e3) for way in ways])
+    kerf = shapely.union_all([line.buffer(kerf_um / 2e3) for line in lines])
     fill(axes, kerf, "#cfe3f1", "kerf")
     for place_um in path.start_holes_um:
         look: dict[str, Any] = {"facecolor": "white", "edgecolor": palette.MUTED, "zorder": 2}
         axes.add_patch(Circle(place_um / 1e3 - path.origin_mm, path.start_hole_radius_mm, **look))
 
 
-def _draw_arrows(axes: Axes, way: Floats) -> None:
+def _draw_arrows(axes: Axes, points: Floats) -> None:
     """Draw arrows in the direction of the cut."""
-    line = shapely.LineString(way)
+    line = shapely.LineString(points)
     for share in (np.arange(_ARROWS) + 0.5) / _ARROWS:
         at = share * line.length
         tail, head = (shapely.get_coordinates(line.interpolate(s))[0] for s in (at, at + 1e-3 * line.length))

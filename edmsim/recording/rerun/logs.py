@@ -192,7 +192,7 @@ def growing_kerf(scene: Scene, places_um: Floats, path_um: Floats) -> Growth:
         part, parts = slice(max(first - 1, 0), last + 1), []
         for k, (layer, (kerf, _)) in enumerate(zip(layers, known, strict=True)):
             led_um = 1e3 * scene.lead_mm(path_um[part], np.array([layer.middle_mm]))[:, 0]
-            line = _way(places_um[part] + led_um, path_um[part])
+            line = _wire_path(places_um[part] + led_um, path_um[part])
             swept[k] = swept[k].union(line.simplify(0.002).buffer(reach, quad_segs=4)).simplify(0.001)
             # cut from the whole kerf every time, because taking it piece by piece would leave slivers
             cut = kerf.intersection(swept[k])
@@ -223,11 +223,11 @@ def _layers(scene: Scene) -> list[_Layer]:
     return [_Layer(number, *ends) for number, ends in enumerate(pairwise(edges))]
 
 
-def _way(places_um: Floats, path_um: Floats) -> shapely.Geometry:
+def _wire_path(places_um: Floats, path_um: Floats) -> shapely.Geometry:
     """Return the wire's path in mm, without the moves between contours."""
     parts = [places_um[part] / 1000.0 for part in stretches(len(path_um), jump_rows(places_um, path_um))]
     return shapely.GeometryCollection([
-        shapely.LineString(way) if len(way) > 1 else shapely.Point(way[0]) for way in parts
+        shapely.LineString(part) if len(part) > 1 else shapely.Point(part[0]) for part in parts
     ])  # fmt: skip
 
 
@@ -594,11 +594,11 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     """Log every ray that meets metal, and the metal's edge as lines between their ends."""
     gaps = closeups["walls_um"].astype(np.float64)
     angle = 2 * np.pi * np.arange(gaps.shape[1]) / max(gaps.shape[1], 1)
-    way = np.column_stack([np.cos(angle), -np.sin(angle)])
+    direction = np.column_stack([np.cos(angle), -np.sin(angle)])
     radius = scene.wire_diameter_um / 2
     meets = gaps < RAY_RANGE_UM
-    ends = wire[:, None, :] + (radius + gaps)[..., None] * way
-    starts = np.broadcast_to(wire[:, None, :] + radius * way, ends.shape)
+    ends = wire[:, None, :] + (radius + gaps)[..., None] * direction
+    starts = np.broadcast_to(wire[:, None, :] + radius * direction, ends.shape)
     when = indexes(closeups["t_s"], closeups["path_um"])
     near = np.clip((gaps[meets] - _NARROW_UM) / (RAY_RANGE_UM - _NARROW_UM), 0.0, 1.0)[:, None]
     colours = palette.rgb(palette.VERMILION) * (1 - near) + np.array((70, 82, 96)) * near
@@ -608,7 +608,7 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     # a piece of wall for two neighbouring rays that both meet metal, unless one meets another wall
     after = np.roll(np.arange(gaps.shape[1]), -1)
     wall = meets & meets[:, after] & (np.abs(gaps - gaps[:, after]) < radius)
-    behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * way
+    behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * direction
     pieces = np.stack([behind[wall], behind[:, after][wall]], axis=1)
     look = rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM])
     columns = rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1))

@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 import rerun_bindings as bindings
 from numpy.typing import NDArray
 
-from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.closed_loop.stops import WORDS, StopCause
 from edmsim.files import replacing
 from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine

@@ -24,12 +24,12 @@ def shown(rig, field):
     return "".join(str(d) if d <= 9 else " " for d in rig.board.display.digits[first : first + count])
 
 
-def cutting(rig, t_i_us, t_p_us, way_um=1000):
+def cutting(rig, t_i_us, t_p_us, distance_um=1000):
     """Start a cut in +x and return the rig's windows as they come."""
     settings = rig.board.settings
     rig.set(Setting(settings.code_of_t_i(t_i_us), settings.code_of_t_p(t_p_us)))
     x, y = rig.computer.position
-    rig.begin_cut(lay_out((x, y), [Move((x + way_um, y))]))
+    rig.begin_cut(lay_out((x, y), [Move((x + distance_um, y))]))
     while rig.moving:
         rig.advance()
         yield rig.plant.window()

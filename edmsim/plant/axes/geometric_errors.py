@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.machine.machine import Machine
 
-WAY = np.dtype(
+AXIS_ERRORS = np.dtype(
     [
         ("middle_um", "f8"),  # middle of the travel
         ("pitch", "f8"),  # cumulative error per um of travel
@@ -31,14 +31,14 @@ WAY = np.dtype(
 """Errors of x or of y."""
 
 
-def no_ways() -> NDArray[np.void]:
+def no_errors() -> NDArray[np.void]:
     """Return the rows (2,) of perfect screws and ways."""
-    return np.zeros(2, WAY)
+    return np.zeros(2, AXIS_ERRORS)
 
 
-def ways_of(machine: Machine, nuts: bool = True) -> NDArray[np.void]:
+def geometric_errors_of(machine: Machine, nuts: bool = True) -> NDArray[np.void]:
     """Return the rows (2,) of a machine's x and y; the backlash of `nuts` is in MuJoCo's own model already."""
-    rows = no_ways()
+    rows = no_errors()
     found, table = machine.base.geometry, machine.base.table
     if not found.has_errors:
         return rows
@@ -56,19 +56,19 @@ def ways_of(machine: Machine, nuts: bool = True) -> NDArray[np.void]:
 
 
 @compiled
-def _error_um(way: Any, own_um: float, other_um: float, third_um: float) -> float:
+def _error_um(axis: Any, own_um: float, other_um: float, third_um: float) -> float:
     """Return the error of an axis from its position and the other's, relative to their middles, and that of u."""
-    skew = way.skew + way.skew_per_um * third_um
-    bend = way.bend_per_um + way.bend_per_um2 * third_um
-    screw = way.pitch * own_um + way.wave_um * math.sin(way.wave_per_um * own_um)
+    skew = axis.skew + axis.skew_per_um * third_um
+    bend = axis.bend_per_um + axis.bend_per_um2 * third_um
+    screw = axis.pitch * own_um + axis.wave_um * math.sin(axis.wave_per_um * own_um)
     return float(screw + skew * other_um + bend * other_um * other_um)
 
 
 @compiled_apart
-def errors_um(ways: NDArray[np.void], x_um: float, y_um: float, u_um: float) -> tuple[float, float]:
+def errors_um(errors: NDArray[np.void], x_um: float, y_um: float, u_um: float) -> tuple[float, float]:
     """Return the errors of x and y at indicated positions."""
-    x_um, y_um = x_um - ways[0].middle_um, y_um - ways[1].middle_um
-    return _error_um(ways[0], x_um, y_um, u_um), _error_um(ways[1], y_um, x_um, u_um)
+    x_um, y_um = x_um - errors[0].middle_um, y_um - errors[1].middle_um
+    return _error_um(errors[0], x_um, y_um, u_um), _error_um(errors[1], y_um, x_um, u_um)
 
 
 @compiled
@@ -86,7 +86,7 @@ class StillTable:
     """
 
     def __init__(self, machine: Machine, nuts: bool = True) -> None:
-        self._ways = ways_of(machine, nuts)
+        self._errors = geometric_errors_of(machine, nuts)
         self.commanded_um = np.array(machine.base.table.centre_um)
         self._slack_um = [0.0, 0.0]
 
@@ -94,8 +94,8 @@ class StillTable:
         """Move the motors to a place with u at `third_um`; return the true position of the table at rest, in um."""
         for k in (0, 1):
             travel_um = float(to_um[k] - self.commanded_um[k])
-            self._slack_um[k] = taken_up(self._slack_um[k], travel_um, float(self._ways["backlash_um"][k]))
+            self._slack_um[k] = taken_up(self._slack_um[k], travel_um, float(self._errors["backlash_um"][k]))
             self.commanded_um[k] = to_um[k]
         x_um, y_um = (float(self.commanded_um[k]) - self._slack_um[k] for k in (0, 1))
-        off_x, off_y = errors_um(self._ways, x_um, y_um, third_um)
+        off_x, off_y = errors_um(self._errors, x_um, y_um, third_um)
         return x_um - off_x, y_um - off_y

@@ -14,7 +14,7 @@ class StopCause(IntEnum):
 
     RUNNING = 0
     FINISHED = 1
-    """The end of the path, or of the leg passed to `judge`."""
+    """The end of the path, or of the leg passed to `stop_cause`."""
     WIRE_BREAK = 2
     LIMIT_SWITCH = 3
     PERSISTENT_SHORT = 4
@@ -24,7 +24,7 @@ class StopCause(IntEnum):
     DRIVE_TRIP = 7
     """The drive of an axis reports a fault, most often a following error over its limit."""
     EMERGENCY_STOP = 8
-    """Emergency stop; `judge` never returns it."""
+    """Emergency stop; `stop_cause` never returns it."""
 
 
 class Words(NamedTuple):
@@ -63,7 +63,7 @@ def switches_open(place_um: float, travel_um: float, slack_um: float) -> int:
 
 
 @compiled
-def judge(
+def stop_cause(
     broken: bool, out_of_range: bool, switch: bool, tripped: bool, shorted: bool, late: bool, leg_done: bool
 ) -> int:
     """Return why the machine stops after a window, as a `StopCause`; of several causes the first one."""

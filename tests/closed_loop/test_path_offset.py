@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers.feed.laws import FixedController
 from edmsim.controllers.planner.registry import PathOffset
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.program.path import plan_path

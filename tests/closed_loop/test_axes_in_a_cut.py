@@ -4,16 +4,16 @@ import re
 
 import pytest
 
+from edmsim.closed_loop.stops import StopCause
 from edmsim.compiled.axis_rows import carray, sample
 from edmsim.controllers import axis as axes
 from edmsim.controllers import make
 from edmsim.controllers.axis.drive import COUNTS_PER_EDGE, KD, KP, LARGEST_ERROR, PositionServo
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.uhu import Uhu
-from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError
 from edmsim.plant.axes.drives import FAULTS, AxisFault, parse_fault
-from tests.test_cosim import contour, run, simulation
+from tests.test_closed_loop import contour, run, simulation
 
 LINE = contour([(0, 0), (120, 90)])
 LONG = contour([(0, 0), (400, 300)])

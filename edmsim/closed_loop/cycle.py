@@ -1,8 +1,8 @@
 """One control cycle: motor steps, a window of 255 pulses, an observation, a decision.
 
-All cuts that Python runs window by window use it: programs (`edmsim.cosim.simulation`) and straight cuts
-(`edmsim.cosim.straight`). Environments run many sub-environments in compiled calls, and the terminal of 1982 decides
-by interrupts; they share `WindowObservation.of`, `edmsim.cosim.stops` and the rules of legs.
+All cuts that Python runs window by window use it: programs (`edmsim.closed_loop.simulation`) and straight cuts
+(`edmsim.closed_loop.straight`). Environments run many sub-environments in compiled calls, and the terminal of 1982
+decides by interrupts; they share `WindowObservation.of`, `edmsim.closed_loop.stops` and the rules of legs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -138,11 +138,11 @@ class EvenSteps:
 
 
 PlantView: TypeAlias = Plant
-"""Interface of the plant for observers, which read the last window and change nothing."""
+"""Interface of the plant for recorders, which read the last window and change nothing."""
 
 
-class Turn(NamedTuple):
-    """One turn of the cycle: a window, and the motion of the wire in it."""
+class CycleResult(NamedTuple):
+    """Result of one control cycle: a window, and the motion of the wire in it."""
 
     window: pulse_window.PulseWindow  # results of the window
     time_ns: int  # machine time at the window's end
@@ -151,21 +151,21 @@ class Turn(NamedTuple):
     opposite: OppositePulses | None = None  # equalising pulses of the window, if the generator has them
 
 
-class Observer(Protocol):
-    """Observes a cut and changes nothing: the interface of recorders."""
+class Recorder(Protocol):
+    """Records a cut and changes nothing."""
 
-    name: ClassVar[str]  # key of its snapshot in the checkpoint, unique among the observers of a cut
+    name: ClassVar[str]  # key of its snapshot in the checkpoint, unique among the recorders of a cut
 
     def begin(self, plant: PlantView) -> None:
-        """Observe the plant before the first window."""
+        """Read the plant before the first window."""
         return
 
     def leg(self, points_um: np.typing.NDArray[np.int64], start_um: float) -> None:
-        """Observe the points (n, 2) of the leg that begins at `Turn.path_um` == `start_um`."""
+        """Read the points (n, 2) of the leg that begins at `CycleResult.path_um` == `start_um`."""
         return
 
-    def window(self, turn: Turn, plant: PlantView) -> None:
-        """Observe a window after it ended."""
+    def window(self, result: CycleResult, plant: PlantView) -> None:
+        """Record a window after it ended."""
 
     def snapshot(self) -> Mapping[str, np.typing.NDArray[Any]]:
         """Return a copy of the state as arrays."""
@@ -175,27 +175,27 @@ class Observer(Protocol):
 
 
 class Cycle:
-    """Runs plant, motion and controller together. Observers see every window; a decision applies to the next one."""
+    """Runs plant, motion and controller together. Recorders see every window; a decision applies to the next one."""
 
     def __init__(
         self, plant: Plant, motion: PlannerMotion | EvenSteps, decide: Callable[[WindowObservation], None],
-        observers: Sequence[Observer] = (),
+        recorders: Sequence[Recorder] = (),
     ) -> None:
         self.motion = motion
         self._plant = plant
         self._decide = decide
-        self._observers = observers
+        self._recorders = recorders
 
-    def turn(self) -> Turn:
+    def run_window(self) -> CycleResult:
         """Run one window."""
         plant, motion = self._plant, self.motion
         start_ns = plant.time_ns
         steps = motion.plan(start_ns, start_ns + plant.longest_window_ns, plant.window_ns > 0)
         window = plant.advance(steps)
         motion.keep(start_ns, plant.time_ns)
-        turn = Turn(window, plant.time_ns, motion.feed_um_s, motion.path_um, plant.opposite_pulses())
-        for observer in self._observers:
-            observer.window(turn, plant)
+        result = CycleResult(window, plant.time_ns, motion.feed_um_s, motion.path_um, plant.opposite_pulses())
+        for recorder in self._recorders:
+            recorder.window(result, plant)
         if window.pulses == setting.WINDOW_PULSES:
-            self._decide(WindowObservation.of(window, turn.time_ns, turn.feed_um_s, turn.path_um))
-        return turn
+            self._decide(WindowObservation.of(window, result.time_ns, result.feed_um_s, result.path_um))
+        return result

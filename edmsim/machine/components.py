@@ -1,4 +1,4 @@
-"""The parts of a set-up as the files under `models/` declare them: every constant with its source.
+"""The components of a set-up as the files under `models/` declare them: every constant with its source.
 
 Constants have bounds, most of them an order of magnitude beyond known values, so typing errors are refused before a
 cut begins.
@@ -16,7 +16,7 @@ from edmsim.numeric import Number
 BOILING_K = 373.15  # water at ambient pressure
 
 
-class Part(BaseModel):
+class Component(BaseModel):
     """An immutable group of constants or choices."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -32,7 +32,7 @@ class Part(BaseModel):
         return made
 
 
-class Constant(Part):
+class Constant(Component):
     """A positive number with its source."""
 
     value: Annotated[Number, Field(allow_inf_nan=False)]
@@ -71,7 +71,7 @@ def _within(low: float, high: float) -> AfterValidator:
     return AfterValidator(check)
 
 
-class Table(Part):
+class Table(Component):
     """Cross table, its drives (friction and backlash: of servos, and in the full model) and its rapid moves."""
 
     travel_mm: Annotated[Positive, _within(1, 500)]
@@ -89,7 +89,7 @@ class Table(Part):
         return (self.travel_mm.value * 500.0, self.travel_mm.value * 500.0)
 
 
-class Optional(Part):
+class Optional(Component):
     """Constants of which some may be omitted, as 0."""
 
     def value(self, name: str) -> float:
@@ -99,7 +99,7 @@ class Optional(Part):
 
 
 class Geometry(Optional):
-    """Errors of the table's screws and ways; omitted ones are 0. See `edmsim.plant.axes.ways`."""
+    """Errors of the table's screws and ways; omitted ones are 0. See `edmsim.plant.axes.geometric_errors`."""
 
     # cumulative error of the screw
     x_pitch_um_m: Annotated[Constant, _within(-10000, 10000)] | None = None
@@ -144,7 +144,7 @@ class Guides(Optional):
     upper_error_mm: Annotated[Constant, _within(-5, 5)] | None = None
 
 
-class Dielectric(Part):
+class Dielectric(Component):
     """The water and its flushing; permittivity and viscosity are those at 20 C (see `edmsim.plant.gap.water`)."""
 
     permittivity: Annotated[Positive, _within(1, 200)]
@@ -163,7 +163,7 @@ class Dielectric(Part):
     side_gap_um: Annotated[Positive, _within(1, 100)]
 
 
-class Gap(Part):
+class Gap(Component):
     """When and where a pulse breaks down: see `edmsim.plant.gap.breakdown`."""
 
     median_a_us_um2: Annotated[Positive, _within(0.001, 100)]
@@ -196,7 +196,7 @@ class Gap(Part):
         return self
 
 
-class Discharge(Part):
+class Discharge(Component):
     """Effects of a discharge on workpiece and wire."""
 
     crater_cv: Annotated[Constant, _within(0, 2)]
@@ -212,7 +212,7 @@ class Discharge(Part):
     wear_ratio: Annotated[Constant, _within(0, 10)]
 
 
-class Gas(Part):
+class Gas(Component):
     """The gas of the discharges in the gap: see `edmsim.plant.gap.gas`."""
 
     steam_share: Annotated[Constant, _within(0, 1)]
@@ -225,7 +225,7 @@ class Gas(Part):
     ejection: Annotated[Constant, _within(0, 1)]
 
 
-class Cooling(Part):
+class Cooling(Component):
     """Heat into the wire and out of it: see `edmsim.plant.wire`."""
 
     wire_heat_share: Annotated[Constant, _within(0, 1)]
@@ -238,7 +238,7 @@ class Cooling(Part):
     dry_share: Annotated[Constant, _within(0, 1)]
 
 
-class Base(Part):
+class Base(Component):
     """A machine file: table, guides, dielectric, gap, discharge, gas, cooling, and the MJCF they belong to."""
 
     title: str
@@ -253,7 +253,7 @@ class Base(Part):
     cooling: Cooling
 
 
-class Wire(Part):
+class Wire(Component):
     """A wire material."""
 
     title: str
@@ -277,7 +277,7 @@ class Wire(Part):
         return self
 
 
-class Surface(Part):
+class Surface(Component):
     """Constants of the layers of a cut face: see `edmsim.metrology.roughness`."""
 
     diffusivity_mm2_s: Annotated[Positive, _within(0.01, 1000)]
@@ -292,7 +292,7 @@ class Surface(Part):
         return self
 
 
-class Material(Part):
+class Material(Component):
     """A workpiece material; without `surface` the report has no layers of its cut face."""
 
     title: str
@@ -306,7 +306,7 @@ MOST_EQUALISING_A = 0.4
 """Least current of an arc (ours: between clean metals a few tenths of an ampere, Atalla 1953)."""
 
 
-class Equalising(Part):
+class Equalising(Component):
     """Supply of the equalising pulses, and its series resistor: see `edmsim.plant.gap.generator`."""
 
     voltage_V: Annotated[Positive, _within(1, 1000)]
@@ -322,7 +322,7 @@ class Equalising(Part):
         return self
 
 
-class Generator(Part):
+class Generator(Component):
     """A pulse generator; the meaning of `t_on_us` depends on the mode (see `edmsim.plant.gap.generator`)."""
 
     title: str
@@ -347,7 +347,7 @@ class Generator(Part):
 
 
 class SetUp(Choices):
-    """All parts of a set-up, unchecked; see `edmsim.Machine` for its attributes."""
+    """All components of a set-up, unchecked; see `edmsim.Machine` for its attributes."""
 
     name: str
     wire_name: str

@@ -1,7 +1,7 @@
 """A cut of a program: its legs in order, threading between contours, dwells, and its end.
 
 The controller observes only what a real machine measures; the plant receives only motor steps and the generator's
-setting (see `edmsim.cosim.cycle`).
+setting (see `edmsim.closed_loop.cycle`).
 """
 
 import math
@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from edmsim.closed_loop.cycle import Cycle, PlannerMotion, Recorder
+from edmsim.closed_loop.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, path_behind
+from edmsim.closed_loop.stops import WORDS, StopCause, stop_cause, switches_open
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, axis, protocols
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
 from edmsim.controllers.mcu.board import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner import four_axes, registry
-from edmsim.cosim.cycle import Cycle, Observer, PlannerMotion
-from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, path_behind
-from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
@@ -134,7 +134,7 @@ class Simulation:
         max_time_s: float | None = None,  # machine time after which the cut is stopped
         steps: tuple[height_steps.LowerRegion, ...] = (),  # where the workpiece is lower than the set-up's height
         mechanics: str = "modal",
-        observers: Sequence[Observer] = (),
+        recorders: Sequence[Recorder] = (),
         drives: Mapping[str, AxisDrive] | None = None,
         compensation: Elcam | None = None,  # compensation tables of the machine's table, and cams
         stuck_wire_sensor: bool = False,  # then the machine continues without a wire (`Plant.continue_without_wire`)
@@ -150,7 +150,7 @@ class Simulation:
         self._approach = approach
         self._waits, self.waiting = waits, False
         self._setup = PassSetup(machine, controller)
-        self.observers = tuple(observers)
+        self.recorders = tuple(recorders)
         self._planner_name = planner
         table = machine.base.table
         self.unit = registry.position_unit(planner, table.travel_mm.value * 1e3, table.step_um.value)
@@ -187,13 +187,13 @@ class Simulation:
         self.refused: str | None = None
         self.overtaken = 0  # feeds that the controller's next command replaced within their latency
         self.slowed = 0  # windows in which the planner ran a tilted wire slower than its feed
-        for observer in self.observers:
-            observer.begin(self.plant)
+        for recorder in self.recorders:
+            recorder.begin(self.plant)
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
         self._motion = self._begin_leg()
         self._check_later_passes()
         self.passes.begin_leg(0, self.legs[0], 0.0, 0.0)
-        self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
+        self._cycle = Cycle(self.plant, self._motion, self._decide, self.recorders)
 
     @property
     def controller(self) -> FeedController:
@@ -241,8 +241,8 @@ class Simulation:
             self.plant.change_setup(setup.machine)
         self._setup = setup
         points, along, leads = leg.started_at(at.from_um, at.lead_um)
-        for observer in self.observers:
-            observer.leg(points, at.start_um)
+        for recorder in self.recorders:
+            recorder.leg(points, at.start_um)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
         behind, along_behind, leads_behind = path_behind(self.legs, at.leg)
@@ -347,26 +347,26 @@ class Simulation:
         """Run one window; afterwards `outcome` is set if the cut is over, `waiting` if a pass is."""
         self._axes.fail_due()
         try:
-            turn = self._cycle.turn()
+            result = self._cycle.run_window()
         except PlantError:
             if not self.plant.drive_faults:
                 raise
             self.cause = StopCause.DRIVE_TRIP  # an axis that ran away has moved the wire
             self._say(self.plant.fault_reason)
             return Progress(self.path_um, self.total_um, self.plant.time_ns * 1e-9, 0.0, 0, 0)
-        self.sums.add(turn)
+        self.sums.add(result)
         planner = self._motion.planner
         self.slowed += isinstance(planner, four_axes.Following) and planner.slowed
-        self.passes.add(turn)
-        opened = self._switches(turn.window)
-        cause = self._judge(turn.window, opened)
+        self.passes.add(result)
+        opened = self._switches(result.window)
+        cause = self._stop_cause(result.window, opened)
         if self._stopped_by_controller(opened) and cause in (StopCause.RUNNING, StopCause.FINISHED):
             cause = StopCause.EMERGENCY_STOP
         if cause is StopCause.FINISHED:
             cause = self._end_of_leg()
         self.cause = cause
-        time_s, short, open_ = self.plant.time_ns * 1e-9, turn.window.short, turn.window.open
-        return Progress(turn.path_um, self.total_um, time_s, turn.feed_um_s, short, open_)
+        time_s, short, open_ = self.plant.time_ns * 1e-9, result.window.short, result.window.open
+        return Progress(result.path_um, self.total_um, time_s, result.feed_um_s, short, open_)
 
     def emergency_stop(self) -> None:
         """Press the machine's emergency button: the cut ends here."""
@@ -412,12 +412,13 @@ class Simulation:
         except InputError as error:
             self.refused = error.reason
 
-    def _judge(self, window: PulseWindow, opened: Sequence[str]) -> StopCause:
+    def _stop_cause(self, window: PulseWindow, opened: Sequence[str]) -> StopCause:
         """Return whether and why the leg or the cut ends here."""
         switch = X_END in opened or Y_END in opened
         alarm, late = self._motion.command.alarm, self.plant.time_ns >= self._max_time_ns
         tripped, done = self.plant.drive_faults, self._motion.planner.done
-        cause = StopCause(judge(WIRE_BREAK in opened, False, switch, tripped != 0, alarm is not None, late, done))
+        broken, shorted = WIRE_BREAK in opened, alarm is not None
+        cause = StopCause(stop_cause(broken, False, switch, tripped != 0, shorted, late, done))
         if window.broken:
             self._say(self._break_of(window))
             if WIRE_BREAK not in opened:
@@ -527,8 +528,8 @@ class Simulation:
         """Move to a contour and thread; return the time that axes would need that are too slow to wait for."""
         table = self.machine.base.table
         x, y = self.commanded_um
-        way = math.hypot(point_um[0] - x, point_um[1] - y)
-        seconds = way / table.rapid_um_s.value + table.threading_s.value
+        distance_um = math.hypot(point_um[0] - x, point_um[1] - y)
+        seconds = distance_um / table.rapid_um_s.value + table.threading_s.value
         place_um = self._motors_um(float(point_um[0]), float(point_um[1]), self.path_um, lead_um)
         return self.plant.rethread(place_um, round(seconds * 1e9))
 
@@ -543,15 +544,15 @@ class Simulation:
     def snapshot(self) -> tuple[dict[str, np.typing.NDArray[Any]], dict[str, Any]]:
         """Return the state: arrays, and JSON values."""
         arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
-        for observer in self.observers:
-            arrays.update({f"{observer.name}.{k}": v for k, v in observer.snapshot().items()})
+        for recorder in self.recorders:
+            arrays.update({f"{recorder.name}.{k}": v for k, v in recorder.snapshot().items()})
         return arrays, state_of(self)
 
     def restore(self, arrays: Mapping[str, np.typing.NDArray[Any]], values: Mapping[str, Any]) -> None:
-        """Load a `snapshot` of the same cut, with the same observers; the cut then continues bit for bit."""
+        """Load a `snapshot` of the same cut, with the same recorders; the cut then continues bit for bit."""
         self._at = like(self._at, values["at"])
         self._cycle.motion = self._motion = self._begin_leg()
         self.plant.restore(with_prefix(arrays, "plant."))
         take_state(self, values)
-        for observer in self.observers:
-            observer.restore(with_prefix(arrays, f"{observer.name}."))
+        for recorder in self.recorders:
+            recorder.restore(with_prefix(arrays, f"{recorder.name}."))

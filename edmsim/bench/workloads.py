@@ -3,7 +3,7 @@
 It must also run with old revisions, so it uses only public names that all have: `edmsim.Plant`, `edmsim.Machine`, and
 Gymnasium's environment ids. It imports no other module of its folder.
 
-    python subject.py ROOT SPELL_S SPELLS SETTLE_WINDOWS NUM_ENVS RESETS
+    python workloads.py ROOT SPELL_S SPELLS SETTLE_WINDOWS NUM_ENVS RESETS
 """
 
 import json

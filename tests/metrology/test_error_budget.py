@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from edmsim.controllers.axis.elcam.file import Cam, ErrorTable, TableRows, load_tables
 from edmsim.geometry import Polyline
+from edmsim.machine.components import Constant, Geometry
 from edmsim.machine.machine import Machine
-from edmsim.machine.parts import Constant, Geometry
-from edmsim.metrology.profile import ProfileError, element_errors
-from edmsim.metrology.shares import (
+from edmsim.metrology.error_budget import (
     SHARES,
     error_shares,
     mean_error_um,
@@ -25,7 +24,8 @@ from edmsim.metrology.shares import (
     unreachable_um,
     worst_place,
 )
-from edmsim.plant.axes.ways import StillTable
+from edmsim.metrology.profile import ProfileError, element_errors
+from edmsim.plant.axes.geometric_errors import StillTable
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 from edmsim.program.taper import Lean, Ruled

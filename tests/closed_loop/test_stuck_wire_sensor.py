@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import axis, make
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import open_V
@@ -25,7 +25,7 @@ def straight_cut(machine, contours=1, **options):
     line = WireContour(points_um, 0, points_um * 1e-3, False, "left", (), (1,))
     path = CutPath((line,) * contours, (25.0, 25.0, 35.0, 35.0), 0.16, (30.0, 30.0), (), "test")
     law = make("fixed", feed_um_s=30.0)
-    return Simulation(machine, path, law, observers=[WindowTable()], resolution="fast", seed=1, **options)
+    return Simulation(machine, path, law, recorders=[WindowTable()], resolution="fast", seed=1, **options)
 
 
 @pytest.fixture
@@ -40,8 +40,8 @@ def test_a_stuck_wire_sensor_lets_the_machine_go_on_without_a_wire(hot):
     unnoticed.run()
     assert (noticed.outcome, unnoticed.outcome) == ("wire-break", "finished")
     assert unnoticed.reason == f"{noticed.reason}; {UNNOTICED}"
-    rows = unnoticed.observers[0].to_arrow().to_pandas()
-    broke = len(noticed.observers[0].to_arrow())
+    rows = unnoticed.recorders[0].to_arrow().to_pandas()
+    broke = len(noticed.recorders[0].to_arrow())
     before, after = rows[:broke], rows[broke:]
     assert before["spark"].sum() > 0
     assert set(after["open"]) == {255}
@@ -66,7 +66,7 @@ def test_a_cut_without_a_wire_goes_on_from_a_snapshot(hot):
     assert second.run() == first.run() == "finished"
     assert second.plant.time_ns == first.plant.time_ns
     assert second.plant.commanded_um == first.plant.commanded_um
-    one, other = (cut.observers[0].to_arrow().to_pandas() for cut in (first, second))
+    one, other = (cut.recorders[0].to_arrow().to_pandas() for cut in (first, second))
     assert one.equals(other)
 
 

@@ -130,7 +130,7 @@ class Film:
         ends_mm = np.asarray(done.values.flatten().flatten().flatten()).reshape(-1, 2, 3)[:, 1, :2]
         middle_s = self._pauses_s.mean(axis=1)
         begins = np.searchsorted(done.t_s, middle_s)
-        self._way = (np.insert(done.t_s, begins, middle_s), broken(ends_mm, begins))
+        self._wire_path = (np.insert(done.t_s, begins, middle_s), broken(ends_mm, begins))
         heights_mm, up = (self._play.points(_WORKPIECE, f"Mesh3D:vertex_{name}", 0.0)[:, 2] for name in _VERTICES)
         self._tops_mm = np.unique(heights_mm[up > _FACES_UP])
 
@@ -141,8 +141,8 @@ class Film:
             # if the wire leans, every layer has an upper face, and most of these are inside the workpiece
             on_top = (normals[:, 2] > _FACES_UP) & np.isin(corners[:, 2], self._tops_mm)
             self._metal.set_verts(corners[faces[on_top[faces[:, 0]]]][:, :, :2])
-        at = int(np.searchsorted(self._way[0], t_s, side="right"))
-        done = self._way[1][:at]
+        at = int(np.searchsorted(self._wire_path[0], t_s, side="right"))
+        done = self._wire_path[1][:at]
         self._done.set_data(*_thinned(done).T)
         self._wire.set_data(*done[np.isfinite(done[:, 0])][-1:].T)
 
@@ -238,7 +238,7 @@ def rgb01(colours: NDArray[Any]) -> Floats:
 
 MP4, GIF = ".mp4", ".gif"
 FRAMES_PER_S = {MP4: 25, GIF: 10}  # a film should be smooth, an animated picture small
-DPI = {MP4: 100, GIF: 60}  # of a figure of `edmsim.recording.film.SIZE_INCH`: 1280 x 720 and 768 x 432
+DPI = {MP4: 100, GIF: 60}  # of a figure of `edmsim.recording.video.SIZE_INCH`: 1280 x 720 and 768 x 432
 SECONDS = 12.0  # length of the film of a whole cut
 _GIF_COLOURS = 96
 

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from scipy.optimize import curve_fit
 
 import edmsim
-from edmsim.cosim.straight import begin
+from edmsim.closed_loop.straight import begin
 from edmsim.plant.constants import (
     RAY_RANGE_UM,
     constants,
@@ -23,14 +23,14 @@ from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.gap.water import DENSITY_KG_M3
 from edmsim.plant.kernel.state import Arrays, Propagators, allocate, sizes_of
-from edmsim.plant.mechanics.film import (
+from edmsim.plant.mechanics.modal import kick, move, push_out
+from edmsim.plant.mechanics.squeeze_film import (
     added_mass_kg_m,
     drag_N_s_m2,
     edge_loss_kg_m2,
     pull_sum_um2,
     suction_limited,
 )
-from edmsim.plant.mechanics.modal import kick, move, push_out
 from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.kerf_field import Stock

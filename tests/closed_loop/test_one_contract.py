@@ -6,8 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import FeedCommand
-from edmsim.cosim.simulation import Simulation
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 from edmsim.machine.machine import Machine

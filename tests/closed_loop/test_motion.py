@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim import Machine, Plant
+from edmsim.closed_loop.cycle import CycleResult, EvenSteps, PlannerMotion
+from edmsim.closed_loop.passes import Sums
+from edmsim.closed_loop.straight import Traverse, cut_straight
 from edmsim.controllers.planner.registry import PathOffset
 from edmsim.controllers.protocols import FeedCommand, Step
-from edmsim.cosim.cycle import EvenSteps, PlannerMotion, Turn
-from edmsim.cosim.passes import Sums
-from edmsim.cosim.straight import Traverse, cut_straight
 from edmsim.errors import InputError
 from edmsim.validation.setups import FRAIL, altered, in_a_hole
 
@@ -76,7 +76,7 @@ def test_charge_and_vibration_of_a_straight_cut_are_those_of_its_windows():
     share = sum(window.energy_J for window in clean) / cut.energy
     sums = Sums()
     for window in cut.windows:
-        sums.add(Turn(window, 0, 0.0, 0.0))
+        sums.add(CycleResult(window, 0, 0.0, 0.0))
     assert 0.0 < math.sqrt(sums.vibration2_pulses / sums.pulses) == pytest.approx(cut.vibration_um)
     measured_C = sum(window.mean_current_A * window.duration_ns * 1e-9 for window in clean)
     assert share > 0.3

@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import shapely
 
+from edmsim.closed_loop.cycle import CycleResult
 from edmsim.controllers import FeedController
-from edmsim.cosim.cycle import Turn
 from edmsim.geometry import Floats, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.metrology import edges, kerf, profile
@@ -53,13 +53,13 @@ class Leg(NamedTuple):
     ) -> tuple[np.typing.NDArray[Any], Floats, np.typing.NDArray[Any] | None]:
         """Return points, path lengths and leads of the leg from a place on, which need not be its first point."""
         points, leads, along = self.points_um, self.lead_um, self.along_um - self.along_um[0]
-        way = math.dist(points[0], point_um)
+        distance_um = math.dist(points[0], point_um)
         if leads is not None:
-            way = max(way, math.dist(leads[0], lead_um))
-        if way == 0.0:
+            distance_um = max(distance_um, math.dist(leads[0], lead_um))
+        if distance_um == 0.0:
             return points, along, leads
         leads = None if leads is None else np.concatenate([[lead_um], leads])
-        return np.concatenate([[point_um], points]), np.concatenate([[0.0], along + way]), leads
+        return np.concatenate([[point_um], points]), np.concatenate([[0.0], along + distance_um]), leads
 
 
 def _part_side(contour: WireContour, one: CutPass | None) -> Literal["left", "right"] | None:
@@ -71,15 +71,15 @@ def _part_side(contour: WireContour, one: CutPass | None) -> Literal["left", "ri
 
 def legs_of(path: CutPath) -> list[Leg]:
     """Divide the paths of all contours at their dwells into legs, in cutting order."""
-    return [leg for contour, number in path.cuts for leg in _legs_of_way(contour, number)]
+    return [leg for contour, number in path.cuts for leg in _legs_of_pass(contour, number)]
 
 
-def _legs_of_way(contour: WireContour, number: int) -> Iterator[Leg]:
+def _legs_of_pass(contour: WireContour, number: int) -> Iterator[Leg]:
     """Yield the legs of a contour's pass, counted from 0, or of its only path; the lead-in first."""
     one = contour.passes[number] if contour.passes else None
     part = one or contour
     lead = one.approach_moves if one is not None and number == 0 else 0
-    along, waits = part.way.along_um, dict.fromkeys((i for i, _ in part.dwells), 0.0)
+    along, waits = part.wire_path.along_um, dict.fromkeys((i for i, _ in part.dwells), 0.0)
     for i, seconds in part.dwells:
         waits[i] += seconds
     ends = sorted({lead, len(part.points_um) - 1, *waits} - {0})
@@ -150,9 +150,9 @@ class Sums:
     vibration2_pulses: float = 0.0
     equalising_J: float = 0.0
 
-    def add(self, turn: Turn) -> None:
+    def add(self, result: CycleResult) -> None:
         """Add one window and its equalising pulses, if there are any."""
-        window, opposite = turn.window, turn.opposite
+        window, opposite = result.window, result.opposite
         duration_s = window.duration_ns * 1e-9
         net_V = window.mean_voltage_V if opposite is None else opposite.net_voltage_V
         self.short += window.short
@@ -231,12 +231,12 @@ class PassLog(Snapshots):
             PassRecord(contour, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
         )
 
-    def add(self, turn: Turn) -> None:
+    def add(self, result: CycleResult) -> None:
         """Add one window to the record of its pass."""
         if self._open:
             last = self.records[-1]
-            last.end_s, last.end_um = turn.time_ns * 1e-9, turn.path_um
-            last.sums.add(turn)
+            last.end_s, last.end_um = result.time_ns * 1e-9, result.path_um
+            last.sums.add(result)
 
     def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
         """Measure the wall at the end of a pass, and find loose pieces."""
@@ -255,7 +255,7 @@ class PassLog(Snapshots):
                     self._loosen(piece, one, contour, plant)
 
     def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:
-        x, y = one.way.at_mid_height()[-1].tolist()
+        x, y = one.wire_path.at_mid_height()[-1].tolist()
         is_part = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
         what = "part" if is_part else "slug"
         far_mm = math.dist((piece.centroid.x, piece.centroid.y), (x, y)) * 1e-3

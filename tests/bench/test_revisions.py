@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from edmsim.bench import pairs, subject
+from edmsim.bench import revisions, workloads
 from edmsim.compiled.cache import user_folder
 from edmsim.errors import EdmsimError, InputError
 
@@ -22,7 +22,7 @@ with open(os.environ["RUNS"], "a") as runs:
 print("a line of a library")
 print(json.dumps({"steps_per_s": edmsim.SPEED}))
 """
-"""In the place of `subject`."""
+"""In the place of `workloads`."""
 
 
 @pytest.fixture
@@ -41,8 +41,8 @@ def checkout(tmp_path, monkeypatch):
     module.write_text("SPEED = 4.0\n")
     monkeypatch.setenv("RUNS", str(tmp_path / "runs"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(pairs, "ROOT", root)
-    monkeypatch.setattr(pairs, "PROGRAM", program)
+    monkeypatch.setattr(revisions, "ROOT", root)
+    monkeypatch.setattr(revisions, "PROGRAM", program)
     return root
 
 
@@ -52,11 +52,11 @@ def left():
 
 @pytest.mark.slow
 def test_both_take_turns_after_each_has_compiled(checkout, tmp_path):
-    found = pairs.compare("HEAD", 3)
+    found = revisions.compare("HEAD", 3)
     runs = [json.loads(line) for line in (tmp_path / "runs").read_text().splitlines()]
     assert [speed for _, speed, _ in runs] == [4.0, 2.0, 4.0, 2.0, 2.0, 4.0, 4.0, 2.0]
     folder, *sizes = runs[1][0]
-    assert [sizes, runs[2][0][1:]] == [list(pairs.COMPILING), list(pairs.SIZES)]
+    assert [sizes, runs[2][0][1:]] == [list(revisions.COMPILING), list(revisions.SIZES)]
     # what is compiled of a revision is found again if its folder and its files' times are the same
     assert folder == str(user_folder() / "revisions" / found.commit / "files")
     assert {time for _, speed, time in runs if speed == 2.0} == {981173106}
@@ -73,24 +73,24 @@ def test_an_interrupt_leaves_no_files(checkout):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        pairs.compare("HEAD", 1, interrupt)
+        revisions.compare("HEAD", 1, interrupt)
     assert left() == []
 
 
 @pytest.mark.slow
 def test_a_revision_that_does_not_run_is_named_with_its_last_line(checkout):
-    pairs.PROGRAM.write_text("raise TypeError('no such argument')")
+    revisions.PROGRAM.write_text("raise TypeError('no such argument')")
     with pytest.raises(EdmsimError, match=r"this checkout cannot be timed: TypeError: no such argument$"):
-        pairs.compare("HEAD", 1)
+        revisions.compare("HEAD", 1)
     assert left() == []
 
 
 @pytest.mark.slow
 def test_only_one_comparison_with_a_revision_is_under_way(checkout):
-    commit = pairs.commit_of("HEAD")
+    commit = revisions.commit_of("HEAD")
     with (
-        pairs.checkout(commit),
-        pytest.raises(InputError, match="another comparison is at work"), pairs.checkout(commit),
+        revisions.checkout(commit),
+        pytest.raises(InputError, match="another comparison is at work"), revisions.checkout(commit),
     ):
         pass
 
@@ -98,49 +98,49 @@ def test_only_one_comparison_with_a_revision_is_under_way(checkout):
 def test_an_unknown_revision_is_refused(checkout):
     for name in ("nosuch", "--all", ""):
         with pytest.raises(InputError, match=f"has no revision '{name}': name a commit, a tag or a branch"):
-            pairs.commit_of(name)
+            revisions.commit_of(name)
 
 
 def test_without_a_checkout_there_is_nothing_to_compare_with(checkout, monkeypatch):
     elsewhere = checkout.parent / "site-packages"
     elsewhere.mkdir()
     for place in (elsewhere, checkout / "edmsim"):  # the latter: installed within the checkout of something else
-        monkeypatch.setattr(pairs, "ROOT", place)
+        monkeypatch.setattr(revisions, "ROOT", place)
         with pytest.raises(InputError, match=f"needs edmsim installed from its git checkout .* runs from {place}"):
-            pairs.commit_of("HEAD")
+            revisions.commit_of("HEAD")
 
 
 def test_without_git_it_says_so(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match="install git"):
-        pairs.commit_of("HEAD")
+        revisions.commit_of("HEAD")
 
 
 def test_a_comparison_is_a_table_and_numbers():
-    found = pairs.Pairs("0123456789abcdef", {"steps_per_s": np.array([11.0, 12.0, 39.0])},
+    found = revisions.Pairs("0123456789abcdef", {"steps_per_s": np.array([11.0, 12.0, 39.0])},
                         {"steps_per_s": np.array([10.0, 10.0, 10.0])})  # fmt: skip
-    numbers = json.loads(json.dumps(pairs.as_numbers(found)))
+    numbers = json.loads(json.dumps(revisions.as_numbers(found)))
     assert numbers["against"] == "0123456789abcdef"
     figure = numbers["figures"]["steps_per_s"]
     assert figure["ratio"] == pytest.approx(1.2)
     assert (figure["low"], figure["high"]) == pytest.approx((1.1, 3.9))
     assert figure["here"] == [11.0, 12.0, 39.0]
     with (console := Console(width=100)).capture() as shown:
-        console.print(pairs.render(found))
+        console.print(revisions.render(found))
     assert {"0123456789,", "3", "1.200", "3.900", "12", "10"} <= set(shown.get().replace("│", " ").split())
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)  # where nothing is compiled yet
 def test_the_program_measures_this_checkout(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["subject.py", str(pairs.ROOT), *pairs.COMPILING])
-    subject.main()
+    monkeypatch.setattr("sys.argv", ["workloads.py", str(revisions.ROOT), *revisions.COMPILING])
+    workloads.main()
     rates = json.loads(capsys.readouterr().out)
     assert list(rates) == [
         "pulses_per_s_fast", "pulses_per_s_default", "pulses_per_s_fine", "mujoco_pulses_per_s",
         "vector_env_steps_per_s_fast", "vector_env_steps_per_s_fast_threads", "drawn_resets_per_s",
     ]  # fmt: skip
     assert all(rate > 0 for rate in rates.values())
-    monkeypatch.setattr("sys.argv", ["subject.py", "/nowhere", *pairs.COMPILING])
+    monkeypatch.setattr("sys.argv", ["workloads.py", "/nowhere", *revisions.COMPILING])
     with pytest.raises(SystemExit, match=r"edmsim came from .*, not from /nowhere"):
-        subject.main()
+        workloads.main()

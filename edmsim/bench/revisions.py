@@ -18,7 +18,7 @@ import numpy as np
 
 import edmsim
 from edmsim import errors, files, screen
-from edmsim.bench import subject
+from edmsim.bench import workloads
 from edmsim.compiled.cache import user_folder
 from edmsim.evaluation.compare import Figure, median
 
@@ -71,9 +71,9 @@ def _git(*arguments: str) -> bytes:
     return subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, check=False).stdout
 
 
-PROGRAM, PAIRS = Path(subject.__file__), 10
+PROGRAM, PAIRS = Path(workloads.__file__), 10
 SIZES = "0.1", "5", "1000", "64", "50"
-"""Arguments of `subject`: seconds per spell, spells per figure, windows before timing (see `bench.figures`),
+"""Arguments of `workloads`: seconds per spell, spells per figure, windows before timing (see `bench.figures`),
 environments, resets."""
 COMPILING = "0", "1", "1", "1", "1"
 """Arguments for the first run of each revision, which only compiles."""
@@ -111,7 +111,7 @@ def compare(revision: str, pairs: int = PAIRS, watch: Callable[[str], None] = la
 
 
 def _rates(name: str, root: Path, sizes: tuple[str, ...]) -> dict[str, float]:
-    """Run `subject` in a new process, with edmsim from a folder."""
+    """Run `workloads` in a new process, with edmsim from a folder."""
     # safe path, because modules next to the program have the same names as packages
     environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONSAFEPATH": "1"}
     command = [sys.executable, str(PROGRAM), str(root), *sizes]

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
+from edmsim.closed_loop.cycle import Cycle, EvenSteps
 from edmsim.controllers import FeedController, WindowObservation, make, user_controllers
-from edmsim.cosim.cycle import Cycle, EvenSteps
 from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.pulse_window import PulseWindow
@@ -146,7 +146,7 @@ class Traverse(EvenSteps):
 
     def window(self) -> PulseWindow:
         """Run one window."""
-        return self._cycle.turn().window
+        return self._cycle.run_window().window
 
     def _decide(self, observation: WindowObservation) -> None:
         self.feed_um_s, self.alarm = self._controller.update(observation)[:2]

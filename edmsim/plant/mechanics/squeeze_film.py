@@ -186,11 +186,11 @@ def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, me
 
 
 @compiled
-def film_now(films: Array, s: int, mean: float, way: float) -> tuple[float, float]:
-    """Return the resistance of a slice's film above the mean one after a motion `way`, and the growth of its pull."""
+def film_now(films: Array, s: int, mean: float, moved_um: float) -> tuple[float, float]:
+    """Return the resistance of a slice's film above the mean one after a motion, and the growth of its pull."""
     gap = films[s, 3]
     # the resistance is proportional to g^-2, the pull to g^(-3/2)
-    nearer = gap / max(gap - way, PULL_GAP_FLOOR_UM)
+    nearer = gap / max(gap - moved_um, PULL_GAP_FLOOR_UM)
     film = (films[s, 2] + mean) * nearer * nearer - mean
     return max(film, 0.0), films[s, 4] * (nearer * math.sqrt(nearer) - 1.0)
 

@@ -1,4 +1,4 @@
-"""Observers see every window before anything is decided, change nothing, and are saved; why a machine stops."""
+"""Recorders see every window before anything is decided, change nothing, and are saved; why a machine stops."""
 
 import itertools
 from typing import ClassVar
@@ -6,16 +6,16 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.cycle import Recorder
+from edmsim.closed_loop.simulation import Simulation
+from edmsim.closed_loop.stops import WORDS, StopCause, stop_cause, switches_open
 from edmsim.controllers import FeedCommand
 from edmsim.controllers.feed.laws import FixedController
-from edmsim.cosim.cycle import Observer
-from edmsim.cosim.simulation import Simulation
-from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
 
 
-class Periods(Observer):
+class Periods(Recorder):
     """Keeps the generator's period of every window, and where legs began."""
 
     name: ClassVar[str] = "periods"
@@ -27,7 +27,7 @@ class Periods(Observer):
     def leg(self, points_um, start_um):
         self.starts_um.append(start_um)
 
-    def window(self, turn, plant):
+    def window(self, result, plant):
         self.periods_us.append(plant.machine.t_period_us)
 
     def snapshot(self):
@@ -44,11 +44,11 @@ class Slower(FixedController):
         return FeedCommand(self.feed_um_s, t_period_us=round(window.duration_s / 255e-6) + 10.0)
 
 
-def simulation(*observers):
+def simulation(*recorders):
     points = np.array([(30_000, 30_000), (30_020, 30_000), (30_060, 30_000)])
     contour = WireContour(points, 0, points * 1e-3, False, "left", ((1, 0.05),), (1, 1))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.5, (30.0, 30.0), (), "test")
-    return Simulation(Machine.load(height_mm=5), path, Slower(), seed=1, resolution="fast", observers=observers)
+    return Simulation(Machine.load(height_mm=5), path, Slower(), seed=1, resolution="fast", recorders=recorders)
 
 
 def test_a_window_is_observed_with_the_setting_it_was_fired_with():
@@ -96,7 +96,7 @@ ORDER = (
 def test_of_several_causes_the_first_in_order_counts():
     for flags in itertools.product([False, True], repeat=7):
         causes = [cause for cause, flag in zip(ORDER, flags, strict=True) if flag]
-        assert judge(*flags) == (causes[0] if causes else StopCause.RUNNING)
+        assert stop_cause(*flags) == (causes[0] if causes else StopCause.RUNNING)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.geometry import Floats, Polyline, arc_lengths, interpolated, left_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CORNER_REACH_MM, ProfileError, edge_corners
-from edmsim.plant.axes.ways import StillTable
+from edmsim.plant.axes.geometric_errors import StillTable
 from edmsim.program.offset import REACH_TOLERANCE_MM, distances
 from edmsim.program.outline import chords_of
 from edmsim.program.path import WireContour
@@ -31,16 +31,16 @@ SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in 
 
 
 def error_shares(
-    profile: ProfileError, contour: WireContour, ways_um: Sequence[Floats], last_pass: int | None = None
+    profile: ProfileError, contour: WireContour, tracks_um: Sequence[Floats], last_pass: int | None = None
 ) -> Floats:
     """Split the profile error of a contour, offset above 0, into `SHARES` (5, places), which sum to ``mean_um``."""
-    # `ways_um` has the positions of command, guides and wire in order of time, in um on the table, with NaN where a
+    # `tracks_um` has the positions of command, guides and wire in order of time, in um on the table, with NaN where a
     # track is interrupted. Shares are NaN where the error is NaN, and everywhere if the contour was not begun. Of
     # several passes, shares are those of `last_pass`, the last pass that was begun (default: the last), and NaN where
     # this pass has not been
     points = profile.points_mm * 1000
-    planned = np.concatenate([chords_of(way) for way in _programmed_um(contour, last_pass)])
-    away = np.stack([distances(points, chords) for chords in (planned, *map(_joined, ways_um))])
+    planned = np.concatenate([chords_of(line) for line in _programmed_um(contour, last_pass)])
+    away = np.stack([distances(points, chords) for chords in (planned, *map(_joined, tracks_um))])
     last = profile.mean_um + contour.offset_um - away[-1]
     shares = np.concatenate([np.diff(away, axis=0, prepend=contour.offset_um), [last]])
     passed = np.isfinite(shares[-1])
@@ -58,9 +58,9 @@ def _programmed_um(contour: WireContour, number: int | None = None) -> list[Floa
     return [one.points_um[one.approach_moves :].astype(np.float64) for one in passes]
 
 
-def _joined(way: Floats) -> NDArray[np.object_]:
+def _joined(track: Floats) -> NDArray[np.object_]:
     """Return the chords of a measured path, which NaN interrupt."""
-    chords = np.stack([way[:-1], way[1:]], axis=1)
+    chords = np.stack([track[:-1], track[1:]], axis=1)
     return np.asarray(shapely.linestrings(chords[np.isfinite(chords).all(axis=(1, 2))]), np.object_)
 
 
@@ -120,15 +120,15 @@ def _when_passed(
     nearest_um, path_um = np.full(len(points_um), np.inf), np.zeros(len(points_um))
     places_um, leads_um = np.zeros((2, len(points_um), 2))
     points = shapely.points(points_um)
-    for way, number, start_um in zip(contour.ways, numbers, starts_um, strict=True):
-        along_um, middle_um = way.along_um, way.at_mid_height()
+    for path, number, start_um in zip(contour.wire_paths, numbers, starts_um, strict=True):
+        along_um, middle_um = path.along_um, path.at_mid_height()
         line, known = shapely.LineString(middle_um), arc_lengths(middle_um)
         away_um, passed = shapely.distance(line, points), shapely.line_locate_point(line, points)
         here = (away_um < nearest_um) & (number == last_pass)
         nearest_um[here] = away_um[here]
-        places_um[here] = interpolated(passed, known, way.points_um)[here]
-        if way.lean is not None:
-            leads_um[here] = interpolated(passed, known, way.lean.upper_um)[here]
+        places_um[here] = interpolated(passed, known, path.points_um)[here]
+        if path.lean is not None:
+            leads_um[here] = interpolated(passed, known, path.lean.upper_um)[here]
         path_um[here] = start_um + np.interp(passed, known, along_um)[here]
     return places_um, leads_um, path_um
 
@@ -182,12 +182,12 @@ class WorstPlace:
     y_mm: float
     error_um: float
     why: str  # start mark, out of reach (the round wire leaves most of it), inner corner, outer corner or edge
-    made_by: str | None  # name of the error's largest share (`shares.SHARES`); None if they are unknown
+    made_by: str | None  # name of the error's largest share (`SHARES`); None if they are unknown
 
 
 def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
     """Return the metal (n,) in um that a wire exactly on its path leaves at the edge; 0 within the tolerance."""
-    path = shapely.MultiLineString([way / 1000 for way in _programmed_um(contour)])
+    path = shapely.MultiLineString([line / 1000 for line in _programmed_um(contour)])
     left_um = shapely.distance(path, shapely.points(profile.points_mm)) * 1e3 - contour.offset_um
     return np.where(left_um > REACH_TOLERANCE_MM * 1e3, left_um, 0.0)
 

@@ -5,10 +5,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from edmsim.closed_loop.passes import legs_of
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import FeedCommand, make
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.cosim.passes import legs_of
-from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
 from edmsim.program.path import CutPath, WireContour
@@ -31,12 +31,12 @@ def simulation(*contours, controller=None, hole_mm=0.5, **options):
     machine = options.pop("machine", None) or Machine.load(height_mm=5)
     law = controller or make("fixed", feed_um_s=30.0)
     path = path_of(*contours, hole_mm=hole_mm)
-    return Simulation(machine, path, law, observers=[WindowTable()], **{"resolution": "fast", "seed": 1, **options})
+    return Simulation(machine, path, law, recorders=[WindowTable()], **{"resolution": "fast", "seed": 1, **options})
 
 
 def windows_of(sim):
     """Return the table of windows that observed the simulation."""
-    (table,) = sim.observers
+    (table,) = sim.recorders
     assert isinstance(table, WindowTable)
     return table
 
@@ -207,8 +207,8 @@ def test_contours_are_joined_by_a_rapid_and_a_fresh_wire():
     t_s, x, path = (windows.column(name).to_numpy() for name in ("t_s", "x_um", "path_um"))
     jump = int(np.argmax(np.diff(x)))
     table = sim.machine.base.table
-    way_um = np.hypot(33_000 - x[jump], 4000)
-    pause_s = way_um / table.rapid_um_s.value + table.threading_s.value
+    distance_um = np.hypot(33_000 - x[jump], 4000)
+    pause_s = distance_um / table.rapid_um_s.value + table.threading_s.value
     assert t_s[jump + 1] - t_s[jump] == pytest.approx(pause_s + 0.0255, abs=1e-6)
     assert sum(np.diff(t_s) > 0.03) == 1
     assert np.diff(path).min() >= 0

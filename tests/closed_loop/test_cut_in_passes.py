@@ -10,10 +10,10 @@ import pytest
 import shapely
 
 import edmsim
+from edmsim.closed_loop.passes import PassLog, PassSetup, legs_of
+from edmsim.closed_loop.simulation import Simulation
 from edmsim.controllers import from_text
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
-from edmsim.cosim.passes import PassLog, PassSetup, legs_of
-from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.options import CutSettings
 from edmsim.job.plan import prepared
@@ -92,10 +92,10 @@ def test_no_offset_is_advised_before_the_last_pass_is_cut():
 
 @pytest.mark.slow
 def test_what_a_compensation_does_to_a_trimmed_wall_is_the_drives_share():
-    rough_mm = 1e-3 * started(0.3).path.contours[0].ways[0].along_um[-1]  # the rough pass is cut without it
+    rough_mm = 1e-3 * started(0.3).path.contours[0].wire_paths[0].along_um[-1]  # the rough pass is cut without it
     shift = ErrorTable("y", "path", np.array([(0.0, 0.0), (rough_mm, 0.0), (rough_mm + 0.001, 14.0), (9.0, 14.0)]))
     windows = WindowTable()
-    simulation = started(0.3, compensation=load_tables([shift]), observers=(windows,))
+    simulation = started(0.3, compensation=load_tables([shift]), recorders=(windows,))
     simulation.run()
     found = inspect(simulation, windows)
     planner, drive = found.scene.maps[0].shares_um[1:3, 6:10]  # far from the trim's ends
@@ -165,7 +165,7 @@ def test_what_is_cut_once_after_the_trims_of_another_contour_has_the_rough_setti
     windows = WindowTable()
     cut = Simulation(
         both[0].machine, path, both[0].controller, planner="exact", resolution="fast", setups=both,
-        observers=(windows,),
+        recorders=(windows,),
     )  # fmt: skip
     cut.run()
     assert cut.controller is both[0].controller
