@@ -131,7 +131,7 @@ class SeesTruth(Protocol):
 
 @runtime_checkable
 class KnowsSetup(Protocol):
-    """A controller that uses the set-up: what an operator reads from the dials and the drawing."""
+    """A controller that uses the set-up: what an operator knows of the machine and the drawing."""
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the set-up and the next leg's points, (n, 2) in um; called before every `FeedController.reset`.

@@ -412,8 +412,9 @@ class CornerEnv(EdmEnv):
     Versions
     --------
     v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
-    wire earns nothing; dials are observed and not drawn; errors count near the corner, and energy beyond the bound
-    costs; a servo sets the feed; workpieces are higher, wires slacker, and an action offsets the guides.
+    wire earns nothing; the operator's settings are observed and not drawn; errors count near the corner, and energy
+    beyond the bound costs; a servo sets the feed; workpieces are higher, wires slacker, and an action offsets the
+    guides.
     v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it.
     v3: the rough cut of a production machine, with offsets of up to 60 um in place of 24. The machine of 1982 made
     lags of a few um with motor steps of 2 um, so that even the true deflection removed only 42 % of the best

@@ -61,7 +61,7 @@ VERSIONS = (
 v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.""",
     """\
 v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
-wire earns nothing; dials are observed and not drawn.
+wire earns nothing; the operator's settings are observed and not drawn.
 v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
 withdrawn.""",
 )
@@ -212,7 +212,7 @@ def observations(family: Family, particular: str) -> str:
             f"Entries 0 to {of_last - 1} are of the last step; {of_last} to {of_steps - 1} are the same of the "
             f"{family.history - 1} steps before, the latest first, and 0 before the first window. ``history`` sets "
             "the number of steps.",
-            f"{span(observation.SETUP_ENTRIES)} are the operator's dials.",
+            f"{span(observation.SETUP_ENTRIES)} are the operator's settings.",
             "Fifths are of the greatest height, and a discharge is located with an error of "
             f"{PLACE_SD_UM * 1e-3:g} mm (standard deviation)." if family.locates_discharges else "",
             f"{span(observation.CORNERS)} come from the program; a corner turns by {CORNER_DEG:g} degrees or more."

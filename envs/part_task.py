@@ -355,7 +355,7 @@ class Part(EnvArguments):
     steps. The episode is that pass; the error is that of its wall.
 
     `randomise`: sections or constants of `Machine.sample`; ``()`` draws all constants that have a published range
-    and an effect and are no dial of the operator (see `draws`).
+    and an effect and are not set by the operator (see `draws`).
     """
 
     resolution: str = argument("fast", "", "resolution of the plant: fast, default, fine")

@@ -190,7 +190,7 @@ class _Setup(NamedTuple):
 
     @classmethod
     def of(cls, machine: Machine, points_um: NDArray[Any], start_um: float) -> "_Setup":
-        """Read the dials and the drawing."""
+        """Read the set-up and the drawing."""
         pulses = PulseSettings(pulse_A=discharge_current_A(machine))
         t_i, t_p = pulses.code_of_t_i(machine.t_on_us), pulses.code_of_t_p(machine.t_period_us)
         while t_i and pulses.mean_current_A(t_i, t_p) > LIMIT_A:

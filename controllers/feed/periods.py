@@ -575,7 +575,7 @@ class StreamGauge(FluxGauge):
     now: float = field(default=0.0, init=False)  # highest flux of the last window, unfiltered
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Read the dials."""
+        """Read the set-up."""
         super().set_up(machine, points_um, start_um)
         self._per_ignition /= stream_share(machine)[:, None]
 

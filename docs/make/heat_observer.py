@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 
 
 def features(window: WindowObservation, gauge: FluxGauge, age_s: float, machine: Machine) -> list[float]:
-    """Return the inputs of the network: a window, the fluxes that `heat-flux` computes, and the dials."""
+    """Return the inputs of the network: a window, the fluxes that `heat-flux` computes, and the set-up."""
     flux = gauge.flux
     visible = [window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us]
     setup = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
@@ -169,7 +169,7 @@ class NetworkGauge(Gauge):
         self._memory: Any = None
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Set the machine with its dials, and the path."""
+        """Set the machine and the path."""
         self._machine = machine
         self.flux.set_up(machine, points_um, start_um)
 

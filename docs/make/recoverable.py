@@ -49,7 +49,7 @@ NAMES = [*(entry.name for entry in FAMILY.entries()), *MEASURED]
 AT = {name: k for k, name in enumerate(NAMES)}
 SHORT, SPENT, LOST, BROKE = (NAMES.index(name) for name in ("short", "spent", "wires_lost", "broke_flux"))
 SHOWN_BEFORE = "tension", "height_mm", "flushing_lower_Pa", "flushing_upper_Pa"
-"""Drawn values that a dial shows."""
+"""Drawn values that an operator knows."""
 LIMIT = "flux that breaks the wire"
 RESAMPLES = 1000
 

@@ -20,7 +20,7 @@ from edmsim.snapshots import Snapshots
 
 _ONLY = np.zeros(1, np.int64)
 FAR_DEVIATIONS = 3.0
-"""Limit of a dial's distance from the training's mean, in standard deviations (ours: a uniform draw ends at 1.7)."""
+"""Limit of a setting's distance from the training's mean, in standard deviations (ours; a uniform draw has 1.7)."""
 
 
 class PolicyController(Snapshots):
@@ -134,7 +134,7 @@ class PolicyController(Snapshots):
         return self._command()
 
     def beyond_training(self, machine: Machine) -> list[str]:
-        """Name the dials of a machine that are far from those of the training."""
+        """Name the operator's settings that are far from those of the training."""
         card, texts = self.policy.card, []
         trained = {entry.name: entry for entry in card.observation}
         for setting in SETUP_ENTRIES:
