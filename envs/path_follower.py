@@ -227,6 +227,6 @@ def follow(
         limit_um, slack_um = row.table_um, row.step_um
         switch = switches_open(x, limit_um, slack_um) != 0 or switches_open(y, limit_um, slack_um) != 0
         shorted, at_end = row.shorted_s > SHORTED_S, done_at(done, (planner, path, on, lengths[i]))
-        row.cause = stop_cause(window.broken != 0, False, switch or made == LIMIT, False, shorted, False, at_end)
+        row.cause = stop_cause(window.broken != 0, switch or made == LIMIT, False, shorted, False, at_end)
         due = due or row.cause != RUNNING or row.elapsed_ns >= row.drifts_ns
     return due

@@ -418,7 +418,7 @@ class Simulation:
         alarm, late = self._motion.command.alarm, self.plant.time_ns >= self._max_time_ns
         tripped, done = self.plant.drive_faults, self._motion.planner.done
         broken, shorted = WIRE_BREAK in opened, alarm is not None
-        cause = StopCause(stop_cause(broken, False, switch, tripped != 0, shorted, late, done))
+        cause = StopCause(stop_cause(broken, switch, tripped != 0, shorted, late, done))
         if window.broken:
             self._say(self._break_of(window))
             if WIRE_BREAK not in opened:

@@ -19,7 +19,7 @@ class StopCause(IntEnum):
     LIMIT_SWITCH = 3
     PERSISTENT_SHORT = 4
     OUT_OF_RANGE = 5
-    """The wire's deflection exceeds the range of the plant's model."""
+    """The wire's deflection exceeds the range of the plant's model; `stop_cause` never returns it."""
     TIME_LIMIT = 6
     DRIVE_TRIP = 7
     """The drive of an axis reports a fault, most often a following error over its limit."""
@@ -49,7 +49,7 @@ WORDS = {
 }  # fmt: skip
 
 (
-    _RUNNING, _FINISHED, _WIRE_BREAK, _LIMIT_SWITCH, _PERSISTENT_SHORT, _OUT_OF_RANGE, _TIME_LIMIT, _DRIVE_TRIP,
+    _RUNNING, _FINISHED, _WIRE_BREAK, _LIMIT_SWITCH, _PERSISTENT_SHORT, _, _TIME_LIMIT, _DRIVE_TRIP,
 ) = list(map(int, StopCause))[:8]  # fmt: skip
 
 
@@ -63,14 +63,10 @@ def switches_open(place_um: float, travel_um: float, slack_um: float) -> int:
 
 
 @compiled
-def stop_cause(
-    broken: bool, out_of_range: bool, switch: bool, tripped: bool, shorted: bool, late: bool, leg_done: bool
-) -> int:
+def stop_cause(broken: bool, switch: bool, tripped: bool, shorted: bool, late: bool, leg_done: bool) -> int:
     """Return why the machine stops after a window, as a `StopCause`; of several causes the first one."""
     if broken:
         return _WIRE_BREAK
-    if out_of_range:
-        return _OUT_OF_RANGE
     if switch:
         return _LIMIT_SWITCH
     if tripped:

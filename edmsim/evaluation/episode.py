@@ -288,7 +288,7 @@ class Episode:
         if result.over:
             return WORDS[result.cause].episode
         alarm = self._law.latest.alarm is not None
-        cause = StopCause(stop_cause(False, False, False, False, alarm, result.late, False))
+        cause = StopCause(stop_cause(False, False, False, alarm, result.late, False))
         if cause is StopCause.PERSISTENT_SHORT:
             self._return -= self.task.family.reward_weights.limit * self._threading_s / reward.REFERENCE_S
             self._cost += 1.0
