@@ -79,7 +79,8 @@ class GapServo(LawComponent):
 
     filter_s: float = 0.1  # time constant of the low-pass filter on the measured mean
     start_feed_um_s: float = 10.0  # start value of the integral
-    # largest speed backwards; the speed of a retract. A law's own default is limited to what the machine runs.
+    # largest speed backwards; the speed of a retract. If the default is above the machine's greatest feed, that feed
+    # applies.
     retract_feed_um_s: float = 20.0
     patience_s: float = 0.15  # time in a short after which the wire retracts (ours, as in the counts controller)
     # factor on the integral after a retract (ours: half, because the feed before the short was too fast)

@@ -171,7 +171,7 @@ class HeatFluxHold(RisingPeriod):
     shortest_us: float = 25.0
     longest_us: float = 150.0
     # if above 0, shorts do not shorten the period (the discharges that clear a short could break the wire at the
-    # shortest period), and the period stays longer for this time after a retract, as for `rise_s` with a new wire
+    # shortest period), and for this time after a retract the period is longer, as in `rise_s` after a new wire
     recovery_s: float = 0.0
     # time after a retract, and of a new wire, in which the period is not shortened while more pulses than usual are
     # open: it would be too short when the gap has closed again

@@ -36,7 +36,10 @@ def parts(found: dict[str, LoopProfile]) -> str:
     slower = " and ".join(f"{one.marked_ns_per_pulse / one.ns_per_pulse:.2f}" for one in found.values())
     looks = " and ".join(f"{one.looks:,}" for one in found.values())
     made = table(["part", *heads], rows, numbers=len(heads))
-    return f"{made}\n\nOn {processor()}; {looks} looks. With marks a pulse took {slower} times as long."
+    return (
+        f"{made}\n\nOn {processor()}; {looks} samples. In the loop compiled for sampling a pulse took {slower} "
+        "times as long."
+    )
 
 
 def pairs(found: Pairs, load: tuple[float, ...]) -> str:
@@ -48,8 +51,7 @@ def pairs(found: Pairs, load: tuple[float, ...]) -> str:
     before, after = (f"{value:.1f}" for value in load)
     return (
         f"{table(heads, rows, numbers=2)}\n\n{count} pairs on {processor()}, "
-        f"with a load average of {before} before and {after} after: this measurement "
-        "takes 1."
+        f"with a load average of {before} before and {after} after; the measurement itself accounts for 1."
     )
 
 

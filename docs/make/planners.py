@@ -95,8 +95,8 @@ The tables below have the errors on straight moves over {long} um and over {shor
 ## What follows
 
 - `poscal` keeps the line to {poscal:.2f} um, `sine-table` to {table:.2f} um and `dda` to {dda:.2f} um, in every
-  direction and at every speed: all within one step. The table is as good as the square root, because the next step
-  corrects the error of half an entry.
+  direction and at every speed: all within one step. `sine-table` is as accurate as `poscal`: an entry is wrong by at
+  most half a step of the table, and the next motor step corrects that.
 - The mean speed of `poscal` and `sine-table` is right to {speed:.1f} % over {long} um; their axis speeds are rounded
   down. `poscal-literal` rounds down to whole units, so one axis may need twice the time of the other. If the sum of
   squares wraps, it runs too fast, at worst many times (last table).
@@ -131,7 +131,8 @@ def page(errors: Errors) -> str:
         parts += [f"## {name}, {length} um\n", table(HEADS, rows) + "\n"]
     parts += [
         "## Where the algorithm of 1982 fails\n",
-        "The moves that the rows of `poscal-literal` single out, and the same with the default planner.\n",
+        "Moves on which `poscal-literal` fails, and the default planner on the same moves. The first column is the\n"
+        "row in [the planner's rows](controller-1982.md).\n",
         table(FAILURE_HEADS, [failure_row(failure) for failure in FAILURES]),
     ]
     return "\n".join(parts) + "\n"

@@ -204,7 +204,7 @@ def train(
         int | None,
         typer.Option(
             metavar="MACHINES",
-            help="Accept the policy only if it earns no less than its start on as many other machines.",
+            help="Accept the policy only if on as many other machines it earns at most 2 % less than its start.",
         ),
     ] = None,
     **options: Any,

@@ -42,7 +42,7 @@ def test_the_script_writes_shares_and_ratios(script):
     lines = script.parts({"fast": LoopProfile(400.0, 420.0, shares, 21_000)}).splitlines()
     assert "| ray sums | 220 | 55 |" in lines
     assert "| together | 400 | 100 |" in lines
-    assert "21,000 looks. With marks a pulse took 1.05 times as long." in lines[-1]
+    assert "21,000 samples. In the loop compiled for sampling a pulse took 1.05 times as long." in lines[-1]
     rates = dict.fromkeys(script.NAMES, np.array([10.0, 12.0, 39.0]))
     before = dict.fromkeys(script.NAMES, np.full(3, 10.0))
     lines = script.pairs(Pairs("a80349b313", rates, before), (0.9, 2.5)).splitlines()
