@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from edmsim.errors import InputError
-from edmsim.files import check_suffix, make_writable, replacing
+from edmsim.files import check_suffix, locked_file, make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
 from edmsim.recording.figures.style import in_style, shrink_to
@@ -269,7 +269,7 @@ def render(recording: str | Path, out: str | Path, seconds: float = SECONDS) -> 
         raise InputError("the recording holds no window, there is nothing to show", recording)
     film = Film(play, DPI[kind])
     times = np.linspace(0.0, play.end_s, max(2, round(seconds * FRAMES_PER_S[kind])))
-    with replacing(target) as partial:
+    with locked_file(target, "edmsim report"), replacing(target) as partial:
         (_write_mp4 if kind == MP4 else _write_gif)(partial, (film.picture(t) for t in times), film.size)
 
 

@@ -16,6 +16,7 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from edmsim.errors import InputError
+from edmsim.files import locked_file
 from edmsim.recording.report import PassFigures
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
@@ -216,6 +217,13 @@ def test_pictures_show_the_kerf_grow_and_are_the_same_again(play):
 def test_what_is_no_film_is_refused(recording, tmp_path, name, seconds, message):
     with pytest.raises(InputError, match=message):
         render(recording, tmp_path / name, seconds)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_films_are_not_drawn_into_one_file(recording, tmp_path):
+    film = tmp_path / "cut.gif"
+    with locked_file(film, "edmsim report"), pytest.raises(InputError, match="another edmsim report is at work on"):
+        render(recording, film, 0.5)
     assert list(tmp_path.iterdir()) == []
 
 
