@@ -183,7 +183,7 @@ def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None
     if height_mm is None:
         layers = {
             "CUT": [line for line in scene.middle_edges_mm() if is_whole(line, scene)],
-            "NOMINAL": _as_drawn(scene, scene.middle_mm()),
+            "NOMINAL": scene.as_drawn_mm(scene.middle_mm()),
         }
     else:
         layers = _at_height(scene, height_mm, target)
@@ -199,15 +199,8 @@ def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[F
         )
     return {
         "CUT": [line for face in cut_faces(scene) for line in face.at(height_mm)],
-        "NOMINAL": _as_drawn(scene, height_mm),
+        "NOMINAL": scene.as_drawn_mm(height_mm),
     }
-
-
-def _as_drawn(scene: Scene, height_mm: float) -> list[Floats]:
-    """Return the edges as drawn at a height."""
-    share = height_mm / scene.height_mm
-    walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]
-    return walls or [edge.nominal_mm for edge in scene.maps]
 
 
 def _is_closed(line: Floats) -> bool:

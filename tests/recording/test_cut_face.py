@@ -117,7 +117,8 @@ def test_a_face_is_where_the_profile_error_is_known_and_nowhere_else(scene):
     dense = np.concatenate([np.linspace(a, b, 200, endpoint=False) for a, b in pairwise(scene.maps[0].nominal_mm)])
     known_um = np.full((SLICES, len(dense)), LEFT_UM)
     known_um[0, :400], known_um[1, 400:] = np.nan, np.nan  # as behind the front of a cut, or next to a step
-    edge = dataclasses.replace(scene.maps[0], points_mm=dense, error_um=np.full(len(dense), LEFT_UM), face_um=known_um)
+    mean_um = np.full(len(dense), LEFT_UM)
+    edge = dataclasses.replace(scene.maps[0], points_mm=dense, error_um=mean_um, face_um=known_um)
     (face,) = cut_faces(dataclasses.replace(scene, maps=(edge,)))
     shares = np.isfinite(face.error_um[1:-1]).mean(axis=1)
     np.testing.assert_allclose(shares, (0.5, 0.5, 1.0, 1.0, 1.0), atol=0.01)
