@@ -89,10 +89,10 @@ def test_rays_end_on_the_wall(cut, play):
 def test_a_leaning_wire_is_on_its_guides_axis_at_the_height_of_the_wall(cut, record, play, tmp_path):
     table = cut.closeups.table()[:30].copy()
     scene = replace(cut.scene, lead=LEAD, terraces=(Terrace(cut.scene.middle_edges_mm(), 8.0),))
-    led_mm, (edge,) = 0.1 * (scene.middle_mm() + 10.0), scene.maps
+    led_mm, away_mm, (edge,) = 0.1 * (scene.middle_mm() + 10.0), np.array([2.0, 0.0]), scene.maps
     table["wire_um"][:, 0] += 1e3 * led_mm
     leaning = Playback(record(
-        tmp_path / "cut.rrd", scene=replace(scene, walls_mm=((edge.nominal_mm, edge.nominal_mm + np.array([2.0, 0.0])),)),
+        tmp_path / "cut.rrd", scene=replace(scene, walls_mm=((edge.nominal_mm, edge.nominal_mm + away_mm),)),
         windows=cut.windows.slice(0, 30), closeups=SimpleNamespace(table=lambda: table, stride=1),
     ))  # fmt: skip
     t_s = float(table["t_s"][0])
