@@ -26,6 +26,7 @@ from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.logs import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT, WALL_UM
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.windows import broken, pause_rows
+from edmsim.signals import noted
 
 SIZE_INCH = (12.8, 7.2)
 GROUND = "#161d24"
@@ -269,7 +270,8 @@ def render(recording: str | Path, out: str | Path, seconds: float = SECONDS) -> 
         raise InputError("the recording holds no window, there is nothing to show", recording)
     film = Film(play, DPI[kind])
     times = np.linspace(0.0, play.end_s, max(2, round(seconds * FRAMES_PER_S[kind])))
-    with locked_file(target, "edmsim report"), replacing(target) as partial:
+    with locked_file(target, "edmsim report"), noted() as interrupts, replacing(target) as partial:
+        interrupts.at_once()  # because a command ended by SIGTERM would leave the part of the film and its lock
         (_write_mp4 if kind == MP4 else _write_gif)(partial, (film.picture(t) for t in times), film.size)
 
 

@@ -227,6 +227,13 @@ def test_two_films_are_not_drawn_into_one_file(recording, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_film_ended_by_a_signal_leaves_nothing_behind(recording, tmp_path, monkeypatch):
+    monkeypatch.setattr(Film, "picture", lambda *of: os.kill(os.getpid(), signal.SIGTERM))
+    with pytest.raises(KeyboardInterrupt):
+        render(recording, tmp_path / "cut.gif", 0.5)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_mp4_without_its_package_says_what_to_install(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(InputError, match=r"pip install 'edmsim\[video\]'"):
